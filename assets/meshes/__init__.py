@@ -1,0 +1,1 @@
+"""Meshes and the demo scene that come with hapscene."""

@@ -1,0 +1,58 @@
+"""Every number that is a choice: what it means, its unit, where it is from, what breaks when it is changed."""
+
+from typing import Final
+
+# --- rates -----------------------------------------------------------------------------------------------
+
+TICK_S: Final = 1e-3
+"""Period of the force channel [s]. 1 kHz is what the Phantom Omni's driver runs at; slower lowers the
+stiffness that stays stable (2b/T), faster costs time that a scene rarely needs."""
+
+ACCELERATION_RATE_HZ: Final = 10_000.0
+"""Rate of the acceleration channel [Hz]. Choi & Tan 2004 recommend 5 to 10 kHz for clean textures."""
+
+BLOCK_MAX: Final = 256
+"""Most acceleration samples that one tick can carry [count]. Sets the size of `Output`; a tick of 1 ms holds
+10 of them at 10 kHz. Raising it costs memory that is cleared every tick."""
+
+# --- contact ---------------------------------------------------------------------------------------------
+
+SKIN_RATIO: Final = 1e-5
+"""Skin, as a fraction of a mesh's bounding-box diagonal [1]: how far off a face the proxy is kept while it is
+searched for (what is reported lies on the face itself). Embree works in float32, whose step is 6e-8 of the same
+length: at a tenth of this ratio rounding lets the proxy leak, at ten times it sharp corners are felt blunt."""
+
+EDGE_OVERLAP: Final = 0.5
+"""How far each face reaches past its edges in the search, in skins [1]. Closes the cracks of T-junctions and of
+faces that share no vertices. Must stay below 1, or a proxy on one side of a convex edge feels the other."""
+
+LOOK_AHEAD: Final = 200.0
+"""How far past its goal a ray looks, in skins [1]. A surface met at a slope s is seen when the proxy is still
+`LOOK_AHEAD * s` skins away, so even a wall met at a slope of 1 in 10,000 is seen before rounding hides it."""
+
+PASS_MAX: Final = 24
+"""Most moves of the proxy within one tick [count]. Paths seen so far need at most 9; what needs more is left
+where it is, on the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
+
+# --- description -----------------------------------------------------------------------------------------
+
+SLIP_CUTOFF_HZ: Final = 20.0
+"""Cut-off of the one-pole low-pass on slip speed and normal force that textures are chosen by [Hz]. As in
+Culbertson, Unwin & Kuchenbecker 2014. Higher lets the encoder's steps (55 µm at 1 kHz = 55 mm/s) be heard,
+lower makes the texture lag the hand."""
+
+# --- surface ---------------------------------------------------------------------------------------------
+
+STIFFNESS_N_M: Final = 500.0
+"""Stiffness of a surface whose swatch gives none [N/m]. Below the 700 N/m at which CHAI3D caps the Omni."""
+
+DAMPING_NS_M: Final = 0.0
+"""Damping of a surface whose swatch gives none [N·s/m]."""
+
+ORDER_MAX: Final = 256
+"""Highest order of a texture's AR models [count]. Sets the size of the filter's memory."""
+
+# --- handle ----------------------------------------------------------------------------------------------
+
+ACCELERATION_BAND_HZ: Final = (20.0, 1000.0)
+"""Band that the acceleration channel is for [Hz]: below it the motors act, above it no one feels it."""

@@ -1,0 +1,45 @@
+"""What goes wrong, said so that the reader knows what to do next.
+
+Every error a user can cause derives from `HapsceneError`; the command line prints its text and exits with 2.
+The text names the file, the place in it, what was expected and what would have worked.
+"""
+
+from collections.abc import Iterable
+
+
+class HapsceneError(Exception):
+    """An error with a message for the user: bad input, not a fault of the program."""
+
+
+class MeshError(HapsceneError):
+    """A mesh file that is missing, broken, or says no unit."""
+
+
+class SceneError(HapsceneError):
+    """A scene that does not fit together: unknown names, a mesh that changed, a bad pose."""
+
+
+class SwatchError(HapsceneError):
+    """A swatch that is missing, of a later version, or describes an unstable surface."""
+
+
+class PathError(HapsceneError):
+    """A recorded path of the tool that cannot be played."""
+
+
+class EffectError(HapsceneError):
+    """An effect plugin that is unknown, wrongly declared, or does not compile."""
+
+
+class CaptureError(HapsceneError):
+    """A recording from which no swatch can be fitted."""
+
+
+class ViewError(HapsceneError):
+    """A picture that cannot be drawn here, with the package that would help."""
+
+
+def no_such(kind: str, name: str, known: Iterable[str]) -> str:
+    """The one sentence for an unknown name: "no swatch 'oka'; there are: oak, paper"."""
+    names = ", ".join(sorted(known))
+    return f"no {kind} {name!r}; there are: {names}" if names else f"no {kind} {name!r}; there are none"

@@ -1,0 +1,64 @@
+"""What passes between the rooms in one tick: `Touch` and `Output` as the effects see them, `Flag` for trouble.
+
+The records are NumPy structured dtypes, so that compiled and interpreted code read the same memory. SI units;
+frames: W world, B body; vectors are in W. An effect reads `touch.depth_m`, and adds to `out.f_W_N[i]`.
+"""
+
+from enum import IntFlag
+from typing import Final
+
+import numpy as np
+
+from hapscene.constants import BLOCK_MAX
+
+
+class Flag(IntFlag):
+    """What went wrong in a tick, or was limited: a tick raises nothing (bits of `Recording.flags`)."""
+
+    TOOL_NOT_FINITE = 1
+    """The tool's position was NaN or infinite: the last good one was used."""
+    UNSETTLED = 2
+    """The proxy did not come to rest within `PASS_MAX` moves."""
+    EFFECT_MUTED = 4
+    """An effect returned NaN or infinity: it is mute until the next `reset`, the others go on."""
+    FORCE_LIMITED = 8
+    """The force was over the device's limit: its magnitude was cut, its direction kept."""
+    SLEW_LIMITED = 16
+    """The force changed faster than the device's limit allows."""
+    ACCELERATION_LIMITED = 32
+    """Acceleration samples were over the device's limit and were cut."""
+
+
+TOUCH: Final = np.dtype(
+    [
+        ("tick", "i8"),  # ticks since the last reset
+        ("tick_s", "f8"),  # period of a tick [s]
+        ("rate_Hz", "f8"),  # rate of the acceleration channel [Hz]
+        ("block", "i8"),  # acceleration samples in this tick: fill out.a_m_s2[0:block]
+        ("touching", "i8"),  # 1 while the tool is inside a surface
+        ("began", "i8"),  # 1 in the first tick of a contact
+        ("ended", "i8"),  # 1 in the first tick after a contact
+        ("body", "i8"),  # touched body, −1 in the air
+        ("face", "i8"),  # touched face of that body's mesh, −1 in the air
+        ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
+        ("crossed", "i8"),  # 1 where the swatch is not the last tick's
+        ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
+        ("p_WT_m", "f8", (3,)),  # tool
+        ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
+        ("v_WT_m_s", "f8", (3,)),  # velocity of the tool, backward difference
+        ("nhat_W", "f8", (3,)),  # unit normal out of the surface, from tool to proxy; the last one in the air
+        ("depth_m", "f8"),  # distance from tool to proxy, ≥ 0
+        ("depth_rate_m_s", "f8"),  # backward difference of depth within a contact, 0 in the first tick
+        ("approach_m_s", "f8"),  # speed into the surface when the contact began, ≥ 0
+        ("slip_W_m", "f8", (3,)),  # movement of the proxy over the body in this tick, tangential
+        ("slip_m_s", "f8"),  # slip speed, low-passed at SLIP_CUTOFF_HZ, ≥ 0
+        ("stiffness_N_m", "f8"),  # stiffness of the touched swatch
+        ("normal_force_N", "f8"),  # stiffness times depth: what all effects agree to press with, ≥ 0
+        ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ: what textures are chosen by
+    ],
+    align=True,
+)
+"""Contact as all effects see it, computed once a tick. The effects may read it and not write it."""
+
+OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
+"""What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples."""

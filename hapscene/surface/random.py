@@ -1,0 +1,44 @@
+"""Random numbers inside effects: xoshiro256+ (Blackman & Vigna 2018), compiled, replayable to the bit.
+
+Declare `State("rng", seeded=True)` and call `normal(s.rng)`. The framework seeds it from the renderer's seed and
+the effect's name, so that a run can be repeated whatever other effects there are.
+"""
+
+import math
+import zlib
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def uniform(rng: NDArray[np.uint64]) -> float:
+    """The next number, uniform in [0, 1), of the generator whose state is `rng` (4,)."""
+    result = rng[0] + rng[3]
+    shifted = rng[1] << np.uint64(17)
+    rng[2] ^= rng[0]
+    rng[3] ^= rng[1]
+    rng[1] ^= rng[2]
+    rng[0] ^= rng[3]
+    rng[2] ^= shifted
+    rng[3] = (rng[3] << np.uint64(45)) | (rng[3] >> np.uint64(19))
+    return float(result >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal(rng: NDArray[np.uint64]) -> float:
+    """The next number of a standard normal distribution (Marsaglia's polar method, one of its pair)."""
+    while True:
+        x = 2.0 * uniform(rng) - 1.0
+        y = 2.0 * uniform(rng) - 1.0
+        r2 = x * x + y * y
+        if 0.0 < r2 < 1.0:
+            return x * math.sqrt(-2.0 * math.log(r2) / r2)
+
+
+def seeded_state(seed: int, name: str) -> NDArray[Any]:
+    """State (4,) uint64 for the effect `name` under the renderer's `seed`."""
+    sequence = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
+    return sequence.generate_state(4, np.uint64)

@@ -1,0 +1,1 @@
+"""Plugins that come with hapscene, through the same entry points as anybody's."""

@@ -1,0 +1,1 @@
+"""Swatches that come with hapscene: one file per material, with its provenance."""
