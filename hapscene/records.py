@@ -62,3 +62,24 @@ TOUCH: Final = np.dtype(
 
 OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
 """What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples."""
+
+ROW: Final = np.dtype(
+    [
+        ("p_WT_m", "f8", (3,)),
+        ("p_WP_m", "f8", (3,)),
+        ("nhat_W", "f8", (3,)),
+        ("depth_m", "f8"),
+        ("touching", "i8"),
+        ("body", "i8"),
+        ("face", "i8"),
+        ("swatch", "i8"),  # −1 in the air
+        ("slip_m_s", "f8"),
+        ("normal_force_N", "f8"),
+        ("f_W_N", "f8", (3,)),
+        ("flags", "i8"),
+        ("tick_ns", "i8"),  # time of the whole tick
+        ("contact_ns", "i8"),  # of it, finding the contact
+    ],
+    align=True,
+)
+"""What is noted of a tick; the names are those of `Recording`."""

@@ -1,0 +1,197 @@
+"""Embree: the one file that knows it. Builds search structures, and casts a ray from compiled code.
+
+The library is the one that the embreex wheel carries. Its C functions are bound once through ctypes to build; the
+ray query is called straight from compiled code by its symbol, which keeps the callers cacheable on disk.
+Embree works in float32: it only names the face, everything else is computed in float64 from the mesh itself.
+"""
+
+import ctypes
+import importlib.util
+import weakref
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import llvmlite.binding as llvm
+import numpy as np
+from numba import config, njit, types
+from numpy.typing import NDArray
+
+from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
+from hapscene.errors import HapsceneError
+
+# from rtcore_geometry.h and rtcore_common.h of Embree 4
+_TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
+_UINT3, _FLOAT3 = 0x5003, 0x9003
+_ROBUST = 4
+
+MITRE: Final = 1.5
+"""Most that a corner of a face moves outwards in the search, in edge overlaps [1]: with `EDGE_OVERLAP` it must stay
+below one skin, or sharp corners stick out to where the proxy glides."""
+
+
+def _library_path() -> Path:
+    """The Embree library inside the embreex wheel: its folder differs between Linux, macOS and Windows."""
+    spec = importlib.util.find_spec("embreex")
+    if spec is None or not spec.submodule_search_locations:
+        raise HapsceneError("the package embreex is missing, which carries Embree: pip install embreex")
+    package = Path(next(iter(spec.submodule_search_locations)))
+    for folder in (package.parent / "embreex.libs", package / ".dylibs", package):
+        for pattern in ("libembree4*", "embree4*.dll"):
+            found = sorted(folder.glob(pattern))
+            if found:
+                return found[0]
+    raise HapsceneError(f"no Embree 4 library beside {package}: pip install --force-reinstall 'embreex>=4.4'")
+
+
+def _load() -> ctypes.CDLL:
+    path = _library_path()
+    for tbb in sorted([*path.parent.glob("libtbb*"), *path.parent.glob("tbb*.dll")]):
+        ctypes.CDLL(str(tbb), mode=ctypes.RTLD_GLOBAL)
+    library = ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+    llvm.load_library_permanently(str(path))
+    pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint
+    signatures: dict[str, tuple[Any, list[Any]]] = {
+        "rtcNewDevice": (pointer, [ctypes.c_char_p]),
+        "rtcGetDeviceError": (ctypes.c_int, [pointer]),
+        "rtcNewScene": (pointer, [pointer]),
+        "rtcSetSceneFlags": (None, [pointer, ctypes.c_int]),
+        "rtcReleaseScene": (None, [pointer]),
+        "rtcNewGeometry": (pointer, [pointer, ctypes.c_int]),
+        "rtcSetNewGeometryBuffer": (pointer, [pointer, ctypes.c_int, number, ctypes.c_int, size, size]),
+        "rtcCommitGeometry": (None, [pointer]),
+        "rtcReleaseGeometry": (None, [pointer]),
+        "rtcAttachGeometry": (number, [pointer, pointer]),
+        "rtcCommitScene": (None, [pointer]),
+        "rtcIntersect1": (None, [pointer, pointer, pointer]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+_embree = _load()
+
+_intersect: Any
+if config.DISABLE_JIT:
+    _intersect = _embree.rtcIntersect1
+else:
+    _intersect = types.ExternalFunction("rtcIntersect1", types.void(types.uintp, types.uintp, types.uintp))
+
+# RTCRayHit as 32-bit words: org 0–2, tnear 3, dir 4–6, time 7, tfar 8, mask 9, id 10, flags 11,
+# Ng 12–14, u 15, v 16, primID 17, geomID 18, instID 19, instPrimID 20; 16-byte aligned
+_RAY_WORDS = 24
+_NO_HIT = 0xFFFFFFFF
+
+
+def new_ray() -> NDArray[np.float32]:
+    """An aligned ray buffer (24,) for `first_face`: one for each thread that casts."""
+    raw = np.zeros(_RAY_WORDS + 4, np.float32)
+    start = (-raw.ctypes.data // 4) % 4
+    return raw[start : start + _RAY_WORDS]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_face(
+    search: int,
+    ray: NDArray[np.float32],
+    origin: tuple[float, float, float],
+    direction: tuple[float, float, float],
+    near_m: float,
+    far_m: float,
+) -> int:
+    """The first face along a ray, −1 where there is none; its distance [m] (float32) is left in `ray[8]`.
+
+    Origin [m] and unit direction are in the centred frame of the search structure; the ray runs from `near_m` to
+    `far_m` along it.
+    """
+    words = ray.view(np.uint32)
+    for i in range(3):
+        ray[i] = origin[i]
+        ray[4 + i] = direction[i]
+    ray[3] = near_m
+    ray[7] = 0.0
+    ray[8] = far_m
+    words[9] = _NO_HIT
+    words[10] = 0
+    words[11] = 0
+    words[18] = _NO_HIT
+    words[19] = _NO_HIT
+    _intersect(int(search), ray.ctypes.data, 0)
+    if words[18] == _NO_HIT:
+        return -1
+    return np.int64(words[17])
+
+
+@cache
+def _device() -> int:
+    device = _embree.rtcNewDevice(None)
+    if not device:
+        raise HapsceneError(f"Embree found no device it can work on (error {_embree.rtcGetDeviceError(None)})")
+    return int(device)
+
+
+class Search:
+    """The search structure over one mesh: built once, shared by all bodies that use the mesh.
+
+    Attributes:
+        handle: address that `first_face` takes.
+        center_m: (3,) middle of the bounding box; rays are given relative to it, so that float32 has the most digits.
+        radius_m: of the ball around `center_m` that holds the mesh.
+        skin_m: distance to keep from faces while searching (see `SKIN_RATIO`).
+    """
+
+    def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+        used = vertices_m[np.unique(faces)]
+        low, high = used.min(axis=0), used.max(axis=0)
+        self.center_m: NDArray[np.float64] = (low + high) / 2
+        self.radius_m = float(np.linalg.norm(used - self.center_m, axis=1).max())
+        self.skin_m = SKIN_RATIO * float(np.linalg.norm(high - low))
+        corners = _overlapped(vertices_m[faces] - self.center_m, EDGE_OVERLAP * self.skin_m)
+        self.handle = _build(corners.astype(np.float32).reshape(-1, 3))
+        weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
+
+
+def _overlapped(corners: NDArray[np.float64], overlap_m: float) -> NDArray[np.float64]:
+    """Faces (m, 3, 3) grown in their planes, so that each reaches `overlap_m` over its neighbours.
+
+    Offsetting all three edges of a triangle scales it about its incentre by 1 + overlap / inradius. Faces narrower
+    than the overlap have no dependable normal and are left out (their neighbours bridge them): Embree skips NaN.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners  # edge i runs from corner i to i + 1
+    lengths = np.linalg.norm(edges, axis=2)
+    perimeter = lengths.sum(axis=1)
+    double_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inradius = double_area / perimeter
+        opposite = np.roll(lengths, -1, axis=1)  # length of the edge opposite each corner
+        incentre = (corners * opposite[:, :, None]).sum(axis=1) / perimeter[:, None]
+        spoke = corners - incentre[:, None]
+        reach = np.linalg.norm(spoke, axis=2)
+        scale = np.minimum(overlap_m / inradius[:, None], MITRE * overlap_m / reach)
+        grown = corners + spoke * scale[:, :, None]
+        narrow = ~(double_area / lengths.max(axis=1) >= overlap_m)
+    grown[narrow] = np.nan
+    return grown
+
+
+def _build(corners: NDArray[np.float32]) -> int:
+    """Embree scene over triangles (3m, 3) that share no corners; returns its address."""
+    device = _device()
+    scene = _embree.rtcNewScene(device)
+    _embree.rtcSetSceneFlags(scene, _ROBUST)
+    geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
+    count = len(corners)
+    target = _embree.rtcSetNewGeometryBuffer(geometry, _VERTEX_BUFFER, 0, _FLOAT3, 12, count)
+    ctypes.memmove(target, np.ascontiguousarray(corners).ctypes.data, 12 * count)
+    target = _embree.rtcSetNewGeometryBuffer(geometry, _INDEX_BUFFER, 0, _UINT3, 12, count // 3)
+    ctypes.memmove(target, np.arange(count, dtype=np.uint32).ctypes.data, 4 * count)
+    _embree.rtcCommitGeometry(geometry)
+    _embree.rtcAttachGeometry(scene, geometry)
+    _embree.rtcReleaseGeometry(geometry)
+    _embree.rtcCommitScene(scene)
+    error = _embree.rtcGetDeviceError(device)
+    if error:
+        raise HapsceneError(f"Embree could not build a search structure over {count // 3:,} faces (error {error})")
+    return int(scene)

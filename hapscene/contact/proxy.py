@@ -1,0 +1,235 @@
+"""The god-object: a point that follows the tool and never enters a body (Zilles & Salisbury 1995).
+
+The proxy moves towards the point closest to the tool that its planes allow. A face in the way stops it and becomes a
+plane; a plane that does not push any more, or whose face does not reach under the proxy any more, is dropped. It
+rests where neither happens. Planes are kept from tick to tick, so that a proxy that glides over one face costs one
+ray; crossing to another face costs two more.
+
+While it is searched for, the proxy stays one skin off every face: rays never start on one. What is reported is the
+solution of the same planes without the skin, which lies on the surface itself.
+"""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hapscene.constants import PASS_MAX
+from hapscene.contact.cast import cast, cast_body
+from hapscene.contact.face import corners, lies_over, plane, to_body, to_body_before, to_world, turn_to_world
+from hapscene.contact.geometry import Vector, along, norm, sub
+from hapscene.contact.plane import nearest
+
+STILL = 1e-3
+"""A move shorter than this is none, in skins [1]."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def put(world: Any, p_W: Vector) -> None:
+    """Start anew with the proxy at `p_W`, touching nothing; off any face that it starts within a skin of."""
+    proxy = world.proxy[0]
+    proxy.count = 0
+    proxy.held = 0
+    for k in range(len(world.bodies)):
+        world.near[k] = k
+    proxy.near_count = len(world.bodies)
+    for k in range(len(world.bodies)):
+        skin = 2.0 * world.bodies[k].skin_m
+        for axis in range(6):
+            step = skin if axis < 3 else -skin
+            x, y, z = p_W
+            if axis % 3 == 0:
+                x += step
+            elif axis % 3 == 1:
+                y += step
+            else:
+                z += step
+            proxy.count = 0
+            if cast(world, (x, y, z), p_W) <= 1.0:
+                _, p_W = nearest(proxy, p_W, 1.0)
+    proxy.count = 0
+    for i in range(3):
+        proxy.p_W_m[i] = p_W[i]
+        proxy.p_WP_m[i] = p_W[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def move(world: Any, tool_W: Vector) -> bool:
+    """Move the proxy for one tick, bodies first, then towards the tool.
+
+    Results are left in `world.proxy[0]`: `p_WP_m` [m], `held`, and the planes. Returns False where the proxy did not
+    come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`).
+    """
+    proxy = world.proxy[0]
+    _list_near(world, tool_W)
+    _carry(world)
+    settled = _settle(world, tool_W)
+    found, p = nearest(proxy, tool_W, 0.0)
+    if not found:
+        p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    held, by = 0, 0
+    for i in range(proxy.count):
+        if proxy.push_m[i] > 0.0:
+            held = 1
+            if proxy.push_m[i] > proxy.push_m[by]:
+                by = i
+    for i in range(3):
+        proxy.p_WP_m[i] = p[i]
+    proxy.held = held
+    proxy.by = by
+    return settled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _list_near(world: Any, tool_W: Vector) -> None:
+    """List the bodies whose ball meets the ball around the tool that holds all rays of this tick."""
+    proxy = world.proxy[0]
+    count = len(world.bodies)
+    if count == 1:
+        world.near[0] = 0
+        proxy.near_count = 1
+        return
+    p = proxy.p_W_m
+    reach = norm((p[0] - tool_W[0], p[1] - tool_W[1], p[2] - tool_W[2]))
+    found = 0
+    for k in range(count):
+        dx = world.ball_W_m[k, 0] - tool_W[0]
+        dy = world.ball_W_m[k, 1] - tool_W[1]
+        dz = world.ball_W_m[k, 2] - tool_W[2]
+        far = world.ball_W_m[k, 3] + reach
+        if dx * dx + dy * dy + dz * dz <= far * far or world.bodies[k].moved == 1:
+            world.near[found] = k
+            found += 1
+    proxy.near_count = found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry(world: Any) -> None:
+    """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
+    proxy = world.proxy[0]
+    rests_on = proxy.body[0] if proxy.count > 0 else -1
+    p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    before = p
+    if rests_on >= 0 and world.bodies[rests_on].moved == 1:
+        body = world.bodies[rests_on]
+        p = to_world(body, to_body_before(body, p))
+    for i in range(proxy.count):
+        if world.bodies[proxy.body[i]].moved == 1:
+            _place_plane(world, i)
+    for k in range(proxy.near_count):
+        index = world.near[k]
+        body = world.bodies[index]
+        if body.moved == 0 or index == rests_on:
+            continue
+        start = to_body_before(body, before)
+        goal = to_body(body, p)
+        if proxy.count < 4:
+            stop = cast_body(world, index, start, goal, 2.0)
+            if stop <= 1.0:
+                proxy.count += 1
+                p = to_world(body, along(start, stop, sub(goal, start)))
+                _forget_oldest(proxy)
+    for i in range(3):
+        proxy.p_W_m[i] = p[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _forget_oldest(proxy: Any) -> None:
+    """Make room for one more plane where all four slots are taken."""
+    if proxy.count == 4:
+        for i in range(3):
+            _copy_plane(proxy, i + 1, i)
+        proxy.count = 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place_plane(world: Any, i: int) -> None:
+    """Compute plane i of the proxy anew from its face at the body's present pose."""
+    proxy = world.proxy[0]
+    body = world.bodies[proxy.body[i]]
+    a, b, c = corners(world, body, proxy.face[i])
+    n_B, offset = plane(a, b, c)
+    side = proxy.side[i]
+    n = turn_to_world(body, n_B)
+    for k in range(3):
+        proxy.nhat_W[i, k] = side * n[k]
+    o = body.p_WB_m
+    proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _settle(world: Any, tool_W: Vector) -> bool:
+    """Move the proxy until it rests."""
+    proxy = world.proxy[0]
+    p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    settled = False
+    for _ in range(PASS_MAX):
+        found, goal = nearest(proxy, tool_W, 1.0)
+        if not found:
+            break
+        _drop_idle(proxy)
+        way = sub(goal, p)
+        if norm(way) > STILL * _skin(world):
+            stop = cast(world, p, goal)
+            if stop <= 1.0:
+                p = along(p, stop, way)
+                continue
+            p = goal
+        if not _drop_unsupported(world, p):
+            settled = True
+            break
+    for i in range(3):
+        proxy.p_W_m[i] = p[i]
+    return settled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _skin(world: Any) -> float:
+    """Skin of what holds the proxy, 0 in the air: there every move counts."""
+    proxy = world.proxy[0]
+    return proxy.skin_m[0] if proxy.count > 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drop_idle(proxy: Any) -> None:
+    """Drop the planes that do not push; at most three are left."""
+    kept = 0
+    for i in range(proxy.count):
+        if proxy.push_m[i] > 0.0:
+            if kept != i:
+                _copy_plane(proxy, i, kept)
+            kept += 1
+    proxy.count = kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drop_unsupported(world: Any, p_W: Vector) -> bool:
+    """Drop the planes whose faces do not reach under the proxy; True where there was one."""
+    proxy = world.proxy[0]
+    kept = 0
+    count = proxy.count
+    for i in range(count):
+        body = world.bodies[proxy.body[i]]
+        if lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
+            if kept != i:
+                _copy_plane(proxy, i, kept)
+            kept += 1
+    proxy.count = kept
+    return kept < count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _copy_plane(proxy: Any, source: int, target: int) -> None:
+    for k in range(3):
+        proxy.nhat_W[target, k] = proxy.nhat_W[source, k]
+    proxy.offset_m[target] = proxy.offset_m[source]
+    proxy.skin_m[target] = proxy.skin_m[source]
+    proxy.body[target] = proxy.body[source]
+    proxy.face[target] = proxy.face[source]
+    proxy.side[target] = proxy.side[source]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distance(a: Vector, b: Vector) -> float:
+    """Distance of two points [m]."""
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)

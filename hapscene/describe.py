@@ -1,0 +1,133 @@
+"""The contact of a tick, described once as a `Touch`, so that all effects agree on it."""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hapscene.constants import SLIP_CUTOFF_HZ
+from hapscene.contact.face import barycentric, to_body_before, to_world
+from hapscene.contact.geometry import Vector, along, dot, norm, sub
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def describe(world: Any, surface: Any, p_WT: Vector) -> None:
+    """Fill `surface.touch[0]` from the proxy's result and the last tick."""
+    touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
+    was_touching, was_depth, was_body, was_swatch = touch.touching, touch.depth_m, touch.body, touch.swatch
+    p_WP = (proxy.p_WP_m[0], proxy.p_WP_m[1], proxy.p_WP_m[2])
+    v = (0.0, 0.0, 0.0)
+    if memory.fresh == 0:
+        v = sub(p_WT, (memory.p_WT_m[0], memory.p_WT_m[1], memory.p_WT_m[2]))
+        v = (v[0] / touch.tick_s, v[1] / touch.tick_s, v[2] / touch.tick_s)
+        touch.tick += 1
+    touch.touching = proxy.held
+    touch.began = 1 if proxy.held == 1 and was_touching == 0 else 0
+    touch.ended = 1 if proxy.held == 0 and was_touching == 1 else 0
+    _set(touch.p_WT_m, p_WT)
+    _set(touch.v_WT_m_s, v)
+    if proxy.held == 1:
+        n = _locate(world, surface, p_WT, p_WP)
+        slip = (0.0, 0.0, 0.0)
+        if touch.began == 0 and touch.body == was_body:
+            slip = _slip(world.bodies[touch.body], memory, p_WP, n)
+        _press(touch, v, _drag(world.bodies[touch.body], p_WP, touch.tick_s), was_depth)
+        _slide(touch, memory, slip, v, n)
+    else:
+        p_WP = p_WT
+        _leave(touch, memory, v)
+    touch.crossed = 1 if touch.swatch != was_swatch else 0
+    _set(touch.p_WP_m, p_WP)
+    _set(memory.p_WT_m, p_WT)
+    _set(memory.p_WP_m, p_WP)
+    memory.fresh = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
+    """What is touched: body, face, swatch, depth and normal. Returns the normal."""
+    touch, proxy = surface.touch[0], world.proxy[0]
+    by = proxy.by
+    touch.body, touch.face = proxy.body[by], proxy.face[by]
+    touch.swatch = surface.paint[surface.paint_start[touch.body] + touch.face]
+    _set(touch.bary, barycentric(world, world.bodies[touch.body], touch.face, p_WP))
+    out = sub(p_WP, p_WT)
+    depth = norm(out)
+    touch.depth_m = depth
+    if proxy.count == 1 or depth == 0.0:  # the face's own normal: exact however small the depth
+        n = (proxy.nhat_W[by, 0], proxy.nhat_W[by, 1], proxy.nhat_W[by, 2])
+    else:
+        n = (out[0] / depth, out[1] / depth, out[2] / depth)
+    _set(touch.nhat_W, n)
+    touch.stiffness_N_m = surface.stiffness_N_m[touch.swatch]
+    touch.normal_force_N = touch.stiffness_N_m * depth
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drag(body: Any, p_WP: Vector, tick_s: float) -> Vector:
+    """Velocity of the body at a point on it [m/s], 0 for one that stands still."""
+    if body.moved == 0:
+        return 0.0, 0.0, 0.0
+    d = sub(to_world(body, to_body_before(body, p_WP)), p_WP)
+    return d[0] / tick_s, d[1] / tick_s, d[2] / tick_s
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
+    """Tangential movement of the proxy over the body in this tick [m]."""
+    last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
+    if body.moved == 1:
+        last = to_world(body, to_body_before(body, last))
+    d = sub(p_WP, last)
+    return along(d, -dot(d, n), n)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _press(touch: Any, v: Vector, body_v: Vector, was_depth: float) -> None:
+    """Depth over time: its rate within a contact, the speed of approach where one begins."""
+    n = touch.nhat_W
+    if touch.began == 1:
+        into = -(n[0] * (v[0] - body_v[0]) + n[1] * (v[1] - body_v[1]) + n[2] * (v[2] - body_v[2]))
+        touch.approach_m_s = max(0.0, into)
+        touch.depth_rate_m_s = 0.0
+        touch.force_N = 0.0
+    else:
+        touch.depth_rate_m_s = (touch.depth_m - was_depth) / touch.tick_s
+    touch.force_N += _smoothing(touch.tick_s) * (touch.normal_force_N - touch.force_N)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slide(touch: Any, memory: Any, slip: Vector, v: Vector, n: Vector) -> None:
+    """Slip of this tick, and its low-passed speed; a contact starts with the tool's own tangential velocity."""
+    k = _smoothing(touch.tick_s)
+    s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
+    if touch.began == 1:
+        s = v
+    else:
+        s = along(s, k / touch.tick_s, slip)
+        s = along(s, -k, (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2]))
+    s = along(s, -dot(s, n), n)
+    _set(memory.slip_m_s, s)
+    _set(touch.slip_W_m, slip)
+    touch.slip_m_s = norm(s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leave(touch: Any, memory: Any, v: Vector) -> None:
+    """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
+    touch.body, touch.face = -1, -1
+    touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0
+    _set(touch.slip_W_m, (0.0, 0.0, 0.0))
+    _set(touch.bary, (0.0, 0.0, 0.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smoothing(tick_s: float) -> float:
+    """Share of the new value that a one-pole low-pass at `SLIP_CUTOFF_HZ` takes in one tick [1]."""
+    return 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set(target: Any, v: Vector) -> None:
+    target[0], target[1], target[2] = v[0], v[1], v[2]

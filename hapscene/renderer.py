@@ -1,0 +1,262 @@
+"""The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numba import config
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.constants import ACCELERATION_RATE_HZ, BLOCK_MAX, TICK_S
+from hapscene.contact.embree import Search
+from hapscene.contact.proxy import put
+from hapscene.contact.world import build_world, records
+from hapscene.device.limit import IDEAL, Limits
+from hapscene.errors import HapsceneError, PathError, SceneError, no_such
+from hapscene.records import ROW, Flag
+from hapscene.scene.body import RIGID_TOLERANCE
+from hapscene.surface.registry import load_effect
+from hapscene.surface.stage import build_surface, clear_states
+from hapscene.tick import play
+
+if TYPE_CHECKING:
+    from hapscene.recording import Recording
+    from hapscene.scene.scene import Scene
+    from hapscene.surface.effect import Effect
+
+EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
+"""The effects a renderer has unless told otherwise."""
+
+_STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)))
+_WHOLE: Final = 1e-6
+
+
+class Command(NamedTuple):
+    """What one tick asks of the device.
+
+    Attributes:
+        f_W_N: (3,) force on the hand in W [N].
+        a_m_s2: (block,) acceleration samples along the handle [m/s²].
+        flags: what went wrong or was limited.
+    """
+
+    f_W_N: NDArray[np.float64]
+    a_m_s2: NDArray[np.float64]
+    flags: Flag
+
+
+class Renderer:
+    """Renders touch: the same tick drives `run` over a recorded path and `step` in a loop of your own.
+
+    Args:
+        scene: what is there. Its poses and swatches are read once, here.
+        effects: names of effect plugins, or `Effect` objects, in the order they are summed.
+        seed: of all that effects draw at random; the same seed gives the same bits.
+        tick_s: period of the force channel [s].
+        a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
+        limits: of the device; None for an ideal one.
+
+    Attributes:
+        tick_s, a_rate_Hz, seed: as given.
+        block: acceleration samples in a tick.
+
+    Raises:
+        SceneError: a scene without bodies.
+        EffectError: an effect that is unknown or does not compile.
+        HapsceneError: rates that do not fit together.
+    """
+
+    def __init__(
+        self,
+        scene: "Scene",
+        effects: "Sequence[str | Effect]" = EFFECTS,
+        seed: int = 0,
+        tick_s: float = TICK_S,
+        a_rate_Hz: float = ACCELERATION_RATE_HZ,
+        limits: Limits | None = None,
+    ) -> None:
+        if not scene.bodies:
+            raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
+        self.tick_s = float(tick_s)
+        self.a_rate_Hz = float(a_rate_Hz)
+        self.block = _block(self.tick_s, self.a_rate_Hz)
+        self.seed = seed
+        self._effects = [load_effect(e) if isinstance(e, str) else e for e in effects]
+        self._body_names = tuple(body.name for body in scene.bodies)
+        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
+        self._searches: dict[int, Search] = {}  # owns the search structures whose addresses the world holds
+        self._meshes = [body.mesh for body in scene.bodies]  # keeps the keys of _searches alive
+        self._world = build_world(scene.bodies, self._searches)
+        self._surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, limits or IDEAL)
+        self._row = records(1, ROW)
+        self._block = np.zeros((1, self.block))
+        self._play = _entry(play, self._world, self._surface, self._row, self._block)
+        self._started = False
+        self._ticks = 0
+
+    def reset(self, p_WT: ArrayLike) -> None:
+        """Start anew with the tool and the proxy at `p_WT` (3,) [m]: no contact, no memory, random numbers as at first.
+
+        Bodies stay at their last poses.
+
+        Raises:
+            PathError: a position that is not three finite numbers.
+        """
+        p = _positions(np.asarray(p_WT, np.float64).reshape(1, -1))[0]
+        surface = self._surface
+        clear_states(surface, self._effects, self.seed)
+        memory, touch = surface.memory, surface.touch
+        keep = {name: touch[name].copy() for name in ("tick_s", "rate_Hz", "block")}
+        memory.view(np.uint8)[:] = 0
+        touch.view(np.uint8)[:] = 0
+        for name, value in keep.items():
+            touch[name] = value
+        touch["body"] = touch["face"] = touch["swatch"] = -1
+        touch["nhat_W"] = (0.0, 0.0, 1.0)
+        memory["p_WT_m"] = p
+        memory["fresh"] = 1
+        for body in self._world.bodies:
+            body.moved = 0
+        put(self._world, (p[0], p[1], p[2]))
+        self._started = True
+        self._ticks = 0
+
+    def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
+        """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.
+
+        A position that is not finite is flagged (`Flag.TOOL_NOT_FINITE`), not raised. The first step of a renderer
+        starts it at that position.
+
+        Returns:
+            Command, whose arrays are the caller's to keep.
+        """
+        p = np.array(p_WT, np.float64).reshape(1, 3)
+        if not self._started:
+            self.reset(p[0])
+        moving, X_WB = _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
+        row, block = self._row, self._block
+        self._play(self._world, self._surface, p, moving, X_WB, row, block)
+        self._settle_bodies(moving)
+        self._ticks += 1
+        out = row[0]
+        return Command(out["f_W_N"].copy(), block[0].copy(), Flag(int(out["flags"])))
+
+    def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
+        """Tick along a path: `p_WT` (n, 3) [m], a position per tick; `poses` {body: X_WB (n, 4, 4)}, a pose per tick.
+
+        Goes on from where the last `run` or `step` ended; the first starts at the path's first position.
+
+        Raises:
+            PathError: a path that is empty, of another shape, or not finite.
+            SceneError: poses for an unknown body, of another length, or not rigid.
+        """
+        from hapscene.recording import Recording
+
+        path = _positions(np.ascontiguousarray(p_WT, np.float64))
+        n = len(path)
+        moving, X_WB = self._poses(poses or {}, n)
+        if not self._started:
+            self.reset(path[0])
+        rows = records(n, ROW)
+        a_m_s2 = np.zeros((n, self.block))
+        self._play(self._world, self._surface, path, moving, X_WB, rows, a_m_s2)
+        self._settle_bodies(moving)
+        t_s = (self._ticks + np.arange(n)) * self.tick_s
+        self._ticks += n
+        return Recording(
+            t_s=t_s,
+            p_WT_m=np.ascontiguousarray(rows["p_WT_m"]),
+            p_WP_m=np.ascontiguousarray(rows["p_WP_m"]),
+            nhat_W=np.ascontiguousarray(rows["nhat_W"]),
+            depth_m=np.ascontiguousarray(rows["depth_m"]),
+            touching=rows["touching"].astype(bool),
+            body=rows["body"].astype(np.int32),
+            face=rows["face"].astype(np.int32),
+            swatch=rows["swatch"].astype(np.int32),
+            f_W_N=np.ascontiguousarray(rows["f_W_N"]),
+            flags=rows["flags"].astype(np.uint32),
+            tick_ns=np.ascontiguousarray(rows["tick_ns"]),
+            contact_ns=np.ascontiguousarray(rows["contact_ns"]),
+            slip_m_s=np.ascontiguousarray(rows["slip_m_s"]),
+            normal_force_N=np.ascontiguousarray(rows["normal_force_N"]),
+            a_m_s2=a_m_s2,
+            a_rate_Hz=self.a_rate_Hz,
+            body_names=self._body_names,
+            swatch_names=self._swatch_names,
+            seed=self.seed,
+            effects=tuple(effect.name for effect in self._effects),
+        )
+
+    def _settle_bodies(self, moving: NDArray[np.int64]) -> None:
+        """After the last given pose a body stands still."""
+        for index in moving:
+            body = self._world.bodies[index]
+            body["moved"] = 0
+            body["was_R_WB"], body["was_p_WB_m"] = body["R_WB"], body["p_WB_m"]
+
+    def _poses(
+        self, poses: Mapping[str, ArrayLike], count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Indices of the moving bodies (m,) and their poses (count, m, 4, 4)."""
+        moving = np.zeros(len(poses), np.int64)
+        X_WB = np.zeros((count, len(poses), 4, 4))
+        for m, (name, given) in enumerate(poses.items()):
+            if name not in self._body_names:
+                raise SceneError(no_such("body", name, self._body_names))
+            X = np.asarray(given, np.float64)
+            if X.shape != (count, 4, 4):
+                raise SceneError(
+                    f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
+                )
+            moving[m] = self._body_names.index(name)
+            X_WB[:, m] = _rigid(X, name)
+        return moving, X_WB
+
+
+def _block(tick_s: float, a_rate_Hz: float) -> int:
+    """Acceleration samples in a tick."""
+    if not (tick_s > 0.0 and a_rate_Hz > 0.0):
+        raise HapsceneError(f"tick_s and a_rate_Hz must be above 0, are {tick_s} and {a_rate_Hz}")
+    exact = tick_s * a_rate_Hz
+    block = round(exact)
+    if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
+        raise HapsceneError(
+            f"a tick of {tick_s:g} s holds {exact:g} samples at a_rate_Hz={a_rate_Hz:g}; it must be a whole number "
+            f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
+        )
+    return block
+
+
+def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A path (n, 3), checked."""
+    if p_WT.ndim != 2 or p_WT.shape[1] != 3 or len(p_WT) == 0:
+        raise PathError(f"a path must be (n, 3) positions in metres, n ≥ 1; it is {p_WT.shape}")
+    bad = ~np.isfinite(p_WT).all(axis=1)
+    if bad.any():
+        raise PathError(f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}")
+    return p_WT
+
+
+def _rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """Poses (n, 4, 4), checked: each a rotation and a translation."""
+    R = X_WB[:, :3, :3]
+    ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
+    ok &= (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < RIGID_TOLERANCE).all(axis=(1, 2))
+    if not ok.all():
+        raise SceneError(
+            f"poses of body {name!r}: the one of tick {int(ok.argmin())} is not a rotation and a translation"
+        )
+    return X_WB
+
+
+def _entry(function: Any, *arguments: Any) -> Any:
+    """`play` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
+    if config.DISABLE_JIT:
+        return function
+    world, surface, rows, blocks = arguments
+    path = np.zeros((0, 3))
+    function(world, surface, path, *_STILL, rows, blocks)
+    (compiled,) = (o for o in function.overloads.values())
+    return compiled.entry_point
+
+

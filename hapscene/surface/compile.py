@@ -1,0 +1,131 @@
+"""Effects made native: each compiled once for its own records, then called by address.
+
+Whatever an effect declares, its compiled form takes the same five arguments: addresses of touch, parameters, state
+and output, and the table. So one compiled tick calls any effects, and a scene never triggers a compile of the tick.
+With NUMBA_DISABLE_JIT=1 the "address" is an index into a list of Python functions instead.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import ir
+from numba import config, from_dtype, njit, types
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from hapscene.errors import EffectError
+from hapscene.records import OUTPUT, TOUCH
+from hapscene.surface.effect import Effect
+
+_interpreted: Final[list[Effect]] = []
+_native: Final[dict[int, tuple[Effect, Any]]] = {}
+
+
+def compile_effect(effect: Effect) -> int:
+    """Address by which `call_effect` reaches the effect; compiled once a process, cached on disk.
+
+    Raises:
+        EffectError: `render` does not compile; the text names file and line, and gives numba's reason.
+    """
+    if config.DISABLE_JIT:
+        _interpreted.append(effect)
+        return len(_interpreted) - 1
+    kept = _native.get(id(effect))
+    if kept is None:
+        kept = effect, _compile(effect)
+        _native[id(effect)] = kept
+    result = kept[1]
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+
+
+def _compile(effect: Effect) -> Any:
+    table = types.Array(types.float64, 1, "C")
+    arguments = (
+        from_dtype(TOUCH),
+        from_dtype(effect.param_dtype),
+        table,
+        from_dtype(effect.state_dtype),
+        from_dtype(OUTPUT),
+    )
+    code = getattr(effect.render, "__code__", None)
+    where = f"{code.co_filename}:{code.co_firstlineno}" if code else repr(effect.render)
+    if code is None or code.co_argcount != 5:
+        raise EffectError(f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)")
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        try:
+            native = njit(types.void(*arguments), cache=True, **options)(effect.render)
+        except RuntimeError:  # no file to keep a cache beside: a notebook, an exec
+            native = njit(types.void(*arguments), **options)(effect.render)
+    except NumbaError as error:
+        raise EffectError(f"effect {effect.name!r} ({where}) does not compile: {_reason(error)}") from error
+    return native.overloads[arguments]
+
+
+def _reason(error: NumbaError) -> str:
+    """Numba's message without its banner, its advice and its blank lines."""
+    skipped = ("Failed in nopython mode", "During:", "Pass nopython", "For more information", "http", "This error may")
+    lines = [line.strip() for line in str(error).splitlines()]
+    return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
+
+
+if config.DISABLE_JIT:
+
+    def call_effect(
+        address: int,
+        touch: Any,
+        params: NDArray[np.uint8],
+        param_start: int,
+        table: NDArray[np.float64],
+        states: NDArray[np.uint8],
+        state_start: int,
+        out: Any,
+    ) -> None:
+        """Call an effect: its records lie in `params` and `states` from the given bytes on."""
+        effect = _interpreted[address]
+        p = _record(params, param_start, effect.param_dtype)
+        s = _record(states, state_start, effect.state_dtype)
+        effect.render(touch, p, table, s, out)
+
+    def _record(raw: NDArray[np.uint8], start: int, dtype: np.dtype[Any]) -> Any:
+        return raw[start : start + dtype.itemsize].view(dtype).view(np.recarray)[0]
+
+else:
+
+    @intrinsic
+    def _call(typing: Any, address: Any, touch: Any, p: Any, table: Any, s: Any, out: Any) -> Any:
+        signature = types.void(types.int64, touch, types.int64, table, types.int64, out)
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = ir.IntType(8).as_pointer()
+            table_type = context.get_value_type(signature.args[3])
+            function_type = ir.FunctionType(ir.VoidType(), [pointer, pointer, table_type, pointer, pointer])
+            function = builder.inttoptr(arguments[0], function_type.as_pointer())
+            builder.call(
+                function,
+                [
+                    builder.bitcast(arguments[1], pointer),
+                    builder.inttoptr(arguments[2], pointer),
+                    arguments[3],
+                    builder.inttoptr(arguments[4], pointer),
+                    builder.bitcast(arguments[5], pointer),
+                ],
+            )
+            return context.get_dummy_value()
+
+        return signature, generate
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def call_effect(
+        address: int,
+        touch: Any,
+        params: NDArray[np.uint8],
+        param_start: int,
+        table: NDArray[np.float64],
+        states: NDArray[np.uint8],
+        state_start: int,
+        out: Any,
+    ) -> None:
+        """Call an effect: its records lie in `params` and `states` from the given bytes on."""
+        _call(address, touch, params.ctypes.data + param_start, table, states.ctypes.data + state_start, out)

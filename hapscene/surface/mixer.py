@@ -1,0 +1,105 @@
+"""What the effects supply, summed into the two channels and kept inside the device's limits."""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hapscene.records import Flag
+from hapscene.surface.compile import call_effect
+
+_MUTED = int(Flag.EFFECT_MUTED)
+_FORCE = int(Flag.FORCE_LIMITED)
+_SLEW = int(Flag.SLEW_LIMITED)
+_ACCELERATION = int(Flag.ACCELERATION_LIMITED)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def render(surface: Any) -> int:
+    """Call every effect with the touched swatch's parameters; sum into `surface.total[0]`. Returns flags.
+
+    Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute
+    until the next reset, and the others go on.
+    """
+    touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
+    block = touch.block
+    flags = 0
+    _clear(total, block)
+    swatch = touch.swatch
+    if swatch < 0:
+        return 0
+    for e in range(len(surface.effects)):
+        if surface.muted[e] != 0:
+            flags |= _MUTED
+            continue
+        _clear(part, block)
+        table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
+        call_effect(
+            surface.effects[e],
+            touch,
+            surface.params,
+            surface.param_start[swatch, e],
+            table,
+            surface.states,
+            surface.state_start[e],
+            part,
+        )
+        if _finite(part, block):
+            for i in range(3):
+                total.f_W_N[i] += part.f_W_N[i]
+            for i in range(block):
+                total.a_m_s2[i] += part.a_m_s2[i]
+        else:
+            surface.muted[e] = 1
+            flags |= _MUTED
+    return flags
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def limit(surface: Any) -> int:
+    """Keep the sum inside the device's limits. Returns flags."""
+    limits, total, touch, memory = surface.limits[0], surface.total[0], surface.touch[0], surface.memory[0]
+    f, a = total.f_W_N, total.a_m_s2
+    flags = 0
+    most = limits.acceleration_m_s2
+    mean = 0.0
+    for i in range(touch.block):
+        if abs(a[i]) > most:
+            a[i] = math.copysign(most, a[i])
+            flags |= _ACCELERATION
+        mean += a[i] / touch.block
+    if limits.fold_mass_kg > 0.0:
+        for i in range(3):
+            f[i] += limits.fold_mass_kg * mean * touch.nhat_W[i]
+    magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    if magnitude > limits.force_N:
+        for i in range(3):
+            f[i] *= limits.force_N / magnitude
+        flags |= _FORCE
+    last = memory.f_W_N
+    x, y, z = f[0] - last[0], f[1] - last[1], f[2] - last[2]
+    change = math.sqrt(x * x + y * y + z * z)
+    step = limits.slew_N_s * touch.tick_s
+    if change > step:
+        f[0], f[1], f[2] = last[0] + x * step / change, last[1] + y * step / change, last[2] + z * step / change
+        flags |= _SLEW
+    for i in range(3):
+        last[i] = f[i]
+    return flags
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clear(out: Any, block: int) -> None:
+    for i in range(3):
+        out.f_W_N[i] = 0.0
+    for i in range(block):
+        out.a_m_s2[i] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _finite(out: Any, block: int) -> bool:
+    """Whether all an effect added is finite: one NaN or infinity makes the sum of zeros NaN."""
+    check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]
+    for i in range(block):
+        check += 0.0 * out.a_m_s2[i]
+    return check == 0.0

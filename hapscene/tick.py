@@ -1,0 +1,113 @@
+"""One haptic tick, in order. Read this first.
+
+    read       the tool's position; a bad one is replaced by the last good one
+    sweep      the way from the proxy to the tool through the scene     contact/
+    constrain  the proxy to the faces in the way                        contact/
+    describe   the contact, once, so that all effects agree             describe.py
+    render     each effect of the touched swatch                        surface/mixer.py
+    mix        their sum, within the limits of the device               surface/mixer.py
+    note       a row
+
+The same function is called by `Renderer.step` for one tick and by `Renderer.run` for many: same bits. It allocates
+nothing, locks nothing and raises nothing; what goes wrong is a `Flag`.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from hapscene.clock import now_ns
+from hapscene.contact.geometry import Vector
+from hapscene.contact.proxy import move
+from hapscene.describe import describe
+from hapscene.records import Flag
+from hapscene.surface.mixer import limit, render
+
+_NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
+_UNSETTLED = int(Flag.UNSETTLED)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
+    start_ns = now_ns(surface.clock)
+    p_WT, flags = _read(surface, x, y, z)
+    if not move(world, p_WT):
+        flags |= _UNSETTLED
+    contact_ns = now_ns(surface.clock) - start_ns
+    describe(world, surface, p_WT)
+    flags |= render(surface)
+    flags |= limit(surface)
+    _note(surface, row, a_m_s2)
+    row.flags = flags
+    row.contact_ns = contact_ns
+    row.tick_ns = now_ns(surface.clock) - start_ns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def play(
+    world: Any,
+    surface: Any,
+    p_WT_m: NDArray[np.float64],
+    moving: NDArray[np.int64],
+    X_WB: NDArray[np.float64],
+    rows: Any,
+    a_m_s2: NDArray[np.float64],
+) -> None:
+    """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4)."""
+    for k in range(len(p_WT_m)):
+        place_bodies(world, surface, moving, X_WB, k)
+        tick(world, surface, p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2], rows[k], a_m_s2[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_bodies(
+    world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int
+) -> None:
+    """Set this tick's poses. In the first tick after a reset bodies appear where they are, without moving there."""
+    for m in range(len(moving)):
+        index = moving[m]
+        body = world.bodies[index]
+        c = body.center_B_m
+        body.moved = 1 - surface.memory[0].fresh
+        for i in range(3):
+            for j in range(3):
+                body.was_R_WB[i, j] = body.R_WB[i, j]
+                body.R_WB[i, j] = X_WB[k, m, i, j]
+            body.was_p_WB_m[i] = body.p_WB_m[i]
+            body.p_WB_m[i] = X_WB[k, m, i, 3]
+        for i in range(3):
+            turned = body.R_WB[i, 0] * c[0] + body.R_WB[i, 1] * c[1] + body.R_WB[i, 2] * c[2]
+            world.ball_W_m[index, i] = turned + body.p_WB_m[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
+    """The tool's position, or the last good one where it is not finite."""
+    if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+        return (x, y, z), 0
+    last = surface.memory[0].p_WT_m
+    return (last[0], last[1], last[2]), _NOT_FINITE
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+    """Write the tick's row."""
+    touch, total = surface.touch[0], surface.total[0]
+    for i in range(3):
+        row.p_WT_m[i] = touch.p_WT_m[i]
+        row.p_WP_m[i] = touch.p_WP_m[i]
+        row.nhat_W[i] = touch.nhat_W[i]
+        row.f_W_N[i] = total.f_W_N[i]
+    row.depth_m = touch.depth_m
+    row.touching = touch.touching
+    row.body = touch.body
+    row.face = touch.face
+    row.swatch = touch.swatch if touch.touching == 1 else -1
+    row.slip_m_s = touch.slip_m_s
+    row.normal_force_N = touch.normal_force_N
+    for i in range(touch.block):
+        a_m_s2[i] = total.a_m_s2[i]
