@@ -97,3 +97,4 @@ def _append(proxy: Any, body: Any, index: int, face: int, side: float, n_B: Vect
     proxy.body[k] = index
     proxy.face[k] = face
     proxy.side[k] = side
+    proxy.met[k] = 1

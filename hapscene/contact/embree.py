@@ -183,10 +183,8 @@ def _build(corners: NDArray[np.float32]) -> int:
     _embree.rtcSetSceneFlags(scene, _ROBUST)
     geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
     count = len(corners)
-    target = _embree.rtcSetNewGeometryBuffer(geometry, _VERTEX_BUFFER, 0, _FLOAT3, 12, count)
-    ctypes.memmove(target, np.ascontiguousarray(corners).ctypes.data, 12 * count)
-    target = _embree.rtcSetNewGeometryBuffer(geometry, _INDEX_BUFFER, 0, _UINT3, 12, count // 3)
-    ctypes.memmove(target, np.arange(count, dtype=np.uint32).ctypes.data, 4 * count)
+    _fill(geometry, _VERTEX_BUFFER, _FLOAT3, np.ascontiguousarray(corners, np.float32))
+    _fill(geometry, _INDEX_BUFFER, _UINT3, np.arange(count, dtype=np.uint32).reshape(-1, 3))
     _embree.rtcCommitGeometry(geometry)
     _embree.rtcAttachGeometry(scene, geometry)
     _embree.rtcReleaseGeometry(geometry)
@@ -195,3 +193,9 @@ def _build(corners: NDArray[np.float32]) -> int:
     if error:
         raise HapsceneError(f"Embree could not build a search structure over {count // 3:,} faces (error {error})")
     return int(scene)
+
+
+def _fill(geometry: int, kind: int, layout: int, rows: NDArray[Any]) -> None:
+    """Let Embree make a buffer of its own (it pads it), and copy the rows (k, 3) of 4-byte numbers into it."""
+    target = _embree.rtcSetNewGeometryBuffer(geometry, kind, 0, layout, 12, len(rows))
+    ctypes.memmove(target, rows.ctypes.data, rows.nbytes)

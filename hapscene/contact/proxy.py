@@ -15,10 +15,11 @@ from typing import Any
 from numba import njit
 
 from hapscene.constants import PASS_MAX
-from hapscene.contact.cast import cast, cast_body
+from hapscene.contact.cast import SATISFIED, cast, cast_body
 from hapscene.contact.face import corners, lies_over, plane, to_body, to_body_before, to_world, turn_to_world
 from hapscene.contact.geometry import Vector, along, norm, sub
 from hapscene.contact.plane import nearest
+from hapscene.contact.world import ASIDE
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
@@ -113,6 +114,7 @@ def _carry(world: Any) -> None:
     if rests_on >= 0 and world.bodies[rests_on].moved == 1:
         body = world.bodies[rests_on]
         p = to_world(body, to_body_before(body, p))
+    _trust(proxy, proxy.count)
     for i in range(proxy.count):
         if world.bodies[proxy.body[i]].moved == 1:
             _place_plane(world, i)
@@ -163,14 +165,19 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     settled = False
+    proxy.aside = 0
     for _ in range(PASS_MAX):
         found, goal = nearest(proxy, tool_W, 1.0)
         if not found:
             break
         _drop_idle(proxy)
+        if proxy.aside == 1 and _take_back(world, goal):
+            continue
         way = sub(goal, p)
         if norm(way) > STILL * _skin(world):
             stop = cast(world, p, goal)
+            if stop > 0.0:
+                _trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count)
             if stop <= 1.0:
                 p = along(p, stop, way)
                 continue
@@ -181,6 +188,13 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     for i in range(3):
         proxy.p_W_m[i] = p[i]
     return settled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _trust(proxy: Any, first: int) -> None:
+    """The proxy has moved: only planes from `first` on were met on the way it is on."""
+    for i in range(first):
+        proxy.met[i] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -204,18 +218,47 @@ def _drop_idle(proxy: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _drop_unsupported(world: Any, p_W: Vector) -> bool:
-    """Drop the planes whose faces do not reach under the proxy; True where there was one."""
+    """Drop the planes whose faces do not reach under the proxy; True where there was one.
+
+    A plane that was met from where the proxy is holds it wherever its face lies: in a narrow groove the face below
+    the proxy's foot may be another one.
+    """
     proxy = world.proxy[0]
     kept = 0
     count = proxy.count
     for i in range(count):
         body = world.bodies[proxy.body[i]]
-        if lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
+        if proxy.met[i] == 1 or lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
             if kept != i:
                 _copy_plane(proxy, i, kept)
             kept += 1
+        else:
+            _copy_plane(proxy, i, ASIDE)
+            proxy.aside = 1
     proxy.count = kept
     return kept < count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_back(world: Any, goal_W: Vector) -> bool:
+    """Take a dropped plane back where the next goal lies under it and over its face.
+
+    So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
+    """
+    proxy = world.proxy[0]
+    n = proxy.nhat_W[ASIDE]
+    left = n[0] * goal_W[0] + n[1] * goal_W[1] + n[2] * goal_W[2] - proxy.offset_m[ASIDE]
+    skin = proxy.skin_m[ASIDE]
+    if left >= (1.0 - SATISFIED) * skin:
+        return False
+    body = world.bodies[proxy.body[ASIDE]]
+    if not lies_over(world, body, proxy.face[ASIDE], goal_W, skin):
+        return False
+    _copy_plane(proxy, ASIDE, proxy.count)
+    proxy.met[proxy.count] = 1
+    proxy.count += 1
+    proxy.aside = 0
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -227,6 +270,7 @@ def _copy_plane(proxy: Any, source: int, target: int) -> None:
     proxy.body[target] = proxy.body[source]
     proxy.face[target] = proxy.face[source]
     proxy.side[target] = proxy.side[source]
+    proxy.met[target] = proxy.met[source]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -33,12 +33,15 @@ PROXY: Final = np.dtype(
     [
         ("p_W_m", "f8", (3,)),  # the proxy, a skin off every face that holds it
         ("count", "i8"),  # planes that hold it, 0 to 3; a fourth while one is added
-        ("nhat_W", "f8", (4, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
-        ("offset_m", "f8", (4,)),
-        ("skin_m", "f8", (4,)),
-        ("body", "i8", (4,)),
-        ("face", "i8", (4,)),
-        ("side", "f8", (4,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
+        # slots 0 to 2 hold the planes that hold the proxy, 3 one just met, 4 (ASIDE) the one dropped last
+        ("nhat_W", "f8", (5, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
+        ("offset_m", "f8", (5,)),
+        ("skin_m", "f8", (5,)),
+        ("body", "i8", (5,)),
+        ("face", "i8", (5,)),
+        ("side", "f8", (5,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
+        ("met", "i8", (5,)),  # 1 where the face was met by a ray from where the proxy is
+        ("aside", "i8"),  # 1 while slot ASIDE holds a plane dropped in this tick
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
@@ -49,6 +52,9 @@ PROXY: Final = np.dtype(
     ],
     align=True,
 )
+
+ASIDE: Final = 4
+"""Slot of the plane that was dropped last."""
 
 
 class World(NamedTuple):
