@@ -6,8 +6,10 @@ import time
 from typing import Any
 
 import numpy as np
-from numba import config, njit, types
+from numba import config, types
 from numpy.typing import NDArray
+
+from hapscene.native import native
 
 _MONOTONIC = 6 if sys.platform == "darwin" else 1
 
@@ -22,7 +24,7 @@ if config.DISABLE_JIT:
 elif sys.platform == "win32":
     _query = types.ExternalFunction("QueryPerformanceCounter", types.int32(types.uintp))
 
-    @njit(cache=True, nogil=True)
+    @native
     def now_ns(clock: NDArray[np.int64]) -> int:
         _query(clock.ctypes.data)
         return clock[0] * 1_000_000_000 // clock[2]
@@ -30,7 +32,7 @@ elif sys.platform == "win32":
 else:
     _gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
 
-    @njit(cache=True, nogil=True)
+    @native
     def now_ns(clock: NDArray[np.int64]) -> int:
         _gettime(np.int32(_MONOTONIC), clock.ctypes.data)
         return clock[0] * 1_000_000_000 + clock[1]

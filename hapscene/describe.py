@@ -3,14 +3,13 @@
 import math
 from typing import Any
 
-from numba import njit
-
 from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.contact.face import barycentric, to_body_before, to_world
 from hapscene.contact.geometry import Vector, along, dot, norm, sub
+from hapscene.native import native
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     """Fill `surface.touch[0]` from the proxy's result and the last tick."""
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
@@ -43,7 +42,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     memory.fresh = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
     """What is touched: body, face, swatch, depth and normal. Returns the normal."""
     touch, proxy = surface.touch[0], world.proxy[0]
@@ -64,7 +63,7 @@ def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _drag(body: Any, p_WP: Vector, tick_s: float) -> Vector:
     """Velocity of the body at a point on it [m/s], 0 for one that stands still."""
     if body.moved == 0:
@@ -73,7 +72,7 @@ def _drag(body: Any, p_WP: Vector, tick_s: float) -> Vector:
     return d[0] / tick_s, d[1] / tick_s, d[2] / tick_s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
     """Tangential movement of the proxy over the body in this tick [m]."""
     last = (memory.p_WP_m[0], memory.p_WP_m[1], memory.p_WP_m[2])
@@ -83,7 +82,7 @@ def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
     return along(d, -dot(d, n), n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _press(touch: Any, v: Vector, body_v: Vector, was_depth: float) -> None:
     """Depth over time: its rate within a contact, the speed of approach where one begins."""
     n = touch.nhat_W
@@ -97,7 +96,7 @@ def _press(touch: Any, v: Vector, body_v: Vector, was_depth: float) -> None:
     touch.force_N += _smoothing(touch.tick_s) * (touch.normal_force_N - touch.force_N)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _slide(touch: Any, memory: Any, slip: Vector, v: Vector, n: Vector) -> None:
     """Slip of this tick, and its low-passed speed; a contact starts with the tool's own tangential velocity."""
     k = _smoothing(touch.tick_s)
@@ -113,7 +112,7 @@ def _slide(touch: Any, memory: Any, slip: Vector, v: Vector, n: Vector) -> None:
     touch.slip_m_s = norm(s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _leave(touch: Any, memory: Any, v: Vector) -> None:
     """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
     touch.body, touch.face = -1, -1
@@ -122,12 +121,12 @@ def _leave(touch: Any, memory: Any, v: Vector) -> None:
     _set(touch.bary, (0.0, 0.0, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _smoothing(tick_s: float) -> float:
     """Share of the new value that a one-pole low-pass at `SLIP_CUTOFF_HZ` takes in one tick [1]."""
     return 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _set(target: Any, v: Vector) -> None:
     target[0], target[1], target[2] = v[0], v[1], v[2]

@@ -133,7 +133,9 @@ class Renderer:
         p = np.array(p_WT, np.float64).reshape(1, 3)
         if not self._started:
             self.reset(p[0])
-        moving, X_WB = _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
+        moving, X_WB = (
+            _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
+        )
         row, block = self._row, self._block
         self._play(self._world, self._surface, p, moving, X_WB, row, block)
         self._settle_bodies(moving)
@@ -233,7 +235,9 @@ def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
         raise PathError(f"a path must be (n, 3) positions in metres, n ≥ 1; it is {p_WT.shape}")
     bad = ~np.isfinite(p_WT).all(axis=1)
     if bad.any():
-        raise PathError(f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}")
+        raise PathError(
+            f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}"
+        )
     return p_WT
 
 
@@ -258,5 +262,3 @@ def _entry(function: Any, *arguments: Any) -> Any:
     function(world, surface, path, *_STILL, rows, blocks)
     (compiled,) = (o for o in function.overloads.values())
     return compiled.entry_point
-
-

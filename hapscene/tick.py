@@ -16,13 +16,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.contact.geometry import Vector
 from hapscene.contact.proxy import move
 from hapscene.describe import describe
+from hapscene.native import native
 from hapscene.records import Flag
 from hapscene.surface.mixer import limit, render
 
@@ -30,8 +30,10 @@ _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
+@native
+def tick(
+    world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
+) -> None:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
     start_ns = now_ns(surface.clock)
     p_WT, flags = _read(surface, x, y, z)
@@ -47,7 +49,7 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
     row.tick_ns = now_ns(surface.clock) - start_ns
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def play(
     world: Any,
     surface: Any,
@@ -63,7 +65,7 @@ def play(
         tick(world, surface, p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2], rows[k], a_m_s2[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def place_bodies(
     world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int
 ) -> None:
@@ -84,7 +86,7 @@ def place_bodies(
             world.ball_W_m[index, i] = turned + body.p_WB_m[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
     """The tool's position, or the last good one where it is not finite."""
     if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
@@ -93,7 +95,7 @@ def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
     return (last[0], last[1], last[2]), _NOT_FINITE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     """Write the tick's row."""
     touch, total = surface.touch[0], surface.total[0]

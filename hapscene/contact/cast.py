@@ -8,12 +8,11 @@ within a skin of the goal without lying on the way.
 import math
 from typing import Any
 
-from numba import njit
-
 from hapscene.constants import LOOK_AHEAD
 from hapscene.contact.embree import first_face
 from hapscene.contact.face import corners, plane, to_body, turn_to_world
 from hapscene.contact.geometry import Vector, dot, sub
+from hapscene.native import native
 
 BEHIND_MAX = 8
 """Faces passed from behind in one cast before it is given up [count]: only outward-only bodies pass any."""
@@ -22,7 +21,7 @@ SATISFIED = 0.01
 """How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
     """Cast against all bodies in `world.near`; the nearest stop wins.
 
@@ -41,7 +40,7 @@ def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: float) -> float:
     """Cast against one body, in its frame; as `cast`, but leaves the plane in the slot after the last one.
 
@@ -84,7 +83,7 @@ def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: fl
     return 2.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _append(proxy: Any, body: Any, index: int, face: int, side: float, n_B: Vector, offset_B: float) -> None:
     """Write a plane, given in the body's frame, into the slot after the last one."""
     n = turn_to_world(body, n_B)

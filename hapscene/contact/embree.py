@@ -14,11 +14,12 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import config, njit, types
+from numba import config, types
 from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
 from hapscene.errors import HapsceneError
+from hapscene.native import native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
@@ -92,7 +93,7 @@ def new_ray() -> NDArray[np.float32]:
     return raw[start : start + _RAY_WORDS]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def first_face(
     search: int,
     ray: NDArray[np.float32],
@@ -128,7 +129,9 @@ def first_face(
 def _device() -> int:
     device = _embree.rtcNewDevice(None)
     if not device:
-        raise HapsceneError(f"Embree found no device it can work on (error {_embree.rtcGetDeviceError(None)})")
+        raise HapsceneError(
+            f"Embree found no device it can work on (error {_embree.rtcGetDeviceError(None)})"
+        )
     return int(device)
 
 
@@ -191,7 +194,9 @@ def _build(corners: NDArray[np.float32]) -> int:
     _embree.rtcCommitScene(scene)
     error = _embree.rtcGetDeviceError(device)
     if error:
-        raise HapsceneError(f"Embree could not build a search structure over {count // 3:,} faces (error {error})")
+        raise HapsceneError(
+            f"Embree could not build a search structure over {count // 3:,} faces (error {error})"
+        )
     return int(scene)
 
 

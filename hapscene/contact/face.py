@@ -2,12 +2,11 @@
 
 from typing import Any
 
-from numba import njit
-
 from hapscene.contact.geometry import Vector, cross, dot, norm, sub
+from hapscene.native import native
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def to_world(body: Any, p_B: Vector) -> Vector:
     """Point from the body's frame to the world's."""
     R, o = body.R_WB, body.p_WB_m
@@ -18,7 +17,7 @@ def to_world(body: Any, p_B: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def to_body(body: Any, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at this tick's pose."""
     R, o = body.R_WB, body.p_WB_m
@@ -30,7 +29,7 @@ def to_body(body: Any, p_W: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def to_body_before(body: Any, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at the last tick's pose."""
     R, o = body.was_R_WB, body.was_p_WB_m
@@ -42,7 +41,7 @@ def to_body_before(body: Any, p_W: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def turn_to_world(body: Any, v_B: Vector) -> Vector:
     """Direction from the body's frame to the world's."""
     R = body.R_WB
@@ -53,7 +52,7 @@ def turn_to_world(body: Any, v_B: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
     """The three corners of a face in the body's frame [m]."""
     row = body.face + face
@@ -64,12 +63,12 @@ def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _vertex(world: Any, row: int) -> Vector:
     return world.vertices_m[row, 0], world.vertices_m[row, 1], world.vertices_m[row, 2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
     """Unit normal of a triangle, counter-clockwise outward, and the plane's offset [m]."""
     n = cross(sub(b, a), sub(c, a))
@@ -78,7 +77,7 @@ def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
     return n, dot(n, a)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) -> bool:
     """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
     a, b, c = corners(world, body, face)
@@ -91,14 +90,14 @@ def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) ->
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
     """Signed distance of p from the edge a → b within the plane, positive inside [m]."""
     edge = sub(b, a)
     return dot(cross(n, edge), sub(p, a)) / norm(edge)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def barycentric(world: Any, body: Any, face: int, p_W: Vector) -> Vector:
     """Barycentric coordinates on the face of a point's foot on its plane [1]."""
     a, b, c = corners(world, body, face)

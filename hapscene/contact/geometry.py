@@ -2,36 +2,36 @@
 
 import math
 
-from numba import njit
+from hapscene.native import native
 
 Vector = tuple[float, float, float]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def sub(a: Vector, b: Vector) -> Vector:
     """a − b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def along(a: Vector, s: float, b: Vector) -> Vector:
     """a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def norm(a: Vector) -> float:
     """Length."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])

@@ -7,9 +7,8 @@ lies behind no other plane. The problem is convex, so the first such set is the 
 
 from typing import Any
 
-from numba import njit
-
 from hapscene.contact.geometry import Vector
+from hapscene.native import native
 
 TOLERANCE = 1e-3
 """How far behind a plane a solution may lie and still be allowed, in skins [1]."""
@@ -18,7 +17,7 @@ PARALLEL = 1e-12
 """Squared sine of the angle below which two planes count as one [1]."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
 
@@ -30,7 +29,9 @@ def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     slack = 0.0
     for i in range(count):
         n = proxy.nhat_W[i]
-        short = proxy.offset_m[i] + skins * proxy.skin_m[i] - (n[0] * tool[0] + n[1] * tool[1] + n[2] * tool[2])
+        short = (
+            proxy.offset_m[i] + skins * proxy.skin_m[i] - (n[0] * tool[0] + n[1] * tool[1] + n[2] * tool[2])
+        )
         proxy.short_m[i] = short
         proxy.push_m[i] = 0.0
         slack = max(slack, TOLERANCE * proxy.skin_m[i])
@@ -56,7 +57,7 @@ def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     return False, tool
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _one(proxy: Any, count: int, slack: float) -> bool:
     """Try each plane alone."""
     for i in range(count):
@@ -73,7 +74,7 @@ def _one(proxy: Any, count: int, slack: float) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _two(proxy: Any, count: int, slack: float) -> bool:
     """Try each pair: the foot of the tool on their common line."""
     r = proxy.short_m
@@ -98,7 +99,7 @@ def _two(proxy: Any, count: int, slack: float) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _three(proxy: Any, count: int, slack: float) -> bool:
     """Try each triple: the corner they meet in (Cramer's rule on their Gram matrix)."""
     r = proxy.short_m

@@ -12,20 +12,22 @@ solution of the same planes without the skin, which lies on the surface itself.
 import math
 from typing import Any
 
-from numba import njit
-
 from hapscene.constants import PASS_MAX
 from hapscene.contact.cast import SATISFIED, cast, cast_body
 from hapscene.contact.face import corners, lies_over, plane, to_body, to_body_before, to_world, turn_to_world
 from hapscene.contact.geometry import Vector, along, norm, sub
 from hapscene.contact.plane import nearest
 from hapscene.contact.world import ASIDE
+from hapscene.native import native
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
 
+NEARBY = 10.0
+"""How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@native
 def put(world: Any, p_W: Vector) -> None:
     """Start anew with the proxy at `p_W`, touching nothing; off any face that it starts within a skin of."""
     proxy = world.proxy[0]
@@ -54,7 +56,7 @@ def put(world: Any, p_W: Vector) -> None:
         proxy.p_WP_m[i] = p_W[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def move(world: Any, tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
@@ -81,7 +83,7 @@ def move(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _list_near(world: Any, tool_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick."""
     proxy = world.proxy[0]
@@ -104,7 +106,7 @@ def _list_near(world: Any, tool_W: Vector) -> None:
     proxy.near_count = found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _carry(world: Any) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
@@ -114,7 +116,7 @@ def _carry(world: Any) -> None:
     if rests_on >= 0 and world.bodies[rests_on].moved == 1:
         body = world.bodies[rests_on]
         p = to_world(body, to_body_before(body, p))
-    _trust(proxy, proxy.count)
+    _trust(proxy, proxy.count, math.inf)
     for i in range(proxy.count):
         if world.bodies[proxy.body[i]].moved == 1:
             _place_plane(world, i)
@@ -135,7 +137,7 @@ def _carry(world: Any) -> None:
         proxy.p_W_m[i] = p[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _forget_oldest(proxy: Any) -> None:
     """Make room for one more plane where all four slots are taken."""
     if proxy.count == 4:
@@ -144,7 +146,7 @@ def _forget_oldest(proxy: Any) -> None:
         proxy.count = 3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _place_plane(world: Any, i: int) -> None:
     """Compute plane i of the proxy anew from its face at the body's present pose."""
     proxy = world.proxy[0]
@@ -159,7 +161,7 @@ def _place_plane(world: Any, i: int) -> None:
     proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _settle(world: Any, tool_W: Vector) -> bool:
     """Move the proxy until it rests."""
     proxy = world.proxy[0]
@@ -177,7 +179,8 @@ def _settle(world: Any, tool_W: Vector) -> bool:
         if norm(way) > STILL * _skin(world):
             stop = cast(world, p, goal)
             if stop > 0.0:
-                _trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count)
+                moved = min(stop, 1.0) * norm(way)
+                _trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
             if stop <= 1.0:
                 p = along(p, stop, way)
                 continue
@@ -190,21 +193,26 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _trust(proxy: Any, first: int) -> None:
-    """The proxy has moved: only planes from `first` on were met on the way it is on."""
+@native
+def _trust(proxy: Any, first: int, moved_m: float) -> None:
+    """The proxy has moved: only planes from `first` on were met on the way it is on.
+
+    A plane that was taken back is trusted for a little longer, or near a corner it could be dropped and taken back
+    for ever.
+    """
     for i in range(first):
-        proxy.met[i] = 0
+        if proxy.met[i] == 1 or moved_m > NEARBY * proxy.skin_m[i]:
+            proxy.met[i] = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _skin(world: Any) -> float:
     """Skin of what holds the proxy, 0 in the air: there every move counts."""
     proxy = world.proxy[0]
     return proxy.skin_m[0] if proxy.count > 0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _drop_idle(proxy: Any) -> None:
     """Drop the planes that do not push; at most three are left."""
     kept = 0
@@ -216,7 +224,7 @@ def _drop_idle(proxy: Any) -> None:
     proxy.count = kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _drop_unsupported(world: Any, p_W: Vector) -> bool:
     """Drop the planes whose faces do not reach under the proxy; True where there was one.
 
@@ -228,7 +236,7 @@ def _drop_unsupported(world: Any, p_W: Vector) -> bool:
     count = proxy.count
     for i in range(count):
         body = world.bodies[proxy.body[i]]
-        if proxy.met[i] == 1 or lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
+        if proxy.met[i] != 0 or lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
             if kept != i:
                 _copy_plane(proxy, i, kept)
             kept += 1
@@ -239,7 +247,7 @@ def _drop_unsupported(world: Any, p_W: Vector) -> bool:
     return kept < count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _take_back(world: Any, goal_W: Vector) -> bool:
     """Take a dropped plane back where the next goal lies under it and over its face.
 
@@ -255,13 +263,13 @@ def _take_back(world: Any, goal_W: Vector) -> bool:
     if not lies_over(world, body, proxy.face[ASIDE], goal_W, skin):
         return False
     _copy_plane(proxy, ASIDE, proxy.count)
-    proxy.met[proxy.count] = 1
+    proxy.met[proxy.count] = 2
     proxy.count += 1
     proxy.aside = 0
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _copy_plane(proxy: Any, source: int, target: int) -> None:
     for k in range(3):
         proxy.nhat_W[target, k] = proxy.nhat_W[source, k]
@@ -271,9 +279,3 @@ def _copy_plane(proxy: Any, source: int, target: int) -> None:
     proxy.face[target] = proxy.face[source]
     proxy.side[target] = proxy.side[source]
     proxy.met[target] = proxy.met[source]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def distance(a: Vector, b: Vector) -> float:
-    """Distance of two points [m]."""
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)

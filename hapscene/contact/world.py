@@ -40,13 +40,21 @@ PROXY: Final = np.dtype(
         ("body", "i8", (5,)),
         ("face", "i8", (5,)),
         ("side", "f8", (5,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
-        ("met", "i8", (5,)),  # 1 where the face was met by a ray from where the proxy is
+        (
+            "met",
+            "i8",
+            (5,),
+        ),  # 1 where the face was met by a ray from where the proxy is, 2 where it was taken back
         ("aside", "i8"),  # 1 while slot ASIDE holds a plane dropped in this tick
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
         ("near_count", "i8"),  # bodies close enough to be met in this tick
-        ("p_WP_m", "f8", (3,)),  # result: the proxy on the surface itself; at the tool where it touches nothing
+        (
+            "p_WP_m",
+            "f8",
+            (3,),
+        ),  # result: the proxy on the surface itself; at the tool where it touches nothing
         ("held", "i8"),  # result: 1 while the tool is inside a surface
         ("by", "i8"),  # result: which plane pushes most
     ],

@@ -9,12 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
-from numba import config, from_dtype, njit, types
+from numba import config, from_dtype, types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
+from hapscene.native import native, native_for
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 
@@ -51,21 +52,26 @@ def _compile(effect: Effect) -> Any:
     code = getattr(effect.render, "__code__", None)
     where = f"{code.co_filename}:{code.co_firstlineno}" if code else repr(effect.render)
     if code is None or code.co_argcount != 5:
-        raise EffectError(f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)")
-    options = {"nogil": True, "error_model": "numpy"}
+        raise EffectError(
+            f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)"
+        )
     try:
-        try:
-            native = njit(types.void(*arguments), cache=True, **options)(effect.render)
-        except RuntimeError:  # no file to keep a cache beside: a notebook, an exec
-            native = njit(types.void(*arguments), **options)(effect.render)
+        compiled = native_for(types.void(*arguments), effect.render)
     except NumbaError as error:
         raise EffectError(f"effect {effect.name!r} ({where}) does not compile: {_reason(error)}") from error
-    return native.overloads[arguments]
+    return compiled.overloads[arguments]
 
 
 def _reason(error: NumbaError) -> str:
     """Numba's message without its banner, its advice and its blank lines."""
-    skipped = ("Failed in nopython mode", "During:", "Pass nopython", "For more information", "http", "This error may")
+    skipped = (
+        "Failed in nopython mode",
+        "During:",
+        "Pass nopython",
+        "For more information",
+        "http",
+        "This error may",
+    )
     lines = [line.strip() for line in str(error).splitlines()]
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 
@@ -116,7 +122,7 @@ else:
 
         return signature, generate
 
-    @njit(cache=True, nogil=True, error_model="numpy")
+    @native
     def call_effect(
         address: int,
         touch: Any,

@@ -3,8 +3,7 @@
 import math
 from typing import Any
 
-from numba import njit
-
+from hapscene.native import native
 from hapscene.records import Flag
 from hapscene.surface.compile import call_effect
 
@@ -14,7 +13,7 @@ _SLEW = int(Flag.SLEW_LIMITED)
 _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def render(surface: Any) -> int:
     """Call every effect with the touched swatch's parameters; sum into `surface.total[0]`. Returns flags.
 
@@ -55,7 +54,7 @@ def render(surface: Any) -> int:
     return flags
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def limit(surface: Any) -> int:
     """Keep the sum inside the device's limits. Returns flags."""
     limits, total, touch, memory = surface.limits[0], surface.total[0], surface.touch[0], surface.memory[0]
@@ -81,14 +80,18 @@ def limit(surface: Any) -> int:
     change = math.sqrt(x * x + y * y + z * z)
     step = limits.slew_N_s * touch.tick_s
     if change > step:
-        f[0], f[1], f[2] = last[0] + x * step / change, last[1] + y * step / change, last[2] + z * step / change
+        f[0], f[1], f[2] = (
+            last[0] + x * step / change,
+            last[1] + y * step / change,
+            last[2] + z * step / change,
+        )
         flags |= _SLEW
     for i in range(3):
         last[i] = f[i]
     return flags
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _clear(out: Any, block: int) -> None:
     for i in range(3):
         out.f_W_N[i] = 0.0
@@ -96,7 +99,7 @@ def _clear(out: Any, block: int) -> None:
         out.a_m_s2[i] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def _finite(out: Any, block: int) -> bool:
     """Whether all an effect added is finite: one NaN or infinity makes the sum of zeros NaN."""
     check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]

@@ -9,11 +9,12 @@ import zlib
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hapscene.native import native
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@native
 def uniform(rng: NDArray[np.uint64]) -> float:
     """The next number, uniform in [0, 1), of the generator whose state is `rng` (4,)."""
     result = rng[0] + rng[3]
@@ -27,7 +28,7 @@ def uniform(rng: NDArray[np.uint64]) -> float:
     return float(result >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@native
 def normal(rng: NDArray[np.uint64]) -> float:
     """The next number of a standard normal distribution (Marsaglia's polar method, one of its pair)."""
     while True:

@@ -1,0 +1,89 @@
+"""Compiled functions: numba with the project's options, and a cache on disk that knows when the code has changed.
+
+Numba's own cache looks only at the file of the function itself: change a function that another file calls, and the
+caller goes on with the old one. Here the cache lies in a folder named after a digest of all of hapscene's sources.
+With NUMBA_DISABLE_JIT=1 the same functions run interpreted.
+"""
+
+import hashlib
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from numba import config, njit
+
+_OPTIONS: Final = {"nogil": True, "error_model": "numpy"}
+_KEPT_S: Final = 30 * 24 * 3600.0
+"""Caches of other versions are removed when unused for this long [s]."""
+
+
+def native(function: Callable[..., Any]) -> Any:
+    """Decorator: compile without the GIL, with NumPy's rules for division by zero, cached on disk."""
+    with cache_folder():
+        return njit(cache=True, **_OPTIONS)(function)
+
+
+def native_for(signature: Any, function: Callable[..., Any]) -> Any:
+    """Compile at once for one signature; cached where the function's source is a file."""
+    with cache_folder():
+        try:
+            return njit(signature, cache=True, **_OPTIONS)(function)
+        except RuntimeError:  # no file to keep a cache beside: a notebook, an exec
+            return njit(signature, **_OPTIONS)(function)
+
+
+@contextmanager
+def cache_folder() -> Iterator[None]:
+    """Have numba keep what is compiled meanwhile in this version's folder; other packages' caches stay as they are."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = _folder(before)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+@cache
+def _folder(chosen: str) -> str:
+    """The folder for this version of the sources; under the one that NUMBA_CACHE_DIR names, where it does."""
+    digest = hashlib.sha256()
+    here = Path(__file__).parent
+    for source in sorted(here.rglob("*.py")):
+        digest.update(source.relative_to(here).as_posix().encode())
+        digest.update(source.read_bytes())
+    root = Path(chosen) / "hapscene" if chosen else _user_cache()
+    folder = root / digest.hexdigest()[:16]
+    if not folder.is_dir():
+        _remove_old(root)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+    except OSError:
+        return chosen  # no place to write: numba's own choice
+    return str(folder)
+
+
+def _user_cache() -> Path:
+    """Where this platform keeps what can be made again."""
+    if sys.platform == "win32":
+        return (
+            Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "hapscene" / "cache"
+        )
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "hapscene"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapscene"
+
+
+def _remove_old(root: Path) -> None:
+    """Remove folders of other versions that were not used for long."""
+    if not root.is_dir():
+        return
+    for folder in root.iterdir():
+        if folder.is_dir() and time.time() - folder.stat().st_mtime > _KEPT_S:
+            shutil.rmtree(folder, ignore_errors=True)
