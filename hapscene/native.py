@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from numba import config, njit
 
-_OPTIONS: Final = {"nogil": True, "error_model": "numpy"}
+_OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
 _KEPT_S: Final = 30 * 24 * 3600.0
 """Caches of other versions are removed when unused for this long [s]."""
 
@@ -72,9 +72,7 @@ def _folder(chosen: str) -> str:
 def _user_cache() -> Path:
     """Where this platform keeps what can be made again."""
     if sys.platform == "win32":
-        return (
-            Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "hapscene" / "cache"
-        )
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "hapscene" / "cache"
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "hapscene"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapscene"

@@ -29,9 +29,7 @@ def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     slack = 0.0
     for i in range(count):
         n = proxy.nhat_W[i]
-        short = (
-            proxy.offset_m[i] + skins * proxy.skin_m[i] - (n[0] * tool[0] + n[1] * tool[1] + n[2] * tool[2])
-        )
+        short = proxy.offset_m[i] + skins * proxy.skin_m[i] - (n[0] * tool[0] + n[1] * tool[1] + n[2] * tool[2])
         proxy.short_m[i] = short
         proxy.push_m[i] = 0.0
         slack = max(slack, TOLERANCE * proxy.skin_m[i])
