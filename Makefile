@@ -1,16 +1,17 @@
-# make demo: everything once on the shipped scene      make test: lint, types, tests
+# make demo: the main job on the shipped scene      make test: lint, types, tests
+# Each makes the environment .venv the first time and reuses it later; PYTHON=python3.12 chooses the interpreter.
 # On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3
 ENV := .venv
 BIN := $(ENV)/bin
 READY := $(ENV)/.ready
 
-.PHONY: demo test format bench clean
+.PHONY: demo test format bench system clean
 
 demo: $(READY)
 	$(BIN)/hapscene demo --out out/demo
 
-test: $(READY)
+test: $(READY) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -23,10 +24,15 @@ format: $(READY)
 bench: $(READY)
 	$(BIN)/hapscene bench --out out/bench
 
+# System packages for scene.png, where they are missing and may be installed; harmless elsewhere.
+system:
+	@sh .ci/system-packages
+
 $(READY): pyproject.toml requirements.lock
+	@echo "making the environment $(ENV), once; this takes a minute or two"
 	$(PYTHON) -m venv $(ENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e ".[dev,step]"
-	touch $(READY)
+	@touch $(READY)
 
 clean:
 	rm -rf $(ENV) out

@@ -133,9 +133,7 @@ class Renderer:
         p = np.array(p_WT, np.float64).reshape(1, 3)
         if not self._started:
             self.reset(p[0])
-        moving, X_WB = (
-            _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
-        )
+        moving, X_WB = _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
         row, block = self._row, self._block
         self._play(self._world, self._surface, p, moving, X_WB, row, block)
         self._settle_bodies(moving)
@@ -196,9 +194,7 @@ class Renderer:
             body["moved"] = 0
             body["was_R_WB"], body["was_p_WB_m"] = body["R_WB"], body["p_WB_m"]
 
-    def _poses(
-        self, poses: Mapping[str, ArrayLike], count: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _poses(self, poses: Mapping[str, ArrayLike], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Indices of the moving bodies (m,) and their poses (count, m, 4, 4)."""
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
@@ -235,9 +231,7 @@ def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
         raise PathError(f"a path must be (n, 3) positions in metres, n ≥ 1; it is {p_WT.shape}")
     bad = ~np.isfinite(p_WT).all(axis=1)
     if bad.any():
-        raise PathError(
-            f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}"
-        )
+        raise PathError(f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}")
     return p_WT
 
 

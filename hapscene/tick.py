@@ -31,9 +31,7 @@ _UNSETTLED = int(Flag.UNSETTLED)
 
 
 @native
-def tick(
-    world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]
-) -> None:
+def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
     start_ns = now_ns(surface.clock)
     p_WT, flags = _read(surface, x, y, z)
@@ -66,9 +64,7 @@ def play(
 
 
 @native
-def place_bodies(
-    world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int
-) -> None:
+def place_bodies(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int) -> None:
     """Set this tick's poses. In the first tick after a reset bodies appear where they are, without moving there."""
     for m in range(len(moving)):
         index = moving[m]

@@ -52,9 +52,7 @@ def _compile(effect: Effect) -> Any:
     code = getattr(effect.render, "__code__", None)
     where = f"{code.co_filename}:{code.co_firstlineno}" if code else repr(effect.render)
     if code is None or code.co_argcount != 5:
-        raise EffectError(
-            f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)"
-        )
+        raise EffectError(f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)")
     try:
         compiled = native_for(types.void(*arguments), effect.render)
     except NumbaError as error:

@@ -131,7 +131,5 @@ def _table(effect: Effect, swatch: "Swatch", a_rate_Hz: float) -> NDArray[np.flo
         return np.zeros(0)
     table = np.ascontiguousarray(effect.table(swatch, a_rate_Hz), np.float64).ravel()
     if not np.isfinite(table).all():
-        raise EffectError(
-            f"effect {effect.name!r}: its table for swatch {swatch.name!r} holds NaN or infinity"
-        )
+        raise EffectError(f"effect {effect.name!r}: its table for swatch {swatch.name!r} holds NaN or infinity")
     return table

@@ -1,0 +1,100 @@
+"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.errors import CaptureError
+
+Array = NDArray[np.float64]
+
+HAND_CUTOFF_HZ: Final = 100.0
+"""Cut-off of the low-pass on force and speed [Hz]: what a hand does is below it, what the surface does above."""
+
+DURATION_MIN_S: Final = 0.5
+"""Shortest recording that a model is fitted to [s]: two halves of three windows each."""
+
+ASSUMED_FORCE_N: Final = 1.0
+"""Normal force that a recording without one is taken to have [N]: that of a pen that writes."""
+
+ASSUMED_SPEED_M_S: Final = 0.1
+"""Slip speed that a recording without one is taken to have [m/s]: that of a slow stroke over a plate."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """A cleaned recording: n samples of each stream at one rate."""
+
+    rate_Hz: float
+    acceleration_m_s2: Array
+    force_N: Array
+    speed_m_s: Array
+    tangential_force_N: Array | None
+
+
+def clean(
+    acceleration_m_s2: ArrayLike,
+    rate_Hz: float,
+    force_N: ArrayLike | None = None,
+    speed_m_s: ArrayLike | None = None,
+    tangential_force_N: ArrayLike | None = None,
+) -> Channels:
+    """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
+
+    Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
+
+    Raises:
+        CaptureError: too short, too slow, silent, not finite, or streams of different length.
+    """
+    if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
+        raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
+    acceleration = _stream("acceleration_m_s2", acceleration_m_s2, None)
+    count = len(acceleration)
+    if count < DURATION_MIN_S * rate_Hz:
+        raise CaptureError(
+            f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: at least {DURATION_MIN_S:g} s are needed"
+        )
+    force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
+    speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
+    tangential = None if tangential_force_N is None else _stream("tangential_force_N", tangential_force_N, count)
+    high = _filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
+    if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
+        raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
+    return Channels(
+        float(rate_Hz),
+        high,
+        _filtered(force, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
+        np.abs(_filtered(speed, rate_Hz, HAND_CUTOFF_HZ, "lowpass")),
+        None if tangential is None else _filtered(tangential, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
+    )
+
+
+def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
+    """One stream as (n,) float64; a single number is spread over the recording."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CaptureError(f"{name} must be a list of numbers") from None
+    if array.ndim == 0 and count is not None:
+        array = np.full(count, float(array))
+    if array.ndim != 1:
+        raise CaptureError(f"{name} must have one axis, its shape is {array.shape}")
+    if count is not None and len(array) != count:
+        raise CaptureError(f"{name} has {len(array)} samples, acceleration_m_s2 has {count}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if len(bad):
+        raise CaptureError(f"{name}: sample {bad[0]} is not finite")
+    return array
+
+
+def _filtered(signal: Array, rate_Hz: float, cutoff_Hz: float, kind: str) -> Array:
+    """Fourth-order Butterworth, forward and backward, so that nothing is shifted in time."""
+    from scipy.signal import butter, sosfiltfilt
+
+    if kind == "lowpass" and np.ptp(signal) == 0.0:
+        return signal  # a number given for the whole recording stays that number
+    sections = butter(4, cutoff_Hz, kind, fs=rate_Hz, output="sos")
+    return np.asarray(sosfiltfilt(sections, signal))

@@ -1,0 +1,54 @@
+"""AR models by the autocorrelation method (Makhoul 1975, "Linear prediction: a tutorial review", Proc. IEEE 63)."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WHITE: Final = 1e-9
+"""White noise added to the autocorrelation at lag 0, as a fraction of the power [1] (−90 dB). Keeps the solution
+stable in rounding where a recording has next to nothing in part of the band, as after a steep low-pass."""
+
+
+TAPER_S: Final = 0.02
+"""Length over which a signal is faded in and out before its autocorrelation is taken [s]. A hard edge is a click as
+broad as the spectrum: on known models whose level falls by 60 dB over the band it raised the residual by half, and the
+order found from 4 to 11."""
+
+
+def tapered(signal: Array, rate_Hz: float) -> Array:
+    """The signals (..., n) faded in and out by half a cosine; at most half of each is faded."""
+    count = min(round(TAPER_S * rate_Hz), signal.shape[-1] // 4)
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    weight = np.ones(signal.shape[-1])
+    weight[:count], weight[weight.size - count :] = rise, rise[::-1]
+    return signal * weight
+
+
+def autocorrelation(signal: Array, lag_max: int) -> Array:
+    """Σ_t x(t) x(t−k) for k = 0 … lag_max, (..., lag_max+1), of signals (..., n); zero outside of them."""
+    size = 1 << (signal.shape[-1] + lag_max).bit_length()
+    density = np.abs(np.fft.rfft(signal, size, axis=-1)) ** 2
+    return np.asarray(np.fft.irfft(density, size, axis=-1)[..., : lag_max + 1])
+
+
+def solve(r: Array) -> Array:
+    """The filter a (p+1,), a[0] = 1, with the least residual for an autocorrelation r (p+1,): always stable.
+
+    Solves the normal equations Σ_j a_j r(|i−j|) = 0 for i = 1 … p by Levinson's recursion (SciPy).
+    """
+    from scipy.linalg import solve_toeplitz
+
+    column = r[:-1].copy()
+    column[0] *= 1.0 + WHITE
+    return np.concatenate([[1.0], np.asarray(solve_toeplitz(column, -r[1:]))])
+
+
+def residual_power(a: Array, r: Array) -> Array:
+    """Power (...) of what filters a (..., p+1) leave of signals of autocorrelation r (..., ≥ p+1): aᵀ R a."""
+    order = a.shape[-1] - 1
+    own = autocorrelation(a, order)
+    own[..., 1:] *= 2.0
+    return np.asarray(np.sum(own * r[..., : order + 1], axis=-1))

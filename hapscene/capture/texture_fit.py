@@ -1,0 +1,174 @@
+"""A texture from a cleaned recording: where its models stand, their filters, and their power."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.channel import Channels
+from hapscene.capture.linear_prediction import autocorrelation, residual_power, solve, tapered
+from hapscene.errors import CaptureError
+from hapscene.surface.lsf import power_gain
+from hapscene.surface.texture import Texture
+
+Array = NDArray[np.float64]
+
+PIECE_S: Final = 0.1
+"""Length of the pieces that a recording is cut into [s]: over one, force and speed of a hand are nearly constant."""
+
+PIECES_PER_MODEL: Final = 4
+"""Fewest pieces that a model is fitted to [count]."""
+
+MODELS_MAX: Final = 12
+"""Most models tried [count]."""
+
+MOVING: Final = 0.02
+"""Force and speed below this share of their largest do not count as sliding [1]."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The pieces of a recording, k of them.
+
+    Attributes:
+        acceleration_m_s2: (k, n) samples.
+        force_N: (k,) mean normal force.
+        speed_m_s: (k,) mean slip speed.
+        start: (k,) number of the piece in the recording, so that neighbours are known.
+    """
+
+    acceleration_m_s2: Array
+    force_N: Array
+    speed_m_s: Array
+    start: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def __getitem__(self, chosen: slice | NDArray[np.bool_]) -> "Pieces":
+        return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])
+
+
+def cut(channels: Channels) -> Pieces:
+    """The pieces in which the tool slides under a normal force.
+
+    Raises:
+        CaptureError: there are none.
+    """
+    count = int(len(channels.acceleration_m_s2) / (PIECE_S * channels.rate_Hz))
+    length = len(channels.acceleration_m_s2) // count  # what is left over is less than one sample a piece
+    streams = (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
+    acceleration, force, speed = (s[: count * length].reshape(count, length) for s in streams)
+    pieces = Pieces(acceleration, force.mean(axis=1), speed.mean(axis=1), np.arange(count))
+    sliding = (pieces.force_N > MOVING * pieces.force_N.max()) & (pieces.speed_m_s > MOVING * pieces.speed_m_s.max())
+    if pieces.force_N.max() <= 0.0 or pieces.speed_m_s.max() <= 0.0 or not np.any(sliding):
+        raise CaptureError("the tool never slides under a normal force: force_N and speed_m_s must be above 0")
+    return pieces[sliding]
+
+
+def fit_texture(pieces: Pieces, rate_Hz: float, order: int, model_count: int) -> Texture:
+    """A texture of `model_count` models of `order`.
+
+    Force and speed, scaled by their largest, are clustered (k-means); each cluster gives the filter of its pieces.
+    One model holds over all that was recorded: it stands at the corner of least force and speed, since what is above
+    the last model is clamped. More stand at the means of their clusters. The powers are then those that explain the
+    pieces' powers best through the texture's own interpolation (least squares, none negative), scaled so that the
+    recording as a whole keeps its power exactly.
+    """
+    label = _cluster(pieces, model_count)
+    groups = [label == i for i in range(label.max() + 1)]
+    a = np.stack([solve(_group_autocorrelation(pieces[group], rate_Hz, order)) for group in groups])
+    if len(groups) == 1:
+        force, speed = np.array([pieces.force_N.min()]), np.array([pieces.speed_m_s.min()])
+    else:
+        force = np.array([pieces.force_N[group].mean() for group in groups])
+        speed = np.array([pieces.speed_m_s[group].mean() for group in groups])
+    level = np.array([np.mean(pieces.acceleration_m_s2[group] ** 2) for group in groups])
+    texture = Texture.from_models(rate_Hz, force, speed, a, level / power_gain(a))
+    return _with_power(texture, pieces)
+
+
+def choose_model_count(pieces: Pieces, rate_Hz: float, order: int) -> int:
+    """The smallest number of models that explains data it was not fitted to as well as any.
+
+    Each half of the pieces is fitted with 1, 2, … models; each piece of the other half is scored with the likelihood
+    of its residual under the model at its force and speed. Chosen is the smallest count whose score is within one
+    standard error (over the pieces) of the best.
+    """
+    middle = len(pieces) // 2
+    halves = (pieces[:middle], pieces[middle:])
+    spread = np.ptp(pieces.force_N) + np.ptp(pieces.speed_m_s) > 0.0
+    most = min(MODELS_MAX, middle // PIECES_PER_MODEL) if spread else 1
+    scores = []
+    for count in range(1, most + 1):
+        pairs = ((fit_texture(halves[i], rate_Hz, order, count), halves[1 - i]) for i in (0, 1))
+        scores.append(np.concatenate([_score(texture, other) for texture, other in pairs]))
+    if len(scores) < 2:
+        return 1
+    score = np.array(scores)
+    best = int(np.argmax(score.mean(axis=1)))
+    behind = score[best] - score
+    error = behind.std(axis=1) / np.sqrt(behind.shape[1])
+    return 1 + int(np.argmax(behind.mean(axis=1) <= error))
+
+
+def _score(texture: Texture, pieces: Pieces) -> Array:
+    """Log-likelihood per sample (k,), but for a constant, of pieces under the model at their force and speed."""
+    a, variance = texture.models(pieces.force_N, pieces.speed_m_s)
+    r = autocorrelation(tapered(pieces.acceleration_m_s2, texture.rate_Hz), texture.order)
+    r *= (np.mean(pieces.acceleration_m_s2**2, axis=1) / r[:, 0])[:, None]
+    residual = residual_power(a, r)
+    variance = np.maximum(variance, 1e-6 * residual)  # a model that finds the piece silent scores badly, not −∞
+    return np.asarray(-0.5 * (np.log(variance) + residual / variance))
+
+
+def _cluster(pieces: Pieces, count: int) -> NDArray[np.intp]:
+    """Number of the cluster (k,) of each piece: at most `count`, those of too few pieces joined to the nearest.
+
+    Lloyd's k-means, started from the piece nearest the mean and then always the piece farthest from all starts.
+    """
+    place = np.stack([pieces.force_N / pieces.force_N.max(), pieces.speed_m_s / pieces.speed_m_s.max()], axis=1)
+    centre = place[[np.argmin(np.linalg.norm(place - place.mean(axis=0), axis=1))]]
+    while len(centre) < count:
+        away = np.linalg.norm(place[:, None] - centre, axis=2).min(axis=1)
+        if away.max() <= 1e-3:
+            break  # the recording has no more than these
+        centre = np.vstack([centre, place[np.argmax(away)]])
+    for _ in range(50):
+        label = np.argmin(np.linalg.norm(place[:, None] - centre, axis=2), axis=1)
+        size = np.bincount(label, minlength=len(centre))
+        if len(centre) > 1 and size.min() < PIECES_PER_MODEL:
+            centre = np.delete(centre, np.argmin(size), axis=0)
+            continue
+        moved = np.stack([place[label == i].mean(axis=0) for i in range(len(centre))])
+        if np.array_equal(moved, centre):
+            break
+        centre = moved
+    return np.unique(label, return_inverse=True)[1]
+
+
+def _group_autocorrelation(pieces: Pieces, rate_Hz: float, order: int) -> Array:
+    """Autocorrelation (order+1,) over a group; neighbouring pieces are joined, for cuts blur the spectrum."""
+    runs = np.split(pieces.acceleration_m_s2, np.flatnonzero(np.diff(pieces.start) != 1) + 1)
+    return np.asarray(np.sum([autocorrelation(tapered(run.ravel(), rate_Hz), order) for run in runs], axis=0))
+
+
+def _with_power(texture: Texture, pieces: Pieces) -> Texture:
+    """The texture with the powers of its sounding models fitted to those of the pieces."""
+    from scipy.optimize import nnls
+
+    power = np.mean(pieces.acceleration_m_s2**2, axis=1)
+    corner, weight = texture.locate(pieces.force_N, pieces.speed_m_s)
+    share = np.zeros((len(pieces), len(texture.force_N)))
+    np.add.at(share, (np.arange(len(pieces))[:, None], corner), weight)
+    sounding = np.flatnonzero(texture.variance_m2_s4 > 0.0)
+    before = texture.model_power_m2_s4[sounding]
+    # A weak pull towards the cluster's own power decides where the pieces do not (a corner that none is near).
+    pull = 0.1 * np.sqrt(len(pieces) / len(sounding))
+    matrix = np.vstack([share[:, sounding], pull * np.eye(len(sounding))])
+    fitted, _ = nnls(matrix, np.concatenate([power, pull * before]))
+    fitted *= power.sum() / (share[:, sounding] @ fitted).sum()
+    variance = texture.variance_m2_s4.copy()
+    variance[sounding] *= fitted / before
+    return replace(texture, variance_m2_s4=variance)

@@ -1,0 +1,74 @@
+"""Files that appear whole or not at all: written beside their place, then moved into it."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path in the same folder; on a clean exit it becomes `path`, on any other it is gone.
+
+    Args:
+        path: where the file shall be; an old file there stays untouched until the new one is complete.
+
+    Raises:
+        OSError: the folder is missing or cannot be written.
+    """
+    path = Path(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        part.chmod(0o666 & ~_umask())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]:
+    """Give a temporary folder beside `path`; on a clean exit its files move into `path`, else it is gone.
+
+    A folder that is there already keeps its other files; those of the same name are replaced.
+
+    Args:
+        path: the folder that shall hold the files; it and its parents are made when they are missing.
+        ours: names of files of an earlier run that must not stay beside the new ones.
+
+    Raises:
+        OSError: the folder cannot be made or written, or `path` is a file.
+    """
+    path = Path(path).absolute()
+    if path.exists() and not path.is_dir():
+        raise NotADirectoryError(20, "is a file; expected a folder, or a name that is free", str(path))
+    made = [parent for parent in path.parents if not parent.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        yield part
+        if path.exists():
+            for name in ours:
+                if not (part / name).exists():
+                    (path / name).unlink(missing_ok=True)
+            for file in sorted(part.iterdir()):
+                file.replace(path / file.name)
+        else:
+            part.chmod(0o777 & ~_umask())
+            part.replace(path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        if not path.exists():
+            for parent in made:
+                parent.rmdir()
+
+
+def _umask() -> int:
+    """The process's umask, which can only be read by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

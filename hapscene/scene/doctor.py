@@ -1,0 +1,216 @@
+"""The mesh doctor: what is odd about a mesh, what that means for touching it, and what to do."""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import SKIN_RATIO
+from hapscene.scene.anatomy import Anatomy, anatomy
+from hapscene.scene.crack import cracks
+from hapscene.scene.intersection import crossings
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.report import Finding, Report, length, number
+
+CRACK_SKINS: Final = 10.0
+"""Widest opening that is called a crack, in skins [1]. Wider ones are taken to be meant."""
+
+CROSSING_SKINS: Final = 0.1
+"""How far faces must reach into each other to be said to cross, in skins [1]: above float32 rounding."""
+
+CROSSING_FACE_MAX: Final = 500_000
+"""Most faces that are examined for crossing each other [count]: some ten seconds and a GB."""
+
+EXAMPLE_COUNT: Final = 10
+"""Faces or vertices that a finding names as examples [count]."""
+
+
+class _Text(NamedTuple):
+    level: str
+    noun: str
+    what: str
+    touch: str
+    advice: str
+    fixable: bool = False
+
+
+_INSIDE = "from outside both are felt, as where two bodies touch; inside, the tool meets walls that are not seen"
+_UNITE = "nothing, if only the outside is touched; else unite the parts in a mesh editor (boolean union)"
+
+_TEXT: Final = {
+    "mixed_winding": _Text(
+        "fault",
+        "face",
+        "wound against the rest of the shell",
+        "outward-only contact holds these from inside alone: the tool sinks through them",
+        "turn them, or add the body with two_sided=True",
+        True,
+    ),
+    "inside_out": _Text(
+        "fault",
+        "face",
+        "in closed shells that are wound inward as a whole",
+        "outward-only contact lets the tool in everywhere, and holds it inside",
+        "turn the shells, or add the body with two_sided=True",
+        True,
+    ),
+    "one_sided": _Text(
+        "fault",
+        "face",
+        "in shells that have no inside and outside, as a Möbius strip",
+        "somewhere two neighbours hold from opposite sides, and the tool slips through between them",
+        "add the body with two_sided=True",
+    ),
+    "open_edges": _Text(
+        "note",
+        "edge",
+        "with a face on one side alone: the mesh is open",
+        "the tool can pass over the rim; from behind, outward-only contact lets it through",
+        "nothing, if the opening is meant; else fill it, or add the body with two_sided=True",
+    ),
+    "cracks": _Text(
+        "fault",
+        "vertex",
+        "on a crack that is wider than the skin of contact",
+        "the tool may fall in",
+        "join the vertices in a mesh editor (merge by distance)",
+    ),
+    "t_junctions": _Text(
+        "note",
+        "vertex",
+        "on another face's open edge: T-junctions",
+        "not at all: contact reaches over cracks narrower than its skin",
+        "nothing",
+    ),
+    "near_vertices": _Text(
+        "note",
+        "vertex",
+        "on a rim, closer to another than the skin of contact",
+        "not at all: contact reaches over cracks narrower than its skin",
+        "nothing",
+    ),
+    "nonmanifold_edges": _Text(
+        "note",
+        "edge",
+        "where more than two faces meet",
+        "each face is felt by its own winding; which side is out cannot be checked across such an edge",
+        "nothing, if the outside feels right; else take out what lies inside, in a mesh editor",
+    ),
+    "zero_area": _Text("note", "face", "without area, of no use", "never", "drop them", True),
+    "needles": _Text(
+        "note",
+        "face",
+        "without area that fill a T-junction",
+        "never; without them the mesh would open",
+        "nothing",
+    ),
+    "slivers": _Text("note", "face", "narrower than the skin of contact", "as part of their neighbours", "nothing"),
+    "doubled_faces": _Text("note", "face", "there twice", "once", "drop the copies", True),
+    "opposed_faces": _Text(
+        "note",
+        "face",
+        "back to back with another",
+        "as a sheet without thickness, from both sides",
+        "nothing",
+    ),
+    "duplicate_vertices": _Text(
+        "note",
+        "vertex",
+        "at exactly the place of another",
+        "not at all: what counts is the place",
+        "merge them, to save memory",
+        True,
+    ),
+    "self_intersections": _Text("note", "pair", "of faces that go through each other", _INSIDE, _UNITE),
+    "overlapping_faces": _Text("note", "pair", "of faces that overlap in one plane", _INSIDE, _UNITE),
+}
+
+
+def examine(mesh: Mesh) -> Report:
+    """Examine a mesh. 80,000 faces take a second, most of it to look for faces that cross each other."""
+    body = anatomy(mesh)
+    findings = _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
+    examined = len(mesh.faces) <= CROSSING_FACE_MAX
+    if examined:
+        findings += _crossings(mesh, body)
+    low, high = mesh.bounds_m
+    closed = bool(body.kept.any() and body.shells.closed[body.kept].all())
+    return Report(
+        path=str(mesh.path) if mesh.path else None,
+        unit=mesh.unit,
+        vertex_count=len(mesh.vertices_m),
+        face_count=len(mesh.faces),
+        group_names=mesh.group_names,
+        low_m=tuple(low.tolist()),
+        high_m=tuple(high.tolist()),
+        size_m=tuple((high - low).tolist()),
+        skin_m=_skin_m(mesh),
+        shell_count=len(np.unique(body.winding.shell[body.kept])),
+        closed=closed,
+        volume_m3=body.shells.volume_m3 if closed else None,
+        examined_crossing=examined,
+        findings=tuple(findings),
+    )
+
+
+def _skin_m(mesh: Mesh) -> float:
+    return SKIN_RATIO * mesh.diagonal_m
+
+
+def _finding(kind: str, examples: NDArray[Any], count: int | None = None, more: str = "") -> list[Finding]:
+    """A finding of so many, or of as many as there are examples; nothing of none."""
+    count = len(examples) if count is None else count
+    if not count:
+        return []
+    text = _TEXT[kind]
+    what = f"{number(count, text.noun)} {text.what}{more}"
+    first = tuple(examples[:EXAMPLE_COUNT].tolist())
+    return [Finding(kind, text.level, count, what, text.touch, text.advice, text.fixable, first)]
+
+
+def _faces(mesh: Mesh, body: Anatomy) -> list[Finding]:
+    kinds = {
+        "mixed_winding": body.winding.turned,
+        "inside_out": body.shells.inside_out,
+        "one_sided": body.winding.one_sided,
+        "zero_area": body.spare,
+        "needles": body.flat & ~body.spare,
+        "slivers": ~body.flat & (body.height_m < _skin_m(mesh)),
+        "doubled_faces": body.doubled,
+        "opposed_faces": body.opposed,
+    }
+    return [finding for kind, mask in kinds.items() for finding in _finding(kind, np.flatnonzero(mask))]
+
+
+def _edges(body: Anatomy) -> list[Finding]:
+    findings = []
+    for kind, chosen in (("open_edges", body.edges.count == 1), ("nonmanifold_edges", body.edges.count > 2)):
+        faces = np.unique(body.edges.order[body.edges.start[chosen]] // 3)
+        findings += _finding(kind, faces, int(np.count_nonzero(chosen)))
+    return findings
+
+
+def _cracks(mesh: Mesh, body: Anatomy) -> list[Finding]:
+    skin_m = _skin_m(mesh)
+    crack = cracks(mesh, body, CRACK_SKINS * skin_m)
+    near = crack.near[:, 0]
+    wide = np.concatenate([crack.on_edge[crack.edge_gap_m > skin_m], near[crack.near_gap_m > skin_m]])
+    gap_m = max((0.0, *crack.edge_gap_m, *crack.near_gap_m))
+    return [
+        *_finding("cracks", np.unique(wide), more=f" ({length(skin_m)}), at most {length(gap_m)} wide"),
+        *_finding("t_junctions", crack.on_edge[crack.edge_gap_m <= skin_m]),
+        *_finding("near_vertices", np.unique(near[crack.near_gap_m <= skin_m])),
+    ]
+
+
+def _vertices(body: Anatomy) -> list[Finding]:
+    return _finding("duplicate_vertices", np.flatnonzero(body.welded != np.arange(len(body.welded))))
+
+
+def _crossings(mesh: Mesh, body: Anatomy) -> list[Finding]:
+    faces = np.flatnonzero(body.kept & ~body.flat)
+    found = crossings(mesh.triangles_m[faces], CROSSING_SKINS * _skin_m(mesh))
+    findings = []
+    for kind, pairs in (("self_intersections", found.crossing), ("overlapping_faces", found.lying)):
+        findings += _finding(kind, faces[np.unique(pairs)], len(pairs))
+    return findings

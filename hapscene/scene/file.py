@@ -1,0 +1,273 @@
+"""The scene file, NAME.scene.json: bodies, poses and painting, keyed to the content of the meshes beside it.
+
+    {
+      "format": "hapscene scene", "version": 1,
+      "swatches": ["plain", "wood", "mine.swatch"],
+      "meshes": [{"path": "meshes/plate.obj", "unit": "mm", "sha256": "…", "face_count": 2400}],
+      "bodies": [{"name": "plate", "mesh": 0, "two_sided": false, "pose": [[…], …],
+                  "paint": [[1, 2000], [2, 400]]}]
+    }
+
+`paint` is a list of runs [swatch, faces] in the order of the mesh's faces. Paths are relative to the file,
+with "/". A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the
+scene got from memory is written beside the file: meshes as NAME.BODY.ply (float64, so they come back to the
+bit), swatches as NAME.SWATCH.swatch.
+"""
+
+import json
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import SceneError
+from hapscene.scene.body import Body
+from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
+from hapscene.scene.ply import write_mesh, write_whole
+from hapscene.scene.scene import Scene
+
+SUFFIX: Final = ".scene.json"
+FORMAT: Final = "hapscene scene"
+VERSION: Final = 1
+"""Version of the format. Raised when a reader of the old one would misread the new one."""
+
+BYTES_MAX: Final = 256 * 1024 * 1024
+"""Largest scene file that is opened [bytes]: room for some 20 million runs of painting."""
+
+BODY_MAX: Final = 10_000
+"""Most bodies of a scene file [count]."""
+
+
+def save_scene(scene: Scene, path: Path) -> None:
+    """What `Scene.save` does."""
+    if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
+        raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
+    if not path.parent.is_dir():
+        raise SceneError(f"{path}: cannot be written: there is no folder {path.parent}")
+    beside = _Beside(scene, path)
+    index: dict[int, int] = {}
+    meshes: list[dict[str, Any]] = []
+    bodies: list[dict[str, Any]] = []
+    for body in scene.bodies:
+        if id(body.mesh) not in index:
+            index[id(body.mesh)] = len(meshes)
+            meshes.append(_write_mesh(body, beside))
+        bodies.append(
+            {
+                "name": body.name,
+                "mesh": index[id(body.mesh)],
+                "two_sided": body.two_sided,
+                "pose": body.X_WB.tolist(),
+                "paint": _runs(body.face_swatch),
+            }
+        )
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "swatches": [_write_swatch(scene, i, beside) for i in range(len(scene.swatches))],
+        "meshes": meshes,
+        "bodies": bodies,
+    }
+    write_whole(path, _layout(content).encode(), SceneError)
+
+
+def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
+    """Load a scene as `Scene.save` wrote it.
+
+    Args:
+        path: the file, NAME.scene.json.
+        accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
+            on faces of the same number.
+
+    Raises:
+        SceneError: the file is missing, damaged or of a later version, or a mesh has changed.
+        MeshError: a mesh cannot be loaded.
+        SwatchError: a swatch is unknown or broken.
+    """
+    path = Path(path)
+    content = _Place(path, "", _parse(path))
+    if content.get("format", str) != FORMAT:
+        raise SceneError(f"{path}: not a scene: format is {content.get('format', str)!r}, expected {FORMAT!r}")
+    version = content.get("version", int)
+    if not 1 <= version <= VERSION:
+        raise SceneError(f"{path}: format version {version}; this hapscene reads up to {VERSION}: update hapscene")
+    scene = Scene()
+    swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
+    meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
+    for place in content.items("bodies", dict):
+        _load_body(scene, place, meshes, swatches)
+    return scene
+
+
+class _Place:
+    """A value in the file, and how to get there, for errors."""
+
+    def __init__(self, path: Path, where: str, value: Any) -> None:
+        self.path, self.where, self.value = path, where, value
+
+    def fail(self, problem: str) -> SceneError:
+        return SceneError(f"{self.path}: {self.where or 'file'}: {problem}")
+
+    def get(self, key: str, kind: type) -> Any:
+        """A member of an object, of exactly that type: true is no number."""
+        if not isinstance(self.value, dict) or key not in self.value:
+            raise self.fail(f"{key!r} is missing")
+        if type(self.value[key]) is not kind:
+            raise self.fail(f"{key!r} must be {_KIND[kind]}, is {str(self.value[key])[:60]!r}")
+        return self.value[key]
+
+    def index(self, key: str, count: int) -> int:
+        number = int(self.get(key, int))
+        if not 0 <= number < count:
+            raise self.fail(f"{key!r} is {number}; there are {count}, counted from 0")
+        return number
+
+    def items(self, key: str, kind: type) -> "list[_Place]":
+        values = self.get(key, list)
+        if len(values) > BODY_MAX:
+            raise self.fail(f"{len(values):,} {key}; at most {BODY_MAX:,} are read")
+        places = [_Place(self.path, f"{key}[{i}]", value) for i, value in enumerate(values)]
+        for place in places:
+            if type(place.value) is not kind:
+                raise place.fail(f"must be {_KIND[kind]}, is {str(place.value)[:60]!r}")
+        return places
+
+
+_KIND: Final = {
+    str: "a text",
+    int: "a whole number",
+    bool: "true or false",
+    list: "a list",
+    dict: "an object",
+}
+
+
+def _parse(path: Path) -> Any:
+    try:
+        with path.open("rb") as file:
+            data = file.read(BYTES_MAX + 1)
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > BYTES_MAX:
+        raise SceneError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no scene is")
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path}: not a scene file, or truncated: {error}") from None
+    if not isinstance(content, dict):
+        raise SceneError(f'{path}: not a scene: the file must be a JSON object with "format": "{FORMAT}"')
+    return content
+
+
+def _load_swatch(scene: Scene, place: _Place, path: Path) -> int:
+    name = place.value
+    return scene.swatch_index(path.parent / name if name.endswith(".swatch") else name)
+
+
+def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
+    file, unit = path.parent / place.get("path", str), place.get("unit", str)
+    if unit not in UNIT_M:
+        raise place.fail(f"no unit of length {unit[:60]!r}; there are: {', '.join(UNIT_M)}")
+    mesh = load_mesh(file, unit)
+    if mesh.digest == place.get("sha256", str):
+        return mesh
+    was, now = place.get("face_count", int), len(mesh.faces)
+    if was != now:
+        raise place.fail(
+            f"{file} has changed since the scene was saved: it had {was:,} faces and has {now:,}, so the "
+            "painting no longer fits; put the old mesh back, or add the new one to a new scene and paint it"
+        )
+    if not accept_changed:
+        raise place.fail(
+            f"{file} has changed since the scene was saved: as many faces ({now:,}), but other positions or "
+            "corners; put the old mesh back, or load with accept_changed=True to keep the paint, and save again"
+        )
+    warn(f"{path}: {file} has changed since the scene was saved; its paint stays")
+    return mesh
+
+
+def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[int]) -> None:
+    mesh = meshes[place.index("mesh", len(meshes))]
+    pose = place.get("pose", list)
+    if not all(type(row) is list and all(type(x) in (int, float) and abs(x) < math.inf for x in row) for row in pose):
+        raise place.fail("'pose' must be four rows of four finite numbers")
+    name, two_sided = place.get("name", str), place.get("two_sided", bool)
+    face_swatch = _unroll(place, len(mesh.faces), swatches)
+    body = scene.add(mesh, name=name, pose=pose, two_sided=two_sided)
+    body.face_swatch[:] = face_swatch
+
+
+def _runs(face_swatch: NDArray[np.int16]) -> list[list[int]]:
+    start = np.flatnonzero(np.concatenate([[True], face_swatch[1:] != face_swatch[:-1]]))
+    length = np.diff(np.concatenate([start, [len(face_swatch)]]))
+    return [[int(swatch), int(n)] for swatch, n in zip(face_swatch[start], length, strict=True)]
+
+
+def _unroll(place: _Place, face_count: int, swatches: list[int]) -> NDArray[np.int16]:
+    runs = place.get("paint", list)
+    for run in runs:
+        if not (type(run) is list and len(run) == 2 and type(run[0]) is int and type(run[1]) is int and run[1] > 0):
+            raise place.fail(f"'paint' must be a list of [swatch, number of faces], has {str(run)[:60]!r}")
+        if not 0 <= run[0] < len(swatches):
+            raise place.fail(f"'paint' names swatch {run[0]}; there are {len(swatches)}, counted from 0")
+    total = sum(run[1] for run in runs)  # before anything of that size is made
+    if total != face_count:
+        raise place.fail(f"'paint' covers {total:,} faces; the mesh has {face_count:,}")
+    return np.repeat([swatches[run[0]] for run in runs], [run[1] for run in runs]).astype(np.int16)
+
+
+class _Beside:
+    """Names for the files that are written beside a scene's, none of them one that the scene is made of."""
+
+    def __init__(self, scene: Scene, path: Path) -> None:
+        self.path = path
+        self.taken = {body.mesh.path.resolve() for body in scene.bodies if body.mesh.path}
+        self.taken |= {source for source in scene.swatch_source if isinstance(source, Path)}
+
+    def name(self, what: str, suffix: str) -> Path:
+        plain = re.sub(r"[^\w.-]+", "_", what)
+        stem = f"{self.path.name.removesuffix(SUFFIX)}.{plain}"
+        names = (stem, *(f"{stem}_{i}" for i in range(2, len(self.taken) + 3)))
+        file = next(f for n in names if (f := self.path.with_name(n + suffix).resolve()) not in self.taken)
+        self.taken.add(file)
+        return file
+
+    def relative(self, file: Path) -> str:
+        try:
+            return Path(os.path.relpath(file.resolve(), self.path.parent.resolve())).as_posix()
+        except ValueError:  # another drive, on Windows
+            return file.resolve().as_posix()
+
+
+def _write_mesh(body: Body, beside: _Beside) -> dict[str, Any]:
+    mesh, file, unit = body.mesh, body.mesh.path, body.mesh.unit
+    if file is None:
+        file, unit = beside.name(body.name, ".ply"), "m"
+        write_mesh(mesh, file)
+    return {"path": beside.relative(file), "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
+
+
+def _write_swatch(scene: Scene, index: int, beside: _Beside) -> str:
+    source = scene.swatch_source[index]
+    if isinstance(source, str):
+        return source
+    if source is None:
+        from hapscene.surface.swatch_file import save_swatch
+
+        source = beside.name(scene.swatches[index].name, ".swatch")
+        save_swatch(scene.swatches[index], source)
+    return beside.relative(source)
+
+
+def _layout(content: dict[str, Any]) -> str:
+    """JSON with a line for each key, row of a pose and run of a painting: to read, and to compare."""
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+    # Lists of plain numbers on one line; then the runs of a body's painting, ten to a line at most.
+    # Innermost lists go on one line. Only the layout has line breaks: in a text they are escaped.
+    return re.sub(r"\[\n([^\[\]{}\"]+)\n\s*\]", lambda m: "[" + " ".join(m[1].split()) + "]", text) + "\n"

@@ -1,0 +1,227 @@
+"""A mesh: triangles in metres, with the names and colours its file gave them."""
+
+import hashlib
+import warnings
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import MeshError, no_such
+
+if TYPE_CHECKING:
+    import trimesh
+
+UNIT_M: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+"""Length of each known unit [m]."""
+
+UNIT_ALIAS: Final = {
+    **{"meter": "m", "meters": "m", "metre": "m", "metres": "m"},
+    **{"centimeter": "cm", "centimeters": "cm", "centimetre": "cm", "centimetres": "cm"},
+    **{"millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm"},
+    **{"micron": "um", "microns": "um", "micrometer": "um", "micrometers": "um", "µm": "um", "μm": "um"},
+    **{"inch": "in", "inches": "in", "foot": "ft", "feet": "ft"},
+}
+"""Longer spellings, as trimesh and 3MF files use them."""
+
+FACE_MAX: Final = 50_000_000
+"""Most faces of one mesh [count]: with more, an ordinary computer runs out of memory."""
+
+SIZE_M: Final = (1e-6, 1e5)
+"""Smallest and largest diagonal of a mesh [m]. Outside it the unit is wrong, or the file is damaged."""
+
+UNNAMED: Final = "default"
+"""Group of the faces that the file gives no name."""
+
+
+class MeshWarning(UserWarning):
+    """A mesh that can be touched, but will not feel as its file suggests."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in the body's frame B, counter-clockwise seen from outside. Faces stay in the file's order.
+
+    The arrays are read-only: bodies share one mesh.
+
+    Attributes:
+        vertices_m: (N, 3) float64 [m].
+        faces: (M, 3) int32, indices into `vertices_m`.
+        group: (M,) int16, index into `group_names`.
+        group_names: material, object and group names in the file, joined by "/" where a face has several.
+        colour_rgb: (M, 3) uint8, colour of each face in the file, or None; for pictures alone.
+        path: the file it was loaded from, or None.
+        unit: of the numbers in that file, a key of `UNIT_M`.
+
+    Raises:
+        MeshError: an array has the wrong shape, a vertex is not finite, an index is out of range, there is
+        no face.
+    """
+
+    vertices_m: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    group: NDArray[np.int16] = field(default_factory=lambda: np.zeros(0, np.int16))
+    group_names: tuple[str, ...] = (UNNAMED,)
+    colour_rgb: NDArray[np.uint8] | None = None
+    path: Path | None = None
+    unit: str = "m"
+
+    def __post_init__(self) -> None:
+        where = f"{self.path}: " if self.path else "mesh: "
+        vertices, faces = np.asarray(self.vertices_m), np.asarray(self.faces)
+        _check_shape(vertices, faces, where)
+        _check_values(vertices, faces, where)
+        group = np.asarray(self.group) if len(self.group) else np.zeros(len(faces), np.int16)
+        if group.shape != (len(faces),) or group.min() < 0 or group.max() >= len(self.group_names):
+            raise MeshError(f"{where}group must give every face an index into its {len(self.group_names)} names")
+        _freeze(self, "vertices_m", vertices, np.float64)
+        _freeze(self, "faces", faces, np.int32)
+        _freeze(self, "group", group, np.int16)
+        if self.colour_rgb is not None:
+            if np.shape(self.colour_rgb) != (len(faces), 3):
+                raise MeshError(f"{where}colour_rgb must have shape ({len(faces)}, 3)")
+            _freeze(self, "colour_rgb", self.colour_rgb, np.uint8)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the content, in hex: vertices [m] and faces, not names, colours or place."""
+        content = hashlib.sha256(f"{len(self.vertices_m)} {len(self.faces)} ".encode())
+        content.update(self.vertices_m.astype("<f8", copy=False).data)
+        content.update(self.faces.astype("<i4", copy=False).data)
+        return content.hexdigest()
+
+    @cached_property
+    def bounds_m(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
+        used = self.vertices_m[self.faces.ravel()]
+        return np.array([used.min(axis=0), used.max(axis=0)])
+
+    @property
+    def diagonal_m(self) -> float:
+        """Diagonal of the bounding box [m]."""
+        return float(np.linalg.norm(self.bounds_m[1] - self.bounds_m[0]))
+
+    @property
+    def triangles_m(self) -> NDArray[np.float64]:
+        """Corners of every face (M, 3, 3) [m]."""
+        return np.asarray(self.vertices_m[self.faces])
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normal of every face (M, 3), outward by winding; zero where a face has no area."""
+        a, b, c = np.moveaxis(self.triangles_m, 1, 0)
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.asarray(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+
+    def faces_of(self, name: str) -> NDArray[np.bool_]:
+        """Faces of a group, material or object (M,) bool.
+
+        Raises:
+            MeshError: no face has that name.
+        """
+        # A group is named "object/group/material": any of its parts finds it.
+        found = [i for i, full in enumerate(self.group_names) if name == full or name in full.split("/")]
+        if not found:
+            known = {part for full in self.group_names for part in (full, *full.split("/"))}
+            raise MeshError(f"{self.path or 'mesh'}: {no_such('group', name, known)}")
+        return np.isin(self.group, found)
+
+    @classmethod
+    def from_trimesh(cls, mesh: "trimesh.Trimesh | trimesh.Scene", unit: str | None = None) -> "Mesh":
+        """A mesh from a `trimesh.Trimesh` or `trimesh.Scene` in memory. Nothing is merged or reordered.
+
+        Args:
+            mesh: what to take; a scene becomes one mesh, its nodes in place.
+            unit: of its numbers, a key of `UNIT_M`; without one, what `mesh.units` says.
+
+        Raises:
+            MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
+        """
+        from hapscene.scene.part import join, parts_of
+
+        known = unit if unit is not None else getattr(mesh, "units", None)
+        if known is None:
+            raise MeshError(
+                f"a trimesh object without units: give unit=, one of {', '.join(UNIT_M)}, or set its .units"
+            )
+        return join(parts_of(mesh, "trimesh object"), unit_name(known), None)
+
+
+def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
+    """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF, 3MF or STEP, or a zip archive that holds one of them.
+
+    All geometries of a file become one mesh, in their places; vertices and faces are neither merged, dropped
+    nor reordered. A face's group is its object, group and material name in the file, as far as it has them.
+
+    Args:
+        path: the file.
+        unit: of the file's numbers, a key of `UNIT_M`. STL, OBJ, PLY and OFF carry none, so they need it.
+            glTF is in metres and 3MF says its unit; one given here wins over that. STEP is always converted
+            from the unit it says.
+
+    Raises:
+        MeshError: the file is missing, damaged or no mesh, or its unit is not known.
+    """
+    from hapscene.scene.mesh_file import read_mesh
+
+    return read_mesh(Path(path), unit)
+
+
+def unit_name(unit: str) -> str:
+    """The key of `UNIT_M` for any spelling of a unit.
+
+    Raises:
+        MeshError: the unit is not known.
+    """
+    name = UNIT_ALIAS.get(str(unit).strip().lower(), str(unit).strip().lower())
+    if name not in UNIT_M:
+        raise MeshError(no_such("unit of length", str(unit), UNIT_M))
+    return name
+
+
+def warn(message: str) -> None:
+    """Warn of a mesh, pointing at the caller's own line as far as that can be known."""
+    warnings.warn(message, MeshWarning, stacklevel=4)
+
+
+def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
+    if vertices.ndim != 2 or vertices.shape[1:] != (3,):
+        raise MeshError(f"{where}vertices must have shape (N, 3), not {vertices.shape}")
+    if not len(faces):
+        raise MeshError(f"{where}no faces: a mesh needs at least one triangle to be touched")
+    if faces.ndim != 2 or faces.shape[1:] != (3,):
+        raise MeshError(f"{where}faces must have shape (M, 3), not {faces.shape}")
+    if faces.dtype.kind not in "iu":
+        raise MeshError(f"{where}faces must be whole numbers, not {faces.dtype}")
+    if len(faces) > FACE_MAX:
+        raise MeshError(f"{where}{len(faces):,} faces; at most {FACE_MAX:,} are taken: reduce the mesh first")
+
+
+def _check_values(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
+    outside = (faces < 0) | (faces >= len(vertices))
+    if outside.any():
+        face, corner = np.argwhere(outside)[0]
+        raise MeshError(
+            f"{where}face {face} names vertex {faces[face, corner]}, but there are only vertices "
+            f"0 to {len(vertices) - 1}"
+        )
+    if not np.isfinite(vertices).all():
+        vertex = int(np.argwhere(~np.isfinite(vertices))[0, 0])
+        raise MeshError(f"{where}vertex {vertex} is not finite: {vertices[vertex].tolist()}")
+    used = vertices[faces.ravel()]
+    diagonal = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+    if not SIZE_M[0] <= diagonal <= SIZE_M[1]:
+        raise MeshError(
+            f"{where}{diagonal:.3g} m across; expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: is the unit right?"
+        )
+
+
+def _freeze(mesh: Mesh, name: str, values: Any, dtype: Any) -> None:
+    # A copy unless it is ours alone: the caller's array may still change.
+    array = np.array(values, dtype=dtype, order="C")
+    array.setflags(write=False)
+    object.__setattr__(mesh, name, array)

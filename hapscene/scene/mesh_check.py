@@ -1,0 +1,93 @@
+"""A first look at a mesh file's bytes, since trimesh takes some damaged files for smaller ones."""
+
+import io
+import json
+import zipfile
+from typing import Final
+
+from hapscene.errors import MeshError
+from hapscene.scene.ply import declared
+
+FILE_MAX_B: Final = 4_000_000_000
+"""Largest mesh file, or content of an archive, that is read [bytes]."""
+
+
+def check(suffix: str, content: bytes, where: str) -> int:
+    """Refuse a file that is not of its suffix, or is truncated; how many faces it promises, 0 where it does not say.
+
+    Raises:
+        MeshError: with what was expected.
+    """
+    if suffix == "ply":
+        return declared(content, where).get("face", 0)
+    if suffix == "off":
+        return _off(content, where)
+    if suffix == "stl":
+        _stl(content, where)
+    elif suffix == "gltf":
+        _gltf(content, where)
+    elif suffix == "3mf":
+        open_archive(content, where)
+    elif suffix in ("step", "stp"):
+        _step(content, where)
+    return 0
+
+
+def open_archive(content: bytes, where: str) -> zipfile.ZipFile:
+    """A zip archive that unpacks to no more than `FILE_MAX_B`.
+
+    Raises:
+        MeshError: it is no archive, or unpacks to more.
+    """
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(content))
+    except (zipfile.BadZipFile, OSError, ValueError) as error:
+        raise MeshError(f"{where}: not a readable zip archive, or truncated: {error}") from None
+    size = sum(member.file_size for member in archive.infolist())
+    if size > FILE_MAX_B:
+        raise MeshError(f"{where}: unpacks to {size:,} bytes; at most {FILE_MAX_B:,} are read")
+    return archive
+
+
+def _off(content: bytes, where: str) -> int:
+    """The second number after the first word is the count of faces."""
+    lines = (line.split(b"#")[0].split() for line in content[:10_000].splitlines())
+    words = [word for line in lines for word in line]
+    if not words or not words[0].endswith(b"OFF"):
+        raise MeshError(f"{where}: not a readable OFF file: its first word must be OFF")
+    return int(words[2]) if len(words) > 2 and words[2].isdigit() else 0
+
+
+def _stl(content: bytes, where: str) -> None:
+    """A binary STL says its count of faces, 50 bytes each; an ASCII one ends with `endsolid`."""
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == 84 + 50 * count:
+        return
+    if content.lstrip()[:5].lower() == b"solid" and b"\0" not in content[:1000]:
+        if b"endsolid" not in content[-1000:].lower():
+            raise MeshError(f"{where}: the file is truncated: an ASCII STL file ends with 'endsolid'")
+    elif len(content) < 84 + 50 * count or len(content) < 84:
+        raise MeshError(
+            f"{where}: not a readable STL file, or truncated: it is neither text that begins with 'solid', "
+            f"nor as long as the {count:,} faces of its binary header need"
+        )
+
+
+def _gltf(content: bytes, where: str) -> None:
+    try:
+        root = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise MeshError(f"{where}: not a readable GLTF file, or truncated: {error}") from None
+    if not isinstance(root, dict) or "asset" not in root:
+        raise MeshError(f"{where}: not a readable GLTF file: expected a JSON object with 'asset'")
+
+
+def _step(content: bytes, where: str) -> None:
+    if not content.lstrip().startswith(b"ISO-10303-21"):
+        raise MeshError(f"{where}: not a readable STEP file: it must begin with ISO-10303-21")
+    if b"END-ISO-10303-21" not in content[-1000:]:
+        raise MeshError(f"{where}: the file is truncated: a STEP file ends with END-ISO-10303-21")
+    try:
+        import cascadio  # noqa: F401
+    except ImportError as error:
+        raise MeshError(f"{where}: STEP files need one more package: pip install 'hapscene[step]' ({error})") from None

@@ -1,0 +1,166 @@
+"""Wavefront OBJ, read line by line.
+
+trimesh reads OBJ too, but splits vertices at texture seams, sorts faces by material, and takes an index past
+the end for one counted from the back. Here positions stay shared, faces stay in order, and errors name their
+line. Its materials are read by trimesh.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import UNNAMED
+from hapscene.scene.part import Part, sample
+
+
+def read_obj(text: str, where: str, resolver: Any) -> Part:
+    """Triangles of an OBJ file. Polygons are cut into a fan from their first corner, as trimesh does.
+
+    Args:
+        text: the file.
+        where: its name, for errors.
+        resolver: gives the bytes of a file beside it by name, as `trimesh.resolvers` do.
+
+    Raises:
+        MeshError: a line that cannot be read, or an index out of range.
+    """
+    reader = _Reader(where)
+    # A backslash joins two lines; the empty one left behind keeps the count of lines right.
+    for reader.line, line in enumerate(text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines(), 1):
+        words = line.split()
+        if words and (read := _READ.get(words[0])):
+            read(reader, words[1:])
+    vertices = np.array(reader.v, np.float64).reshape(-1, 3)
+    faces = np.array(reader.f, np.int64).reshape(-1, 3)
+    return Part(vertices, faces, np.array(reader.group, np.int64), list(reader.names), _colours(reader, resolver))
+
+
+class _Reader:
+    """What was read so far, and under which names."""
+
+    def __init__(self, where: str) -> None:
+        self.where, self.line = where, 0
+        self.v: list[list[float]] = []
+        self.vt: list[list[float]] = []
+        self.f: list[tuple[int, int, int]] = []
+        self.f_vt: list[tuple[int, int, int]] = []  # −1 where a face has no texture coordinates
+        self.group: list[int] = []
+        self.names: dict[str, int] = {}
+        self.material_of: list[str | None] = []  # of each name in names
+        self.object = self.part = self.material = ""
+        self.mtllib: list[str] = []
+        self.current: int | None = None
+
+    def name(self) -> int:
+        """Index of the group that the next face falls in."""
+        if self.current is None:
+            parts = dict.fromkeys(part for part in (self.object, self.part, self.material) if part)
+            full = "/".join(parts) or UNNAMED
+            self.current = self.names.setdefault(full, len(self.names))
+            if self.current == len(self.material_of):
+                self.material_of.append(self.material or None)
+        return self.current
+
+    def fail(self, problem: str) -> MeshError:
+        return MeshError(f"{self.where}, line {self.line}: {problem}")
+
+
+def _vertex(reader: _Reader, words: list[str]) -> None:
+    try:
+        x, y, z = map(float, words[:3])
+    except ValueError:
+        raise reader.fail(f"expected three numbers after 'v', found {' '.join(words)[:60]!r}") from None
+    reader.v.append([x, y, z])
+
+
+def _texture(reader: _Reader, words: list[str]) -> None:
+    try:
+        reader.vt.append([float(words[0]), float(words[1]) if len(words) > 1 else 0.0])
+    except (ValueError, IndexError):
+        raise reader.fail(f"expected two numbers after 'vt', found {' '.join(words)[:60]!r}") from None
+
+
+def _face(reader: _Reader, words: list[str]) -> None:
+    if len(words) < 3:
+        raise reader.fail(f"a face needs three corners or more, found {' '.join(words)[:60]!r}")
+    corners, textures = [], []
+    for word in words:
+        fields = word.split("/")
+        corners.append(_index(reader, fields[0], len(reader.v), "vertex"))
+        has_texture = len(fields) > 1 and fields[1] and reader.vt
+        textures.append(_index(reader, fields[1], len(reader.vt), "texture coordinate") if has_texture else -1)
+    group = reader.name()
+    for i in range(1, len(words) - 1):
+        reader.f.append((corners[0], corners[i], corners[i + 1]))
+        reader.f_vt.append((textures[0], textures[i], textures[i + 1]))
+        reader.group.append(group)
+
+
+def _index(reader: _Reader, word: str, count: int, what: str) -> int:
+    """Zero-based index of what a file counts from 1, or from −1 back."""
+    try:
+        number = int(word)
+    except ValueError:
+        raise reader.fail(f"expected the number of a {what}, found {word[:60]!r}") from None
+    index = number - 1 if number > 0 else count + number
+    if number == 0 or not 0 <= index < count:
+        raise reader.fail(f"no {what} {number}; so far there are {count}")
+    return index
+
+
+def _named(attribute: str) -> Any:
+    def read(reader: _Reader, words: list[str]) -> None:
+        setattr(reader, attribute, " ".join(words))
+        reader.current = None
+
+    return read
+
+
+def _library(reader: _Reader, words: list[str]) -> None:
+    reader.mtllib.append(" ".join(words))
+
+
+_READ = {
+    "v": _vertex,
+    "vt": _texture,
+    "f": _face,
+    "o": _named("object"),
+    "g": _named("part"),
+    "usemtl": _named("material"),
+    "mtllib": _library,
+}
+
+
+def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
+    """Colour of every face (m, 3) by its material, None where no material can be read."""
+    materials = _materials(reader, resolver)
+    if not materials or not reader.f:
+        return None
+    group, f_vt = np.array(reader.group), np.array(reader.f_vt)
+    uv = np.array(reader.vt or [[0.0, 0.0]])[f_vt].mean(axis=1)
+    uv[(f_vt < 0).any(axis=1)] = 0.0
+    colour = np.full((len(group), 3), 160, np.uint8)
+    for index, name in enumerate(reader.material_of):
+        chosen = group == index
+        if name in materials and chosen.any():
+            colour[chosen] = sample(materials[name], uv[chosen] if reader.vt else None, int(chosen.sum()))
+    return colour
+
+
+def _materials(reader: _Reader, resolver: Any) -> dict[str | None, Any]:
+    from trimesh.exchange import obj
+    from trimesh.visual import material
+
+    read: Any = obj.parse_mtl
+    make: Any = material.SimpleMaterial
+
+    materials: dict[str | None, Any] = {}
+    for library in reader.mtllib:
+        try:
+            parsed = read(resolver[library], resolver=resolver)
+            materials.update({name: make(**values) for name, values in parsed.items()})
+        except Exception:  # a missing or broken library costs the colours, which are for the eye alone
+            continue
+    return materials

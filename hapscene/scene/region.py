@@ -1,0 +1,167 @@
+"""Regions: which faces of a mesh to paint. A face is in a region when its centroid is. Frame: the body's."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.errors import SceneError
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.topology import connected, edges_of, weld
+
+
+class Region(ABC):
+    """Picks faces of a mesh."""
+
+    @abstractmethod
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool."""
+
+
+def _centroids(mesh: Mesh) -> NDArray[np.float64]:
+    return np.asarray(mesh.triangles_m.mean(axis=1))
+
+
+def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        point = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        point = np.zeros(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise SceneError(f"{what} must be three finite numbers, is {value!r}")
+    return point
+
+
+@dataclass(frozen=True)
+class Box(Region):
+    """Between two corners, along the axes of B [m].
+
+    Raises:
+        SceneError: a corner is not three finite numbers, or `low_m` is above `high_m`.
+    """
+
+    low_m: ArrayLike
+    high_m: ArrayLike
+
+    def __post_init__(self) -> None:
+        if (_point(self.low_m, "low_m") > _point(self.high_m, "high_m")).any():
+            raise SceneError(f"a box's low_m must not be above its high_m: {self.low_m!r} and {self.high_m!r}")
+
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool."""
+        p = _centroids(mesh)
+        return np.asarray(((p >= np.asarray(self.low_m)) & (p <= np.asarray(self.high_m))).all(axis=1))
+
+
+@dataclass(frozen=True)
+class Sphere(Region):
+    """Within a distance of a point [m].
+
+    Raises:
+        SceneError: the centre is not three finite numbers, or the radius not positive.
+    """
+
+    centre_m: ArrayLike
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        _point(self.centre_m, "centre_m")
+        if not (math.isfinite(self.radius_m) and self.radius_m > 0):
+            raise SceneError(f"a sphere's radius_m must be positive, is {self.radius_m}")
+
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool."""
+        distance = np.linalg.norm(_centroids(mesh) - np.asarray(self.centre_m), axis=1)
+        return np.asarray(distance <= self.radius_m)
+
+
+@dataclass(frozen=True)
+class PlaneSide(Region):
+    """On the side of a plane that its normal points to, through a point [m]. The normal may have any length.
+
+    Raises:
+        SceneError: point or normal is not three finite numbers, or the normal is zero.
+    """
+
+    point_m: ArrayLike
+    normal: ArrayLike
+
+    def __post_init__(self) -> None:
+        _point(self.point_m, "point_m")
+        if not _point(self.normal, "normal").any():
+            raise SceneError("a plane's normal must not be zero")
+
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool."""
+        return np.asarray((_centroids(mesh) - np.asarray(self.point_m)) @ np.asarray(self.normal, float) >= 0)
+
+
+@dataclass(frozen=True)
+class Facet(Region):
+    """All faces connected with one face over edges that bend by at most an angle.
+
+    So a flat side of a CAD part is one facet at 1°, and the barrel of a cylinder of 36 sides at 11°. Faces
+    that meet only at a corner, and edges with more than two faces, do not connect.
+
+    Attributes:
+        face: index of the face to start from; `nearest_face` finds one.
+        angle_rad: largest angle between the normals of two neighbours [rad].
+
+    Raises:
+        SceneError: the angle is not between 0 and π.
+    """
+
+    face: int
+    angle_rad: float = math.radians(10.0)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.angle_rad <= math.pi:
+            raise SceneError(f"a facet's angle_rad must be between 0 and π, is {self.angle_rad}")
+
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool.
+
+        Raises:
+            SceneError: the mesh has no such face.
+        """
+        if not 0 <= self.face < len(mesh.faces):
+            raise SceneError(
+                f"no face {self.face} to start a facet from; the mesh's faces are 0 to {len(mesh.faces) - 1}"
+            )
+        pairs, alike = edges_of(mesh.faces, weld(mesh.vertices_m)).pairs()
+        normal = mesh.normals
+        # The angle between unit vectors by the chord: arccos of a product near 1 loses half its digits. A
+        # neighbour that is wound the other way has its normal turned.
+        chord = np.linalg.norm(normal[pairs[:, 0]] - np.where(alike, 1.0, -1.0)[:, None] * normal[pairs[:, 1]], axis=1)
+        bend_rad = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+        label = connected(pairs[bend_rad <= self.angle_rad + 1e-9], len(mesh.faces))
+        return np.asarray(label == label[self.face])
+
+
+def nearest_face(mesh: Mesh, p_B_m: ArrayLike) -> int:
+    """Index of the face nearest to a point (3,) [m] in the body's frame; the first of several.
+
+    Closest point of a triangle after Ericson, Real-Time Collision Detection (2005), 5.1.5.
+
+    Raises:
+        SceneError: the point is not three finite numbers.
+    """
+    p = _point(p_B_m, "p_B_m")
+    a, b, c = np.moveaxis(mesh.triangles_m, 1, 0)
+    near = np.min([_segment(p, *ends) for ends in ((a, b), (b, c), (c, a))], axis=0)
+    normal = mesh.normals
+    inside = np.ones(len(a), np.bool_)
+    for start, end in ((a, b), (b, c), (c, a)):
+        inside &= np.einsum("ij,ij->i", np.cross(normal, end - start), p - start) >= 0
+    over = np.abs(np.einsum("ij,ij->i", normal, p - a))
+    return int(np.argmin(np.where(inside & normal.any(axis=1), over, near)))
+
+
+def _segment(p: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (M,) [m] of a point from segments."""
+    ab = b - a
+    length2 = np.einsum("ij,ij->i", ab, ab)
+    t = np.divide(np.einsum("ij,ij->i", p - a, ab), length2, out=np.zeros(len(a)), where=length2 > 0)
+    return np.asarray(np.linalg.norm(p - a - np.clip(t, 0, 1)[:, None] * ab, axis=1))

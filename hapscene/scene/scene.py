@@ -1,0 +1,236 @@
+"""The scene: bodies at their poses, and the swatches painted on them."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.errors import SceneError, no_such
+from hapscene.scene.anatomy import anatomy
+from hapscene.scene.body import Body, rigid
+from hapscene.scene.mesh import Mesh, load_mesh, warn
+from hapscene.scene.region import Region
+from hapscene.scene.topology import weld, winding_is_mixed
+from hapscene.surface.swatch import PLAIN, Swatch
+
+if TYPE_CHECKING:
+    import trimesh
+
+SwatchLike = Swatch | str | os.PathLike[str]
+
+SWATCH_MAX: Final = np.iinfo(np.int16).max
+"""Most swatches of one scene [count], by the type of `Body.face_swatch`."""
+
+
+class Scene:
+    """Bodies and their swatches.
+
+    Attributes:
+        bodies: in the order they were added; a recording's `body` counts through them.
+        swatches: those in use; number 0 is `PLAIN`, which every face has until it is painted.
+    """
+
+    def __init__(self) -> None:
+        self.bodies: list[Body] = []
+        self.swatches: list[Swatch] = [PLAIN]
+        # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
+        self.swatch_source: list[str | Path | None] = [PLAIN.name]
+        self._loaded: dict[tuple[Path, str | None], Mesh] = {}
+
+    def add(
+        self,
+        mesh: "Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene",
+        name: str | None = None,
+        unit: str | None = None,
+        swatch: SwatchLike | None = None,
+        pose: ArrayLike | None = None,
+        two_sided: bool = False,
+    ) -> Body:
+        """Add a body.
+
+        Args:
+            mesh: a file, a `Mesh`, or a `trimesh.Trimesh`. The same file and unit, or the same `Mesh`, added
+                again makes an instance: the bodies share the mesh.
+            name: unique in the scene; without one, that of the file, made unique.
+            unit: of the mesh's numbers, for files and trimesh objects: see `hapscene.load_mesh`.
+            swatch: what all its faces are painted with: a shipped swatch's name, a .swatch file, or a
+                `Swatch`.
+            pose: X_WB (4, 4), rigid; the identity without one.
+            two_sided: feel the inside of faces too; for open sheets, and meshes of mixed winding.
+
+        Raises:
+            MeshError: the mesh cannot be loaded.
+            SceneError: the name is taken, the pose not rigid.
+            SwatchError: the swatch is unknown or broken.
+
+        Warns:
+            MeshWarning: some faces are wound against their neighbours, and `two_sided` is off.
+        """
+        shape = self._mesh(mesh, unit)
+        name = self._name(name, shape)
+        body = Body(name, shape, rigid(pose, name), bool(two_sided), np.zeros(len(shape.faces), np.int16))
+        if swatch is not None:
+            body.face_swatch[:] = self.swatch_index(swatch)
+        if not body.two_sided and not any(b.mesh is shape and not b.two_sided for b in self.bodies):
+            _warn_of_winding(body)
+        self.bodies.append(body)
+        return body
+
+    def body(self, name: str) -> Body:
+        """The body of that name.
+
+        Raises:
+            SceneError: there is none.
+        """
+        for body in self.bodies:
+            if body.name == name:
+                return body
+        raise SceneError(no_such("body", name, (b.name for b in self.bodies)))
+
+    def pose(self, body: str, X_WB: ArrayLike) -> None:
+        """Put a body at a pose X_WB (4, 4).
+
+        Raises:
+            SceneError: no such body, or the pose is not rigid.
+        """
+        self.body(body).X_WB = rigid(X_WB, body)
+
+    def paint(
+        self,
+        body: str,
+        swatch: SwatchLike,
+        where: "str | Region | Sequence[int] | NDArray[Any] | None" = None,
+    ) -> int:
+        """Paint a swatch onto faces of a body; returns how many faces.
+
+        Args:
+            body: its name.
+            swatch: a shipped swatch's name, a .swatch file, or a `Swatch`.
+            where: None for all faces; the name of a group, material or object in the mesh's file; indices of
+                faces, or a bool for each; or a region of `hapscene.scene.region`, in the body's frame.
+
+        Raises:
+            SceneError: no such body, or an index that is no face.
+            MeshError: no such group.
+            SwatchError: the swatch is unknown or broken.
+        """
+        painted = self.body(body)
+        chosen = _faces(painted, where)
+        painted.face_swatch[chosen] = self.swatch_index(swatch)
+        return int(np.count_nonzero(chosen))
+
+    def swatch_index(self, swatch: SwatchLike) -> int:
+        """Index of a swatch in `swatches`, where it is put if new.
+
+        Raises:
+            SwatchError: the swatch is unknown or broken.
+            SceneError: another swatch of its name is in the scene.
+        """
+        source = None
+        if not isinstance(swatch, Swatch):
+            source = _source(swatch)
+            if source in self.swatch_source:
+                return self.swatch_source.index(source)
+            from hapscene.surface.swatch_file import load_swatch
+
+            swatch = load_swatch(swatch)
+        for index, known in enumerate(self.swatches):
+            if known is swatch or (known.name == swatch.name and _same(known, swatch)):
+                return index
+            if known.name == swatch.name:
+                raise SceneError(
+                    f"another swatch named {swatch.name!r} is in the scene; recordings tell them by name: "
+                    "rename one of them"
+                )
+        if len(self.swatches) >= SWATCH_MAX:
+            raise SceneError(f"a scene has at most {SWATCH_MAX:,} swatches")
+        self.swatches.append(swatch)
+        self.swatch_source.append(source)
+        return len(self.swatches) - 1
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save as one readable file, NAME.scene.json, next to its meshes: see `hapscene.scene.file`.
+
+        Raises:
+            SceneError: the suffix is another, or the file cannot be written.
+        """
+        from hapscene.scene.file import save_scene
+
+        save_scene(self, Path(path))
+
+    def _mesh(self, mesh: Any, unit: str | None) -> Mesh:
+        if isinstance(mesh, Mesh):
+            return mesh
+        if not isinstance(mesh, str | os.PathLike):
+            return Mesh.from_trimesh(mesh, unit)
+        key = (Path(mesh).resolve(), unit)
+        if key not in self._loaded:
+            self._loaded[key] = load_mesh(Path(mesh), unit)
+        return self._loaded[key]
+
+    def _name(self, name: str | None, mesh: Mesh) -> str:
+        taken = {body.name for body in self.bodies}
+        if name is not None:
+            if not isinstance(name, str) or not name.strip() or not name.isprintable():
+                raise SceneError(f"a body's name is a printable text, not {name!r}")
+            if name in taken:
+                raise SceneError(f"a body {name!r} is in the scene already; names are unique")
+            return name
+        stem = mesh.path.stem if mesh.path else "body"
+        return next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(taken) + 3))) if n not in taken)
+
+
+def _source(swatch: str | os.PathLike[str]) -> str | Path:
+    """What tells two swatches apart before they are loaded: a shipped one's name, or a file's whole path."""
+    text = os.fspath(swatch)
+    named = isinstance(swatch, str) and not text.endswith(".swatch") and "/" not in text and os.sep not in text
+    return text if named else Path(text).resolve()
+
+
+def _same(a: Swatch, b: Swatch) -> bool:
+    from hapscene.surface.swatch_file import swatch_to_json
+
+    return swatch_to_json(a) == swatch_to_json(b)
+
+
+def _faces(body: Body, where: Any) -> NDArray[np.bool_]:
+    """Chosen faces (M,) bool."""
+    count = len(body.mesh.faces)
+    if where is None:
+        return np.ones(count, np.bool_)
+    if isinstance(where, str):
+        return body.mesh.faces_of(where)
+    if isinstance(where, Region):
+        return where.pick(body.mesh)
+    chosen = np.asarray(where)
+    if chosen.dtype == np.bool_ and chosen.shape == (count,):
+        return chosen
+    if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
+        raise SceneError(
+            f"body {body.name!r}: faces are given as indices (n,), bool ({count},), a group's name or region"
+        )
+    mask = np.zeros(count, np.bool_)
+    if chosen.size:
+        if chosen.min() < 0 or chosen.max() >= count:
+            bad = int(chosen[(chosen < 0) | (chosen >= count)][0])
+            raise SceneError(f"body {body.name!r}: no face {bad}; its faces are 0 to {count - 1}")
+        mask[chosen] = True
+    return mask
+
+
+def _warn_of_winding(body: Body) -> None:
+    mesh = body.mesh
+    if not winding_is_mixed(mesh.faces, weld(mesh.vertices_m)):
+        return
+    turned = int(np.count_nonzero(anatomy(mesh).winding.turned))
+    if not turned:  # the edges in question were those of copies, or of faces without area
+        return
+    file = mesh.path or "MESH"
+    warn(
+        f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are wound against their neighbours, so "
+        "they are felt from inside alone; two_sided=True feels both sides, "
+        f"`hapscene check {file} --fix FIXED.ply` turns them"
+    )

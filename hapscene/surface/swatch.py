@@ -1,0 +1,98 @@
+"""The haptographic swatch: all that is known of how one surface feels."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
+from hapscene.errors import SwatchError
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
+
+FRICTION_MAX: Final = 5.0
+"""Largest friction coefficient [1]. Rubber on rubber is about 2; more is a slip of the unit."""
+
+NAME_MAX: Final = 200
+"""Longest name [characters]."""
+
+OWN_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+"""The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
+
+
+@dataclass(frozen=True)
+class Swatch:
+    """How a surface feels.
+
+    Attributes:
+        name: what the surface is called, as in "oak".
+        stiffness_N_m: force over depth, ≥ 0.
+        damping_Ns_m: force over speed into the surface, ≥ 0.
+        friction_static: Coulomb coefficient that holds the tool, friction_dynamic ≤ friction_static ≤ 5.
+        friction_dynamic: Coulomb coefficient while it slips, ≥ 0.
+        texture: vibration while sliding, or None.
+        taps: vibration when touched, or None.
+        albedo_rgb: colour to paint with, three numbers from 0 to 1.
+        provenance: where the numbers come from, for a reader.
+        licence: what may be done with them.
+        effects: parameters for effects by name, {"effect": {"param": number}}.
+
+    Raises:
+        SwatchError: a number that is not finite or out of range.
+    """
+
+    name: str
+    stiffness_N_m: float = STIFFNESS_N_M
+    damping_Ns_m: float = DAMPING_NS_M
+    friction_static: float = 0.0
+    friction_dynamic: float = 0.0
+    texture: Texture | None = None
+    taps: Taps | None = None
+    albedo_rgb: tuple[float, float, float] = (0.7, 0.7, 0.7)
+    provenance: str = ""
+    licence: str = ""
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
+            raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
+        for parameter in OWN_PARAMETERS:
+            object.__setattr__(self, parameter, self._checked(parameter, getattr(self, parameter)))
+        if not self.friction_dynamic <= self.friction_static <= FRICTION_MAX:
+            raise SwatchError(
+                f"swatch {self.name!r}: friction must be dynamic ≤ static ≤ {FRICTION_MAX:g}, "
+                f"is {self.friction_dynamic:g} and {self.friction_static:g}"
+            )
+        colour = tuple(self._checked("albedo_rgb", c) for c in self.albedo_rgb)
+        if len(colour) != 3 or max(colour) > 1.0:
+            raise SwatchError(f"swatch {self.name!r}: albedo_rgb must be three numbers from 0 to 1, is {colour}")
+        object.__setattr__(self, "albedo_rgb", colour)
+        effects = {effect: dict(numbers) for effect, numbers in self.effects.items()}
+        for effect, numbers in effects.items():
+            for param, value in numbers.items():
+                if not math.isfinite(value):
+                    raise SwatchError(f"swatch {self.name!r}: effects.{effect}.{param} must be finite, is {value}")
+                numbers[param] = float(value)
+        object.__setattr__(self, "effects", effects)
+
+    def parameter(self, effect: str, param: str, default: float) -> float:
+        """The number that the effect named `effect` gets for its parameter `param`.
+
+        That of `effects[effect][param]`; else, for `OWN_PARAMETERS`, the swatch's own; else `default`.
+        """
+        numbers = self.effects.get(effect, {})
+        if param in numbers:
+            return numbers[param]
+        return float(getattr(self, param)) if param in OWN_PARAMETERS else default
+
+    def _checked(self, what: str, value: float) -> float:
+        if not (math.isfinite(value) and value >= 0.0):
+            raise SwatchError(f"swatch {self.name!r}: {what} must be finite and not negative, is {value}")
+        return float(value)
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+
+PLAIN: Final = Swatch("plain")
+"""The surface of bodies that nothing was painted on: stiff, smooth, silent."""

@@ -1,0 +1,263 @@
+"""Swatches on disk: one JSON text per material, safe to open from anybody, and the library of shipped ones.
+
+The numbers are written so that they come back to the bit. Reading runs no code, reads no more than `BYTES_MAX`, and
+checks every key, type, shape and number; what it hands out is a valid `Swatch` or a `SwatchError` naming the file,
+the place in it and what was expected.
+"""
+
+import difflib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import ORDER_MAX
+from hapscene.errors import SwatchError, no_such
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import MODEL_MAX, Texture
+
+SUFFIX: Final = ".swatch"
+FORMAT: Final = "hapscene swatch"
+VERSION: Final = 1
+"""Version of the format. Raised when a reader of the old one would misread the new one."""
+
+BYTES_MAX: Final = 32 * 1024 * 1024
+"""Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
+`MODEL_MAX` of `ORDER_MAX`, has 21 MB. Reading takes at most 20 times the file's size in memory."""
+
+_NUMBERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+_TEXTS: Final = ("name", "provenance", "licence")
+_TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
+_TAPS_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
+
+
+def shipped_swatches() -> list[str]:
+    """Names of the swatches that come with hapscene, sorted."""
+    folder = resources.files("hapscene_swatches")
+    return sorted(f.name.removesuffix(SUFFIX) for f in folder.iterdir() if f.name.endswith(SUFFIX))
+
+
+def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
+    """The swatch of that file, or the shipped one of that name.
+
+    A `Path`, a text that ends in ".swatch" or one with a folder separator is a file; any other text is a name.
+
+    Raises:
+        SwatchError: unknown name; a file that is missing, too large, damaged, of a later version or unstable.
+    """
+    text = os.fspath(name_or_path)
+    if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
+        return _read(Path(text))
+    known = shipped_swatches()
+    if text not in known:
+        raise SwatchError(no_such("swatch", text, known) + _suggest(text, known))
+    with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
+        return _read(path)
+
+
+def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
+    """Writes `swatch` to `path` (suffix .swatch), whole or not at all.
+
+    Raises:
+        SwatchError: another suffix, or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix != SUFFIX:
+        raise SwatchError(f"{target}: a swatch's file name must end in {SUFFIX}")
+    text = swatch_to_json(swatch)
+    part = None
+    try:
+        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8", newline="\n") as f:
+            part = Path(f.name)
+            f.write(text)
+        part.chmod(0o644)
+        part.replace(target)
+    except OSError as error:
+        raise SwatchError(f"{target}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if part is not None:
+            part.unlink(missing_ok=True)
+
+
+def swatch_to_json(swatch: Swatch) -> str:
+    """The text of a swatch's file: one key a line, one row of numbers a line."""
+    content: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb", *_NUMBERS)}
+    content["effects"] = swatch.effects
+    content["taps"] = content["texture"] = None
+    if swatch.taps is not None:
+        content["taps"] = {key: getattr(swatch.taps, key) for key in _TAPS_ROWS}
+    if swatch.texture is not None:
+        texture = swatch.texture
+        content["texture"] = {"rate_Hz": texture.rate_Hz, "interpolation": texture.interpolation}
+        content["texture"] |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
+    return _layout(content, "") + "\n"
+
+
+def _layout(value: Any, indent: str) -> str:
+    """JSON with every list of numbers on a line of its own; json.dumps writes one number a line, or all in one."""
+    inner = indent + "  "
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        if not value:
+            return "{}"
+        lines = ",\n".join(f"{inner}{json.dumps(key)}: {_layout(item, inner)}" for key, item in value.items())
+        return f"{{\n{lines}\n{indent}}}"
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return "[\n" + ",\n".join(inner + json.dumps(row) for row in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _read(path: Path) -> Swatch:
+    try:
+        with path.open("rb") as f:
+            data = f.read(BYTES_MAX + 1)
+    except OSError as error:
+        raise SwatchError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if len(data) > BYTES_MAX:
+        raise SwatchError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no swatch is")
+    try:
+        return swatch_from_json(data)
+    except SwatchError as error:
+        raise SwatchError(f"{path}: {error}") from None
+
+
+def swatch_from_json(data: bytes | str) -> Swatch:
+    """The swatch of a file's content.
+
+    Raises:
+        SwatchError: not JSON, not a swatch, a later version, or a wrong key, type, shape or number.
+    """
+    try:
+        content = json.loads(data, object_pairs_hook=_unique, parse_constant=_refuse)
+    except SwatchError:
+        raise
+    except json.JSONDecodeError as error:
+        raise SwatchError(f"not a swatch: {error.msg} in line {error.lineno}, column {error.colno}") from None
+    except (ValueError, RecursionError) as error:
+        raise SwatchError(f"not a swatch: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise SwatchError(f'not a swatch: the file must be a JSON object with "format": "{FORMAT}"')
+    version = content.get("version")
+    if type(version) is not int or version < 1:
+        raise SwatchError(f"version must be a whole number from 1 to {VERSION}, is {_short(version)}")
+    if version > VERSION:
+        raise SwatchError(f"format version {version} is later than {VERSION}, the last one read here: update hapscene")
+    sections = ("effects", "taps", "texture")
+    _check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *_NUMBERS, *sections), ("name",))
+    fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
+    fields |= {key: _number(key, content[key]) for key in _NUMBERS if key in content}
+    if "albedo_rgb" in content:
+        fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
+    fields["effects"] = _effects(content.get("effects", {}))
+    fields["taps"] = _taps(content.get("taps"))
+    fields["texture"] = _texture(content.get("texture"))
+    return Swatch(**fields)
+
+
+def _texture(content: Any) -> Texture | None:
+    if content is None:
+        return None
+    required = ("rate_Hz", *_TEXTURE_ROWS)
+    _check_keys("texture", content, (*required, "interpolation"), required)
+    fields: dict[str, Any] = {}
+    for key in _TEXTURE_ROWS:
+        dimensions = 2 if key in ("triangles", "lsf_rad") else 1
+        fields[key] = _array(f"texture.{key}", content[key], dimensions, whole=key == "triangles")
+    rate = _number("texture.rate_Hz", content["rate_Hz"])
+    return Texture(rate, **fields, interpolation=_text("texture.interpolation", content.get("interpolation", "lsf")))
+
+
+def _taps(content: Any) -> Taps | None:
+    if content is None:
+        return None
+    _check_keys("taps", content, _TAPS_ROWS, _TAPS_ROWS)
+    return Taps(*(_array(f"taps.{key}", content[key], 1) for key in _TAPS_ROWS))
+
+
+def _effects(content: Any) -> dict[str, dict[str, float]]:
+    if not isinstance(content, dict) or not all(isinstance(numbers, dict) for numbers in content.values()):
+        raise SwatchError('effects must be an object of objects, as {"friction": {"bristle_m": 1e-4}}')
+    return {
+        effect: {param: _number(f"effects.{effect}.{param}", value) for param, value in numbers.items()}
+        for effect, numbers in content.items()
+    }
+
+
+def _check_keys(where: str, content: Any, known: Iterable[str], required: Iterable[str]) -> None:
+    """Every key is known and every required one there: a misspelt key would else be a silent default."""
+    if not isinstance(content, dict):
+        raise SwatchError(f"{where} must be an object, is {_short(content)}")
+    prefix = f"{where}." if where else ""
+    known = list(known)
+    for key in content:
+        if key not in known:
+            raise SwatchError(f"unknown key {_short(prefix + key)}{_suggest(key, known)}")
+    for key in required:
+        if key not in content:
+            raise SwatchError(f"key {prefix + key!r} is missing")
+
+
+def _text(where: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise SwatchError(f"{where} must be a text, is {_short(value)}")
+    return value
+
+
+def _number(where: str, value: Any) -> float:
+    if type(value) not in (int, float) or not math.isfinite(value) or abs(value) > 1e300:
+        raise SwatchError(f"{where} must be a finite number, is {_short(value)}")
+    return float(value)
+
+
+def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDArray[np.float64]:
+    """Nested lists of numbers as an array of that many dimensions."""
+    rows = value if dimensions == 2 else [value]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SwatchError(f"{where} must be a list of {'lists of ' if dimensions == 2 else ''}numbers")
+    if len({len(row) for row in rows}) > 1:
+        raise SwatchError(f"{where} must have rows of one length")
+    if sum(map(len, rows)) > MODEL_MAX * ORDER_MAX:
+        raise SwatchError(f"{where} has more than {MODEL_MAX * ORDER_MAX} numbers")
+    for i, row in enumerate(rows):
+        for j, number in enumerate(row):
+            if type(number) not in (int, float) or not -1e300 < number < 1e300:
+                place = f"{where}[{i}][{j}]" if dimensions == 2 else f"{where}[{j}]"
+                raise SwatchError(f"{place} must be a finite number, is {_short(number)}")
+            if whole and (type(number) is not int or not 0 <= number < 1 << 31):
+                raise SwatchError(f"{where}[{i}][{j}] must be the index of a model, is {_short(number)}")
+    array = np.array(rows, dtype=np.float64)
+    return array if dimensions == 2 else array[0]
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        double = next(key for key in keys if keys.count(key) > 1)
+        raise SwatchError(f"key {_short(double)} stands twice")
+    return content
+
+
+def _refuse(constant: str) -> None:
+    raise SwatchError(f"not a swatch: {constant} is no number that a surface can have")
+
+
+def _short(value: Any) -> str:
+    """What a message shows of a value from a stranger's file."""
+    text = repr(value) if isinstance(value, (str, int, float, bool)) or value is None else type(value).__name__
+    return text if len(text) <= 60 else text[:57] + "…"
+
+
+def _suggest(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -1,0 +1,221 @@
+"""The main job: touch a scene along a path; write what was felt as numbers, plots, a picture and sound."""
+
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.errors import SceneError, ViewError
+from hapscene.output import whole_folder
+from hapscene.recording import Recording
+from hapscene.records import Flag
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+MADE: Final = ("touch.npz", "touch.csv", "summary.json", "plots.png", "scene.png", "feel.wav")
+"""What the job writes, in the order it is named."""
+
+SUMMARY_VERSION: Final = 1
+
+_PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh", "matplotlib", "pyrender2")
+
+
+def open_scene(
+    path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
+) -> "Scene":
+    """A scene from its file, or around one mesh.
+
+    Args:
+        path: a scene file (.scene.json), or a mesh file of any known format.
+        unit: of the mesh, where its file carries none.
+        swatch: for the whole mesh: a name, or a .swatch file.
+        two_sided: whether the mesh's inner side is felt as well.
+
+    Raises:
+        HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
+    """
+    if str(path).endswith(".scene.json"):
+        from hapscene.scene.file import load_scene
+
+        for option, value in (("--unit", unit), ("--swatch", swatch), ("--two-sided", two_sided)):
+            if value:
+                raise SceneError(f"{path}: is a scene file, which says this itself; leave {option} out")
+        return load_scene(path)
+    from hapscene.scene.scene import Scene
+
+    scene = Scene()
+    scene.add(path, unit=unit, swatch=swatch, two_sided=two_sided)
+    return scene
+
+
+def touch(
+    scene: "Scene",
+    out: str | Path,
+    p_WT: NDArray[np.float64],
+    *,
+    t_s: NDArray[np.float64] | None = None,
+    effects: Sequence[str] | None = None,
+    seed: int = 0,
+    tick_s: float = TICK_S,
+    a_rate_Hz: float = ACCELERATION_RATE_HZ,
+    title: str = "",
+    with_picture: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+) -> list[Path]:
+    """Touch a scene along a path and write `MADE` into a folder: all of it, or, where it fails, nothing.
+
+    Args:
+        scene: what to touch.
+        out: the folder; files in it that bear other names stay.
+        p_WT: (n, 3) the tool's path, a row per tick [m].
+        t_s: (n,) times of the ticks on the path's own clock [s]; else from 0.
+        effects: names of effect plugins; else the renderer's own choice.
+        seed: of what effects draw at random.
+        tick_s: period of a tick [s].
+        a_rate_Hz: rate of the acceleration channel [Hz].
+        title: what the plots and the summary call the scene.
+        with_picture: whether to draw scene.png. Where it cannot be drawn, `say` gets one line why.
+        say: is given the progress, piece by piece.
+
+    Returns:
+        The files written.
+
+    Raises:
+        HapsceneError: an unknown effect, a rate that does not fit, a path that is not finite.
+        OSError: the folder cannot be written.
+    """
+    from hapscene.renderer import EFFECTS, Renderer
+
+    with whole_folder(out, ours=MADE) as folder:
+        with _step(say, f"readying {_counted(scene)}"):
+            names = EFFECTS if effects is None else effects
+            renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz)
+        with _step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
+            recording = renderer.run(p_WT)
+        if t_s is not None:
+            recording = replace(recording, t_s=t_s)
+        missing = _write(scene, recording, folder, title, with_picture, say)
+        made = sorted((file.name for file in folder.iterdir()), key=MADE.index)
+    for name, reason in missing.items():
+        say(f"without {name}: {reason}\n")
+    return [Path(out) / name for name in made]
+
+
+def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
+    """The content of summary.json: how long, how much contact, how fast, what went wrong, which versions."""
+    touching = recording.touching
+    names = {
+        "bodies": (recording.body, recording.body_names),
+        "swatches": (recording.swatch, recording.swatch_names),
+    }
+    return {
+        "format_version": SUMMARY_VERSION,
+        "scene": title,
+        "ticks": len(recording),
+        "ticks_in_contact": int(np.count_nonzero(touching)),
+        **{
+            f"ticks_on_{what}": {name: int(np.count_nonzero(touching & (index == i))) for i, name in enumerate(known)}
+            for what, (index, known) in names.items()
+        },
+        "a_rate_Hz": recording.a_rate_Hz,
+        "a_samples_per_tick": recording.a_m_s2.shape[1],
+        "effects": list(recording.effects),
+        "seed": recording.seed,
+        "time_per_tick_us": {
+            "whole": _spread_us(recording.tick_ns),
+            "contact": _spread_us(recording.contact_ns),
+        },
+        "flags": {str(flag.name): int(np.count_nonzero(recording.flags & flag)) for flag in Flag},
+        "depth_max_m": float(recording.depth_m.max(initial=0.0)),
+        "force_max_N": float(np.linalg.norm(recording.f_W_N, axis=1).max(initial=0.0)),
+        "acceleration_max_m_s2": float(np.abs(recording.a_m_s2).max(initial=0.0)),
+        **more,
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def _write(
+    scene: "Scene",
+    recording: Recording,
+    folder: Path,
+    title: str,
+    with_picture: bool,
+    say: Callable[[str], None],
+) -> dict[str, str]:
+    """Write every file into `folder`; return what is missing, and why."""
+    from hapscene.view.palette import albedo_colours
+    from hapscene.view.picture import write_picture
+    from hapscene.view.plot import write_plot
+    from hapscene.view.sound import write_sound
+
+    missing: dict[str, str] = {}
+    with ThreadPoolExecutor(1) as beside:  # the picture is drawn by another process meanwhile
+        picture = beside.submit(write_picture, scene, recording, folder / "scene.png") if with_picture else None
+        with _step(say, "writing touch.npz, touch.csv, feel.wav"):
+            recording.save(folder / "touch.npz")
+            recording.save_csv(folder / "touch.csv")
+            full_scale_m_s2 = write_sound(recording, folder / "feel.wav")
+        with _step(say, "plotting plots.png"):
+            heading = f"{title}: {len(recording)} ticks, {np.count_nonzero(recording.touching)} in contact"
+            write_plot(recording, folder / "plots.png", heading, albedo_colours(scene.swatches))
+        if picture is not None:
+            with _step(say, "drawing scene.png"):
+                try:
+                    picture.result()
+                except ViewError as error:
+                    missing["scene.png"] = str(error)
+    more = {"feel_wav_full_scale_m_s2": full_scale_m_s2, "missing": missing}
+    text = json.dumps(summarise(recording, title, **more), indent=2, ensure_ascii=False, allow_nan=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    return missing
+
+
+@contextmanager
+def _step(say: Callable[[str], None], what: str) -> Iterator[None]:
+    """Say what is being done, and how long it took."""
+    say(f"{what} … ")
+    start_s = time.perf_counter()
+    try:
+        yield
+    except BaseException:
+        say("\n")
+        raise
+    say(f"{time.perf_counter() - start_s:.2f} s\n")
+
+
+def _counted(scene: "Scene") -> str:
+    body_count = len(scene.bodies)
+    face_count = sum(len(body.mesh.faces) for body in scene.bodies)
+    return f"{body_count} {'body' if body_count == 1 else 'bodies'} of {face_count:,} faces"
+
+
+def _spread_us(time_ns: NDArray[np.int64]) -> dict[str, float]:
+    """Median, p99, p99.9 and maximum of times [µs]."""
+    points = np.percentile(time_ns, (50, 99, 99.9, 100)) / 1e3
+    return {name: round(float(us), 3) for name, us in zip(("median", "p99", "p99_9", "max"), points, strict=True)}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def speak(text: str) -> None:
+    """Progress to standard output at once, also through a pipe."""
+    sys.stdout.write(text)
+    sys.stdout.flush()

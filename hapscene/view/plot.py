@@ -1,0 +1,209 @@
+"""plots.png: what the tool felt over time, readable at a glance."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.output import whole_file
+from hapscene.recording import Recording
+from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMN_COUNT: Final = 2000
+"""Columns that a long signal is reduced to, each drawn from its least to its greatest value: peaks stay."""
+
+WINDOW_S: Final = 0.05
+"""Window of the spectrogram [s]: lines 20 Hz apart, and a tap still looks short."""
+
+RANGE_DB: Final = 60.0
+"""Range of the spectrogram below its maximum [dB]."""
+
+FREQUENCY_MAX_HZ: Final = 1000.0
+"""Highest frequency drawn [Hz]: above it no one feels."""
+
+
+def write_plot(recording: Recording, path: str | Path, title: str = "", colours: Sequence[str] | None = None) -> None:
+    """Draw swatch, force, depth, acceleration and its spectrogram over time as PNG.
+
+    Args:
+        recording: the run to draw, of one tick or more.
+        path: where the file shall be.
+        title: stands over the plots.
+        colours: of the swatches, "#rrggbb" for each of `recording.swatch_names`; else a palette.
+
+    Raises:
+        OSError: the folder is missing or cannot be written.
+    """
+    figure = draw_plot(recording, title, colours)
+    with whole_file(path) as part:
+        figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+
+
+def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
+    """The figure that `write_plot` writes."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with rc_context(cast(Any, _STYLE)):  # its type lists every key by name
+        figure = Figure(figsize=(13, 9.5), layout="constrained")
+        FigureCanvasAgg(figure)
+        # legends and the colour bar have a column of their own, so they hide no data
+        grid = figure.add_gridspec(5, 2, height_ratios=(0.4, 3, 2, 2, 2.6), width_ratios=(1, 0.012))
+        axes = [figure.add_subplot(grid[0, 0])]
+        axes += [figure.add_subplot(grid[row, 0], sharex=axes[0]) for row in range(1, 5)]
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, color=INK)
+        _draw_swatches(axes[0], recording, colours or swatch_colours(len(recording.swatch_names)))
+        _draw_force(axes[1], recording)
+        _draw_depth(axes[2], recording)
+        _draw_acceleration(axes[3], recording)
+        _draw_spectrogram(axes[4], figure.add_subplot(grid[4, 1]), recording)
+        for ax in axes[1:4]:
+            _shade(ax, recording)
+            ax.grid(axis="y", color="#D8D8D8", linewidth=0.6)
+            ax.set_axisbelow(True)
+        for ax in axes[:4]:
+            ax.tick_params(labelbottom=False)
+        axes[-1].set_xlabel("time [s]")
+        axes[0].set_xlim(recording.t_s[0], recording.t_s[-1] + _tick_s(recording))
+        figure.align_ylabels(axes[1:])
+    return figure
+
+
+_STYLE: Final[dict[str, Any]] = {
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "font.size": 11,
+    "legend.frameon": False,
+    "legend.loc": "upper left",
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+
+
+def _draw_swatches(ax: "Axes", recording: Recording, colours: Sequence[str]) -> None:
+    """A strip that is coloured by the touched swatch."""
+    for index in np.unique(recording.swatch[recording.swatch >= 0]):
+        spans = _spans(recording.swatch == index, recording)
+        name, colour = recording.swatch_names[index], colours[index]
+        ax.broken_barh(spans, (0, 1), facecolor=colour, edgecolor="#777777", linewidth=0.5, label=name)
+    ax.set_ylim(0, 1)
+    ax.set_yticks([])
+    ax.set_ylabel("swatch", rotation=0, ha="right", va="center")
+    for side in ("left", "bottom"):
+        ax.spines[side].set_visible(False)
+    ax.tick_params(bottom=False)
+    _legend(ax)
+
+
+def _draw_force(ax: "Axes", recording: Recording) -> None:
+    """Magnitude and components of the force."""
+    t_s, f_W_N = recording.t_s, recording.f_W_N
+    ax.plot(t_s, np.linalg.norm(f_W_N, axis=1), color="#A9AFB8", linewidth=4.0, label="magnitude")
+    for axis, colour in enumerate(("vermilion", "green", "blue")):
+        ax.plot(t_s, f_W_N[:, axis], color=OKABE_ITO[colour], linewidth=1.0, label="xyz"[axis])
+    ax.set_ylabel("force [N]")
+    _legend(ax)
+
+
+def _draw_depth(ax: "Axes", recording: Recording) -> None:
+    """How far the tool is below the surface."""
+    ax.plot(recording.t_s, recording.depth_m * 1e3, color=OKABE_ITO["blue"], linewidth=1.2)
+    ax.set_ylim(bottom=0)
+    ax.set_ylabel("depth [mm]")
+
+
+def _draw_acceleration(ax: "Axes", recording: Recording) -> None:
+    """The acceleration samples, every peak kept."""
+    t_s, low, high = _envelope(recording.a_t_s, recording.a_m_s2.ravel())
+    colour = OKABE_ITO["vermilion"]
+    ax.fill_between(t_s, low, high, facecolor=colour, edgecolor=colour, linewidth=0.5)
+    if not recording.a_m_s2.any():
+        ax.set_ylim(-1, 1)
+    ax.set_ylabel("acceleration\n[m/s²]")
+
+
+def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
+    """Power spectral density of the acceleration over time, in dB."""
+    a_m_s2, rate_Hz = recording.a_m_s2.ravel(), recording.a_rate_Hz
+    ax.set_ylabel("acceleration,\nfrequency [Hz]")
+    ax.set_ylim(0, min(FREQUENCY_MAX_HZ, rate_Hz / 2))
+    bar.set_visible(False)
+    length = int(WINDOW_S * rate_Hz)
+    if len(a_m_s2) < 2 * length or not a_m_s2.any():
+        ax.text(0.5, 0.5, "silence", transform=ax.transAxes, ha="center", va="center")
+        return
+    from scipy.signal import spectrogram
+
+    # about as many windows as the plot has columns, and at least half overlapping
+    hop = max(min(length // 2, len(a_m_s2) // 1200), 1)
+    frequency_Hz, t_s, density = spectrogram(
+        a_m_s2, rate_Hz, window="hann", nperseg=length, noverlap=length - hop, nfft=2 * length
+    )
+    seen = frequency_Hz <= FREQUENCY_MAX_HZ
+    level_dB = 10 * np.log10(np.maximum(density[seen], 1e-30))
+    top_dB = float(np.ceil(level_dB.max()))
+    extent = (recording.t_s[0] + t_s[0], recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
+    image = ax.imshow(
+        level_dB,
+        origin="lower",
+        aspect="auto",
+        cmap="magma",
+        vmin=top_dB - RANGE_DB,
+        vmax=top_dB,
+        extent=extent,
+    )
+    ax.set_facecolor("black")
+    bar.set_visible(True)
+    ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
+
+
+def _legend(ax: "Axes") -> None:
+    """The legend in one line over the plot."""
+    handles, names = ax.get_legend_handles_labels()
+    if handles:
+        ax.legend(
+            handles,
+            names,
+            bbox_to_anchor=(0, 1.0),
+            loc="lower left",
+            ncols=8,
+            borderpad=0.2,
+            handlelength=1.2,
+        )
+
+
+def _shade(ax: "Axes", recording: Recording) -> None:
+    """Grey behind the plot while the tool touches."""
+    for start_s, length_s in _spans(recording.touching, recording):
+        ax.axvspan(start_s, start_s + length_s, color=SHADE, linewidth=0, zorder=0)
+
+
+def _spans(mask: NDArray[np.bool_], recording: Recording) -> list[tuple[float, float]]:
+    """Start and length [s] of every unbroken run of True in `mask` (n,)."""
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
+    times_s = np.append(recording.t_s, recording.t_s[-1] + _tick_s(recording))[edges]
+    return [(float(a), float(b - a)) for a, b in times_s.reshape(-1, 2)]
+
+
+def _tick_s(recording: Recording) -> float:
+    """Period of a tick [s], from the acceleration block, which fills it."""
+    return float(recording.a_m_s2.shape[1] / recording.a_rate_Hz)
+
+
+def _envelope(
+    t_s: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Reduce a signal to `COLUMN_COUNT` columns: their times, least and greatest values."""
+    stride = max(len(values) // COLUMN_COUNT, 1)
+    start = np.arange(0, len(values), stride)
+    return t_s[start], np.minimum.reduceat(values, start), np.maximum.reduceat(values, start)

@@ -1,0 +1,82 @@
+"""Friction that sticks and slips, and does not drift (Hayward & Armstrong 2000).
+
+A spring of stiffness k_t ties the proxy to a point of adhesion w on the surface; its tension is z = x − w:
+
+    z ← z + Δx                      the proxy moved by Δx over the body: the spring is drawn
+    |z| > z_max:  z ← z·z_d/|z|     the point of adhesion is dragged along
+    f = −k_t z
+
+with z_max = µ_s F_n/k_t while it sticks, z_d = µ_d F_n/k_t once it slips, and F_n = `touch.normal_force_N`.
+It sticks again when the tension falls below z_d, that is, when the hand turns back or presses harder. All
+depends on movement alone, none on velocity or time, so noise of the velocity is not felt; below z_max the
+point of adhesion stays where it is to the bit, where Dahl's model creeps under vibration. The spring is
+carried along the surface: when the normal turns, the tension turns with it by the least rotation. k_t is by
+default the stiffness of the default wall, since the same device must bear it.
+"""
+
+import math
+from typing import Any
+
+from hapscene.constants import STIFFNESS_N_M
+from hapscene.native import native
+from hapscene.surface.effect import Effect, Param, State
+from hapscene.surface.swatch import FRICTION_MAX
+
+ROUNDING = 1e-9
+"""How far below its limit the tension must fall before it sticks [1]: a proxy that rests while it slips sits
+on the limit, rounding aside, and must not need to break away again."""
+
+
+@native
+def carry(z_W_m: Any, nhat_W: Any, to_W: Any, slip_W_m: Any) -> float:
+    """Turn the tension from the plane of `nhat_W` to that of `to_W`, draw it by the slip; its length [m]."""
+    cosine = along = 0.0
+    for i in range(3):
+        cosine += nhat_W[i] * to_W[i]
+        along += z_W_m[i] * to_W[i]
+    turned_over = cosine < -0.999  # the other side of a sheet, in the same plane
+    share = 0.0 if turned_over else along / (1.0 + cosine)
+    lift = 0.0
+    for i in range(3):
+        z_W_m[i] += slip_W_m[i] - share * (nhat_W[i] + to_W[i])
+        nhat_W[i] = to_W[i]
+        lift += z_W_m[i] * to_W[i]
+    length2 = 0.0
+    for i in range(3):
+        z_W_m[i] -= lift * to_W[i]  # round an edge, slip is a chord
+        length2 += z_W_m[i] * z_W_m[i]
+    return math.sqrt(length2)
+
+
+def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+    """Add the force of friction [N], tangential and no more than µ F_n."""
+    if touch.began or not touch.touching:
+        for i in range(3):
+            s.z_W_m[i] = 0.0
+            s.nhat_W[i] = touch.nhat_W[i]
+        s.slipping = 0.0
+        return
+    length = carry(s.z_W_m, s.nhat_W, touch.nhat_W, touch.slip_W_m)
+    dynamic_m = p.friction_dynamic * touch.normal_force_N / p.tangential_stiffness_N_m
+    static_m = max(p.friction_static * touch.normal_force_N / p.tangential_stiffness_N_m, dynamic_m)
+    if length > (dynamic_m if s.slipping else static_m):
+        s.slipping = 1.0
+        for i in range(3):
+            s.z_W_m[i] *= dynamic_m / length
+    elif length < (1.0 - ROUNDING) * dynamic_m:
+        s.slipping = 0.0
+    for i in range(3):
+        out.f_W_N[i] -= p.tangential_stiffness_N_m * s.z_W_m[i]
+
+
+EFFECT = Effect(
+    "friction",
+    "Stick and slip along the surface, without drift.",
+    render,
+    params=(
+        Param("friction_static", 0.0, "1", "coefficient at which it breaks away", 0.0, FRICTION_MAX),
+        Param("friction_dynamic", 0.0, "1", "coefficient while it slips", 0.0, FRICTION_MAX),
+        Param("tangential_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness while it sticks", 1.0, 1e5),
+    ),
+    state=(State("z_W_m", (3,)), State("nhat_W", (3,)), State("slipping")),
+)

@@ -1,0 +1,184 @@
+"""Swatches from recordings whose truth is known, from real ones, and from what is none."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hapscene.capture import fit, load_surface_recording, metric, synthesize
+from hapscene.capture.channel import clean
+from hapscene.capture.linear_prediction import autocorrelation, solve, tapered
+from hapscene.capture.order import search_order
+from hapscene.errors import CaptureError
+from hapscene.surface.swatch_file import load_swatch
+
+
+def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.ndarray:
+    """The filter with a pair of poles at each frequency."""
+    a = np.array([1.0])
+    for f in frequency_Hz:
+        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / rate_Hz), radius**2])
+    return a
+
+
+def played(a: np.ndarray, count: int, seed: int = 0, snr_dB: float = np.inf) -> np.ndarray:
+    """`count` samples of noise of variance 1 through 1/A, with white noise beneath."""
+    rng = np.random.default_rng(seed)
+    y = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
+    return np.asarray(y + rng.standard_normal(count) * y.std() * 10 ** (-snr_dB / 20))
+
+
+@pytest.mark.parametrize(
+    ("frequency_Hz", "radius", "rate_Hz", "snr_dB"),
+    [
+        ([150, 500, 900], 0.9, 2000.0, 20.0),
+        ([150, 350, 600, 850], 0.9, 2000.0, 20.0),
+        ([100, 300, 500, 700, 900], 0.9, 2000.0, 20.0),
+        ([150, 600], 0.975, 10_000.0, np.inf),
+    ],
+)
+def test_a_known_order_is_found(frequency_Hz: list[float], radius: float, rate_Hz: float, snr_dB: float) -> None:
+    truth = resonant(frequency_Hz, radius, rate_Hz)
+    swatch = fit(played(truth, int(10 * rate_Hz), snr_dB=snr_dB), rate_Hz)
+    assert swatch.texture is not None
+    assert abs(swatch.texture.order - (len(truth) - 1)) <= 2
+
+
+def test_two_surfaces_in_one_recording_are_told_apart_by_speed() -> None:
+    rate = 2000.0
+    slow, fast = resonant([200, 500], 0.9, rate), resonant([300, 800], 0.9, rate)
+    parts = [played(a, 1000, seed) * gain for seed in range(12) for a, gain in ((slow, 1.0), (fast, 3.0))]
+    speed = np.repeat(np.tile([0.1, 0.25], 12), 1000)
+    force = 1.0 + 0.05 * np.sin(np.arange(len(speed)) / 500)
+    swatch = fit(np.concatenate(parts), rate, force, speed)
+    assert swatch.texture is not None
+    assert 2 <= np.count_nonzero(swatch.texture.variance_m2_s4) <= 4
+    frequency = np.linspace(30.0, 950.0, 200)
+    for truth, gain, v in ((slow, 1.0, 0.1), (fast, 3.0, 0.25)):
+        a, variance = swatch.texture.model(1.0, v)
+        model = metric.model_spectrum(a, variance, rate, frequency)
+        should = metric.model_spectrum(truth, gain**2, rate, frequency)
+        assert metric.log_spectral_distance(model, should, frequency, level=True) < 1.5
+
+
+def test_power_along_the_recorded_force_and_speed_is_the_recordings() -> None:
+    rate, count = 5000.0, 40_000
+    t = np.arange(count) / rate
+    force, speed = 1.5 + 0.5 * np.sin(2.1 * t), 0.15 + 0.06 * np.sin(3.3 * t + 1)
+    a = resonant([200, 700], 0.95, rate)
+    acceleration = played(a, count) * np.sqrt(force * speed)
+    swatch = fit(acceleration, rate, force, speed, order=6)
+    assert swatch.texture is not None
+    recorded = clean(acceleration, rate).acceleration_m_s2.var()
+    assert abs(10 * np.log10(swatch.texture.power(force, speed).mean() / recorded)) < 0.05
+    assert abs(metric.level_difference_dB(synthesize(swatch, force, speed), acceleration)) < 0.5
+
+
+def test_friction_is_found_under_noise_and_outliers() -> None:
+    rng = np.random.default_rng(0)
+    count, rate = 20_000, 2000.0
+    force = 1.5 + 0.3 * np.sin(np.arange(count) / 700)
+    tangential = 0.35 * force * (1 + 0.1 * rng.standard_normal(count))
+    tangential[5000:6000] *= 3.0
+    swatch = fit(rng.standard_normal(count), rate, force, 0.2, tangential, order=4)
+    assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
+    assert swatch.friction_dynamic <= swatch.friction_static < 1.1
+
+
+def test_without_force_and_speed_one_model_stands_at_the_assumed_ones() -> None:
+    swatch = fit(np.random.default_rng(0).standard_normal(5000), 1000.0, order=2)
+    assert swatch.texture is not None
+    assert (swatch.texture.force_max_N, swatch.texture.speed_max_m_s) == (1.0, 0.1)
+    assert swatch.friction_static == 0.0 and swatch.name == "unnamed"
+
+
+NOISE = np.random.default_rng(1).standard_normal(5000)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"acceleration_m_s2": NOISE[:100]}, "at least 0.5 s"),
+        ({"acceleration_m_s2": np.zeros(5000)}, "silent"),
+        ({"acceleration_m_s2": np.full(5000, 9.81)}, "silent"),
+        ({"acceleration_m_s2": np.where(NOISE > 3, np.nan, NOISE)}, r"sample \d+ is not finite"),
+        ({"acceleration_m_s2": NOISE.reshape(2, -1)}, "one axis"),
+        ({"acceleration_m_s2": ["a"]}, "numbers"),
+        ({"rate_Hz": 0.0}, "rate_Hz"),
+        ({"rate_Hz": np.nan}, "rate_Hz"),
+        ({"force_N": NOISE[:10]}, "force_N has 10 samples, acceleration_m_s2 has 5000"),
+        ({"force_N": 0.0}, "never slides"),
+        ({"force_N": -1.0}, "never slides"),
+        ({"speed_m_s": 0.0}, "never slides"),
+        ({"order": 0}, "order must be"),
+        ({"order": 1000}, "order must be"),
+        ({"order": "best"}, "order must be"),
+        ({"model_count": 0}, "model_count must be"),
+        ({"tangential_force_N": 50.0}, "newtons"),
+        ({"tangential_force_N": 0.3, "speed_m_s": 0.001}, "no friction"),
+    ],
+)
+def test_what_is_no_recording_is_refused(change: dict[str, object], message: str) -> None:
+    arguments = {"acceleration_m_s2": NOISE, "rate_Hz": 1000.0} | change
+    with pytest.raises(CaptureError, match=message):
+        fit(**arguments)
+
+
+RECORDINGS = {  # file, log-spectral distance at order 120 in the reference table [dB]
+    "leather": ("cdp_leather.csv", 1.70),
+    "paper": ("cdp_paper.csv", 2.69),
+    "wood": ("cdp_wood.csv", 2.01),
+    "epoxy": ("lmt108_G1EpoxyRasterPlate_Movement_X_test1.txt", 2.83),
+}
+COLUMNS, UNITS = {"acceleration": "accel"}, {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_order_on_real_recordings(name: str, shared: Path) -> None:
+    """The order that the whole recording chose, fitted to its first half, held against its second half."""
+    file, table_dB = RECORDINGS[name]
+    path = shared / "data" / "recordings" / file
+    recording = load_surface_recording(path, 10_000.0, COLUMNS if path.suffix == ".csv" else None, UNITS)
+    signal = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
+    search = search_order(signal, recording.rate_Hz)
+    assert load_swatch(name).texture.order == search.chosen  # the shipped swatch is the one that this code fits
+    middle = len(signal) // 2
+    r = autocorrelation(tapered(signal[:middle], recording.rate_Hz), 160)
+    frequency, density = metric.spectrum(signal[middle:], recording.rate_Hz)
+    distance = {
+        p: metric.log_spectral_distance(
+            metric.model_spectrum(solve(r[: p + 1]), 1.0, recording.rate_Hz, frequency), density, frequency
+        )
+        for p in range(2, 161)
+    }
+    assert distance[search.chosen] <= 1.1 * min(distance.values())
+    assert distance[search.chosen] <= table_dB
+
+
+@pytest.mark.parametrize("name", ["leather", "paper"])  # wood and epoxy change by 0.9 and 3.1 dB between the halves
+def test_power_on_the_held_out_half(name: str, shared: Path) -> None:
+    path = shared / "data" / "recordings" / RECORDINGS[name][0]
+    recording = load_surface_recording(path, 10_000.0, COLUMNS, UNITS)
+    assert recording.force_N is not None and recording.speed_m_s is not None
+    middle = len(recording.force_N) // 2
+    first, second = slice(0, middle), slice(middle, None)
+    force, speed = recording.force_N, recording.speed_m_s
+    for train, test in ((first, second), (second, first)):
+        swatch = fit(recording.acceleration_m_s2[train], 10_000.0, force[train], speed[train])
+        held_out = clean(recording.acceleration_m_s2, 10_000.0).acceleration_m_s2[test]
+        count = -(-200_000 // len(held_out))  # long enough that the noise does not decide
+        made = synthesize(swatch, np.tile(force[test], count), np.tile(speed[test], count))
+        assert abs(metric.level_difference_dB(made, held_out)) < 0.5
+
+
+def test_a_long_recording_is_fitted_in_reasonable_time() -> None:
+    """The aim is 3 s on a quiet core; the bound is wide, for the machine may be busy."""
+    rate, count = 10_000.0, 100_000
+    t = np.arange(count) / rate
+    force, speed = 1.5 + 0.5 * np.sin(2.1 * t), 0.15 + 0.06 * np.sin(3.3 * t + 1)
+    acceleration = played(resonant([200, 700], 0.95, rate), count) * np.sqrt(force * speed)
+    start = time.process_time()
+    fit(acceleration, rate, force, speed)
+    assert time.process_time() - start < 15.0

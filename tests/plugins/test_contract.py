@@ -1,0 +1,174 @@
+"""What every effect must keep to, ours or anybody's: run over all that are installed.
+
+Compiled and interpreted agree to rounding (to the bit where no sine or exponential is taken: those of the
+compiled code and of Python may differ in the last bit).
+"""
+
+import keyword
+
+import numpy as np
+import pytest
+
+from hapscene.records import OUTPUT, TOUCH
+from hapscene.surface.registry import listed
+
+EFFECTS = [pytest.param(entry.effect, id=name) for name, entry in listed().items() if entry.effect]
+UNITS = {
+    "m": "m",
+    "s": "s",
+    "N": "N",
+    "Hz": "Hz",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "N_m": "N/m",
+    "Ns_m": "N·s/m",
+}
+LARGE = 1e6
+
+
+def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
+    """A random path of contacts as the framework would describe it: consistent flags, all else at random."""
+    rng = np.random.default_rng(seed)
+    touching = np.repeat(rng.random(count // 10) > 0.3, 10)
+    before = np.concatenate(([False], touching[:-1]))
+    nhat = rng.normal(size=(count, 3))
+    nhat = np.where(
+        rng.random((count, 1)) > 0.3, [0.0, 0.0, 1.0], nhat / np.linalg.norm(nhat, axis=1)[:, None]
+    )
+    depth = rng.exponential(1e-3 * large, count) * touching
+    slip = rng.normal(0, 1e-4 * large, (count, 3)) * touching[:, None]
+    slip -= np.einsum("ni,ni->n", slip, nhat)[:, None] * nhat
+    return ticks(
+        count,
+        touching=touching,
+        began=touching & ~before,
+        ended=before & ~touching,
+        crossed=rng.random(count) > 0.9,
+        nhat_W=nhat,
+        depth_m=depth,
+        depth_rate_m_s=rng.normal(0, 0.1 * large, count) * touching,
+        approach_m_s=rng.exponential(0.1 * large, count),
+        slip_W_m=slip,
+        slip_m_s=np.linalg.norm(slip, axis=1) / 1e-3,
+        normal_force_N=500.0 * depth,
+        force_N=500.0 * depth * rng.random(count),
+        p_WT_m=rng.normal(size=(count, 3)),
+        p_WP_m=rng.normal(size=(count, 3)),
+        v_WT_m_s=rng.normal(0, 0.1 * large, (count, 3)),
+    )
+
+
+def corners(effect):
+    """Every parameter at its least, at its most, and each alone at either."""
+    low = {p.name: max(p.minimum, -LARGE) for p in effect.params}
+    high = {p.name: min(p.maximum, LARGE) for p in effect.params}
+    yield low
+    yield high
+    for p in effect.params:
+        yield {p.name: low[p.name]}
+        yield {p.name: high[p.name]}
+
+
+def test_ours_are_all_listed():
+    names = listed()
+    assert {"friction", "lpc_texture", "tap", "wall"} <= set(names)
+    assert not [entry.error for entry in names.values() if entry.error]
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_declaration_is_sane(effect):
+    assert effect.name.isidentifier() and effect.summary.endswith(".") and len(effect.summary) < 80
+    for param in effect.params:
+        assert not keyword.iskeyword(param.name) and param.meaning and param.unit
+        assert param.minimum <= param.default <= param.maximum
+        suffixes = [unit for suffix, unit in UNITS.items() if param.name.endswith(f"_{suffix}")]
+        assert param.unit == "1" or param.unit in suffixes, (
+            f"{param.name} does not end in its unit {param.unit}"
+        )
+    for state in effect.state:
+        assert not keyword.iskeyword(state.name)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_compiled_and_interpreted_agree(effect, bench, ticks, swatch_of):
+    rows = walk(ticks, 1)
+    native, python = bench(effect, swatch_of()), bench(effect, swatch_of())
+    got, want = native.run(rows), python.interpret(rows)
+    for name in OUTPUT.names:
+        np.testing.assert_allclose(got[name], want[name], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_same_seed_same_bits(effect, bench, ticks, swatch_of):
+    first, again = (bench(effect, swatch_of(), seed=7).run(walk(ticks, 2)) for _ in range(2))
+    assert first.tobytes() == again.tobytes()
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_adds_to_what_is_there(effect, bench, ticks, swatch_of):
+    rows = walk(ticks, 3)
+    alone = bench(effect, swatch_of()).run(rows)
+    start = np.zeros(len(rows), OUTPUT)
+    start["f_W_N"], start["a_m_s2"] = 2.0, -3.0
+    added = bench(effect, swatch_of()).run(rows, start.copy())
+    for name in OUTPUT.names:
+        np.testing.assert_allclose(added[name] - start[name], alone[name], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_writes_only_its_block(effect, bench, ticks, swatch_of):
+    out = bench(effect, swatch_of()).run(walk(ticks, 4))
+    assert not out["a_m_s2"][:, 10:].any()
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_reads_only(effect, bench, ticks, swatch_of):
+    rows, one = walk(ticks, 5), bench(effect, swatch_of())
+    before = rows.tobytes(), one.p.tobytes(), one.table.tobytes()
+    one.run(rows)
+    assert (rows.tobytes(), one.p.tobytes(), one.table.tobytes()) == before
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_finite_at_the_corners(effect, bench, ticks, swatch_of):
+    """Parameters at their limits, touches from none to a thousand times too strong, full swatch and plain."""
+    for params in corners(effect):
+        for swatch in (
+            swatch_of(),
+            swatch_of(texture=None, taps=None, friction_static=0, friction_dynamic=0),
+        ):
+            for seed, large in enumerate((0.0, 1.0, 1e3)):
+                out = bench(effect, swatch, params=params).run(walk(ticks, seed, 100, large))
+                assert all(np.isfinite(out[name]).all() for name in OUTPUT.names), params
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
+    out = bench(effect, swatch_of()).run(ticks(20, touching=0, swatch=-1, body=-1))
+    assert not any(out[name].any() for name in OUTPUT.names)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_swatches_may_change_every_tick(effect, bench, ticks, swatch_of):
+    """Parameters and table of another swatch at each tick: state that outlives them must not mislead."""
+    swatches = [
+        swatch_of(0, 20),
+        swatch_of(1, 3, friction_static=1.0, friction_dynamic=0.1),
+        swatch_of(2, 60),
+    ]
+    swatches.append(swatch_of(texture=None, taps=None))
+    benches = [bench(effect, swatch) for swatch in swatches]
+    rows = walk(ticks, 6)
+    for i in range(len(rows)):
+        one = benches[i % 4]
+        one.s = benches[0].s
+        out = one.run(rows[i : i + 1])
+        assert all(np.isfinite(out[name]).all() for name in OUTPUT.names)
+        assert np.abs(out["a_m_s2"]).max() < 1e3 and np.abs(out["f_W_N"]).max() < 1e3
+
+
+def test_walks_cover_the_fields(ticks):
+    """A field that the walks leave at zero would be untested: say so when one is added."""
+    rows = walk(ticks, 0)
+    left = {name for name in TOUCH.names if not rows[name].any()}
+    assert left <= {"body", "face", "swatch", "bary"}

@@ -1,0 +1,175 @@
+"""Friction against closed forms: the loop's area, no drift, stick and slip, and what must always hold."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.surface.registry import load_effect
+
+FRICTION = load_effect("friction")
+K_N_M = 500.0
+
+
+def along_x(bench, ticks, x_m, press_N=1.0, static=0.3, dynamic=0.3, **fields):
+    """Forces (n, 3) on a proxy moved to `x_m` (n,) over a plane, contact beginning at the first."""
+    slip = np.zeros((len(x_m), 3))
+    slip[1:, 0] = np.diff(x_m)
+    rows = ticks(len(x_m), slip_W_m=slip, normal_force_N=press_N, **fields)
+    rows["began"][0] = 1
+    params = dict(friction_static=static, friction_dynamic=dynamic, tangential_stiffness_N_m=K_N_M)
+    return bench(FRICTION, params=params).run(rows)["f_W_N"]
+
+
+def test_area_of_the_loop(bench, ticks):
+    """F1: a slider on a spring, moved to and fro by A, loses 4 F_c (A − F_c/k) a cycle."""
+    amplitude_m, limit_N = 5e-3, 0.3
+    turns = np.linspace(0.0, 2.0, 40_001)
+    x = amplitude_m * np.sin(2.0 * np.pi * turns)
+    f = along_x(bench, ticks, x)[:, 0]
+    second = slice(20_000, None)
+    area_J = -np.trapezoid(f[second], x[second])
+    assert area_J == pytest.approx(4.0 * limit_N * (amplitude_m - limit_N / K_N_M), rel=1e-3)
+
+
+def test_no_drift_under_vibration(bench, ticks):
+    """F3: held at 0.5 F_c and shaken by 0.2 F_c for 50 s, the slider stays where it is: drift 0."""
+    hold_m = 0.5 * 0.3 / K_N_M
+    t_s = np.arange(50_000) * 1e-3
+    x = hold_m + 0.4 * hold_m * np.sin(2.0 * np.pi * 37.0 * t_s)
+    x[0] = 0.0
+    f = along_x(bench, ticks, x)[:, 0]
+    creep_m = x + f / K_N_M  # where the point of adhesion is
+    assert np.abs(creep_m).max() < 1e-15
+
+
+def test_force_driven_slider_does_not_drift(bench, ticks):
+    """F3 with a mass of 45 g, damped as by a hand: under 0.5 F_c ± 0.2 F_c it stays where it is held."""
+    effect = bench(FRICTION, params=dict(friction_static=0.3, friction_dynamic=0.3))
+    x = v = f = 0.0
+    rows = ticks(1, normal_force_N=1.0)
+    place = []
+    for i in range(5_000):
+        push_N = 0.3 * (0.5 + 0.2 * np.sin(2.0 * np.pi * 37.0 * i * 1e-3))
+        v += 1e-3 * (push_N + f - 2.0 * v) / 0.045
+        x += 1e-3 * v
+        rows["began"], rows["slip_W_m"] = i == 0, (1e-3 * v, 0.0, 0.0)
+        f = effect.run(rows)["f_W_N"][0, 0]
+        place.append(x)
+    assert np.mean(place[-1000:]) == pytest.approx(np.mean(place[1000:2000]), abs=1e-7)
+
+
+def test_breaks_away_then_slips(bench, ticks):
+    """It holds up to µ_s F_n, drops to µ_d F_n and stays there; turned back it holds up to µ_s F_n again."""
+    way = np.concatenate([np.linspace(0, 3e-3, 301), np.linspace(3e-3, -1e-3, 401)])
+    f = -along_x(bench, ticks, way, static=0.5, dynamic=0.3)[:, 0]
+    broke = int(np.argmax(way > 0.5 / K_N_M + 1e-12))
+    np.testing.assert_allclose(f[1:broke], K_N_M * way[1:broke], rtol=1e-12)
+    np.testing.assert_allclose(f[broke:301], 0.3, rtol=1e-12)
+    back = f[301:]
+    assert back.min() == pytest.approx(-0.5, rel=2e-2)
+    assert back[-1] == pytest.approx(-0.3)
+
+
+def test_resting_proxy_does_not_stick_again(bench, ticks):
+    """An encoder gives steps with rests between: the tool must not break away anew at each."""
+    x = np.repeat(np.arange(200) * 55e-6, 7)
+    f = along_x(bench, ticks, x, static=0.5, dynamic=0.3)[:, 0]
+    np.testing.assert_allclose(f[x > 2e-3], -0.3, rtol=1e-12)
+
+
+def test_stick_slip_of_a_dragged_mass(bench, ticks):
+    """F2: period 2ΔF/(kV) + (2/ω)(π − atan(ΔFω/(kV))), ΔF = F_s − F_d.
+
+    The closed form is of rigid friction: the spring of adhesion is 100 times as stiff as the one dragged by,
+    and what rings on it while it sticks is damped, as by a hand.
+    """
+    mass_kg, k_N_m, drag_m_s, dt_s, press_N = 0.05, 100.0, 0.02, 2e-5, 2.0
+    gap_N, omega = (0.5 - 0.3) * press_N, np.sqrt(k_N_m / mass_kg)
+    want_s = 2 * gap_N / (k_N_m * drag_m_s) + 2 / omega * (
+        np.pi - np.arctan(gap_N * omega / (k_N_m * drag_m_s))
+    )
+    effect = bench(
+        FRICTION, params=dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=1e4)
+    )
+    rows = ticks(1, normal_force_N=press_N)
+    x = v = f = 0.0
+    starts_s, slipping = [], True
+    for i in range(80_000):
+        damper_Ns_m = 0.0 if slipping else 5.0
+        v += dt_s * (k_N_m * (drag_m_s * i * dt_s - x) + f - damper_Ns_m * v) / mass_kg
+        x += dt_s * v
+        rows["began"], rows["slip_W_m"] = i == 0, (dt_s * v, 0.0, 0.0)
+        f = effect.run(rows)["f_W_N"][0, 0]
+        was, slipping = slipping, bool(effect.s["slipping"][0])
+        if slipping and not was:
+            starts_s.append(i * dt_s)
+    assert starts_s[-1] - starts_s[-2] == pytest.approx(want_s, rel=0.02)
+
+
+def test_frictionless_is_free(bench, ticks):
+    assert not along_x(bench, ticks, np.linspace(0, 1e-2, 50), static=0.0, dynamic=0.0).any()
+
+
+def test_lifting_lets_go(bench, ticks):
+    x = np.linspace(0, 1e-2, 100)
+    f = along_x(bench, ticks, x, touching=np.arange(100) < 50)
+    assert f[49, 0] == pytest.approx(-0.3) and not f[50:].any()
+
+
+def test_tension_is_carried_round_a_bend(bench, ticks):
+    """On a helix round a cylinder the force stays tangential, as large, and against the motion."""
+    turn = np.linspace(0.0, np.pi / 2, 400)
+    nhat = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
+    about = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+    slip = 1e-4 * (0.6 * about + 0.8 * np.array([0.0, 1.0, 0.0]))
+    rows = ticks(400, slip_W_m=slip, nhat_W=nhat, normal_force_N=1.0)
+    rows["began"][0] = 1
+    f = bench(FRICTION, params=dict(friction_static=0.3, friction_dynamic=0.3)).run(rows)["f_W_N"]
+    np.testing.assert_allclose(np.einsum("ni,ni->n", f, nhat), 0.0, atol=1e-12)
+    np.testing.assert_allclose(f[50:], -0.3 * slip[50:] / 1e-4, atol=1e-9)
+
+
+@st.composite
+def slides(draw):
+    """Random walks over a plane under random coefficients and steady force."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    step = 10.0 ** draw(st.floats(-6, -2))
+    dynamic = draw(st.floats(0, 2))
+    path = rng.normal(0, step, (200, 2)) + rng.choice([0.0, step], 2)
+    return path, draw(st.floats(0, 20)), dynamic + draw(st.floats(0, 1)), dynamic
+
+
+@settings(max_examples=100, deadline=None)
+@given(slides())
+def test_bounded_opposed_and_passive(bench, ticks, slide):
+    """|f| ≤ µ_s F_n; a long slide is met head on; over any path the hand does the work that is stored."""
+    step, press_N, static, dynamic = slide
+    slip = np.column_stack([step, np.zeros(len(step))])
+    slip[-1] = (10.0, 0.0, 0.0)
+    rows = ticks(len(slip), slip_W_m=slip, normal_force_N=press_N)
+    params = dict(friction_static=static, friction_dynamic=dynamic, tangential_stiffness_N_m=K_N_M)
+    f = bench(FRICTION, params=params).run(rows)["f_W_N"]
+    size_N = np.linalg.norm(f, axis=1)
+    assert np.all(size_N <= static * press_N * (1 + 1e-12))
+    assert np.all(f[:, 2] == 0.0)
+    np.testing.assert_allclose(f[-1], [-dynamic * press_N, 0.0, 0.0], atol=1e-2 * (1 + static * press_N))
+    work_J = np.cumsum(-np.einsum("ni,ni->n", f, slip))
+    assert np.all(work_J >= size_N**2 / (2 * K_N_M) - 1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_bounded_and_tangential_whatever_happens(bench, ticks, seed):
+    """Normals that jump, forces that come and go, contacts that end: |f| ≤ µ F_n and no normal part."""
+    rng = np.random.default_rng(seed)
+    nhat = rng.normal(size=(200, 3))
+    nhat /= np.linalg.norm(nhat, axis=1, keepdims=True)
+    nhat[50:100:2] = -nhat[51:101:2]
+    press_N = rng.exponential(1.0, 200) * (rng.random(200) > 0.2)
+    rows = ticks(200, nhat_W=nhat, normal_force_N=press_N, slip_W_m=rng.normal(0, 1e-3, (200, 3)))
+    rows["touching"] = rng.random(200) > 0.1
+    f = bench(FRICTION, params=dict(friction_static=0.8, friction_dynamic=0.5)).run(rows)["f_W_N"]
+    size_N = np.linalg.norm(f, axis=1)
+    assert np.all(size_N <= 0.8 * press_N * (1 + 1e-12))
+    assert np.all(np.abs(np.einsum("ni,ni->n", f, nhat)) <= 1e-9 * (1 + size_N))

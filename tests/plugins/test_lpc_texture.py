@@ -1,0 +1,188 @@
+"""The texture sounds like its models, between them too, and stays calm whatever follows whatever."""
+
+import numpy as np
+import pytest
+from hapscene_plugins.effects.lpc_texture import GRID, HEADER, advance, choose
+from scipy.signal import lfilter, welch
+
+from hapscene.surface.lsf import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.surface.registry import load_effect
+from hapscene.surface.swatch import PLAIN
+from hapscene.surface.texture import Texture
+
+LPC = load_effect("lpc_texture")
+BAND_HZ = np.geomspace(20.0, 1000.0, 200)
+
+
+def spectrum_dB(a, variance, rate_Hz=10_000.0):
+    """Power spectra (n, 200) of filters a (n, p+1) with excitation of variance (n,), in dB."""
+    turn = np.exp(-2j * np.pi * np.outer(np.arange(a.shape[1]), BAND_HZ / rate_Hz))
+    return 10.0 * np.log10(variance[:, None] / np.abs(a @ turn) ** 2)
+
+
+def lattice(k):
+    """What `advance` takes, for reflection coefficients (p,): k, c and a clear memory."""
+    k = np.concatenate(([0.0], k))
+    return k, np.sqrt((1.0 - k) * (1.0 + k)), np.zeros(len(k))
+
+
+@pytest.mark.parametrize("order", [1, 2, 7, 20, 120])
+def test_lattice_is_the_direct_form(order):
+    """Same impulse response as 1/A(z), scaled to an output of variance 1."""
+    reflection = 0.6 * np.random.default_rng(order).uniform(-1, 1, order)
+    a = ar_from_reflection(reflection)
+    k, c, b = lattice(reflection_from_ar(a))
+    e = np.zeros(400)
+    e[0] = 1.0
+    out = [advance(k, c, b, order, float(x)) for x in e]
+    np.testing.assert_allclose(out, lfilter([1.0], a, e) / np.sqrt(power_gain(a)), atol=1e-10)
+
+
+@pytest.mark.parametrize("order", [20, 40])
+def test_between_nodes_the_spectrum_is_the_texture_s(texture_of, swatch_of, order):
+    """Filter and level looked up at random places against those of the texture there."""
+    texture = texture_of(3, order)
+    table = LPC.table(swatch_of(texture=texture), 10_000.0)
+    assert len(table) == HEADER + GRID * GRID * (order + 1)
+    rng = np.random.default_rng(0)
+    force, speed = rng.uniform(0.1, 2.0, 300), rng.uniform(0.01, 0.2, 300)
+    k, power = np.zeros((300, order + 1)), np.zeros(300)
+    c = np.zeros(order + 1)
+    for i in range(300):
+        power[i] = choose(table, force[i], speed[i], k[i], c)
+    a = ar_from_reflection(k[:, 1:])
+    got, want = spectrum_dB(a, power / power_gain(a)), spectrum_dB(*texture.models(force, speed))
+    error_dB = np.sqrt(np.mean((got - want) ** 2, axis=1))
+    assert np.median(error_dB) < 0.1
+    assert np.percentile(error_dB, 95) < 0.5
+
+
+def test_synthesised_signal_has_spectrum_and_level(bench, ticks, texture_of, swatch_of):
+    texture = texture_of(1, 12)
+    effect = bench(LPC, swatch_of(texture=texture))
+    force, speed = 1.37, 0.123
+    y = effect.samples(ticks(20_000, force_N=force, slip_m_s=speed))[1000:]
+    a, variance = texture.models([force], [speed])
+    assert np.var(y) == pytest.approx(float(variance[0] * power_gain(a)[0]), rel=0.05)
+    frequency_Hz, density = welch(y, 10_000.0, nperseg=1024)
+    got_dB = 10 * np.log10(np.interp(BAND_HZ, frequency_Hz, density) * 5_000.0)
+    assert np.sqrt(np.mean((got_dB - spectrum_dB(a, variance)[0]) ** 2)) < 0.7
+
+
+def test_silent_at_rest_without_force_and_in_the_air(bench, ticks, swatch_of):
+    effect = bench(LPC, swatch_of())
+    for still in (dict(force_N=0.0, slip_m_s=0.1), dict(force_N=1.0, slip_m_s=0.0), dict(touching=0)):
+        assert effect.samples(ticks(10, force_N=1.0, slip_m_s=0.1)).any()
+        assert effect.samples(ticks(1, **still)).any()  # ramped down over one tick
+        assert not effect.samples(ticks(10, **still)).any()
+
+
+def test_without_texture_silent(bench, ticks):
+    effect = bench(LPC, PLAIN)
+    assert effect.table.size == 0
+    assert not effect.samples(ticks(10, force_N=1.0, slip_m_s=0.1)).any()
+
+
+def test_level_ramps_over_the_block(bench, ticks, swatch_of):
+    """The same noise at full level and while it comes in differ by the ramp: 1/10, 2/10, … 1."""
+    coming, full = bench(LPC, swatch_of()), bench(LPC, swatch_of())
+    rows = ticks(1, force_N=1.0, slip_m_s=0.1)
+    first = coming.samples(rows)
+    full.s["level_m_s2"] = coming.s["level_m_s2"]
+    np.testing.assert_allclose(first, full.samples(rows) * np.arange(1, 11) / 10, rtol=1e-12)
+
+
+def test_crossing_does_not_click(bench, ticks, swatch_of):
+    """Into a swatch 1000 times as loud the level rises over a block, into one without texture it falls."""
+    quiet, loud = (swatch_of(5, texture=_scaled(swatch_of(5).texture, gain)) for gain in (1.0, 1000.0))
+    effect = bench(LPC, quiet)
+    rows = ticks(1, force_N=1.0, slip_m_s=0.1)
+    before = [effect.samples(rows) for _ in range(100)]
+    effect.table = effect.table_of(loud)
+    after = effect.samples(rows)
+    assert abs(after[0]) < 200 * np.std(before) * 4
+    effect.table = np.empty(0)
+    gone = effect.samples(rows)
+    assert gone[0] != 0.0 and gone[-1] == 0.0
+    assert not effect.samples(rows).any()
+
+
+def _scaled(texture, gain):
+    return Texture(
+        texture.rate_Hz,
+        texture.force_N,
+        texture.speed_m_s,
+        texture.triangles,
+        texture.lsf_rad,
+        texture.variance_m2_s4 * gain**2,
+    )
+
+
+def test_over_the_maxima_clamped(bench, ticks, swatch_of):
+    top = bench(LPC, swatch_of()).samples(ticks(20, force_N=2.0, slip_m_s=0.2))
+    over = bench(LPC, swatch_of()).samples(ticks(20, force_N=1e300, slip_m_s=1e300))
+    np.testing.assert_array_equal(top, over)
+
+
+def test_gain_scales(bench, ticks, swatch_of):
+    rows = ticks(20, force_N=1.0, slip_m_s=0.1)
+    once = bench(LPC, swatch_of()).samples(rows)
+    twice = bench(LPC, swatch_of(), params=dict(texture_gain=2.0)).samples(rows)
+    np.testing.assert_array_equal(2.0 * once, twice)
+
+
+def test_step_is_orthogonal():
+    """From excitation and memory to output and memory a step keeps energy, so switching filters adds none."""
+    order = 12
+    k, c, _ = lattice(np.random.default_rng(0).uniform(-0.999, 0.999, order))
+    step = np.zeros((order + 1, order + 1))
+    for i in range(order + 1):
+        b = np.zeros(order + 1)
+        if i < order:
+            b[i] = 1.0
+        advance(k, c, b, order, float(i == order))
+        step[:, i] = b
+    np.testing.assert_allclose(step @ step.T, np.eye(order + 1), atol=1e-14)
+
+
+def test_switched_every_sample_it_stays_calm():
+    """L2: poles 0.95 e^±0.1j and 0.95 e^±3.04j in turn: as a direct form the product grows 5-fold a turn."""
+    filters = []
+    for angle in (0.1, 3.04):
+        pole = 0.95 * np.exp(1j * angle)
+        filters.append(lattice(reflection_from_ar(np.real(np.poly([pole, pole.conj()])))))
+    b, rng = np.zeros(3), np.random.default_rng(0)
+    y = np.array([advance(*filters[i % 2][:2], b, 2, rng.normal()) for i in range(50_000)])
+    assert 0.5 < np.std(y) < 1.5
+    assert np.abs(y).max() < 5.5
+
+
+def test_switched_every_tick_it_stays_calm(bench, ticks, texture_of, swatch_of):
+    """L3: pairs of unlike models of several orders, switched at each tick (a direct form reached 3e8 σ)."""
+    rng = np.random.default_rng(2)
+    for pair in range(6):
+        orders = rng.choice([2, 7, 12, 20], 2)
+        swatches = [swatch_of(texture=_unlike(side, int(order), rng)) for side, order in enumerate(orders)]
+        effect = bench(LPC, swatches[0], seed=pair)
+        tables = [effect.table_of(swatch) for swatch in swatches]
+        rows, y = ticks(1, force_N=1.0, slip_m_s=0.1), []
+        for i in range(1000):
+            effect.table = tables[i % 2]
+            y.append(effect.samples(rows))
+        assert np.abs(y).max() < 5.5
+        assert 0.5 < np.std(y) < 1.5
+
+
+def _unlike(side, order, rng):
+    """One sharp model of power 1 everywhere, its energy low for side 0, high for side 1."""
+    k = rng.uniform(-0.9, 0.9, order)
+    k[0] = 0.98 if side else -0.98
+    a = ar_from_reflection(k)
+    return Texture.from_models(10_000.0, [1.0], [0.1], a[None], [1.0 / power_gain(a)])
+
+
+def test_made_for_another_rate_the_level_is_kept(bench, ticks, texture_of, swatch_of):
+    texture = texture_of(1, 12, 5_000.0)
+    effect = bench(LPC, swatch_of(texture=texture))
+    y = effect.samples(ticks(5_000, force_N=1.0, slip_m_s=0.1))[1000:]
+    assert np.var(y) == pytest.approx(float(texture.power([1.0], [0.1])[0]), rel=0.15)

@@ -1,0 +1,149 @@
+"""The doctor finds what was broken on purpose, and nothing in what is whole; so does the mender mend."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import MeshError
+from hapscene.scene.doctor import examine
+from hapscene.scene.mend import mend
+from hapscene.scene.mesh import Mesh
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+V, F = np.array(BALL.vertices), np.array(BALL.faces)
+
+
+def joined(*parts):
+    start = np.cumsum([0] + [len(v) for v, _ in parts])
+    return Mesh(np.concatenate([v for v, _ in parts]), np.concatenate([f + s for (_, f), s in zip(parts, start, strict=False)]))  # fmt: skip
+
+
+def counts(mesh: Mesh) -> dict[str, int]:
+    return {finding.kind: finding.count for finding in examine(mesh).findings}
+
+
+def flipped(faces, chosen):
+    faces = faces.copy()
+    faces[chosen] = faces[chosen][:, ::-1]
+    return faces
+
+
+def t_junction(gap_m: float) -> Mesh:
+    """Two triangles on one side of an edge, one on the other."""
+    vertices = [[0, 0, 0], [0.1, 0, 0], [0.05, 0.1, 0], [0.05, -0.1, 0], [0.05, gap_m, 0]]
+    return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
+
+
+BROKEN = {
+    "whole": (Mesh(V, F), {}),
+    "turned": (Mesh(V, flipped(F, slice(100, 300))), {"mixed_winding": 200}),
+    "inside out": (Mesh(V, F[:, ::-1]), {"inside_out": 1280}),
+    "doubled": (Mesh(V, np.concatenate([F, F[:50], F[:10, [1, 2, 0]]])), {"doubled_faces": 60}),
+    "back to back": (Mesh(V, np.concatenate([F[:1], F[:1, ::-1]])), {"open_edges": 3, "opposed_faces": 1}),
+    "open": (Mesh(V, F[1:]), {"open_edges": 3}),
+    "collapsed": (Mesh(V, np.concatenate([F, F[:7, [0, 0, 1]]])), {"zero_area": 7}),
+    "soup": (Mesh(V[F].reshape(-1, 3), np.arange(3 * len(F)).reshape(-1, 3)), {"duplicate_vertices": 3840 - 642}),
+    "t-junction": (t_junction(1e-8), {"open_edges": 7, "t_junctions": 1}),
+    "crack": (t_junction(5e-6), {"open_edges": 7, "cracks": 1}),
+    "gap": (t_junction(1e-3), {"open_edges": 7}),
+    "three at an edge": (Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])), {"open_edges": 6, "nonmanifold_edges": 1}),
+    "sliver": (Mesh(np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2], [3, 0, 2]])), {"slivers": 1, "open_edges": 3}),
+    "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
+    "cavity with a solid inside out": (joined((V, F), (V * 0.6, F[:, ::-1]), (V * 0.3, F[:, ::-1])), {"inside_out": 1280}),
+    "two that cross": (joined((V, F), (V + [0.05, 0, 0], F)), {"self_intersections": None}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_broken_is_found(name):
+    mesh, expected = BROKEN[name]
+    found = counts(mesh)
+    assert found.keys() == expected.keys()
+    assert all(count is None or found[kind] == count for kind, count in expected.items())
+
+
+def test_a_needle_that_fills_a_t_junction_is_kept():
+    vertices = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, 0, 0]]
+    mesh = Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2], [0, 1, 4]]))
+    assert counts(mesh) == {"open_edges": 4, "needles": 1}
+    assert mend(mesh) == (mesh, [])
+
+
+def test_the_report_says_size_in_metres_and_is_json():
+    report = examine(Mesh(V, flipped(F, [0])))
+    content = json.loads(report.to_json())
+    assert content["format"] == "hapscene mesh report" and content["version"] == 1
+    np.testing.assert_allclose(content["size_m"], [0.1, 0.1, 0.1], rtol=1e-12)
+    assert content["closed"] and content["volume_m3"] == pytest.approx(BALL.volume, rel=1e-12)
+    assert content["findings"][0]["examples"] == [0] and report.fault_count == 1
+    text = report.text()
+    assert "size 100 mm × 100 mm × 100 mm" in text and "1 face wound against" in text and "--fix does it" in text
+    assert "nothing odd was found" in examine(Mesh(V, F)).text()
+
+
+ZOO = {
+    "flip20k": {"mixed_winding": 6144},  # 30 % of 20,480
+    "degen20k": {"zero_area": 2000, "doubled_faces": 500},
+    "tjunc": {"open_edges": 112, "t_junctions": 52, "duplicate_vertices": 2},
+    "open40": {"open_edges": 80},
+    "soup20k": {"duplicate_vertices": 51198},
+    "cube40": {},
+    "plate2mm": {},
+    "vgroove15": {},
+    "sph20k_off10": {},
+}
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_the_zoo(shared, name):
+    zoo = np.load(shared / "zoo" / f"mesh_{name}.npz")
+    mesh = Mesh(zoo["vertices_m"], zoo["faces"])
+    assert counts(mesh) == ZOO[name]
+    mended, done = mend(mesh)
+    left = {finding.kind for finding in examine(mended).findings}
+    assert not any(finding.fixable for finding in examine(mended).findings)
+    assert left == {k for k in ZOO[name] if k in ("open_edges", "t_junctions")} and bool(done) == (left != ZOO[name].keys())
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_mending_moves_nothing_and_leaves_nothing_to_mend(name):
+    mesh, _ = BROKEN[name]
+    mended, done = mend(mesh)
+    fixable = any(finding.fixable for finding in examine(mesh).findings)
+    assert bool(done) == fixable
+    assert not any(finding.fixable for finding in examine(mended).findings)
+    places = {tuple(v) for v in mesh.vertices_m.tolist()}
+    assert {tuple(v) for v in mended.vertices_m.tolist()} == places
+    assert mend(mended) == (mended, [])
+
+
+def test_groups_and_colours_follow_their_faces():
+    group, colour = np.arange(len(F)) % 3, np.random.default_rng(0).integers(0, 256, (len(F), 3))
+    vertices, faces = np.concatenate([V, V]), flipped(F, slice(40, 80))
+    faces[::2] += len(V)
+    faces[7] = faces[7, [0, 0, 1]]
+    faces = np.concatenate([faces, faces[:1]])
+    mesh = Mesh(vertices, faces, np.append(group, 0), ("a", "b", "c"), np.concatenate([colour, colour[:1]]))
+    mended, done = mend(mesh)
+    kept = np.delete(np.arange(len(F)), 7)
+    np.testing.assert_array_equal(mended.group, group[kept])
+    np.testing.assert_array_equal(mended.colour_rgb, colour[kept])
+    np.testing.assert_array_equal(mended.triangles_m.sum(axis=1), V[F[kept]].sum(axis=1))
+    assert [line.split()[0] for line in done] == ["merged", "dropped", "dropped", "turned"]
+    assert len(mended.vertices_m) == len(V)
+
+
+def test_nothing_but_flat_faces_cannot_be_mended():
+    with pytest.raises(MeshError, match="no face has an area"):
+        mend(Mesh(V, F[:, [0, 0, 1]]))
+
+
+def test_eighty_thousand_faces_take_seconds():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.05)
+    mesh = Mesh(np.array(ball.vertices), np.array(ball.faces))
+    start = time.perf_counter()
+    assert not examine(mesh).findings
+    assert time.perf_counter() - start < 30  # about one, on an idle core

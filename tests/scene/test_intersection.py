@@ -1,0 +1,75 @@
+"""Faces that cross, against linear programs and counted cases."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import linprog
+
+from hapscene.scene.intersection import crossings, overlapping
+
+
+def test_overlapping_boxes_are_all_found_once():
+    rng = np.random.default_rng(0)
+    low = rng.random((300, 3))
+    high = low + rng.random((300, 3)) * 0.2
+    found = np.concatenate(list(overlapping(low, high)))
+    touching = ((low[:, None] <= high[None]) & (low[None] <= high[:, None])).all(axis=2)
+    expected = {tuple(pair) for pair in np.argwhere(np.triu(touching, 1)).tolist()}
+    got = [tuple(sorted(pair)) for pair in found.tolist()]
+    assert len(got) == len(set(got)) and set(got) == expected
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_boxes(count):
+    low = np.zeros((count, 3))
+    assert sum(len(pairs) for pairs in overlapping(low, low + 1)) == count * (count - 1) // 2
+
+
+def meet(a, b) -> bool:
+    """Whether two triangles have a point in common, as a linear program over their corners' weights."""
+    equal = np.block([[a.T, -b.T], [np.ones(3), np.zeros(3)], [np.zeros(3), np.ones(3)]])
+    return linprog(np.zeros(6), A_eq=equal, b_eq=[0, 0, 0, 1, 1], bounds=(0, None)).status == 0
+
+
+def test_random_triangles_cross_where_a_linear_program_says_so():
+    triangles = np.random.default_rng(3).normal(size=(24, 3, 3))
+    found = {tuple(sorted(pair)) for pair in crossings(triangles, 1e-12).crossing.tolist()}
+    pairs = [(i, j) for i in range(24) for j in range(i + 1, 24)]
+    expected = {(i, j) for i, j in pairs if meet(triangles[i], triangles[j])}
+    assert found == expected and 20 < len(found) < len(pairs) - 20
+
+
+def test_a_sheet_through_a_sheet():
+    n = 10  # n strips cross one long triangle's plane
+    upright = [[[i, -1, -1], [i + 0.5, -1, -1], [i + 0.25, 1, 1]] for i in range(n)]
+    flat = [[[-5, -5, 0.01], [30, -5, 0.01], [-5, 30, 0.01]]]
+    found = crossings(np.array(upright + flat, float), 1e-9)
+    assert len(found.crossing) == n and (found.crossing == n).any(axis=1).all() and not len(found.lying)
+
+
+def test_touching_is_not_crossing():
+    box = trimesh.creation.box((1, 1, 1))
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    for mesh in (box, ball):
+        found = crossings(np.array(mesh.triangles), 1e-9)
+        assert not len(found.crossing) and not len(found.lying)
+    ledge = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.2, 0.2, 0], [0.4, 0.2, 1], [0.2, 0.4, 1]]], float)
+    assert not len(crossings(ledge, 1e-9).crossing)
+
+
+def test_overlap_in_one_plane():
+    flat = np.array([[[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0.1, 0.1, 0], [3, 0.1, 0], [0.1, 3, 0]], [[2, 0, 0], [4, 0, 0], [2, 2, 0]]], float)  # fmt: skip
+    found = {tuple(sorted(pair)) for pair in crossings(flat, 1e-9).lying.tolist()}
+    assert found == {(0, 1), (1, 2)}
+
+
+def test_two_balls_cross_in_a_ring():
+    a = trimesh.creation.icosphere(subdivisions=3)
+    b = a.copy()
+    b.apply_translation((1.0, 0.01, 0.02))
+    triangles = np.concatenate([a.triangles, b.triangles])
+    found = crossings(triangles, 1e-9).crossing
+    assert ((found < len(a.faces)).sum(axis=1) == 1).all()  # always one of each
+    middle = triangles[found].mean(axis=(1, 2))
+    np.testing.assert_allclose(middle[:, 0], 0.5, atol=0.1)
+    np.testing.assert_allclose(np.linalg.norm(middle[:, 1:], axis=1), np.sqrt(0.75), atol=0.15)

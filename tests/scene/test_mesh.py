@@ -1,0 +1,129 @@
+"""A mesh keeps what it is given, refuses what cannot be touched, and has one digest per content."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import UNIT_M, Mesh, unit_name
+
+VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
+
+
+def test_arrays_are_typed_contiguous_and_frozen():
+    vertices, faces = np.asfortranarray(VERTICES), FACES.astype(np.int64)
+    mesh = Mesh(vertices, faces)
+    assert mesh.vertices_m.dtype == np.float64 and mesh.vertices_m.flags.c_contiguous
+    assert mesh.faces.dtype == np.int32 and mesh.faces.flags.c_contiguous
+    vertices[0, 0] = 5
+    assert mesh.vertices_m[0, 0] == 0
+    with pytest.raises(ValueError):
+        mesh.vertices_m[0, 0] = 1
+
+
+def test_normals_point_out_and_are_zero_without_area():
+    mesh = Mesh(VERTICES, np.concatenate([FACES, [[0, 1, 1]]]))
+    expected = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), np.ones(3) / np.sqrt(3), (0, 0, 0)]
+    np.testing.assert_allclose(mesh.normals, expected, atol=1e-15)
+
+
+def test_digest_is_of_the_content_alone():
+    mesh = Mesh(VERTICES, FACES)
+    assert mesh.digest == Mesh(VERTICES.copy(), FACES, group_names=("other",)).digest
+    moved = VERTICES.copy()
+    moved[0, 0] = 1e-300
+    assert mesh.digest != Mesh(moved, FACES).digest
+    assert mesh.digest != Mesh(VERTICES, FACES[[1, 0, 2, 3]]).digest
+
+
+def test_bounds_leave_out_vertices_without_faces():
+    mesh = Mesh(np.concatenate([VERTICES, [[9, 9, 9]]]), FACES)
+    np.testing.assert_array_equal(mesh.bounds_m, [[0, 0, 0], [1, 1, 1]])
+    assert mesh.diagonal_m == pytest.approx(np.sqrt(3))
+
+
+def test_groups_are_found_whole_and_by_part():
+    mesh = Mesh(VERTICES, FACES, np.array([0, 1, 2, 2]), ("door/steel", "door/wood", "steel"))
+    assert mesh.faces_of("door").tolist() == [True, True, False, False]
+    assert mesh.faces_of("steel").tolist() == [True, False, True, True]
+    assert mesh.faces_of("door/wood").tolist() == [False, True, False, False]
+    with pytest.raises(MeshError, match="no group 'stel'; there are: door, door/steel"):
+        mesh.faces_of("stel")
+
+
+def nan_at(index):
+    vertices = VERTICES.copy()
+    vertices[index, 1] = np.nan
+    return vertices
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (nan_at(2), FACES, "vertex 2 is not finite"),
+        (VERTICES - [np.inf, 0, 0], FACES, "not finite"),
+        (VERTICES, FACES[:0], "no faces"),
+        (VERTICES, FACES + 1, "face 1 names vertex 4, but there are only vertices 0 to 3"),
+        (VERTICES, FACES - 1, "names vertex -1"),
+        (VERTICES[:, :2], FACES, r"shape \(N, 3\)"),
+        (VERTICES, FACES[:, :2], r"shape \(M, 3\)"),
+        (VERTICES, FACES * 1.0, "whole numbers"),
+        (VERTICES * 1e9, FACES, "is the unit right"),
+        (VERTICES * 0, FACES, "0 m across"),
+    ],
+)
+def test_bad_arrays_are_refused(vertices, faces, message):
+    with pytest.raises(MeshError, match=message):
+        Mesh(vertices, faces)
+
+
+@pytest.mark.parametrize("unit", UNIT_M)
+def test_from_trimesh_scales_by_unit(unit):
+    box = trimesh.creation.box((2, 4, 6))
+    mesh = Mesh.from_trimesh(box, unit)
+    np.testing.assert_allclose(mesh.bounds_m[1] - mesh.bounds_m[0], np.array([2, 4, 6]) * UNIT_M[unit], rtol=1e-15)
+    np.testing.assert_array_equal(mesh.faces, box.faces)
+
+
+def test_from_trimesh_takes_its_units_or_asks():
+    box = trimesh.creation.box((1, 1, 1))
+    with pytest.raises(MeshError, match="without units: give unit=, one of m, cm, mm"):
+        Mesh.from_trimesh(box)
+    box.units = "inches"
+    assert Mesh.from_trimesh(box).diagonal_m == pytest.approx(0.0254 * np.sqrt(3))
+
+
+def test_from_trimesh_keeps_unmerged_vertices_and_colours():
+    box = trimesh.creation.box((1, 1, 1))
+    soup = trimesh.Trimesh(box.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
+    soup.visual.face_colors = np.arange(12)[:, None] * [1, 2, 3, 0] + [0, 0, 0, 255]
+    mesh = Mesh.from_trimesh(soup, "m")
+    assert len(mesh.vertices_m) == 36
+    np.testing.assert_array_equal(mesh.colour_rgb, np.arange(12)[:, None] * [1, 2, 3])
+
+
+def test_from_trimesh_scene_puts_nodes_in_place_and_turns_mirrored_ones():
+    box = trimesh.creation.box((1, 1, 1))
+    scene = trimesh.Scene()
+    mirror = np.diag([-1.0, 1, 1, 1])
+    mirror[0, 3] = 5
+    scene.add_geometry(box, node_name="left")
+    scene.add_geometry(box, node_name="right", transform=mirror)
+    mesh = Mesh.from_trimesh(scene, "m")
+    assert mesh.group_names == ("left", "right")
+    right = mesh.faces_of("right")
+    np.testing.assert_allclose(mesh.triangles_m[right].min(axis=(0, 1)), [4.5, -0.5, -0.5])
+    outward = np.einsum("ij,ij->i", mesh.normals[right], mesh.triangles_m[right].mean(axis=1) - [5, 0, 0])
+    assert (outward > 0).all()
+
+
+def test_from_trimesh_refuses_other_things():
+    with pytest.raises(MeshError, match="PointCloud cannot be touched"):
+        Mesh.from_trimesh(trimesh.PointCloud(np.zeros((3, 3))), "m")
+
+
+def test_unknown_unit_names_the_known():
+    with pytest.raises(MeshError, match="no unit of length 'furlong'; there are: cm, ft, in, m, mm, um"):
+        unit_name("furlong")
+    assert [unit_name(u) for u in ("MM", "inches", "µm", " m ")] == ["mm", "in", "um", "m"]

@@ -1,0 +1,234 @@
+"""Every format, written by trimesh and real ones; every way a file can be broken."""
+
+import io
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import MeshWarning, load_mesh
+
+FLOAT32 = {"rtol": 1e-6, "atol": 1e-9}
+
+
+def two_boxes() -> trimesh.Scene:
+    scene = trimesh.Scene()
+    shift = np.eye(4)
+    shift[:3, 3] = (3, 0, 0)
+    scene.add_geometry(trimesh.creation.box((1, 1, 1)), geom_name="small", node_name="small")
+    scene.add_geometry(trimesh.creation.box((2, 2, 2)), geom_name="big", node_name="big", transform=shift)
+    return scene
+
+
+@pytest.mark.parametrize("suffix", ["stl", "stl_ascii", "obj", "ply", "ply_ascii", "off"])
+def test_unitless_formats_come_back_scaled(tmp_path, suffix):
+    kind, _, form = suffix.partition("_")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=30.0)
+    path = tmp_path / f"ball.{kind}"
+    options = {"encoding": "ascii"} if suffix == "ply_ascii" else {}
+    exported = ball.export(file_type="stl_ascii" if suffix == "stl_ascii" else kind, **options)
+    path.write_bytes(exported if isinstance(exported, bytes) else exported.encode())
+    mesh = load_mesh(path, "mm")
+    np.testing.assert_allclose(mesh.triangles_m, ball.triangles * 1e-3, **FLOAT32)
+    assert (mesh.path, mesh.unit, mesh.group_names) == (path, "mm", ("default",))
+    with pytest.raises(MeshError, match=f"{kind.upper()} files carry no unit.*unit=\"mm\".*--unit mm.*m, cm, mm, um"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "3mf"])
+def test_scene_formats_become_one_mesh_with_groups(tmp_path, suffix):
+    scene = two_boxes()
+    if suffix == "3mf":
+        scene.units = "inches"
+        scene.export(tmp_path / "boxes.3mf")
+        text = zipfile.ZipFile(tmp_path / "boxes.3mf").read("3D/3dmodel.model")[:400]
+        scale = {b"inch": 0.0254, b"millimeter": 1e-3}[text.split(b'unit="')[1].split(b'"')[0]] if b"unit=" in text else 1e-3
+    elif suffix == "gltf":
+        for name, content in scene.export(file_type="gltf").items():
+            (tmp_path / ("boxes.gltf" if name == "model.gltf" else name)).write_bytes(content)
+        scale = 1.0
+    else:
+        scene.export(tmp_path / "boxes.glb")
+        scale = 1.0
+    mesh = load_mesh(tmp_path / f"boxes.{suffix}")
+    assert len(mesh.faces) == 24 and {"small", "big"} <= {p for n in mesh.group_names for p in n.split("/")}
+    np.testing.assert_allclose(mesh.triangles_m[mesh.faces_of("big")].max(axis=(0, 1)) / scale, (4, 1, 1), rtol=1e-6)
+    np.testing.assert_allclose(mesh.triangles_m[mesh.faces_of("small")].max(axis=(0, 1)) / scale, (0.5, 0.5, 0.5))
+
+
+def test_given_unit_wins_over_the_file(tmp_path):
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "box.glb")
+    assert load_mesh(tmp_path / "box.glb").unit == "m"
+    assert load_mesh(tmp_path / "box.glb", "cm").diagonal_m == pytest.approx(0.01 * np.sqrt(3))
+
+
+def test_faces_are_neither_merged_nor_dropped(tmp_path):
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [5, 5, 5]], float)
+    faces = np.array([[0, 1, 2], [3, 1, 2], [0, 0, 1], [0, 1, 2]])
+    for suffix in ("ply", "off", "glb"):
+        trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / f"odd.{suffix}")
+        mesh = load_mesh(tmp_path / f"odd.{suffix}", "m")
+        np.testing.assert_array_equal(mesh.faces, faces)
+        np.testing.assert_array_equal(mesh.vertices_m, vertices)
+
+
+def test_colours_of_faces_vertices_and_textures(tmp_path):
+    box = trimesh.creation.box((1, 1, 1))
+    box.visual.vertex_colors = [200, 100, 50, 255]
+    box.export(tmp_path / "box.ply")
+    assert load_mesh(tmp_path / "box.ply", "m").colour_rgb.tolist() == [[200, 100, 50]] * 12
+
+
+def test_zip_holds_one_mesh_and_what_it_needs(tmp_path):
+    with zipfile.ZipFile(tmp_path / "box.zip", "w") as archive:
+        archive.writestr("in/box.obj", "mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n")
+        archive.writestr("in/box.mtl", "newmtl red\nKd 1 0 0\n")
+    mesh = load_mesh(tmp_path / "box.zip", "cm")
+    assert mesh.group_names == ("red",) and mesh.colour_rgb.tolist() == [[255, 0, 0]]
+    with pytest.raises(MeshError, match="OBJ files carry no unit"):
+        load_mesh(tmp_path / "box.zip")
+
+
+REAL = {
+    "20mm-xyz-cube.stl": ("mm", 260, (0.020, 0.020, 0.020)),
+    "featuretype.STL": ("in", 3476, (0.127, 0.0635, 0.034925)),
+    "featuretype.STEP": (None, 8326, (0.127, 0.0635, 0.034925)),  # in inches too: both agree in metres
+    "base_interface_AP214.STEP": (None, 4688, (0.59940797, 0.63866246, 0.0047625)),
+    "bunny.ply": ("m", 16301, (0.1555062, 0.15325391, 0.1205631)),
+    "cycloidal.ply": ("in", 43368, (0.0476250, 0.0476145, 0.0281157)),
+    "fandisk.obj": ("cm", 5750, (0.01690842, 0.00864124, 0.0155653)),
+    "groups.obj": ("mm", 2308, (0.00942517, 0.00493561, 0.004)),
+    "rabbit.obj": ("cm", 1252, (0.02002612, 0.04413606, 0.0314)),
+    "fuze.zip": ("m", 1000, (0.072612, 0.073514, 0.215128)),
+    "Duck.glb": (None, 4212, (1.65478397, 1.54040628, 1.15253393)),
+    "monkey.glb": (None, 968, (2.734375, 1.96875, 1.703125)),
+    "busted.STL": ("mm", 3878, (0.0106755, 0.0113847, 0.0095724)),
+    "teapot.stl": ("mm", 894, (0.06316970, 0.03930835, 0.02947930)),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_files(shared, name):
+    unit, face_count, size_m = REAL[name]
+    path = shared / "data" / "meshes" / name
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    if name.endswith("STEP"):
+        pytest.importorskip("cascadio")
+    mesh = load_mesh(path, unit)
+    assert len(mesh.faces) == face_count
+    np.testing.assert_allclose(mesh.bounds_m[1] - mesh.bounds_m[0], size_m, rtol=1e-4)
+
+
+def test_real_names_and_colours(shared):
+    meshes = shared / "data" / "meshes"
+    assert load_mesh(meshes / "groups.obj", "m").faces_of("mmGroup2").any()
+    assert load_mesh(meshes / "rabbit.obj", "m").faces_of("sphere4").any()
+    fuze = load_mesh(meshes / "fuze.zip", "m").colour_rgb
+    assert fuze.std(axis=0).min() > 20  # a label, not one colour
+    duck = load_mesh(meshes / "Duck.glb").colour_rgb.mean(axis=0)
+    assert duck[0] > duck[2] + 100  # yellow
+
+
+def test_step_is_converted_by_its_own_unit(shared):
+    pytest.importorskip("cascadio")
+    path = shared / "data" / "meshes" / "featuretype.STEP"
+    with pytest.warns(MeshWarning, match="says its own unit.*unit='mm' is not used"):
+        mesh = load_mesh(path, "mm")
+    assert mesh.bounds_m[1, 0] - mesh.bounds_m[0, 0] == pytest.approx(0.127) and mesh.unit == "m"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_mesh(path, "m")
+
+
+def test_step_without_its_loader_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cascadio", None)
+    (tmp_path / "part.step").write_text("ISO-10303-21;\nEND-ISO-10303-21;\n")
+    with pytest.raises(MeshError, match=r"pip install 'hapscene\[step\]'"):
+        load_mesh(tmp_path / "part.step")
+
+
+def ball(file_type: str, **options) -> bytes:
+    exported = trimesh.creation.icosphere(subdivisions=2).export(file_type=file_type, **options)
+    return exported if isinstance(exported, bytes) else exported.encode()
+
+
+def ply(vertices="0 0 0\n1 0 0\n0 1 0\n", faces="3 0 1 2\n", vertex_count=3, face_count=1) -> bytes:
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex {vertex_count}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {face_count}\nproperty list uchar int vertex_indices\nend_header\n{vertices}{faces}"
+    ).encode()
+
+
+def zipped(**members: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name.replace("_", "."), content)
+    return stream.getvalue()
+
+
+BROKEN = {
+    "missing.stl": None,
+    "no_format.txt": b"hello",
+    "no_suffix": b"hello",
+    **{f"empty.{suffix}": b"" for suffix in ("stl", "obj", "ply", "off", "glb", "gltf", "3mf", "step", "zip")},
+    **{f"text.{s}": b"This is no mesh, it is a letter.\n" * 9 for s in ("stl", "obj", "ply", "off", "glb", "gltf", "3mf", "step", "zip")},
+    **{f"bytes.{s}": bytes(range(256)) * 9 for s in ("stl", "obj", "ply", "off", "glb", "gltf", "3mf", "step", "zip")},
+    "cut.stl": ball("stl")[:-200],
+    "cut_ascii.stl": ball("stl_ascii")[:-200],
+    "cut.ply": ball("ply")[:-200],
+    "cut_ascii.ply": ball("ply", encoding="ascii")[:-200],
+    "cut.off": ball("off")[: -len(ball("off")) // 3],
+    "cut.glb": ball("glb")[:-200],
+    "cut_header.glb": ball("glb")[:30],
+    "cut.3mf": ball("3mf")[:-200],
+    "cut.step": b"ISO-10303-21;\nHEADER;\n",
+    "no_shape.step": b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n",
+    "cut.zip": zipped(ball_stl=ball("stl"))[:-30],
+    "cut_line.obj": ball("obj")[:-6],
+    "no_mesh.zip": zipped(letter_txt=b"hello"),
+    "two.zip": zipped(a_stl=ball("stl"), b_stl=ball("stl")),
+    "nan.ply": ply(vertices="0 0 0\nnan 0 0\n0 1 0\n"),
+    "inf.obj": b"v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n",
+    "nan.stl": ball("stl")[:96] + np.array([np.nan] * 9, "<f4").tobytes() + ball("stl")[132:],
+    "no_faces.ply": ply(faces="", face_count=0),
+    "no_faces.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "no_faces.stl": bytes(84),
+    "index.ply": ply(faces="3 0 1 3\n"),
+    "negative.ply": ply(faces="3 0 1 -1\n"),
+    "index.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+    "index.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n",
+    "huge_count.ply": ply(vertex_count=10**12),
+    "huge_faces.ply": ply(face_count=10**12),
+    "huge.stl": bytes(80) + b"\xff\xff\xff\xff" + bytes(100),
+    "huge.obj": b"v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n",
+    "point.obj": b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n",
+    "no_buffer.gltf": b'{"asset":{"version":"2.0"},"buffers":[{"uri":"gone.bin","byteLength":9}],"meshes":[]}',
+    "huge_accessor.gltf": b'{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],'
+    b'"accessors":[{"componentType":5126,"type":"VEC3","count":99999999999999}],'
+    b'"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]}',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_files_are_one_readable_error(tmp_path, name):
+    path = tmp_path / name
+    if BROKEN[name] is not None:
+        path.write_bytes(BROKEN[name])
+    if path.suffix == ".step":
+        pytest.importorskip("cascadio")
+    with pytest.raises(MeshError) as error:
+        load_mesh(path, "m")
+    text = str(error.value)
+    assert str(path) in text and "\n" not in text and len(text) - len(str(path)) < 400
+    assert error.value.__cause__ is None
+
+
+def test_a_folder_is_no_mesh(tmp_path):
+    (tmp_path / "folder.stl").mkdir()
+    with pytest.raises(MeshError, match="cannot be read"):
+        load_mesh(tmp_path / "folder.stl", "m")

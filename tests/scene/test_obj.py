@@ -1,0 +1,78 @@
+"""Wavefront OBJ: what trimesh's own reader would change, and errors that name their line."""
+
+import numpy as np
+import pytest
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import load_mesh
+
+
+def read(tmp_path, text, **files):
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "mesh.obj").write_text(text)
+    return load_mesh(tmp_path / "mesh.obj", "m")
+
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def test_order_names_and_seams_are_kept(tmp_path):
+    text = SQUARE + (
+        "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
+        "o door\nusemtl steel\nf 1/1/1 2/2/1 3/3/1\nusemtl wood\nf 1/2/1 3/1/1 4/4/1\no frame\nusemtl steel\nf 4 3 2\n"
+    )
+    mesh = read(tmp_path, text)
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [3, 2, 1]])
+    assert len(mesh.vertices_m) == 4  # not split where texture coordinates differ
+    assert [mesh.group_names[g] for g in mesh.group] == ["door/steel", "door/wood", "frame/steel"]
+
+
+def test_polygons_negative_indices_comments_and_continued_lines(tmp_path):
+    mesh = read(tmp_path, "# a square\n" + SQUARE + "f -4 -3 \\\n -2 -1 # all of it\n".replace(" # all of it", ""))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_group_named_as_its_material_is_named_once(tmp_path):
+    assert read(tmp_path, SQUARE + "g rim\nusemtl rim\nf 1 2 3\n").group_names == ("rim",)
+
+
+def test_colours_from_materials_and_pictures(tmp_path):
+    from PIL import Image
+
+    picture = Image.new("RGB", (2, 2))
+    picture.putdata([(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0)])
+    picture.save(tmp_path / "p.png")
+    text = "mtllib m.mtl\n" + SQUARE + (
+        "vt 0.25 0.75\nvt 0.75 0.25\nusemtl plain\nf 1 2 3\nusemtl picture\nf 1/1 2/1 3/1\nf 1/2 2/2 3/2\n"
+        "usemtl unknown\nf 1 2 3\n"
+    )
+    mtl = b"newmtl plain\nKd 0 0.5 1\nnewmtl picture\nKd 1 1 1\nmap_Kd p.png\n"
+    mesh = read(tmp_path, text, **{"m.mtl": mtl})
+    np.testing.assert_allclose(mesh.colour_rgb[0], (0, 127, 255), atol=1)
+    np.testing.assert_array_equal(mesh.colour_rgb[1:], [(255, 0, 0), (255, 255, 0), (160, 160, 160)])
+
+
+def test_missing_or_broken_material_library_costs_the_colours_alone(tmp_path):
+    text = "mtllib gone.mtl\n" + SQUARE + "usemtl steel\nf 1 2 3\n"
+    assert read(tmp_path, text).colour_rgb is None
+    assert read(tmp_path, text, **{"gone.mtl": b"newmtl steel\nKd a b c\n"}).group_names == ("steel",)
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("f 1 2 5", "line 5: no vertex 5; so far there are 4"),
+        ("f 1 2 0", "line 5: no vertex 0"),
+        ("f 1 2 -5", "line 5: no vertex -5"),
+        ("f 1 2", "line 5: a face needs three corners"),
+        ("f 1 two 3", "line 5: expected the number of a vertex, found 'two'"),
+        ("v 1 2", "line 5: expected three numbers after 'v', found '1 2'"),
+        ("v 1 2 x", "line 5: expected three numbers"),
+        ("vt", "line 5: expected two numbers after 'vt'"),
+        ("vt 0 0\nf 1/1 2/2 3/1", "line 6: no texture coordinate 2"),
+    ],
+)
+def test_errors_name_their_line(tmp_path, line, problem):
+    with pytest.raises(MeshError, match=problem):
+        read(tmp_path, SQUARE + line + "\n")

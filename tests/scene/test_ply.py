@@ -1,0 +1,53 @@
+"""What is written comes back to the bit, whole or not at all."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import Mesh, load_mesh
+from hapscene.scene.ply import write_mesh
+
+
+def random_mesh(seed: int = 0) -> Mesh:
+    rng = np.random.default_rng(seed)
+    return Mesh(
+        rng.normal(size=(50, 3)),
+        rng.integers(0, 50, (80, 3)),
+        rng.integers(0, 3, 80),
+        ("wall/steel", "a name with spaces", "Öse"),
+        rng.integers(0, 256, (80, 3)),
+    )
+
+
+def test_round_trip_is_exact(tmp_path):
+    mesh = random_mesh()
+    write_mesh(mesh, tmp_path / "m.ply")
+    back = load_mesh(tmp_path / "m.ply", "m")
+    assert back.digest == mesh.digest and back.group_names == mesh.group_names
+    np.testing.assert_array_equal(back.group, mesh.group)
+    np.testing.assert_array_equal(back.colour_rgb, mesh.colour_rgb)
+
+
+def test_others_read_it_too(tmp_path):
+    mesh = random_mesh()
+    write_mesh(mesh, tmp_path / "m.ply")
+    np.testing.assert_array_equal(trimesh.load_mesh(tmp_path / "m.ply", process=False).vertices, mesh.vertices_m)
+
+
+def test_no_other_suffix_and_nothing_half_written(tmp_path):
+    with pytest.raises(MeshError, match=r"written as \.ply"):
+        write_mesh(random_mesh(), tmp_path / "m.stl")
+    with pytest.raises(MeshError, match="cannot be written"):
+        write_mesh(random_mesh(), tmp_path / "no_folder" / "m.ply")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(MeshError, match="cannot be written"):
+        write_mesh(random_mesh(), tmp_path / "folder.ply")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.ply"]
+
+
+def test_groups_that_do_not_fit_are_left_out(tmp_path):
+    write_mesh(random_mesh(), tmp_path / "m.ply")
+    content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")
+    (tmp_path / "m.ply").write_bytes(content)
+    assert load_mesh(tmp_path / "m.ply", "m").group_names == ("default",)

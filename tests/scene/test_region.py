@@ -1,0 +1,93 @@
+"""Regions against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import SceneError
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Box, Facet, PlaneSide, Sphere, nearest_face
+
+
+def of(mesh: trimesh.Trimesh) -> Mesh:
+    return Mesh(np.array(mesh.vertices), np.array(mesh.faces))
+
+
+BALL = of(trimesh.creation.icosphere(subdivisions=5, radius=1.0))
+CUBE = of(trimesh.creation.box((2, 2, 2)))
+
+
+def share(mask):
+    area = 0.5 * np.linalg.norm(np.cross(*np.moveaxis(np.diff(BALL.triangles_m[mask], axis=1), 1, 0)), axis=1)
+    return area.sum() / (4 * math.pi)
+
+
+def test_plane_side_cuts_off_a_cap():
+    for height in (-0.5, 0.0, 0.6):  # Archimedes: the share of a sphere's area is that of its height
+        mask = PlaneSide((0, 0, height), (0, 0, 7)).pick(BALL)
+        assert share(mask) == pytest.approx((1 - height) / 2, abs=0.01)
+
+
+def test_sphere_about_a_point_of_the_ball_picks_a_cap():
+    # A sphere of radius r about a point of the unit sphere cuts off a cap of area π r².
+    mask = Sphere(centre_m=(1, 0, 0), radius_m=0.5).pick(BALL)
+    assert share(mask) == pytest.approx(0.25 / 4, abs=0.005)
+
+
+def test_box_picks_a_zone():
+    assert share(Box((-2, -2, -0.25), (2, 2, 0.5)).pick(BALL)) == pytest.approx(0.375, abs=0.01)
+    assert not Box((2, 2, 2), (3, 3, 3)).pick(BALL).any()
+
+
+def test_facet_is_a_side_of_a_cube_and_the_cube_at_a_right_angle():
+    for face in range(12):
+        side = Facet(face, math.radians(1)).pick(CUBE)
+        assert side.sum() == 2
+        np.testing.assert_allclose(CUBE.normals[side], CUBE.normals[[face]].repeat(2, axis=0), atol=1e-15)
+        assert Facet(face, math.pi / 2).pick(CUBE).all()
+
+
+def test_facet_is_the_barrel_of_a_cylinder():
+    cylinder = of(trimesh.creation.cylinder(radius=1, height=3, sections=36))
+    barrel = np.abs(cylinder.normals[:, 2]) < 0.5
+    start = int(np.flatnonzero(barrel)[0])
+    np.testing.assert_array_equal(Facet(start, math.radians(11)).pick(cylinder), barrel)
+    assert Facet(start, math.radians(9)).pick(cylinder).sum() == 2
+
+
+def test_facet_crosses_seams_and_turned_faces():
+    soup = Mesh(CUBE.triangles_m.reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert Facet(0, 0.01).pick(soup).sum() == 2
+    faces = CUBE.faces.copy()
+    other = int(np.flatnonzero(Facet(0, 0.01).pick(CUBE))[1])
+    faces[other] = faces[other][::-1]
+    assert Facet(0, 0.01).pick(Mesh(CUBE.vertices_m, faces)).sum() == 2
+
+
+def test_nearest_face_is_the_one_under_a_point():
+    rng = np.random.default_rng(0)
+    for p in rng.normal(size=(50, 3)):
+        expected = trimesh.triangles.closest_point(BALL.triangles_m[:2000], np.repeat([p], 2000, axis=0))
+        part = Mesh(BALL.vertices_m, BALL.faces[:2000])
+        best = np.linalg.norm(expected - p, axis=1)
+        assert best[nearest_face(part, p)] == pytest.approx(best.min(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Box((0, 0, 1), (1, 1, 0)), "low_m must not be above"),
+        (lambda: Box((0, 0), (1, 1, 0)), "three finite numbers"),
+        (lambda: Sphere((0, 0, 0), 0), "radius_m must be positive"),
+        (lambda: Sphere((0, 0, math.nan), 1), "three finite numbers"),
+        (lambda: Sphere("here", 1), "three finite numbers"),
+        (lambda: PlaneSide((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
+        (lambda: Facet(0, -1), "between 0 and π"),
+        (lambda: Facet(12).pick(CUBE), "no face 12"),
+    ],
+)
+def test_bad_regions(make, message):
+    with pytest.raises(SceneError, match=message):
+        make()

@@ -1,0 +1,87 @@
+"""Welding, edges and winding against what is known of simple bodies."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.scene import topology
+from hapscene.scene.topology import area_of, edges_of, first_of, weld, winding_is_mixed, winding_of
+
+BALL = trimesh.creation.icosphere(subdivisions=3)
+
+
+def soup(mesh):
+    return mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
+
+
+def test_weld_finds_exactly_equal_places():
+    vertices = np.array([[0.0, 1, 2], [-0.0, 1, 2], [0, 1, 2 + 1e-15], [5, 5, 5], [0, 1, 2]])
+    assert weld(vertices).tolist() == [0, 0, 2, 3, 0]
+    rng = np.random.default_rng(0)
+    points = rng.integers(0, 4, (2000, 3)).astype(float)
+    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    np.testing.assert_array_equal(weld(points), first[inverse.ravel()])
+
+
+def test_first_of_survives_rows_that_mix_to_one_number(monkeypatch):
+    rows = np.array([[1, 2, 3], [3, 2, 1], [1, 2, 3], [3, 2, 1]], np.uint64)
+    monkeypatch.setattr(topology, "_mix", lambda rows: np.zeros(len(rows), np.uint64))
+    assert first_of(rows).tolist() == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("make", [lambda m: (np.array(m.vertices), np.array(m.faces)), soup])
+def test_a_ball_has_the_edges_of_euler(make):
+    vertices, faces = make(BALL)
+    edges = edges_of(faces, weld(vertices))
+    assert len(edges.count) == 3 * len(faces) // 2 and (edges.count == 2).all()
+    pairs, alike = edges.pairs()
+    assert alike.all()
+    expected = {tuple(sorted(pair)) for pair in BALL.face_adjacency.tolist()}
+    assert {tuple(sorted(pair)) for pair in pairs.tolist()} == expected
+
+
+def test_collapsed_faces_have_no_edges():
+    faces = np.array([[0, 1, 2], [0, 0, 2], [1, 1, 1]])
+    edges = edges_of(faces, np.arange(3))
+    assert len(edges.count) == 3
+    assert edges.count_by_face().tolist() == [[1, 1, 1], [0, 0, 0], [0, 0, 0]]
+    ends = {tuple(end) for end in edges.ends(np.arange(3)).tolist()}
+    assert ends == {(0, 1), (1, 2), (2, 0)}
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.45])
+def test_turned_faces_are_found_one_by_one(share):
+    vertices, faces = np.array(BALL.vertices), np.array(BALL.faces)
+    chosen = np.random.default_rng(1).random(len(faces)) < share
+    faces[chosen] = faces[chosen][:, ::-1]
+    welded = weld(vertices)
+    assert winding_is_mixed(faces, welded)
+    winding = winding_of(edges_of(faces, welded), area_of(vertices[faces]))
+    np.testing.assert_array_equal(winding.turned, chosen)
+    assert not winding.one_sided.any()
+
+
+def test_each_shell_is_judged_for_itself():
+    vertices = np.concatenate([BALL.vertices, np.asarray(BALL.vertices) + 5])
+    faces = np.concatenate([BALL.faces, np.asarray(BALL.faces)[:, ::-1] + len(BALL.vertices)])
+    winding = winding_of(edges_of(faces, weld(vertices)), area_of(vertices[faces]))
+    assert not winding.turned.any()
+    assert len(np.unique(winding.shell)) == 2
+
+
+def test_a_moebius_strip_has_one_side():
+    n = 30
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    rim = [
+        np.stack([(1 + s * np.cos(angle / 2)) * np.cos(angle), (1 + s * np.cos(angle / 2)) * np.sin(angle), s * np.sin(angle / 2)], 1)
+        for s in (-0.3, 0.3)
+    ]  # fmt: skip
+    vertices = np.concatenate(rim)
+    faces = []
+    for i in range(n):
+        a, b = i, n + i
+        c, d = (i + 1, n + i + 1) if i < n - 1 else (n, 0)
+        faces += [[a, c, b], [b, c, d]]
+    faces = np.array(faces)
+    winding = winding_of(edges_of(faces, weld(vertices)), area_of(vertices[faces]))
+    assert winding.one_sided.all() and not winding.turned.any()

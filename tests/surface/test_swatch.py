@@ -1,0 +1,50 @@
+"""The swatch: its checks and what effects get from it."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from hapscene.errors import SwatchError
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.taps import Taps
+
+
+def test_plain_is_stiff_smooth_and_silent() -> None:
+    assert PLAIN.stiffness_N_m > 0.0
+    assert (PLAIN.friction_static, PLAIN.friction_dynamic, PLAIN.texture, PLAIN.taps) == (0.0, 0.0, None, None)
+
+
+def test_parameter_takes_the_nearest_that_is_said() -> None:
+    swatch = Swatch("oak", stiffness_N_m=600.0, effects={"wall": {"stiffness_N_m": 300.0}, "push": {"push_N": 2}})
+    assert swatch.parameter("wall", "stiffness_N_m", 1.0) == 300.0
+    assert swatch.parameter("friction", "stiffness_N_m", 1.0) == 600.0
+    assert swatch.parameter("push", "push_N", 0.1) == 2.0
+    assert swatch.parameter("push", "other", 0.1) == 0.1
+
+
+def test_equality_hash_and_pickle_go_by_content() -> None:
+    swatch = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
+    same = Swatch("oak", taps=Taps([0.1], [1.0], [100.0], [80.0]))
+    assert swatch == same and hash(swatch) == hash(same)
+    assert swatch != Swatch("oak")
+    assert pickle.loads(pickle.dumps(swatch)) == swatch
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": ""}, "name"),
+        ({"name": "a\nb"}, "name"),
+        ({"stiffness_N_m": -1.0}, "stiffness_N_m"),
+        ({"damping_Ns_m": np.nan}, "damping_Ns_m"),
+        ({"friction_static": 0.1, "friction_dynamic": 0.2}, "dynamic ≤ static"),
+        ({"friction_static": 6.0}, "≤ 5"),
+        ({"albedo_rgb": (0.1, 0.2)}, "albedo_rgb"),
+        ({"albedo_rgb": (0.1, 0.2, 1.1)}, "albedo_rgb"),
+        ({"effects": {"push": {"push_N": np.inf}}}, "effects.push.push_N"),
+    ],
+)
+def test_bad_numbers_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(SwatchError, match=message):
+        Swatch(**({"name": "oak"} | change))

@@ -1,0 +1,159 @@
+"""Swatches on disk: back to the bit, and nothing bad gets in."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.errors import SwatchError
+from hapscene.surface import swatch_file
+from hapscene.surface.lsf import ar_from_reflection
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import (
+    load_swatch,
+    save_swatch,
+    shipped_swatches,
+    swatch_from_json,
+    swatch_to_json,
+)
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
+
+
+def make_swatch(seed: int = 0) -> Swatch:
+    rng = np.random.default_rng(seed)
+    a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
+    texture = Texture.from_models(1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a, rng.uniform(0, 1, 3))
+    taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2))
+    return Swatch(
+        "Eiche №1", 1000 / 3, 0.1, 0.3, 0.2, texture, taps, (0.1, 1 / 3, 1.0), "“made up”\n", "MIT", {"x": {"y": 0.1}}
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_round_trip_is_exact_to_the_bit(seed: int) -> None:
+    swatch = make_swatch(seed)
+    again = swatch_from_json(swatch_to_json(swatch))
+    assert again == swatch
+    assert swatch_to_json(again) == swatch_to_json(swatch)
+
+
+def test_saved_whole_and_readable(tmp_path: Path) -> None:
+    path = tmp_path / "oak.swatch"
+    save_swatch(PLAIN, path)
+    save_swatch(make_swatch(), path)
+    assert load_swatch(path) == load_swatch(str(path)) == make_swatch()
+    assert [p.name for p in tmp_path.iterdir()] == ["oak.swatch"]
+    assert '"stiffness_N_m": 333.3333333333333,\n' in path.read_text(encoding="utf-8")
+
+
+def test_a_failed_save_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "oak.swatch"
+    save_swatch(PLAIN, path)
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(SwatchError, match="No space left"):
+        save_swatch(make_swatch(), path)
+    assert load_swatch(path) == PLAIN
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_bad_targets(tmp_path: Path) -> None:
+    with pytest.raises(SwatchError, match=r"must end in \.swatch"):
+        save_swatch(PLAIN, tmp_path / "oak.json")
+    with pytest.raises(SwatchError, match="cannot be written"):
+        save_swatch(PLAIN, tmp_path / "no" / "oak.swatch")
+    with pytest.raises(SwatchError, match="cannot be read"):
+        load_swatch(tmp_path / "missing.swatch")
+    with pytest.raises(SwatchError, match="cannot be read"):
+        load_swatch(tmp_path)
+
+
+def test_shipped_swatches_load_and_say_where_they_come_from() -> None:
+    assert {"wood", "paper", "leather", "epoxy"} <= set(shipped_swatches())
+    for name in shipped_swatches():
+        swatch = load_swatch(name)
+        assert swatch.name == name
+        assert swatch.texture is not None and swatch.taps is not None
+        assert "commit" in swatch.provenance and "Assumed" in swatch.provenance and swatch.licence
+
+
+def test_an_unknown_name_is_told_with_what_there_is() -> None:
+    with pytest.raises(SwatchError, match=r"no swatch 'woood'; there are: .*paper.*; did you mean 'wood'\?"):
+        load_swatch("woood")
+
+
+def edit(path: tuple[str | int, ...], value: object) -> str:
+    """The text of a good swatch with one value changed."""
+    content = json.loads(swatch_to_json(make_swatch()))
+    place = content
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return json.dumps(content)
+
+
+BAD = {
+    "empty": ("", "not a swatch"),
+    "truncated": (swatch_to_json(make_swatch())[:2000], "not a swatch: .* in line"),
+    "binary": (b"\x80\x04\x95\xff\x00", "not a swatch"),
+    "list": ("[1, 2]", "format"),
+    "other format": (edit(("format",), "other"), "format"),
+    "later version": (edit(("version",), 2), "format version 2 is later than 1.*update"),
+    "no version": (edit(("version",), None), "version must be"),
+    "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
+    "Infinity": (edit(("texture", "lsf_rad", 0, 0), float("inf")), "Infinity"),
+    "overflow": (swatch_to_json(PLAIN).replace("500.0", "1e999"), "stiffness_N_m must be a finite number"),
+    "huge integer": (swatch_to_json(PLAIN).replace("500.0", "9" * 5000), "not a swatch"),
+    "deep": ("[" * 200_000, "not a swatch"),
+    "unknown key": (edit(("stifness_N_m",), 1.0), "unknown key 'stifness_N_m'; did you mean 'stiffness_N_m'"),
+    "unknown texture key": (edit(("texture", "ar"), []), r"unknown key 'texture\.ar'"),
+    "twice": ('{"format": "hapscene swatch", "version": 1, "name": "a", "name": "b"}', "'name' stands twice"),
+    "no name": ('{"format": "hapscene swatch", "version": 1}', "'name' is missing"),
+    "name a number": (edit(("name",), 3), "name must be a text"),
+    "stiffness a text": (edit(("stiffness_N_m",), "500"), "stiffness_N_m must be a finite number"),
+    "stiffness a truth": (edit(("stiffness_N_m",), True), "stiffness_N_m must be a finite number"),
+    "colour": (edit(("albedo_rgb",), [1, 1]), "albedo_rgb"),
+    "effects": (edit(("effects",), [1]), "effects must be"),
+    "effect number": (edit(("effects", "x", "y"), "z"), r"effects\.x\.y must be a finite number"),
+    "unstable": (edit(("texture", "lsf_rad", 1, 0), 3.0), "model 1 is unstable"),
+    "ragged": (edit(("texture", "lsf_rad", 1), [1.0]), r"texture\.lsf_rad must have rows of one length"),
+    "shape": (edit(("texture", "force_N"), [1.0]), "force_N"),
+    "nested": (edit(("texture", "force_N", 0), [1.0]), r"texture\.force_N\[0\] must be a finite number"),
+    "triangle index": (edit(("texture", "triangles", 0, 0), 999), "triangles name models"),
+    "triangle fraction": (edit(("texture", "triangles", 0, 0), 0.5), r"triangles\[0\]\[0\] must be the index"),
+    "order": (edit(("texture", "lsf_rad"), [list(np.linspace(0.001, 3.1, 300))] * 8), "lsf_rad must have shape"),
+    "variance": (edit(("texture", "variance_m2_s4", 0), -1.0), "variance_m2_s4"),
+    "taps shape": (edit(("taps", "decay_1_s"), [1.0]), "decay_1_s must have shape"),
+    "taps missing": (edit(("taps",), {"decay_1_s": [1.0]}), r"'taps\.approach_m_s' is missing"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_are_refused_with_one_readable_sentence(case: str, tmp_path: Path) -> None:
+    text, message = BAD[case]
+    path = tmp_path / "bad.swatch"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(SwatchError, match=message) as caught:
+        load_swatch(path)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(path)) and "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "large.swatch"
+    with path.open("wb") as f:
+        f.truncate(1 << 33)  # sparse
+    with pytest.raises(SwatchError, match="larger than 32 MiB"):
+        load_swatch(path)
+    monkeypatch.setattr(swatch_file, "BYTES_MAX", 100)
+    save_swatch(PLAIN, path)
+    with pytest.raises(SwatchError, match="larger"):
+        load_swatch(path)

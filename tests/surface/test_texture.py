@@ -1,0 +1,139 @@
+"""The texture: what is asked for lies between the models, is stable, and has the power it should have."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import freqz, lfilter
+
+from hapscene.errors import SwatchError
+from hapscene.surface.lsf import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.surface.texture import Texture
+
+
+def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: str = "lsf") -> Texture:
+    """Random models at random places up to 3 N and 0.3 m/s."""
+    rng = np.random.default_rng(seed)
+    k = rng.uniform(-0.4, 0.4, (count, order)) * np.exp(-np.arange(order) / 20)
+    k[:, 0] = rng.uniform(-0.98, -0.8, count)
+    force, speed = rng.uniform(0.3, 3.0, count), rng.uniform(0.03, 0.3, count)
+    variance = rng.uniform(0.1, 10.0, count)
+    return Texture.from_models(10_000.0, force, speed, ar_from_reflection(k), variance, interpolation)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 120), st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_between_models_all_is_stable_and_has_the_barycentric_power(order: int, count: int, seed: int) -> None:
+    texture = make_texture(order, count, seed)
+    rng = np.random.default_rng(seed)
+    force, slip = rng.uniform(0, 4, 200), rng.uniform(0, 0.4, 200)
+    a, variance = texture.models(force, slip)
+    assert np.all(np.abs(reflection_from_ar(a)) < 1.0)
+    assert np.all(np.isfinite(variance) & (variance >= 0.0))
+    assert np.allclose(variance * power_gain(a), texture.power(force, slip), rtol=1e-9)
+    assert texture.power(force, slip).max() <= texture.model_power_m2_s4.max() * (1 + 1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_triangles_fill_the_rectangle(count: int, seed: int) -> None:
+    texture = make_texture(4, count, seed)
+    rng = np.random.default_rng(seed)
+    force = rng.uniform(0, texture.force_max_N, 200)
+    slip = rng.uniform(0, texture.speed_max_m_s, 200)
+    corner, weight = texture.locate(force, slip)
+    assert np.allclose(np.sum(weight * texture.force_N[corner], axis=1), force, atol=1e-5 * texture.force_max_N)
+    assert np.allclose(np.sum(weight * texture.speed_m_s[corner], axis=1), slip, atol=1e-5 * texture.speed_max_m_s)
+
+
+def test_a_model_stands_where_it_was_put() -> None:
+    a = ar_from_reflection(np.array([[-0.9, 0.5], [-0.5, 0.2], [-0.8, 0.1]]))
+    texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a, [1.0, 2.0, 3.0])
+    for i, (force, slip) in enumerate([(1.0, 0.1), (2.0, 0.1), (2.0, 0.2)]):
+        got, variance = texture.model(force, slip)
+        assert np.allclose(got, a[i], atol=1e-12)
+        assert variance == pytest.approx(i + 1.0, rel=1e-12)
+
+
+def test_no_force_or_no_speed_is_silence_and_above_the_maxima_is_the_maximum() -> None:
+    texture = make_texture()
+    for force, slip in [(0.0, 0.1), (1.0, 0.0), (-1.0, 0.1), (1.0, -0.1), (np.nan, 0.1), (1.0, np.nan)]:
+        assert texture.model(force, slip)[1] == 0.0
+    a, variance = texture.model(100.0, 10.0)
+    b, same = texture.model(texture.force_max_N, texture.speed_max_m_s)
+    assert np.array_equal(a, b) and variance == same > 0.0
+
+
+def test_level_rises_from_silence_along_the_diagonal() -> None:
+    a = ar_from_reflection(np.array([-0.9, 0.5]))
+    texture = Texture.from_models(10_000.0, [2.0], [0.2], a, [1.0])
+    share = np.linspace(0.0, 1.0, 9)
+    assert np.allclose(texture.power(2.0 * share, 0.2 * share), share * power_gain(a), atol=1e-12)
+
+
+def test_mode_hatt_blends_frequencies_and_variance() -> None:
+    texture = make_texture(interpolation="hatt")
+    force, slip = np.array([1.1]), np.array([0.11])
+    corner, weight = texture.locate(force, slip)
+    assert texture.models(force, slip)[1] == pytest.approx(weight[0] @ texture.variance_m2_s4[corner[0]])
+
+
+def test_synthesised_power_is_the_stated_power() -> None:
+    texture = make_texture(order=12)
+    a, variance = texture.model(1.2, 0.12)
+    noise = np.random.default_rng(0).standard_normal(1_000_000)
+    power = np.var(lfilter([np.sqrt(variance)], a, noise))
+    assert abs(10 * np.log10(power / texture.power([1.2], [0.12])[0])) < 0.15
+
+
+def test_arrays_are_read_only_and_copies() -> None:
+    force = np.array([1.0, 2.0])
+    a = ar_from_reflection(np.full((2, 3), 0.1))
+    texture = Texture.from_models(1000.0, force, [0.1, 0.2], a, [1.0, 1.0])
+    force[0] = 9.0
+    assert texture.force_max_N == 2.0
+    with pytest.raises(ValueError, match="read-only"):
+        texture.lsf_rad[0, 0] = 1.0
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    good = make_texture(3, 2)
+    fields = {n: getattr(good, n) for n in ("rate_Hz", "force_N", "speed_m_s", "triangles", "lsf_rad")}
+    fields["variance_m2_s4"] = good.variance_m2_s4
+    falling = good.lsf_rad.copy()
+    falling[1] = falling[1][::-1]
+    tight = good.lsf_rad.copy()
+    tight[0] = [1.0, 1.0 + 1e-13, 2.0]
+    cases = {
+        "unstable": {"lsf_rad": falling},
+        "close to unstable": {"lsf_rad": tight},
+        "louder": {"variance_m2_s4": np.full_like(good.variance_m2_s4, 1e200)},
+        "rate_Hz": {"rate_Hz": 0.0},
+        "shape": {"speed_m_s": [1.0]},
+        "finite": {"force_N": np.full_like(good.force_N, np.nan)},
+        "no area": {"triangles": [[0, 0, 1]]},
+        "name models": {"triangles": [[0, 1, 99]]},
+        "interpolation": {"interpolation": "cubic"},
+    }
+    for message, change in cases.items():
+        with pytest.raises(SwatchError, match=message):
+            Texture(**(fields | change))
+
+
+@pytest.mark.parametrize("rate_Hz", [5000.0, 8000.0, 20_000.0, 44_100.0])
+def test_resampling_keeps_spectrum_and_power_of_the_kept_band(rate_Hz: float) -> None:
+    texture = make_texture(order=20)
+    other = texture.resampled(rate_Hz)
+    assert other.rate_Hz == rate_Hz
+    frequency = np.linspace(20.0, 1000.0, 500)
+    nyquist = min(rate_Hz, 10_000.0) / 2
+    fine = (np.arange(20_000) + 0.5) * nyquist / 20_000
+    for force, slip in ((texture.force_N[0], texture.speed_m_s[0]), (texture.force_N[1], texture.speed_m_s[1])):
+        in_band, in_whole = [], []
+        for t in (texture, other):
+            a, variance = t.model(force, slip)
+            for grid, into in ((frequency, in_band), (fine, in_whole)):
+                _, h = freqz([1.0], a, worN=grid, fs=t.rate_Hz)
+                into.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
+        assert np.sqrt(np.mean((10 * np.log10(in_band[0] / in_band[1])) ** 2)) < 0.5
+        assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1

@@ -1,0 +1,134 @@
+"""The main job, from a scene and a path to the files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.io import wavfile
+
+from hapscene.errors import EffectError, SceneError, ViewError
+from hapscene.recording import Recording
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+from hapscene.touch import MADE, open_scene, summarise, touch
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate")
+    scene.paint("plate", Swatch("card", stiffness_N_m=800.0, friction_static=0.4, friction_dynamic=0.3))
+    return scene
+
+
+@pytest.fixture(scope="module")
+def p_WT() -> np.ndarray:
+    """Down onto the plate's top at z = 0.01, 1 mm deep, along x, and up again."""
+    t = np.linspace(0.0, 1.0, 400)
+    z_m = 0.01 + np.interp(t, (0, 0.3, 0.7, 1), (0.005, -0.001, -0.001, 0.005))
+    return np.column_stack((0.02 * t, 0.0 * t, z_m))
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No GL: what the job does then, and quick."""
+
+    def write_picture(*arguments: object) -> None:
+        raise ViewError("no picture, since no GL was found: osmesa: none (apt-get install libosmesa6)")
+
+    monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
+
+
+def test_job_makes_every_file_and_they_agree(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:
+    said: list[str] = []
+    t_s = 7.0 + np.arange(len(p_WT)) * 1e-3
+    made = touch(scene, tmp_path / "out", p_WT, t_s=t_s, seed=3, title="plate", say=said.append)
+    if "scene.png" not in (file.name for file in made):
+        assert "without scene.png: no picture" in "".join(said)
+    assert [file.name for file in made if file.name != "scene.png"] == [n for n in MADE if n != "scene.png"]
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {file.name for file in made}
+    recording = Recording.load(tmp_path / "out" / "touch.npz")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert np.array_equal(recording.p_WT_m, p_WT) and np.array_equal(recording.t_s, t_s)
+    assert summary["ticks"] == 400 and summary["seed"] == 3
+    assert summary["ticks_in_contact"] == np.count_nonzero(recording.touching) > 150
+    assert summary["ticks_on_swatches"] == {"plain": 0, "card": summary["ticks_in_contact"]}
+    times_us = summary["time_per_tick_us"]
+    assert 0 < times_us["contact"]["median"] <= times_us["whole"]["median"] <= times_us["whole"]["max"]
+    assert set(summary["flags"].values()) == {0}
+    assert recording.normal_force_N.max() == pytest.approx(0.8, rel=1e-3)
+    assert len((tmp_path / "out" / "touch.csv").read_text(encoding="utf-8").splitlines()) == 401
+    assert len(wavfile.read(tmp_path / "out" / "feel.wav")[1]) == 4000
+
+
+def test_job_goes_on_without_gl(tmp_path: Path, scene: Scene, p_WT: np.ndarray, undrawn: None) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "scene.png").write_text("of an earlier run")
+    (tmp_path / "out" / "notes.txt").write_text("not ours")
+    said: list[str] = []
+    made = touch(scene, tmp_path / "out", p_WT, say=said.append)
+    assert [file.name for file in made] == [name for name in MADE if name != "scene.png"]
+    lines = [line for line in "".join(said).splitlines() if "without" in line]
+    assert len(lines) == 1 and "libosmesa6" in lines[0]
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {*MADE, "notes.txt"} - {"scene.png"}
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert "libosmesa6" in summary["missing"]["scene.png"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("writer", ["hapscene.recording.Recording.save_csv", "hapscene.view.plot.write_plot"])
+def test_job_that_fails_midway_leaves_what_was_there(
+    tmp_path: Path,
+    scene: Scene,
+    p_WT: np.ndarray,
+    undrawn: None,
+    monkeypatch: pytest.MonkeyPatch,
+    writer: str,
+    error: BaseException,
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise error
+
+    monkeypatch.setattr(writer, fail)
+    old = tmp_path / "old"
+    old.mkdir()
+    (old / "touch.npz").write_text("of an earlier run")
+    for out in (tmp_path / "new", old):
+        with pytest.raises(type(error)):
+            touch(scene, out, p_WT)
+    assert [file.name for file in tmp_path.iterdir()] == ["old"]
+    assert [(file.name, file.read_text()) for file in old.iterdir()] == [("touch.npz", "of an earlier run")]
+
+
+def test_unknown_effect_writes_nothing(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:
+    with pytest.raises(EffectError, match="no effect 'wal'"):
+        touch(scene, tmp_path / "a" / "out", p_WT, effects=["wal"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
+    from dataclasses import replace
+
+    from hapscene.records import Flag
+    from hapscene.renderer import Renderer
+
+    recording = Renderer(scene).run(p_WT)
+    flags = np.zeros(len(p_WT), np.uint32)
+    flags[:5] = Flag.FORCE_LIMITED | Flag.UNSETTLED
+    flags[5] = Flag.UNSETTLED
+    counted = summarise(replace(recording, flags=flags), "")["flags"]
+    assert counted["FORCE_LIMITED"] == 5 and counted["UNSETTLED"] == 6 and counted["EFFECT_MUTED"] == 0
+
+
+def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
+    scene.save(tmp_path / "plate.scene.json")
+    assert [body.name for body in open_scene(tmp_path / "plate.scene.json").bodies] == ["plate"]
+    with pytest.raises(SceneError, match="leave --unit out"):
+        open_scene(tmp_path / "plate.scene.json", unit="mm")
+    trimesh.creation.box((20, 20, 20)).export(tmp_path / "cube.stl")
+    opened = open_scene(tmp_path / "cube.stl", unit="mm", two_sided=True)
+    assert opened.bodies[0].mesh.diagonal_m == pytest.approx(0.02 * np.sqrt(3))
+    assert opened.bodies[0].two_sided
