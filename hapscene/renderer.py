@@ -29,6 +29,7 @@ EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)))
 _WHOLE: Final = 1e-6
+_FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
 
 
 class Command(NamedTuple):
@@ -89,8 +90,10 @@ class Renderer:
         self._world = build_world(scene.bodies, self._searches)
         self._surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, limits or IDEAL)
         self._row = records(1, ROW)
-        self._block = np.zeros((1, self.block))
-        self._play = _entry(play, self._world, self._surface, self._row, self._block)
+        self._samples = np.zeros((1, self.block))
+        row = self._row.view(np.ndarray)
+        self._out = row["f_W_N"][0], row["flags"]  # views: a look-up by name costs a microsecond a step
+        self._play = _entry(play, self._world, self._surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 
@@ -133,13 +136,15 @@ class Renderer:
         p = np.array(p_WT, np.float64).reshape(1, 3)
         if not self._started:
             self.reset(p[0])
-        moving, X_WB = _STILL if not poses else self._poses({k: np.asarray(v)[None] for k, v in poses.items()}, 1)
-        row, block = self._row, self._block
-        self._play(self._world, self._surface, p, moving, X_WB, row, block)
-        self._settle_bodies(moving)
+        if poses:
+            moving, X_WB = self._poses({name: np.asarray(X)[None] for name, X in poses.items()}, 1)
+            self._play(self._world, self._surface, p, moving, X_WB, self._row, self._samples)
+            self._settle_bodies(moving)
+        else:
+            self._play(self._world, self._surface, p, *_STILL, self._row, self._samples)
         self._ticks += 1
-        out = row[0]
-        return Command(out["f_W_N"].copy(), block[0].copy(), Flag(int(out["flags"])))
+        f_W_N, flags = self._out
+        return Command(f_W_N.copy(), self._samples[0].copy(), _FLAGS[flags.item()])
 
     def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
         """Tick along a path: `p_WT` (n, 3) [m], a position per tick; `poses` {body: X_WB (n, 4, 4)}, a pose per tick.

@@ -92,9 +92,7 @@ BAD_INPUT: dict[str, tuple[Callable[[Path], object], list[str], str]] = {
 
 
 @pytest.mark.parametrize("name", BAD_INPUT)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_bad_input_is_one_line_and_leaves_nothing(folder: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     spoil, arguments, message = BAD_INPUT[name]
     spoil(folder)
     before = {file: file.stat().st_mtime_ns for file in folder.iterdir()}
@@ -179,8 +177,7 @@ def test_plugins_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> No
     listed = {item["name"]: item for item in json.loads(capsys.readouterr().out)}
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(listed)
     assert all(
-        {"name", "unit", "default", "minimum", "maximum", "meaning"} == set(p)
-        for p in listed["wall"]["parameters"]
+        {"name", "unit", "default", "minimum", "maximum", "meaning"} == set(p) for p in listed["wall"]["parameters"]
     )
 
 
@@ -192,3 +189,52 @@ def test_check_examines_and_mends(folder: Path, capsys: pytest.CaptureFixture[st
     report = json.loads(capsys.readouterr().out)
     assert report["closed"] is True and report["vertex_count"] == 8
     np.testing.assert_allclose(report["size_m"], 0.02)
+
+
+def test_demo_feels_three_bodies_and_four_swatches(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hapscene.errors import ViewError
+    from hapscene.recording import Recording
+
+    def write_picture(*arguments: object) -> None:
+        raise ViewError("not drawn in this test")
+
+    monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
+    assert main(["demo", "--out", str(tmp_path / "demo")]) == 0
+    said = capsys.readouterr().out
+    assert "without scene.png: not drawn in this test" in said and "made:" in said
+    recording = Recording.load(tmp_path / "demo" / "touch.npz")
+    held = recording.touching
+    assert len(np.unique(recording.body[held])) >= 3
+    assert len({recording.swatch_names[i] for i in recording.swatch[held]} - {"plain"}) >= 4
+    crossed = held[1:] & held[:-1] & (np.diff(recording.swatch) != 0) & (np.diff(recording.body) == 0)
+    assert np.count_nonzero(crossed) >= 2
+    assert not recording.flags.any()
+    assert recording.depth_m.max() < 0.01
+    assert 1.0 < np.abs(recording.a_m_s2).max() < 100.0
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("bunny.ply", "m"),
+        ("featuretype.STL", "in"),
+        ("fuze.zip", "m"),
+        ("Duck.glb", None),
+        ("base_interface_AP214.STEP", None),
+    ],
+)
+def test_real_meshes_are_touched(
+    tmp_path: Path, shared: Path, monkeypatch: pytest.MonkeyPatch, name: str, unit: str | None
+) -> None:
+    if name.endswith("STEP"):
+        pytest.importorskip("cascadio", reason="cascadio, which reads STEP, is not installed")
+    monkeypatch.setattr("hapscene.view.plot.write_plot", lambda *arguments: None)  # slow, and tested elsewhere
+    mesh = shared / "data" / "meshes" / name
+    words = ["touch", str(mesh), "--swatch", "wood", "--out", str(tmp_path / "out"), "--no-picture"]
+    assert main([*words, *(["--unit", unit] if unit else [])]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["ticks_in_contact"] > 300 and summary["ticks_on_swatches"]["wood"] > 300
+    assert not any(summary["flags"].values())
+    assert summary["depth_max_m"] < 0.01 and summary["acceleration_max_m_s2"] > 0.1

@@ -43,9 +43,7 @@ def test_rows_off_the_ticks_are_interpolated(tmp_path: Path) -> None:
 
 
 def test_interpolation_does_not_overshoot(tmp_path: Path) -> None:
-    rows = "".join(
-        f"{t:g},0,0,{z:g}\n" for t, z in ((0, 1.0), (0.01, 1.0), (0.02, 0.0), (0.03, 0.0), (0.05, 0.0))
-    )
+    rows = "".join(f"{t:g},0,0,{z:g}\n" for t, z in ((0, 1.0), (0.01, 1.0), (0.02, 0.0), (0.03, 0.0), (0.05, 0.0)))
     _, p_WT = load_path(write(tmp_path / "path.csv", "t,x,y,z\n" + rows), TICK_S)
     assert len(p_WT) == 51
     assert p_WT[:, 2].min() == 0.0 and p_WT[:, 2].max() == 1.0

@@ -37,7 +37,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """No GL: what the job does then, and quick."""
 
     def write_picture(*arguments: object) -> None:
-        raise ViewError("no picture, since no GL was found: osmesa: none (apt-get install libosmesa6)")
+        raise ViewError("no picture, since no GL: osmesa (none) needs libosmesa6")
 
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
 
@@ -47,7 +47,7 @@ def test_job_makes_every_file_and_they_agree(tmp_path: Path, scene: Scene, p_WT:
     t_s = 7.0 + np.arange(len(p_WT)) * 1e-3
     made = touch(scene, tmp_path / "out", p_WT, t_s=t_s, seed=3, title="plate", say=said.append)
     if "scene.png" not in (file.name for file in made):
-        assert "without scene.png: no picture" in "".join(said)
+        assert "without scene.png: no GL" in "".join(said)
     assert [file.name for file in made if file.name != "scene.png"] == [n for n in MADE if n != "scene.png"]
     assert {file.name for file in (tmp_path / "out").iterdir()} == {file.name for file in made}
     recording = Recording.load(tmp_path / "out" / "touch.npz")

@@ -1,7 +1,7 @@
 """The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,7 +90,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
     return array
 
 
-def _filtered(signal: Array, rate_Hz: float, cutoff_Hz: float, kind: str) -> Array:
+def _filtered(signal: Array, rate_Hz: float, cutoff_Hz: float, kind: Literal["lowpass", "highpass"]) -> Array:
     """Fourth-order Butterworth, forward and backward, so that nothing is shifted in time."""
     from scipy.signal import butter, sosfiltfilt
 

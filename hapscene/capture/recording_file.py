@@ -1,6 +1,7 @@
 """Recordings of a tool on a surface, read from text: CSV with a header, or one value a line."""
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +115,9 @@ def _read(file: Path) -> dict[str, Array]:
     if not first.strip() or (not header and len(names) > 1):
         raise CaptureError(f"{file}: must begin with a header of column names, or hold one number a line")
     try:
-        table = np.loadtxt(file, delimiter=",", skiprows=int(header), ndmin=2, encoding="utf-8-sig")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # "no data", which is told below
+            table = np.loadtxt(file, delimiter=",", skiprows=int(header), ndmin=2, encoding="utf-8-sig")
     except (ValueError, UnicodeDecodeError) as error:
         raise CaptureError(f"{file}: not a table of numbers: {error}") from None
     if not header:

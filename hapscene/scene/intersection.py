@@ -31,8 +31,8 @@ class Crossing:
 def crossings(triangles_m: Points, tolerance_m: float) -> Crossing:
     """Pairs of triangles (M, 3, 3) that reach into each other by more than a tolerance [m]; touching is not.
 
-    Two triangles that cross without lying in one plane do so because an edge of one goes through the inside
-    of the other; that is what is looked for, after their boxes overlap.
+    Two triangles that do not lie in one plane cross where each has corners on both sides of the other's plane, and
+    they share more than a point of the line in which the planes meet.
     """
     crossing, lying = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
     a, b, c = np.moveaxis(triangles_m, 1, 0)
@@ -43,17 +43,16 @@ def crossings(triangles_m: Points, tolerance_m: float) -> Crossing:
         pairs = pairs[(length[pairs] > 0).all(axis=(1, 2))]
         first, second = pairs.T
         above = _heights(triangles_m[second], a[first], normal[first])
-        flat = np.asarray((np.abs(above) <= tolerance_m).all(axis=1))
+        flat = pairs[(np.abs(above) <= tolerance_m).all(axis=1)]
+        lying.append(flat[_overlap(triangles_m, normal, flat, tolerance_m)])
         through = _on_both_sides(above, tolerance_m)
-        pairs, flat = pairs[flat | through], flat[flat | through]
-        lying.append(pairs[flat][_overlap(triangles_m, normal, pairs[flat], tolerance_m)])
-        pairs = pairs[~flat]
-        pairs = pairs[
-            _on_both_sides(_heights(triangles_m[pairs[:, 0]], a[pairs[:, 1]], normal[pairs[:, 1]]), tolerance_m)
-        ]
-        pierced = _pierces(triangles_m, normal, pairs, tolerance_m)
-        pierced |= _pierces(triangles_m, normal, pairs[:, ::-1], tolerance_m)
-        crossing.append(pairs[pierced])
+        pairs, above = pairs[through], above[through]
+        first, second = pairs.T
+        below = _heights(triangles_m[first], a[second], normal[second])
+        through = _on_both_sides(below, tolerance_m)
+        pairs, above, below = pairs[through], above[through], below[through]
+        common_m = _common(triangles_m[pairs], above, below, normal[pairs])
+        crossing.append(pairs[common_m > tolerance_m])
     return Crossing(np.concatenate(crossing), np.concatenate(lying))
 
 
@@ -107,31 +106,25 @@ def _on_both_sides(height: Points, tolerance_m: float) -> NDArray[np.bool_]:
     return np.asarray((height.max(axis=1) > tolerance_m) & (height.min(axis=1) < -tolerance_m))
 
 
-def _pierces(triangles_m: Points, normal: Points, pairs: Index, tolerance_m: float) -> NDArray[np.bool_]:
-    """Whether an edge of the second of each pair goes through the inside of the first."""
-    first, second = pairs.T
-    target, n = triangles_m[first], normal[first]
-    height = _heights(triangles_m[second], target[:, 0], n)
-    found = np.zeros(len(pairs), np.bool_)
-    for k in range(3):
-        start, end = triangles_m[second, k], triangles_m[second, (k + 1) % 3]
-        h0, h1 = height[:, k], height[:, (k + 1) % 3]
-        through = (np.maximum(h0, h1) > tolerance_m) & (np.minimum(h0, h1) < -tolerance_m)
-        t = np.divide(h0, h0 - h1, out=np.zeros(len(pairs)), where=through)
-        point = start + t[:, None] * (end - start)
-        found |= through & (_depth_inside(target, n, point) > tolerance_m)
-    return found
+def _common(pair_m: Points, above: Points, below: Points, normal: Points) -> Points:
+    """Length (n,) of the line that two triangles (n, 2, 3, 3) share, each on both sides of the other's plane.
 
-
-def _depth_inside(triangles_m: Points, normal: Points, point: Points) -> Points:
-    """Distance (n,) of points in the triangles' planes from the nearest side, positive inside."""
-    depth = np.full(len(point), np.inf)
-    for k in range(3):
-        side = triangles_m[:, (k + 1) % 3] - triangles_m[:, k]
-        inward = np.cross(normal, side)
-        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-        depth = np.minimum(depth, np.einsum("ij,ij->i", point - triangles_m[:, k], inward))
-    return depth
+    The planes meet in a line; each triangle covers an interval of it (Möller 1997, section 3).
+    """
+    line = np.cross(normal[:, 0], normal[:, 1])
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    low, high = np.full(len(pair_m), -np.inf), np.full(len(pair_m), np.inf)
+    for corners, height in ((pair_m[:, 0], below), (pair_m[:, 1], above)):
+        start, end = np.full(len(pair_m), np.inf), np.full(len(pair_m), -np.inf)
+        for k in range(3):
+            h0, h1 = height[:, k], height[:, (k + 1) % 3]
+            meets = (h0 * h1 <= 0) & (h0 != h1)
+            t = np.divide(h0, h0 - h1, out=np.zeros(len(pair_m)), where=meets)
+            point = corners[:, k] + t[:, None] * (corners[:, (k + 1) % 3] - corners[:, k])
+            along = np.einsum("ij,ij->i", point, line)
+            start, end = np.where(meets, np.minimum(start, along), start), np.where(meets, np.maximum(end, along), end)
+        low, high = np.maximum(low, start), np.minimum(high, end)
+    return np.asarray(high - low)
 
 
 def _overlap(triangles_m: Points, normal: Points, pairs: Index, tolerance_m: float) -> NDArray[np.bool_]:

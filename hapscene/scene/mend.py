@@ -19,17 +19,18 @@ def mend(mesh: Mesh) -> tuple[Mesh, list[str]]:
     other are left: what was meant there only their maker knows.
 
     Returns:
-        The mended mesh, without a path, in metres; and a line for each thing done, none if nothing was.
+        The mended mesh, without a path, in metres, or the same mesh if there was nothing to do; and a line for
+        each thing done.
 
     Raises:
         MeshError: no face would be left.
     """
     done: list[str] = []
     for _ in range(PASS_MAX):  # turned faces may turn out to be copies of others
-        mesh, lines = _mend_once(mesh)
+        mended, lines = _mend_once(mesh)
         if not lines:
             break
-        done += lines
+        mesh, done = mended, done + lines
     return mesh, done
 
 

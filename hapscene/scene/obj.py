@@ -43,6 +43,7 @@ class _Reader:
     def __init__(self, where: str) -> None:
         self.where, self.line = where, 0
         self.v: list[list[float]] = []
+        self.rgb: list[list[float]] = []  # of vertices, where a scanner wrote six numbers after 'v'
         self.vt: list[list[float]] = []
         self.f: list[tuple[int, int, int]] = []
         self.f_vt: list[tuple[int, int, int]] = []  # −1 where a face has no texture coordinates
@@ -73,6 +74,11 @@ def _vertex(reader: _Reader, words: list[str]) -> None:
     except ValueError:
         raise reader.fail(f"expected three numbers after 'v', found {' '.join(words)[:60]!r}") from None
     reader.v.append([x, y, z])
+    if len(words) >= 6:
+        try:
+            reader.rgb.append([float(word) for word in words[3:6]])
+        except ValueError:
+            raise reader.fail(f"expected a colour after the position, found {' '.join(words)[:60]!r}") from None
 
 
 def _texture(reader: _Reader, words: list[str]) -> None:
@@ -134,10 +140,15 @@ _READ = {
 
 
 def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
-    """Colour of every face (m, 3) by its material, None where no material can be read."""
+    """Colour of every face (m, 3) by its material, else by its vertices, else None."""
     materials = _materials(reader, resolver)
-    if not materials or not reader.f:
+    if not reader.f:
         return None
+    if not materials:
+        if len(reader.rgb) != len(reader.v):
+            return None
+        mean = np.array(reader.rgb)[np.array(reader.f)].mean(axis=1)
+        return np.asarray(np.clip(np.nan_to_num(mean) * 255, 0, 255).round().astype(np.uint8))
     group, f_vt = np.array(reader.group), np.array(reader.f_vt)
     uv = np.array(reader.vt or [[0.0, 0.0]])[f_vt].mean(axis=1)
     uv[(f_vt < 0).any(axis=1)] = 0.0
@@ -155,7 +166,6 @@ def _materials(reader: _Reader, resolver: Any) -> dict[str | None, Any]:
 
     read: Any = obj.parse_mtl
     make: Any = material.SimpleMaterial
-
     materials: dict[str | None, Any] = {}
     for library in reader.mtllib:
         try:

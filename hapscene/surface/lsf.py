@@ -11,10 +11,10 @@ set gives a stable filter, and a weighted mean of ascending sets ascends: that i
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SwatchError
+from hapscene.native import native
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
     roots_2 = 2.0 * np.cos(rows)
     p = np.prod(cos_2[:, None] - roots_2[:, None, 0::2], axis=2) * gain_p
     q = np.prod(cos_2[:, None] - roots_2[:, None, 1::2], axis=2) * gain_q
-    a = p @ to_p + q @ to_q
+    a: Array = p @ to_p + q @ to_q
     a[:, 0] = 1.0
     return a.reshape(*lsf.shape[:-1], order + 1)
 
@@ -125,19 +125,18 @@ def reflection_from_ar(a: ArrayLike) -> Array:
     """
     a = np.asarray(a, dtype=np.float64)
     order = a.shape[-1] - 1
-    k: Array = _step_down(np.ascontiguousarray(a.reshape(-1, order + 1)))
+    rest = a.reshape(-1, order + 1).copy()
+    k = np.full((len(rest), order), np.nan)
+    _step_down(rest, k)
     return k.reshape(*a.shape[:-1], order)
 
 
-@njit(cache=True, nogil=True)
-def _step_down(a: Array) -> Array:
-    """Reflection coefficients (n, p) of filters (n, p+1). Compiled: it is in the way of every query of a texture."""
-    count, order = a.shape[0], a.shape[1] - 1
-    k = np.full((count, order), np.nan)
-    row = np.empty(order + 1)
-    for i in range(count):
-        row[:] = a[i]
-        for m in range(order, 0, -1):
+@native
+def _step_down(rest: Array, k: Array) -> None:
+    """Fills k (n, p) from filters `rest` (n, p+1), which it uses up. Compiled: every query of a texture runs it."""
+    for i in range(rest.shape[0]):
+        row = rest[i]
+        for m in range(row.size - 1, 0, -1):
             km = row[m]
             k[i, m - 1] = km
             scale = (1.0 - km) * (1.0 + km)
@@ -147,7 +146,6 @@ def _step_down(a: Array) -> Array:
                 low, high = row[j], row[m - j]
                 row[j] = (low - km * high) / scale
                 row[m - j] = (high - km * low) / scale
-    return k
 
 
 def ar_from_reflection(k: ArrayLike) -> Array:

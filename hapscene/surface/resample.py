@@ -5,8 +5,10 @@ autocorrelation at the new rate, and fitted anew (Makhoul 1975, "Linear predicti
 Towards a higher rate nothing is known above the old Nyquist frequency: the density goes on there at the lowest value
 that the model has, which keeps the filter well conditioned and adds the least power.
 
-Error: the power of the new model is exact by construction. Its spectrum is that of the old one within 0.5 dB rms on
-the shipped swatches between 5 and 20 kHz (`test_resampling…` in tests/surface/test_texture.py).
+Error, over 20–1000 Hz on the shipped swatches: 0.03 dB rms at most from 4 to 20 kHz. At 48 kHz too, except where the
+order would pass `ORDER_MAX` (epoxy, order 79: 1.3 dB rms). The power in the kept band is exact to the same error; what
+is filled in above it is at most 0.02 dB of the whole on three of the four swatches, 0.4 dB at 20 kHz on epoxy, whose
+recording is noise above 1 kHz.
 """
 
 import math
@@ -40,12 +42,10 @@ def resample(texture: "Texture", rate_Hz: float) -> "Texture":
     if ratio == 1.0:
         return texture
     order = min(ORDER_MAX, max(texture.order, math.ceil(texture.order * ratio)))
-    lsf = np.empty((len(texture.lsf_rad), order))
-    variance = np.zeros(len(lsf))
-    for i, a in enumerate(ar_from_lsf(texture.lsf_rad)):
-        new, gain = _refit(a, ratio, order)
-        lsf[i] = lsf_from_ar(new)
-        variance[i] = texture.variance_m2_s4[i] * gain
+    rows, row = np.unique(texture.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
+    refitted = [_refit(a, ratio, order) for a in ar_from_lsf(rows)]
+    lsf = np.stack([lsf_from_ar(a) for a, _ in refitted])[row]
+    variance = texture.variance_m2_s4 * np.array([share for _, share in refitted])[row]
     return replace(texture, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance)
 
 

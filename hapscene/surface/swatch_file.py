@@ -9,7 +9,6 @@ import difflib
 import json
 import math
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -20,7 +19,8 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import SwatchError, no_such
-from hapscene.surface.swatch import Swatch
+from hapscene.output import whole_file
+from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
@@ -33,7 +33,6 @@ BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
 `MODEL_MAX` of `ORDER_MAX`, has 21 MB. Reading takes at most 20 times the file's size in memory."""
 
-_NUMBERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
 _TAPS_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
@@ -73,24 +72,17 @@ def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
     if target.suffix != SUFFIX:
         raise SwatchError(f"{target}: a swatch's file name must end in {SUFFIX}")
     text = swatch_to_json(swatch)
-    part = None
     try:
-        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8", newline="\n") as f:
-            part = Path(f.name)
-            f.write(text)
-        part.chmod(0o644)
-        part.replace(target)
+        with whole_file(target) as part:
+            part.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise SwatchError(f"{target}: cannot be written: {error.strerror or error}") from None
-    finally:
-        if part is not None:
-            part.unlink(missing_ok=True)
 
 
 def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
     content: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb", *_NUMBERS)}
+    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb", *OWN_PARAMETERS)}
     content["effects"] = swatch.effects
     content["taps"] = content["texture"] = None
     if swatch.taps is not None:
@@ -153,9 +145,9 @@ def swatch_from_json(data: bytes | str) -> Swatch:
     if version > VERSION:
         raise SwatchError(f"format version {version} is later than {VERSION}, the last one read here: update hapscene")
     sections = ("effects", "taps", "texture")
-    _check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *_NUMBERS, *sections), ("name",))
+    _check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
-    fields |= {key: _number(key, content[key]) for key in _NUMBERS if key in content}
+    fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
     fields["effects"] = _effects(content.get("effects", {}))

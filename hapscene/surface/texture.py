@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import SwatchError
 from hapscene.surface.lsf import ar_from_lsf, lsf_from_ar, power_gain
+from hapscene.surface.triangulation import close, triangulate
 
 Array = NDArray[np.float64]
 
@@ -87,9 +88,9 @@ class Texture:
         """
         models = np.atleast_2d(np.asarray(a, dtype=np.float64))
         lsf = np.stack([lsf_from_ar(one) for one in models])
-        force, speed, source, sounding = _close(np.ravel(force_N), np.ravel(speed_m_s))
+        force, speed, source, sounding = close(np.ravel(force_N), np.ravel(speed_m_s))
         variance = np.ravel(np.asarray(variance_m2_s4, dtype=np.float64))[source] * sounding
-        return cls(rate_Hz, force, speed, _triangulate(force, speed), lsf[source], variance, interpolation)
+        return cls(rate_Hz, force, speed, triangulate(force, speed), lsf[source], variance, interpolation)
 
     @property
     def order(self) -> int:
@@ -150,7 +151,7 @@ class Texture:
         In mode "lsf" this is what `models` gives exactly; in mode "hatt" what it should give.
         """
         corner, weight = self.locate(force_N, slip_m_s)
-        return np.einsum("nc,nc->n", weight, self._power[corner])
+        return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]))
 
     def resampled(self, rate_Hz: float) -> "Texture":
         """The same texture for another sample rate, the power in the kept band the same.
@@ -231,43 +232,3 @@ def _checked_inverse(texture: Texture) -> Array:
     if len(flat):
         raise SwatchError(f"texture: triangle {flat[0]} has no area over force and speed")
     return np.asarray(np.linalg.inv(matrix))
-
-
-def _close(force_N: Array, speed_m_s: Array) -> tuple[Array, Array, NDArray[np.intp], Array]:
-    """Adds what closes the rectangle: force, speed, the model copied from, and 0 where it is silent, 1 elsewhere.
-
-    Silent copies stand at (0, 0), on the speed axis below each model, and on the force axis beside each, so that
-    the spectrum keeps its shape while the level falls.
-    """
-    force_N, speed_m_s = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
-    if force_N.shape != speed_m_s.shape or not np.all((force_N > 0.0) & (speed_m_s > 0.0)):
-        raise SwatchError("texture: each model needs a force_N and a speed_m_s above 0")
-    top_N, top_m_s = force_N.max(), speed_m_s.max()
-    x, y = force_N / top_N, speed_m_s / top_m_s
-    own = np.arange(len(x))
-    place = [*zip(force_N, speed_m_s, own, np.ones(len(x)), strict=True)]
-    if not np.any((x == 1.0) & (y == 1.0)):
-        place.append((top_N, top_m_s, np.argmin((1 - x) ** 2 + (1 - y) ** 2), 1.0))
-    place.append((0.0, 0.0, np.argmin(x**2 + y**2), 0.0))
-    for axis, along in ((0, y), (1, x)):
-        seen: list[float] = []
-        for i in sorted(own, key=lambda i: -along[i]):  # the largest first: it is the rectangle's corner
-            if all(abs(along[i] - other) > 0.02 for other in [*seen, 0.0]):
-                seen.append(along[i])
-                place.append((0.0, speed_m_s[i], i, 0.0) if axis == 0 else (force_N[i], 0.0, i, 0.0))
-    force, speed, source, sounding = (np.array(column) for column in zip(*place, strict=True))
-    return force, speed, source.astype(np.intp), sounding
-
-
-def _triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
-    """Delaunay triangles (t, 3) over the plane scaled to 1 × 1, without flat ones."""
-    from scipy.spatial import Delaunay
-
-    x, y = force_N / force_N.max(), speed_m_s / speed_m_s.max()
-    # Four models on a rectangle can be cut along either diagonal. Stretched across the diagonal a little, Delaunay
-    # takes the one from silence to full level, along which the level does not sag.
-    triangles = Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
-    corner = np.stack([x, y], axis=1)[triangles]
-    side = corner[:, 1:] - corner[:, :1]
-    area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
-    return np.asarray(triangles[area > 1e-6], dtype=np.int32)

@@ -63,8 +63,8 @@ def draw(drawing: Drawing) -> NDArray[np.uint8]:
             if not reason:
                 pixels: NDArray[np.uint8] = np.load(out, allow_pickle=False)
                 return pixels
-            failures.append(f"{platform}: {reason} (Debian, Ubuntu: apt-get install {packages})")
-    raise ViewError("no picture, since no GL was found: " + "; ".join(failures))
+            failures.append(f"{platform} ({reason}) needs {packages}")
+    raise ViewError("no GL can draw here; install one of these system packages: " + "; ".join(failures))
 
 
 def _draw_with(platform: str, job: Path, out: Path) -> str:

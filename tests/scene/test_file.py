@@ -1,0 +1,206 @@
+"""A scene comes back as it was; a changed mesh is noticed; hostile files are refused in a sentence."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.errors import HapsceneError, SceneError
+from hapscene.scene.mesh import MeshWarning
+from hapscene.surface.swatch import Swatch
+
+BALL = trimesh.creation.icosphere(subdivisions=2, radius=30)
+OAK = Swatch("oak tree/2", stiffness_N_m=400)
+
+
+def build(folder) -> hapscene.Scene:
+    """A mesh from a file, twice; one from memory; a swatch from a file and one from memory."""
+    (folder / "meshes").mkdir()
+    BALL.export(folder / "meshes" / "ball.stl")
+    hapscene.save_swatch(Swatch("slate"), folder / "slate.swatch")
+    scene = hapscene.Scene()
+    scene.add(folder / "meshes" / "ball.stl", unit="mm", swatch=folder / "slate.swatch")
+    pose = trimesh.transformations.rotation_matrix(0.1, (1, 2, 3), (4, 5, 6))
+    scene.add(folder / "meshes" / "ball.stl", name="zweite Kugel", unit="mm", pose=pose, two_sided=True)
+    scene.add(trimesh.creation.box((0.1, 0.2, 0.3)), name='a [ 1 ] "box"', unit="ft")
+    rng = np.random.default_rng(0)
+    scene.paint("ball", OAK, rng.random(320) < 0.4)
+    scene.paint("zweite Kugel", "plain", [1, 2])
+    return scene
+
+
+def same(a: hapscene.Scene, b: hapscene.Scene) -> None:
+    assert [s.name for s in a.swatches] == [s.name for s in b.swatches]
+    assert len(a.bodies) == len(b.bodies)
+    for x, y in zip(a.bodies, b.bodies, strict=True):
+        assert (x.name, x.two_sided, x.mesh.digest) == (y.name, y.two_sided, y.mesh.digest)
+        assert x.mesh.group_names == y.mesh.group_names
+        np.testing.assert_array_equal(x.X_WB, y.X_WB)
+        np.testing.assert_array_equal(x.face_swatch, y.face_swatch)
+
+
+def test_round_trip_is_exact(tmp_path):
+    scene = build(tmp_path)
+    scene.save(tmp_path / "my.scene.json")
+    back = hapscene.load_scene(tmp_path / "my.scene.json")
+    same(scene, back)
+    assert back.bodies[0].mesh is back.bodies[1].mesh
+    back.save(str(tmp_path / "again.scene.json"))
+    same(scene, hapscene.load_scene(tmp_path / "again.scene.json"))
+    first, again = ((tmp_path / f"{n}.scene.json").read_text() for n in ("my", "again"))
+    assert first == again
+
+
+def test_the_file_is_readable_and_moves_with_its_folder(tmp_path):
+    (tmp_path / "old").mkdir()
+    build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
+    text = (tmp_path / "old" / "my.scene.json").read_text()
+    content = json.loads(text)
+    assert str(tmp_path) not in text and content["meshes"][0]["path"] == "meshes/ball.stl"
+    assert content["swatches"] == ["plain", "slate.swatch", "my.oak_tree_2.swatch"]
+    assert "[1.0, 0.0, 0.0, 0.0]" in text and sum(run[1] for run in content["bodies"][0]["paint"]) == 320
+    (tmp_path / "old").rename(tmp_path / "new")
+    assert len(hapscene.load_scene(tmp_path / "new" / "my.scene.json").bodies) == 3
+
+
+def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.box((1, 1, 1)), name="a b", unit="m")
+    scene.add(trimesh.creation.box((2, 2, 2)), name="a_b", unit="m")
+    scene.save(tmp_path / "s.scene.json")
+    back = hapscene.load_scene(tmp_path / "s.scene.json")
+    assert [round(body.mesh.bounds_m[1, 0], 3) for body in back.bodies] == [0.5, 1.0]
+    back.add(trimesh.creation.box((3, 3, 3)), name="a?b", unit="m")
+    back.save(tmp_path / "s.scene.json")
+    same(back, hapscene.load_scene(tmp_path / "s.scene.json"))
+
+
+def test_a_changed_mesh_is_noticed(tmp_path):
+    build(tmp_path).save(tmp_path / "my.scene.json")
+    moved = BALL.copy()
+    moved.vertices[0] += 0.5
+    moved.export(tmp_path / "meshes" / "ball.stl")
+    with pytest.raises(SceneError, match=r"ball\.stl has changed.*as many faces \(320\).*accept_changed=True"):
+        hapscene.load_scene(tmp_path / "my.scene.json")
+    with pytest.warns(MeshWarning, match="has changed since"):
+        scene = hapscene.load_scene(tmp_path / "my.scene.json", accept_changed=True)
+    scene.save(tmp_path / "my.scene.json")
+    hapscene.load_scene(tmp_path / "my.scene.json")
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "meshes" / "ball.stl")
+    for accept in (False, True):
+        with pytest.raises(SceneError, match="it had 320 faces and has 80, so the painting no longer fits"):
+            hapscene.load_scene(tmp_path / "my.scene.json", accept_changed=accept)
+
+
+def test_saving_leaves_the_old_file_until_the_new_one_is_whole(tmp_path, monkeypatch):
+    scene = build(tmp_path)
+    scene.save(tmp_path / "my.scene.json")
+    before = (tmp_path / "my.scene.json").read_bytes()
+    scene.paint("ball", "plain")
+
+    def fail(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", fail)
+    with pytest.raises(HapsceneError, match="cannot be written: No space left"):
+        scene.save(tmp_path / "my.scene.json")
+    assert (tmp_path / "my.scene.json").read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("my.json", r"ends in \.scene\.json, as in my\.scene\.json"), ("gone/my.scene.json", "there is no folder")],
+)
+def test_where_a_scene_cannot_be_saved(tmp_path, name, message):
+    with pytest.raises(SceneError, match=message):
+        hapscene.Scene().save(tmp_path / name)
+
+
+def test_an_empty_scene(tmp_path):
+    hapscene.Scene().save(tmp_path / "empty.scene.json")
+    assert hapscene.load_scene(tmp_path / "empty.scene.json").bodies == []
+
+
+def edit(*keys_and_value):
+    *keys, value = keys_and_value
+
+    def change(content):
+        for key in keys[:-1]:
+            content = content[key]
+        if value is KeyError:
+            del content[keys[-1]]
+        else:
+            content[keys[-1]] = value
+
+    return change
+
+
+HOSTILE = [
+    (edit("format", "other"), "format is 'other'"),
+    (edit("format", KeyError), "'format' is missing"),
+    (edit("version", 2), "format version 2; this hapscene reads up to 1"),
+    (edit("version", 0), "format version 0"),
+    (edit("version", True), "'version' must be a whole number"),
+    (edit("version", "1"), "'version' must be a whole number"),
+    (edit("swatches", {}), "'swatches' must be a list"),
+    (edit("swatches", 0, 7), r"swatches\[0\]: must be a text"),
+    (edit("swatches", 1, "oka"), "no swatch 'oka'"),
+    (edit("swatches", 1, "gone.swatch"), r"gone\.swatch"),
+    (edit("meshes", KeyError), "'meshes' is missing"),
+    (edit("meshes", 0, []), r"meshes\[0\]: must be an object"),
+    (edit("meshes", 0, "path", "gone.stl"), r"gone\.stl: no such file"),
+    (edit("meshes", 0, "path", "my.scene.json"), "no mesh format"),
+    (edit("meshes", 0, "path", None), "'path' must be a text"),
+    (edit("meshes", 0, "unit", "furlong"), r"meshes\[0\]: no unit of length 'furlong'"),
+    (edit("meshes", 0, "sha256", "00"), "has changed since"),
+    (edit("bodies", 0, "mesh", 2), r"bodies\[0\]: 'mesh' is 2; there are 2"),
+    (edit("bodies", 0, "mesh", -1), "'mesh' is -1"),
+    (edit("bodies", 0, "mesh", 0.0), "'mesh' must be a whole number"),
+    (edit("bodies", 0, "name", ""), "printable text"),
+    (edit("bodies", 1, "name", "ball"), "'ball' is in the scene already"),
+    (edit("bodies", 0, "two_sided", 1), "'two_sided' must be true or false"),
+    (edit("bodies", 0, "pose", [[1, 0], [0, 1]]), r"\(4, 4\)"),
+    (edit("bodies", 0, "pose", [["1", 0, 0, 0]] * 4), "four rows of four finite numbers"),
+    (edit("bodies", 0, "pose", [[10**400, 0, 0, 0]] * 4), "matrix"),
+    (edit("bodies", 0, "pose", [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]), "scales"),
+    (edit("bodies", 0, "paint", [[0, 319]]), "covers 319 faces; the mesh has 320"),
+    (edit("bodies", 0, "paint", [[0, 10**15]]), "covers 1,000,000,000,000,000 faces"),
+    (edit("bodies", 0, "paint", [[0, 640], [0, -320]]), "number of faces"),
+    (edit("bodies", 0, "paint", [[9, 320]]), "names swatch 9; there are 3"),
+    (edit("bodies", 0, "paint", [[True, 320]]), "must be a list of"),
+    (edit("bodies", 0, "paint", "all"), "'paint' must be a list"),
+    (edit("bodies", [{}] * 10_001), "10,001 bodies; at most 10,000"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), HOSTILE)
+def test_hostile_files(tmp_path, change, message):
+    build(tmp_path).save(tmp_path / "my.scene.json")
+    content = json.loads((tmp_path / "my.scene.json").read_text())
+    change(content)
+    (tmp_path / "my.scene.json").write_text(json.dumps(content))
+    with pytest.raises(HapsceneError, match=message) as error:
+        hapscene.load_scene(tmp_path / "my.scene.json")
+    assert "\n" not in str(error.value) and len(str(error.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "truncated"),
+        (b'{"format": "hapscene scene", "ver', "truncated"),
+        (b"[" * 100_000, "not a scene"),
+        (b"\xff\xfe\x00", "not a scene"),
+        (b"[]", "must be a JSON object"),
+        (b"7" * 5000, "not a scene"),
+    ],
+)
+def test_files_that_are_no_scene(tmp_path, content, message):
+    (tmp_path / "bad.scene.json").write_bytes(content)
+    with pytest.raises(SceneError, match=message):
+        hapscene.load_scene(tmp_path / "bad.scene.json")
+    with pytest.raises(SceneError, match="no such file"):
+        hapscene.load_scene(tmp_path / "gone.scene.json")

@@ -1,0 +1,179 @@
+"""Bodies, poses, painting, and what is said of meshes that are wound both ways."""
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.errors import MeshError, SceneError, SwatchError
+from hapscene.scene.mesh import Mesh, MeshWarning
+from hapscene.scene.region import PlaneSide
+from hapscene.surface.swatch import PLAIN, Swatch
+
+BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+OAK, SLATE = Swatch("oak", stiffness_N_m=400), Swatch("slate", stiffness_N_m=900)
+
+
+def turn(angle_rad=0.3, scale=1.0):
+    X = trimesh.transformations.rotation_matrix(angle_rad, (0, 1, 1), (0.1, 0.2, 0.3))
+    X[:3, :3] *= scale
+    return X
+
+
+def test_the_ten_lines(tmp_path):
+    BOX.export(tmp_path / "box.ply")
+    scene = hapscene.Scene()
+    body = scene.add(str(tmp_path / "box.ply"), name="bunny", unit="m", swatch=OAK)
+    assert scene.bodies == [body] and scene.body("bunny") is body and not body.two_sided
+    assert scene.swatches == [PLAIN, OAK] and (body.face_swatch == 1).all()
+    np.testing.assert_array_equal(body.X_WB, np.eye(4))
+    assert body.X_WB.dtype == np.float64 and body.face_swatch.dtype == np.int16
+
+
+def test_names_are_the_files_made_unique(tmp_path):
+    BOX.export(tmp_path / "box.ply")
+    scene = hapscene.Scene()
+    names = [scene.add(tmp_path / "box.ply", unit="m").name for _ in range(3)] + [scene.add(BOX, unit="m").name]
+    assert names == ["box", "box_2", "box_3", "body"]
+    with pytest.raises(SceneError, match="'box' is in the scene already"):
+        scene.add(BOX, name="box", unit="m")
+    with pytest.raises(SceneError, match="printable text"):
+        scene.add(BOX, name="a\nb", unit="m")
+    with pytest.raises(SceneError, match="no body 'bocks'; there are: body, box, box_2, box_3"):
+        scene.body("bocks")
+
+
+def test_instances_share_their_mesh(tmp_path):
+    BOX.export(tmp_path / "box.ply")
+    scene = hapscene.Scene()
+    a, b = scene.add(tmp_path / "box.ply", unit="m"), scene.add(str(tmp_path / "box.ply"), unit="m", pose=turn())
+    assert a.mesh is b.mesh and a.face_swatch is not b.face_swatch
+    assert scene.add(tmp_path / "box.ply", unit="mm").mesh is not a.mesh
+    assert scene.add(a.mesh).mesh is a.mesh
+
+
+def test_trimesh_needs_a_unit():
+    with pytest.raises(MeshError, match="without units"):
+        hapscene.Scene().add(BOX)
+    box = BOX.copy()
+    box.units = "mm"
+    assert hapscene.Scene().add(box).mesh.diagonal_m == pytest.approx(1e-4 * np.sqrt(3))
+
+
+def test_poses_are_rigid():
+    scene = hapscene.Scene()
+    body = scene.add(BOX, unit="m", pose=turn())
+    np.testing.assert_array_equal(body.X_WB, turn())
+    scene.pose("body", np.eye(4))
+    np.testing.assert_array_equal(body.X_WB, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        (np.eye(3), r"\(4, 4\), not \(3, 3\)"),
+        (turn(scale=1.0001), "scales or shears"),
+        (np.diag([1.0, 1, -1, 1]), "mirrors"),
+        (np.diag([1.0, 1, 1, 2]), "last row"),
+        (turn() * np.nan, "not finite"),
+        ("here", r"matrix \(4, 4\) of numbers"),
+        ([[1, 2], [3]], r"matrix \(4, 4\) of numbers"),
+    ],
+)
+def test_other_poses_are_refused_and_leave_no_body(pose, message):
+    scene = hapscene.Scene()
+    with pytest.raises(SceneError, match=message):
+        scene.add(BOX, unit="m", pose=pose)
+    assert not scene.bodies
+
+
+def test_painting_by_all_group_faces_mask_and_region(tmp_path):
+    mesh = Mesh(np.array(BOX.vertices), np.array(BOX.faces), np.arange(12) // 4, ("left", "right", "lid"))
+    scene = hapscene.Scene()
+    body = scene.add(mesh, name="box")
+    assert scene.paint("box", OAK) == 12 and (body.face_swatch == 1).all()
+    assert scene.paint("box", SLATE, "lid") == 4 and body.face_swatch.tolist() == [1] * 8 + [2] * 4
+    assert scene.paint("box", PLAIN, [0, 3, 3]) == 2 and body.face_swatch[[0, 3]].tolist() == [0, 0]
+    assert scene.paint("box", SLATE, np.arange(12) < 2) == 2
+    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1))) == 2
+    assert (body.face_swatch[mesh.normals[:, 2] > 0.9] == 1).all()
+    assert scene.paint("box", OAK, []) == 0
+    assert scene.swatches == [PLAIN, OAK, SLATE]
+
+
+@pytest.mark.parametrize(
+    ("where", "error", "message"),
+    [
+        ([12], SceneError, "no face 12; its faces are 0 to 11"),
+        ([-1], SceneError, "no face -1"),
+        ([0.5], SceneError, "indices"),
+        ([[0]], SceneError, "indices"),
+        (np.ones(3, bool), SceneError, "indices"),
+        ("lid", MeshError, "no group 'lid'; there are: default"),
+    ],
+)
+def test_painting_nowhere(where, error, message):
+    scene = hapscene.Scene()
+    scene.add(BOX, name="box", unit="m")
+    with pytest.raises(error, match=message):
+        scene.paint("box", OAK, where)
+    assert scene.swatches == [PLAIN]
+
+
+def test_swatches_by_name_file_and_value(tmp_path):
+    hapscene.save_swatch(SLATE, tmp_path / "slate.swatch")
+    scene = hapscene.Scene()
+    scene.add(BOX, name="box", unit="m", swatch=tmp_path / "slate.swatch")
+    assert scene.swatch_index(str(tmp_path / "slate.swatch")) == 1
+    assert scene.swatch_index(SLATE) == 1  # the same surface, though not the same object
+    assert scene.swatch_index("plain") == 0
+    with pytest.raises(SceneError, match="another swatch named 'slate'"):
+        scene.swatch_index(Swatch("slate"))
+    with pytest.raises(SwatchError, match="no swatch 'oka'"):
+        scene.paint("box", "oka")
+    with pytest.raises(SwatchError):
+        scene.add(BOX, unit="m", swatch=tmp_path / "gone.swatch")
+    assert len(scene.bodies) == 1
+
+
+def flipped_ball(subdivisions, count):
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    faces = np.array(ball.faces)
+    faces[:count] = faces[:count, ::-1]
+    return Mesh(np.array(ball.vertices), faces)
+
+
+def test_mixed_winding_is_said_once_and_not_of_two_sided_bodies():
+    mesh = flipped_ball(3, 100)
+    scene = hapscene.Scene()
+    with pytest.warns(
+        MeshWarning, match=r"'ball': 100 of 1,280 faces.*two_sided=True.*hapscene check.*--fix"
+    ) as caught:
+        scene.add(mesh, name="ball")
+    assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene.add(mesh)  # an instance: it was said
+        hapscene.Scene().add(mesh, two_sided=True)
+        hapscene.Scene().add(flipped_ball(3, 0))
+        hapscene.Scene().add(flipped_ball(3, 1280))  # all alike: not mixed
+
+
+def test_the_zoos_flipped_ball_is_noticed(shared):
+    zoo = np.load(shared / "zoo" / "mesh_flip20k.npz")
+    with pytest.warns(MeshWarning, match=r"6,144 of 20,480 faces"):
+        hapscene.Scene().add(Mesh(zoo["vertices_m"], zoo["faces"]))
+    soup = np.load(shared / "zoo" / "mesh_soup20k.npz")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hapscene.Scene().add(Mesh(soup["vertices_m"], soup["faces"]))
+
+
+def test_adding_a_large_mesh_is_quick():
+    mesh = flipped_ball(6, 0)
+    start = time.perf_counter()
+    hapscene.Scene().add(mesh)
+    assert time.perf_counter() - start < 2  # 0.04 s on an idle core
