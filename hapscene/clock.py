@@ -6,36 +6,36 @@ import time
 from typing import Any
 
 import numpy as np
-from numba import config, types
+from numba import types
 from numpy.typing import NDArray
 
-from hapscene.native import native
+from hapscene.native import INTERPRETED, native
 
 _MONOTONIC = 6 if sys.platform == "darwin" else 1
 
 now_ns: Any
 """`now_ns(clock)`: nanoseconds of the monotonic clock; `clock` is a buffer from `new_clock`."""
 
-if config.DISABLE_JIT:
+if INTERPRETED:
 
     def now_ns(clock: NDArray[np.int64]) -> int:
         return time.perf_counter_ns()
 
 elif sys.platform == "win32":
-    _query = types.ExternalFunction("QueryPerformanceCounter", types.int32(types.uintp))
+    _query: Any = types.ExternalFunction("QueryPerformanceCounter", types.int32(types.uintp))
 
     @native
     def now_ns(clock: NDArray[np.int64]) -> int:
         _query(clock.ctypes.data)
-        return clock[0] * 1_000_000_000 // clock[2]
+        return int(clock[0] * 1_000_000_000 // clock[2])
 
 else:
-    _gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
+    _gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
 
     @native
     def now_ns(clock: NDArray[np.int64]) -> int:
         _gettime(np.int32(_MONOTONIC), clock.ctypes.data)
-        return clock[0] * 1_000_000_000 + clock[1]
+        return int(clock[0] * 1_000_000_000 + clock[1])
 
 
 def new_clock() -> NDArray[np.int64]:

@@ -14,39 +14,46 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from numba import config, njit
 
 _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
+INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
+"""True under NUMBA_DISABLE_JIT=1."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_njit: Any = njit  # numba types its options by name, not as a dictionary
 _KEPT_S: Final = 30 * 24 * 3600.0
 """Caches of other versions are removed when unused for this long [s]."""
 
 
-def native(function: Callable[..., Any]) -> Any:
+def native(function: Function) -> Function:
     """Decorator: compile without the GIL, with NumPy's rules for division by zero, cached on disk."""
     with cache_folder():
-        return njit(cache=True, **_OPTIONS)(function)
+        compiled: Function = _njit(cache=True, **_OPTIONS)(function)
+    return compiled
 
 
 def native_for(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile at once for one signature; cached where the function's source is a file."""
     with cache_folder():
         try:
-            return njit(signature, cache=True, **_OPTIONS)(function)
+            return _njit(signature, cache=True, **_OPTIONS)(function)
         except RuntimeError:  # no file to keep a cache beside: a notebook, an exec
-            return njit(signature, **_OPTIONS)(function)
+            return _njit(signature, **_OPTIONS)(function)
 
 
 @contextmanager
 def cache_folder() -> Iterator[None]:
     """Have numba keep what is compiled meanwhile in this version's folder; other packages' caches stay as they are."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = _folder(before)
+    before = vars(config)["CACHE_DIR"]
+    vars(config)["CACHE_DIR"] = _folder(before)
     try:
         yield
     finally:
-        config.CACHE_DIR = before
+        vars(config)["CACHE_DIR"] = before
 
 
 @cache

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numba import config
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, BLOCK_MAX, TICK_S
@@ -13,6 +12,7 @@ from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, records
 from hapscene.device.limit import IDEAL, Limits
 from hapscene.errors import HapsceneError, PathError, SceneError, no_such
+from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
 from hapscene.scene.body import RIGID_TOLERANCE
 from hapscene.surface.registry import load_effect
@@ -166,7 +166,7 @@ class Renderer:
         a_m_s2 = np.zeros((n, self.block))
         self._play(self._world, self._surface, path, moving, X_WB, rows, a_m_s2)
         self._settle_bodies(moving)
-        t_s = (self._ticks + np.arange(n)) * self.tick_s
+        t_s = np.asarray((self._ticks + np.arange(n)) * self.tick_s, np.float64)
         self._ticks += n
         return Recording(
             t_s=t_s,
@@ -254,7 +254,7 @@ def _rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 def _entry(function: Any, *arguments: Any) -> Any:
     """`play` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
-    if config.DISABLE_JIT:
+    if INTERPRETED:
         return function
     world, surface, rows, blocks = arguments
     path = np.zeros((0, 3))

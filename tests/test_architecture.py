@@ -10,7 +10,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
-CORE = ("tick", "describe", "records", "constants", "errors", "native", "clock", "contact", "surface", "device", "scene")
+CORE = (
+    "tick",
+    "describe",
+    "records",
+    "constants",
+    "errors",
+    "native",
+    "clock",
+    "contact",
+    "surface",
+    "device",
+    "scene",
+)
 OUTER = ("capture", "view", "bench", "touch", "cli", "gesture", "path")
 
 

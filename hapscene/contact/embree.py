@@ -14,12 +14,12 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import config, types
+from numba import types
 from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
 from hapscene.errors import HapsceneError
-from hapscene.native import native
+from hapscene.native import INTERPRETED, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
@@ -73,7 +73,7 @@ def _load() -> ctypes.CDLL:
 _embree = _load()
 
 _intersect: Any
-if config.DISABLE_JIT:
+if INTERPRETED:
     _intersect = _embree.rtcIntersect1
 else:
     _intersect = types.ExternalFunction("rtcIntersect1", types.void(types.uintp, types.uintp, types.uintp))
@@ -120,7 +120,7 @@ def first_face(
     _intersect(int(search), ray.ctypes.data, 0)
     if words[18] == _NO_HIT:
         return -1
-    return np.int64(words[17])
+    return int(words[17])
 
 
 @cache
@@ -172,7 +172,7 @@ def _overlapped(corners: NDArray[np.float64], overlap_m: float) -> NDArray[np.fl
         grown = corners + spoke * scale[:, :, None]
         narrow = ~(double_area / lengths.max(axis=1) >= overlap_m)
     grown[narrow] = np.nan
-    return grown
+    return np.asarray(grown, np.float64)
 
 
 def _build(corners: NDArray[np.float32]) -> int:

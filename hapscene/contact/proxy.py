@@ -244,7 +244,7 @@ def _drop_unsupported(world: Any, p_W: Vector) -> bool:
             _copy_plane(proxy, i, ASIDE)
             proxy.aside = 1
     proxy.count = kept
-    return kept < count
+    return bool(kept < count)
 
 
 @native

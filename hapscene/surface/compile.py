@@ -9,13 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
-from numba import config, from_dtype, types
+from numba import from_dtype, types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
-from hapscene.native import native, native_for
+from hapscene.native import INTERPRETED, native, native_for
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 
@@ -29,7 +29,7 @@ def compile_effect(effect: Effect) -> int:
     Raises:
         EffectError: `render` does not compile; the text names file and line, and gives numba's reason.
     """
-    if config.DISABLE_JIT:
+    if INTERPRETED:
         _interpreted.append(effect)
         return len(_interpreted) - 1
     kept = _native.get(id(effect))
@@ -74,7 +74,7 @@ def _reason(error: NumbaError) -> str:
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 
 
-if config.DISABLE_JIT:
+if INTERPRETED:
 
     def call_effect(
         address: int,

@@ -94,5 +94,5 @@ class Effect:
     @property
     def state_dtype(self) -> np.dtype[Any]:
         """Record layout of the state; never empty, likewise."""
-        fields = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
+        fields: list[Any] = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
         return np.dtype(fields or [("_", "f8")], align=True)

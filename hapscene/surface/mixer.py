@@ -105,4 +105,4 @@ def _finite(out: Any, block: int) -> bool:
     check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]
     for i in range(block):
         check += 0.0 * out.a_m_s2[i]
-    return check == 0.0
+    return bool(check == 0.0)

@@ -109,9 +109,7 @@ def make_texture(seed: int = 0, order: int = 20, rate_Hz: float = 10_000.0) -> T
 
 def make_swatch(seed: int = 0, order: int = 20, **fields: Any) -> Swatch:
     """A swatch with everything: friction, texture, taps."""
-    taps = Taps(
-        np.array([0.05, 0.3]), np.array([5.0, 30.0]), np.array([180.0, 260.0]), np.array([70.0, 90.0])
-    )
+    taps = Taps(np.array([0.05, 0.3]), np.array([5.0, 30.0]), np.array([180.0, 260.0]), np.array([70.0, 90.0]))
     given = dict(
         damping_Ns_m=0.5,
         friction_static=0.4,

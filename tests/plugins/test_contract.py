@@ -32,9 +32,7 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
     touching = np.repeat(rng.random(count // 10) > 0.3, 10)
     before = np.concatenate(([False], touching[:-1]))
     nhat = rng.normal(size=(count, 3))
-    nhat = np.where(
-        rng.random((count, 1)) > 0.3, [0.0, 0.0, 1.0], nhat / np.linalg.norm(nhat, axis=1)[:, None]
-    )
+    nhat = np.where(rng.random((count, 1)) > 0.3, [0.0, 0.0, 1.0], nhat / np.linalg.norm(nhat, axis=1)[:, None])
     depth = rng.exponential(1e-3 * large, count) * touching
     slip = rng.normal(0, 1e-4 * large, (count, 3)) * touching[:, None]
     slip -= np.einsum("ni,ni->n", slip, nhat)[:, None] * nhat
@@ -82,9 +80,7 @@ def test_declaration_is_sane(effect):
         assert not keyword.iskeyword(param.name) and param.meaning and param.unit
         assert param.minimum <= param.default <= param.maximum
         suffixes = [unit for suffix, unit in UNITS.items() if param.name.endswith(f"_{suffix}")]
-        assert param.unit == "1" or param.unit in suffixes, (
-            f"{param.name} does not end in its unit {param.unit}"
-        )
+        assert param.unit == "1" or param.unit in suffixes, f"{param.name} does not end in its unit {param.unit}"
     for state in effect.state:
         assert not keyword.iskeyword(state.name)
 

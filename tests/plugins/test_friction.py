@@ -86,12 +86,8 @@ def test_stick_slip_of_a_dragged_mass(bench, ticks):
     """
     mass_kg, k_N_m, drag_m_s, dt_s, press_N = 0.05, 100.0, 0.02, 2e-5, 2.0
     gap_N, omega = (0.5 - 0.3) * press_N, np.sqrt(k_N_m / mass_kg)
-    want_s = 2 * gap_N / (k_N_m * drag_m_s) + 2 / omega * (
-        np.pi - np.arctan(gap_N * omega / (k_N_m * drag_m_s))
-    )
-    effect = bench(
-        FRICTION, params=dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=1e4)
-    )
+    want_s = 2 * gap_N / (k_N_m * drag_m_s) + 2 / omega * (np.pi - np.arctan(gap_N * omega / (k_N_m * drag_m_s)))
+    effect = bench(FRICTION, params=dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=1e4))
     rows = ticks(1, normal_force_N=press_N)
     x = v = f = 0.0
     starts_s, slipping = [], True

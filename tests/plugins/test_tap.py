@@ -79,7 +79,5 @@ def test_above_the_channel_s_band_silent(bench, ticks, swatch_of):
 
 
 def test_gain_scales(bench, ticks, swatch_of):
-    once, twice = (
-        bench(TAP, swatch_of(), params=dict(tap_gain=g)).samples(contact(ticks, 9, 0.1)) for g in (1.0, 2.0)
-    )
+    once, twice = (bench(TAP, swatch_of(), params=dict(tap_gain=g)).samples(contact(ticks, 9, 0.1)) for g in (1.0, 2.0))
     np.testing.assert_array_equal(2.0 * once, twice)

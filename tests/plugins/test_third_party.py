@@ -33,9 +33,7 @@ print(json.dumps({"distribution": entry.distribution, "version": entry.version, 
 def site(tmp_path_factory):
     """A folder with the example installed in it, from a copy: a build leaves files beside its source."""
     folder = tmp_path_factory.mktemp("third_party")
-    shutil.copytree(
-        EXAMPLE, folder / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info")
-    )
+    shutil.copytree(EXAMPLE, folder / "source", ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg-info"))
     pip = [
         sys.executable,
         "-m",
