@@ -98,7 +98,7 @@ if INTERPRETED:
 else:
 
     @intrinsic
-    def _call(typing: Any, address: Any, touch: Any, p: Any, table: Any, s: Any, out: Any) -> Any:
+    def _intrinsic_call(typing: Any, address: Any, touch: Any, p: Any, table: Any, s: Any, out: Any) -> Any:
         signature = types.void(types.int64, touch, types.int64, table, types.int64, out)
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -119,6 +119,8 @@ else:
             return context.get_dummy_value()
 
         return signature, generate
+
+    _call: Any = _intrinsic_call
 
     @native
     def call_effect(
