@@ -1,0 +1,1 @@
+"""The commands of `hapscene`, one module for each word or family of words; thin."""

@@ -1,0 +1,46 @@
+"""`hapscene check`."""
+
+import argparse
+import json
+from typing import Any
+
+from hapscene.command.word import add_command
+
+
+def add_check(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "check",
+        _check,
+        "examine a mesh: what is wrong with it, and what that means for touching it",
+        "hapscene check part.stl --unit mm",
+        "hapscene check part.stl --unit mm --fix part_mended.ply",
+    )
+    command.add_argument("mesh", metavar="MESH", help="a mesh file")
+    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--json", action="store_true", help="print JSON")
+    command.add_argument("--fix", metavar="OUT", help="mend what can be mended safely, and write it here")
+
+
+def _check(options: argparse.Namespace) -> int:
+    from hapscene.scene.doctor import examine
+    from hapscene.scene.mesh import load_mesh
+
+    mesh = load_mesh(options.mesh, options.unit)
+    report = examine(mesh)
+    done: list[str] = []
+    if options.fix is not None:
+        from hapscene.scene.mend import mend
+        from hapscene.scene.ply import write_mesh
+
+        mended, done = mend(mesh)
+        write_mesh(mended, options.fix)
+    if options.json:
+        fixed = {} if options.fix is None else {"fixed": done, "written": options.fix}
+        print(json.dumps(json.loads(report.to_json()) | fixed, indent=2, ensure_ascii=False))
+        return 0
+    print(report.text())
+    if options.fix is not None:
+        print("", *(f"mended: {line}" for line in done or ["nothing needed it"]), sep="\n")
+        print(f"made:\n  {options.fix}  (in metres)")
+    return 0

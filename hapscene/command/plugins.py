@@ -1,0 +1,63 @@
+"""`hapscene plugins`."""
+
+import argparse
+import json
+from typing import Any
+
+from hapscene.command.word import add_command
+
+
+def add_plugins(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "plugins",
+        _plugins,
+        "list the effects there are: parameters, units, defaults, and where they come from",
+        "hapscene plugins --json",
+    )
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _plugins(options: argparse.Namespace) -> int:
+    from hapscene.surface.registry import listed
+
+    effects = listed()
+    if options.json:
+        print(json.dumps([_described(item) for item in effects.values()], indent=2, ensure_ascii=False))
+        return 0
+    for item in effects.values():
+        print(f"{item.name}  ({item.distribution} {item.version}, {item.module})")
+        if item.effect is None:
+            print(f"  cannot be used: {item.error}")
+            continue
+        print(f"  {item.effect.summary}")
+        for param in item.effect.params:
+            print(f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}")
+    if not effects:
+        print("no effect is installed: is hapscene itself installed?")
+    return 0
+
+
+def _described(item: Any) -> dict[str, Any]:
+    """One effect as JSON; a bound that is infinite is null."""
+    described = {
+        "name": item.name,
+        "distribution": item.distribution,
+        "version": item.version,
+        "module": item.module,
+        "error": item.error,
+    }
+    if item.effect is not None:
+        described["summary"] = item.effect.summary
+        described["parameters"] = [
+            {
+                "name": param.name,
+                "unit": param.unit,
+                "default": param.default,
+                "minimum": param.minimum if abs(param.minimum) != float("inf") else None,
+                "maximum": param.maximum if abs(param.maximum) != float("inf") else None,
+                "meaning": param.meaning,
+            }
+            for param in item.effect.params
+        ]
+    return described
