@@ -2,38 +2,33 @@
 
 from typing import Any
 
-from hapscene.contact.geometry import Vector, cross, dot, norm, sub
+from hapscene.contact.geometry import Vector, along, cross, dot, norm, sub
 from hapscene.native import native
 
 
 @native
 def to_world(body: Any, p_B: Vector) -> Vector:
     """Point from the body's frame to the world's."""
-    R, o = body.R_WB, body.p_WB_m
-    return (
-        R[0, 0] * p_B[0] + R[0, 1] * p_B[1] + R[0, 2] * p_B[2] + o[0],
-        R[1, 0] * p_B[0] + R[1, 1] * p_B[1] + R[1, 2] * p_B[2] + o[1],
-        R[2, 0] * p_B[0] + R[2, 1] * p_B[1] + R[2, 2] * p_B[2] + o[2],
-    )
+    o = body.p_WB_m
+    return along((o[0], o[1], o[2]), 1.0, turn_to_world(body, p_B))
 
 
 @native
 def to_body(body: Any, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at this tick's pose."""
-    R, o = body.R_WB, body.p_WB_m
-    x, y, z = p_W[0] - o[0], p_W[1] - o[1], p_W[2] - o[2]
-    return (
-        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
-    )
+    return _into(body.R_WB, body.p_WB_m, p_W)
 
 
 @native
 def to_body_before(body: Any, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at the last tick's pose."""
-    R, o = body.was_R_WB, body.was_p_WB_m
-    x, y, z = p_W[0] - o[0], p_W[1] - o[1], p_W[2] - o[2]
+    return _into(body.was_R_WB, body.was_p_WB_m, p_W)
+
+
+@native
+def _into(R: Any, o: Any, p: Vector) -> Vector:
+    """Rᵀ (p − o)."""
+    x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (
         R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
         R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
