@@ -30,6 +30,15 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
+    """Write a file whole or not at all; what goes wrong becomes `error`, with the path and the reason."""
+    try:
+        with whole_file(path) as part:
+            part.write_bytes(content)
+    except OSError as reason:
+        raise error(f"{path}: cannot be written: {reason.strerror}") from None
+
+
 @contextmanager
 def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]:
     """Give a temporary folder beside `path`; on a clean exit its files move into `path`, else it is gone.

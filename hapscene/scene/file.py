@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
+from hapscene.output import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
-from hapscene.scene.ply import write_mesh, write_whole
+from hapscene.scene.ply import write_mesh
 from hapscene.scene.scene import Scene
 
 SUFFIX: Final = ".scene.json"

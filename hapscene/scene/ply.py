@@ -1,6 +1,5 @@
 """PLY, the one format that hapscene writes: exact positions, groups and colours."""
 
-import os
 import re
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
+from hapscene.output import write_whole
 from hapscene.scene.mesh import Mesh
 
 _COMMENT: Final = "hapscene group"
@@ -42,17 +42,6 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     header = "\n".join([*lines, "end_header", ""]).encode()
     whole = header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes()
     write_whole(path, whole, MeshError)
-
-
-def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
-    """Write a file so that it is there whole or not at all; what was there before stays until then."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        draft.write_bytes(content)
-        draft.replace(path)
-    except OSError as reason:
-        draft.unlink(missing_ok=True)
-        raise error(f"{path}: cannot be written: {reason.strerror}") from None
 
 
 def _header(content: bytes) -> list[str]:
