@@ -30,9 +30,10 @@ LOOK_AHEAD: Final = 200.0
 """How far past its goal a ray looks, in skins [1]. A surface met at a slope s is seen when the proxy is still
 `LOOK_AHEAD * s` skins away, so even a wall met at a slope of 1 in 10,000 is seen before rounding hides it."""
 
-PASS_MAX: Final = 24
-"""Most moves of the proxy within one tick [count]. Paths seen so far need at most 9; what needs more is left
-where it is, on the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
+PASS_MAX: Final = 64
+"""Most moves of the proxy within one tick [count], about 0.25 µs each. A tool that strokes needs 1 to 9; one that cuts
+straight through a body can send the proxy over more faces than this. Then it is left where it has got to, a skin off
+the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
 
 # --- description -----------------------------------------------------------------------------------------
 
@@ -51,6 +52,13 @@ DAMPING_NS_M: Final = 0.0
 
 ORDER_MAX: Final = 256
 """Highest order of a texture's AR models [count]. Sets the size of the filter's memory."""
+
+EXCITATION_SPAN: Final = 4.0
+"""Gaussian deviates that a measured excitation is tabulated over, ± [standard deviations]. One sample in 16,000 lies
+beyond: a recording of a second has none."""
+
+EXCITATION_KNOTS: Final = 65
+"""Numbers that a measured excitation has [count]: one each eighth of a standard deviation."""
 
 # --- handle ----------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from hapscene.contact.cast import SATISFIED, cast, cast_body
 from hapscene.contact.face import corners, lies_over, plane, to_body, to_body_before, to_world, turn_to_world
 from hapscene.contact.geometry import Vector, along, norm, sub
 from hapscene.contact.plane import nearest
-from hapscene.contact.world import ASIDE
+from hapscene.contact.world import ASIDE, SLOTS
 from hapscene.native import native
 
 STILL = 1e-3
@@ -68,14 +68,15 @@ def move(world: Any, tool_W: Vector) -> bool:
     _carry(world)
     settled = _settle(world, tool_W)
     found, p = nearest(proxy, tool_W, 0.0)
-    if not found:
-        p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     held, by = 0, 0
     for i in range(proxy.count):
         if proxy.push_m[i] > 0.0:
             held = 1
             if proxy.push_m[i] > proxy.push_m[by]:
                 by = i
+    if not (settled and found):  # where it has got to: a skin off the surface, and outside every body
+        p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+        held = 1 if proxy.count > 0 else 0
     for i in range(3):
         proxy.p_WP_m[i] = p[i]
     proxy.held = held
@@ -167,13 +168,14 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     settled = False
+    last_m = math.inf  # from the proxy to the tool, where it last came to a halt
     proxy.aside = 0
     for _ in range(PASS_MAX):
         found, goal = nearest(proxy, tool_W, 1.0)
         if not found:
             break
         _drop_idle(proxy)
-        if proxy.aside == 1 and _take_back(world, goal):
+        if proxy.aside > 0 and _take_back(world, p, goal):
             continue
         way = sub(goal, p)
         if norm(way) > STILL * _skin(world):
@@ -185,11 +187,16 @@ def _settle(world: Any, tool_W: Vector) -> bool:
                 p = along(p, stop, way)
                 continue
             p = goal
-        if not _drop_unsupported(world, p):
+        left_m = norm(sub(tool_W, p))
+        if left_m >= last_m or not _drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
             settled = True
             break
+        last_m = left_m - STILL * proxy.skin_m[ASIDE]
     for i in range(3):
         proxy.p_W_m[i] = p[i]
+    if proxy.count == 0 and proxy.aside > 0 and not settled:
+        _copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SLOTS - ASIDE), 0)
+        proxy.count = 1
     return settled
 
 
@@ -241,32 +248,46 @@ def _drop_unsupported(world: Any, p_W: Vector) -> bool:
                 _copy_plane(proxy, i, kept)
             kept += 1
         else:
-            _copy_plane(proxy, i, ASIDE)
-            proxy.aside = 1
+            _copy_plane(proxy, i, ASIDE + proxy.aside % (SLOTS - ASIDE))
+            proxy.aside += 1
     proxy.count = kept
     return bool(kept < count)
 
 
 @native
-def _take_back(world: Any, goal_W: Vector) -> bool:
-    """Take a dropped plane back where the next goal lies under it and over its face.
+def _take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
+    """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
 
     So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
     """
     proxy = world.proxy[0]
-    n = proxy.nhat_W[ASIDE]
-    left = n[0] * goal_W[0] + n[1] * goal_W[1] + n[2] * goal_W[2] - proxy.offset_m[ASIDE]
-    skin = proxy.skin_m[ASIDE]
-    if left >= (1.0 - SATISFIED) * skin:
-        return False
-    body = world.bodies[proxy.body[ASIDE]]
-    if not lies_over(world, body, proxy.face[ASIDE], goal_W, skin):
-        return False
-    _copy_plane(proxy, ASIDE, proxy.count)
-    proxy.met[proxy.count] = 2
-    proxy.count += 1
-    proxy.aside = 0
-    return True
+    for k in range(min(proxy.aside, SLOTS - ASIDE)):
+        i = ASIDE + k
+        skin = proxy.skin_m[i]
+        if _above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or _above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
+            continue
+        if lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], goal_W, skin):
+            _copy_plane(proxy, i, proxy.count)
+            proxy.met[proxy.count] = 2
+            proxy.count += 1
+            return True
+    return False
+
+
+@native
+def _above(proxy: Any, slot: int, p_W: Vector) -> float:
+    """Height of a point over the plane in a slot [m]."""
+    n = proxy.nhat_W[slot]
+    return n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot]
+
+
+@native
+def _holds(proxy: Any, slot: int) -> bool:
+    """Whether the face in a slot is among those that hold the proxy."""
+    for i in range(proxy.count):
+        if proxy.face[i] == proxy.face[slot] and proxy.body[i] == proxy.body[slot]:
+            return True
+    return False
 
 
 @native

@@ -11,6 +11,12 @@ from hapscene.contact.embree import Search, new_ray
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
 
+ASIDE: Final = 4
+"""First slot of the planes that were dropped in this tick."""
+
+SLOTS: Final = ASIDE + 6
+"""Slots for planes in all. About a vertex of a scan lie 6 faces."""
+
 BODY: Final = np.dtype(
     [
         ("search", "i8"),  # address of the search structure
@@ -33,19 +39,19 @@ PROXY: Final = np.dtype(
     [
         ("p_W_m", "f8", (3,)),  # the proxy, a skin off every face that holds it
         ("count", "i8"),  # planes that hold it, 0 to 3; a fourth while one is added
-        # slots 0 to 2 hold the planes that hold the proxy, 3 one just met, 4 (ASIDE) the one dropped last
-        ("nhat_W", "f8", (5, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
-        ("offset_m", "f8", (5,)),
-        ("skin_m", "f8", (5,)),
-        ("body", "i8", (5,)),
-        ("face", "i8", (5,)),
-        ("side", "f8", (5,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
+        # slots 0 to 2: the planes that hold the proxy; 3: one just met; from ASIDE on: those dropped in this tick
+        ("nhat_W", "f8", (SLOTS, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
+        ("offset_m", "f8", (SLOTS,)),
+        ("skin_m", "f8", (SLOTS,)),
+        ("body", "i8", (SLOTS,)),
+        ("face", "i8", (SLOTS,)),
+        ("side", "f8", (SLOTS,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
         (
             "met",
             "i8",
-            (5,),
+            (SLOTS,),
         ),  # 1 where the face was met by a ray from where the proxy is, 2 where it was taken back
-        ("aside", "i8"),  # 1 while slot ASIDE holds a plane dropped in this tick
+        ("aside", "i8"),  # how many planes were dropped in this tick
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
@@ -60,9 +66,6 @@ PROXY: Final = np.dtype(
     ],
     align=True,
 )
-
-ASIDE: Final = 4
-"""Slot of the plane that was dropped last."""
 
 
 class World(NamedTuple):
