@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, BLOCK_MAX, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, records
+from hapscene.contact.world import build_world, place_ball, records
 from hapscene.device.limit import IDEAL, Limits
 from hapscene.errors import HapsceneError, PathError, SceneError, no_such
 from hapscene.native import INTERPRETED
@@ -196,8 +196,9 @@ class Renderer:
         """After the last given pose a body stands still."""
         for index in moving:
             body = self._world.bodies[index]
-            body["moved"] = 0
-            body["was_R_WB"], body["was_p_WB_m"] = body["R_WB"], body["p_WB_m"]
+            body.moved = 0
+            body.was_R_WB, body.was_p_WB_m = body.R_WB, body.p_WB_m
+            place_ball(body, self._world.ball_W_m[index])
 
     def _poses(self, poses: Mapping[str, ArrayLike], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Indices of the moving bodies (m,) and their poses (count, m, 4, 4)."""

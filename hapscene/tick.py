@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hapscene.clock import now_ns
 from hapscene.contact.geometry import Vector
 from hapscene.contact.proxy import move
+from hapscene.contact.world import place_ball
 from hapscene.describe import describe
 from hapscene.native import native
 from hapscene.records import Flag
@@ -66,10 +67,9 @@ def play(
 @native
 def place_bodies(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int) -> None:
     """Set this tick's poses. In the first tick after a reset bodies appear where they are, without moving there."""
+    nearer = 0.0
     for m in range(len(moving)):
-        index = moving[m]
-        body = world.bodies[index]
-        c = body.center_B_m
+        body = world.bodies[moving[m]]
         body.moved = 1 - surface.memory[0].fresh
         for i in range(3):
             for j in range(3):
@@ -77,9 +77,8 @@ def place_bodies(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDAr
                 body.R_WB[i, j] = X_WB[k, m, i, j]
             body.was_p_WB_m[i] = body.p_WB_m[i]
             body.p_WB_m[i] = X_WB[k, m, i, 3]
-        for i in range(3):
-            turned = body.R_WB[i, 0] * c[0] + body.R_WB[i, 1] * c[1] + body.R_WB[i, 2] * c[2]
-            world.ball_W_m[index, i] = turned + body.p_WB_m[i]
+        nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
+    world.proxy[0].near_room_m -= nearer
 
 
 @native

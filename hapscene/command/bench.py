@@ -16,11 +16,15 @@ def add_bench(commands: Any) -> None:
         "hapscene bench --out out/bench",
     )
     command.add_argument("--out", default="out/bench", metavar="DIR", help="folder to write into (default out/bench)")
-    command.add_argument("--quick", action="store_true", help="fewer cases, in a quarter of the time")
+    command.add_argument("--quick", action="store_true", help="fewer cases, in a third of the time")
+    command.add_argument("--docs", metavar="DIR", help="write the page benchmark.md and its charts into this folder too")
+    command.add_argument("--zoo", metavar="DIR", help="folder of recorded paths and meshes to run as well")
 
 
 def _bench(options: argparse.Namespace) -> int:
     from hapscene.bench.run import bench
 
-    bench(Path(options.out), options.quick)
+    docs = None if options.docs is None else Path(options.docs)
+    zoo = None if options.zoo is None else Path(options.zoo)
+    bench(Path(options.out), options.quick, docs, zoo)
     return 0

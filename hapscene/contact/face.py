@@ -51,16 +51,12 @@ def turn_to_world(body: Any, v_B: Vector) -> Vector:
 def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
     """The three corners of a face in the body's frame [m]."""
     row = body.face + face
-    return (
-        _vertex(world, body.vertex + world.faces[row, 0]),
-        _vertex(world, body.vertex + world.faces[row, 1]),
-        _vertex(world, body.vertex + world.faces[row, 2]),
-    )
+    return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
 
 
 @native
-def _vertex(world: Any, row: int) -> Vector:
-    return world.vertices_m[row, 0], world.vertices_m[row, 1], world.vertices_m[row, 2]
+def _corner(world: Any, row: int, k: int) -> Vector:
+    return world.corners_m[row, k, 0], world.corners_m[row, k, 1], world.corners_m[row, k, 2]
 
 
 @native

@@ -36,6 +36,7 @@ def put(world: Any, p_W: Vector) -> None:
     for k in range(len(world.bodies)):
         world.near[k] = k
     proxy.near_count = len(world.bodies)
+    proxy.near_room_m = 0.0
     for k in range(len(world.bodies)):
         skin = 2.0 * world.bodies[k].skin_m
         for axis in range(6):
@@ -86,25 +87,31 @@ def move(world: Any, tool_W: Vector) -> bool:
 
 @native
 def _list_near(world: Any, tool_W: Vector) -> None:
-    """List the bodies whose ball meets the ball around the tool that holds all rays of this tick."""
+    """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
+
+    The list stays good until the tool, and the bodies, have moved as far as the nearest body that is not listed was
+    away. `place_bodies` takes what the bodies moved off that room.
+    """
     proxy = world.proxy[0]
-    count = len(world.bodies)
-    if count == 1:
-        world.near[0] = 0
-        proxy.near_count = 1
-        return
-    p = proxy.p_W_m
+    p, at = proxy.p_W_m, proxy.near_at_W_m
     reach = norm((p[0] - tool_W[0], p[1] - tool_W[1], p[2] - tool_W[2]))
+    gone = norm((at[0] - tool_W[0], at[1] - tool_W[1], at[2] - tool_W[2]))
+    if gone + reach < proxy.near_room_m:
+        return
     found = 0
-    for k in range(count):
-        dx = world.ball_W_m[k, 0] - tool_W[0]
-        dy = world.ball_W_m[k, 1] - tool_W[1]
-        dz = world.ball_W_m[k, 2] - tool_W[2]
-        far = world.ball_W_m[k, 3] + reach
-        if dx * dx + dy * dy + dz * dz <= far * far or world.bodies[k].moved == 1:
+    room = math.inf
+    for k in range(len(world.bodies)):
+        ball = world.ball_W_m[k]
+        away = norm((ball[0] - tool_W[0], ball[1] - tool_W[1], ball[2] - tool_W[2])) - ball[3]
+        if away <= reach:
             world.near[found] = k
             found += 1
+        else:
+            room = min(room, away)
     proxy.near_count = found
+    proxy.near_room_m = room
+    for i in range(3):
+        at[i] = tool_W[i]
 
 
 @native

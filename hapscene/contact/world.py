@@ -1,5 +1,6 @@
 """The scene as the compiled contact reads it: bodies and meshes in flat arrays, and the proxy's own memory."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.embree import Search, new_ray
+from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -23,8 +25,7 @@ BODY: Final = np.dtype(
         ("center_B_m", "f8", (3,)),  # origin of the search structure's frame
         ("radius_m", "f8"),  # of the ball around it that holds the mesh
         ("skin_m", "f8"),  # distance the proxy keeps while it is searched for
-        ("vertex", "i8"),  # the mesh's first row in World.vertices_m
-        ("face", "i8"),  # the mesh's first row in World.faces
+        ("face", "i8"),  # the mesh's first row in World.corners_m
         ("two_sided", "i8"),  # 1: both sides of a face hold, 0: only its outside
         ("moved", "i8"),  # 1 where the pose is not that of the last tick
         ("R_WB", "f8", (3, 3)),
@@ -56,6 +57,8 @@ PROXY: Final = np.dtype(
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
         ("near_count", "i8"),  # bodies close enough to be met in this tick
+        ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
+        ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (
             "p_WP_m",
             "f8",
@@ -67,52 +70,73 @@ PROXY: Final = np.dtype(
     align=True,
 )
 
+HALF_TURN: Final = 0.01
+"""Squared cosine of half the angle a body turns in a tick below which it is looked at wherever it is [1]."""
+
 
 class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 
     bodies: Any  # (b,) BODY
-    vertices_m: NDArray[np.float64]  # (v, 3), each mesh in its body's frame
-    faces: NDArray[np.int32]  # (f, 3), counted within each mesh
-    ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of each body's ball
+    corners_m: NDArray[np.float64]  # (f, 3, 3) in the body's frame, mesh after mesh: side by side, a face is one read
+    ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,)
     ray: NDArray[np.float32]
     proxy: Any  # (1,) PROXY
 
 
+@native
+def place_ball(body: Any, ball: Any) -> float:
+    """Move a body's ball (4,) to its present pose; returns how much nearer that can bring it to anything [m].
+
+    While the body moves, the ball is as large as a sweep in its frame asks for: larger by the way of its centre, and,
+    since a chord cuts a circle, divided by the cosine of half the angle it turns.
+    """
+    c, R, was = body.center_B_m, body.R_WB, body.was_R_WB
+    way2, trace = 0.0, 0.0
+    for i in range(3):
+        now = R[i, 0] * c[0] + R[i, 1] * c[1] + R[i, 2] * c[2] + body.p_WB_m[i]
+        way2 += (now - ball[i]) ** 2
+        ball[i] = now
+        trace += R[i, 0] * was[i, 0] + R[i, 1] * was[i, 1] + R[i, 2] * was[i, 2]
+    way = math.sqrt(way2)
+    radius = body.radius_m + body.skin_m
+    if body.moved == 1:
+        half2 = (1.0 + trace) / 4.0
+        radius = (radius + way) / math.sqrt(half2) if half2 > HALF_TURN else math.inf
+    grown = radius - ball[3]
+    ball[3] = radius
+    return way + grown
+
+
 def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
     """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here."""
     rows = records(len(bodies), BODY)
-    vertices: list[NDArray[np.float64]] = []
-    faces: list[NDArray[np.int32]] = []
-    first: dict[int, tuple[int, int]] = {}
-    vertex_count = face_count = 0
+    corners: list[NDArray[np.float64]] = []
+    first: dict[int, int] = {}
+    count = 0
     for row, body in zip(rows, bodies, strict=True):
         mesh = body.mesh
         key = id(mesh)
         if key not in first:
-            first[key] = vertex_count, face_count
+            first[key] = count
             searches.setdefault(key, Search(mesh.vertices_m, mesh.faces))
-            vertices.append(np.ascontiguousarray(mesh.vertices_m, np.float64))
-            faces.append(np.ascontiguousarray(mesh.faces, np.int32))
-            vertex_count += len(mesh.vertices_m)
-            face_count += len(mesh.faces)
+            corners.append(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
+            count += len(mesh.faces)
         search = searches[key]
         row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, search.skin_m
         row.center_B_m = search.center_m
-        row.vertex, row.face = first[key]
+        row.face = first[key]
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
-    ball = np.zeros((len(rows), 4))
-    for i, row in enumerate(rows):
-        ball[i, :3] = row.R_WB @ row.center_B_m + row.p_WB_m
-        ball[i, 3] = row.radius_m + row.skin_m
+    balls = np.zeros((len(rows), 4))
+    for row, ball in zip(rows, balls, strict=True):
+        place_ball(row, ball)
     return World(
         bodies=rows,
-        vertices_m=np.concatenate(vertices) if vertices else np.zeros((0, 3)),
-        faces=np.concatenate(faces) if faces else np.zeros((0, 3), np.int32),
-        ball_W_m=ball,
+        corners_m=np.concatenate(corners),
+        ball_W_m=balls,
         near=np.zeros(len(rows), np.int64),
         ray=new_ray(),
         proxy=records(1, PROXY),
