@@ -8,22 +8,39 @@
 | `channel` | checks and cleans its streams |
 | `order` | chooses the order of the models on held-out data |
 | `texture_fit`, `linear_prediction` | fit the models over force and speed |
+| `excitation` | chooses the noise that drives them |
 | `friction` | fits the friction coefficients |
 | `swatch_fit` | the above in order: `fit` |
 | `synthesis` | plays a swatch along force and speed: `synthesize` |
 | `metric` | how near a model is to a recording |
+| `hatt`, `hatt_file`, `hatt_tap`, `hatt_batch`, `arma`, `xml_source` | files of the Penn Haptic Texture Toolkit |
+| `hjif` | MPEG haptics files |
+| `record`, `record_port`, `record_protocol`, `record_meter` | record from a probe on a serial port |
+| `record_file` | the crash-safe file of such a recording: `load_record` |
+| `record_simulator` | a probe without hardware |
+| `batch`, `batch_input`, `batch_manifest`, `batch_pool`, `batch_worker` | fit thousands of recordings: `fit_batch` |
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hapscene.capture.hatt import export_hatt as export_hatt
+    from hapscene.capture.hatt import import_hatt as import_hatt
+    from hapscene.capture.hjif import export_hjif as export_hjif
     from hapscene.capture.recording_file import load_surface_recording as load_surface_recording
     from hapscene.capture.swatch_fit import fit as fit
     from hapscene.capture.synthesis import synthesize as synthesize
 
-_WHERE = {"fit": "swatch_fit", "load_surface_recording": "recording_file", "synthesize": "synthesis"}
+_WHERE = {
+    "export_hatt": "hatt",
+    "export_hjif": "hjif",
+    "fit": "swatch_fit",
+    "import_hatt": "hatt",
+    "load_surface_recording": "recording_file",
+    "synthesize": "synthesis",
+}
 
-__all__ = ["fit", "load_surface_recording", "synthesize"]
+__all__ = ["export_hatt", "export_hjif", "fit", "import_hatt", "load_surface_recording", "synthesize"]
 
 
 def __getattr__(name: str) -> Any:

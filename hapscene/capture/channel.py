@@ -1,4 +1,4 @@
-"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force."""
+"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force, depth."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -33,6 +33,7 @@ class Channels:
     force_N: Array
     speed_m_s: Array
     tangential_force_N: Array | None
+    depth_m: Array | None = None
 
 
 def clean(
@@ -41,10 +42,12 @@ def clean(
     force_N: ArrayLike | None = None,
     speed_m_s: ArrayLike | None = None,
     tangential_force_N: ArrayLike | None = None,
+    depth_m: ArrayLike | None = None,
 ) -> Channels:
     """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
+    Depth grows into the surface; it is negative above it.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, or streams of different length.
@@ -60,6 +63,7 @@ def clean(
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
     tangential = None if tangential_force_N is None else _stream("tangential_force_N", tangential_force_N, count)
+    depth = None if depth_m is None else _stream("depth_m", depth_m, count)
     high = _filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
@@ -69,7 +73,35 @@ def clean(
         _filtered(force, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
         np.abs(_filtered(speed, rate_Hz, HAND_CUTOFF_HZ, "lowpass")),
         None if tangential is None else _filtered(tangential, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
+        None if depth is None else _filtered(depth, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
     )
+
+
+def speed_of(position_m: Array, rate_Hz: float) -> Array:
+    """Speed (n,) [m/s] of positions (k, n) along k axes: low-passed at 100 Hz, then central differences.
+
+    Both are without delay. Of a motion at frequency f the differences keep sin(x)/x with x = 2πf/rate, at 20 Hz and
+    1 kHz all but 0.3 %.
+
+    Raises:
+        CaptureError: too slow or too short to be low-passed.
+    """
+    if not rate_Hz > 4.0 * HAND_CUTOFF_HZ or position_m.shape[1] < 0.1 * rate_Hz:
+        raise CaptureError(
+            f"a speed cannot be made of {position_m.shape[1]} positions at {rate_Hz:g} Hz: 0.1 s or more at above "
+            f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
+        )
+    axes = [_filtered(axis, rate_Hz, HAND_CUTOFF_HZ, "lowpass") for axis in position_m]
+    return np.asarray(np.linalg.norm(np.gradient(np.stack(axes), 1.0 / rate_Hz, axis=1), axis=0))
+
+
+def high_pass_gain(size: int, rate_Hz: float) -> Array:
+    """Gain (size//2+1,) of the high-pass that `clean` puts on the acceleration, at the lines of an FFT of `size`."""
+    from scipy.signal import butter, sosfreqz
+
+    sections = butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
+    _, response = sosfreqz(sections, 2.0 * np.pi * np.arange(size // 2 + 1) / size)
+    return np.asarray(np.abs(response) ** 2)  # forward and backward
 
 
 def _stream(name: str, values: ArrayLike, count: int | None) -> Array:

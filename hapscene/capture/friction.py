@@ -1,43 +1,222 @@
-"""Friction coefficients from tangential and normal force."""
+"""Friction coefficients from tangential and normal force, with their 95 % intervals."""
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.channel import Channels
+from hapscene.capture.segment import Segmentation, State, runs
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
 Array = NDArray[np.float64]
 
-SLIDING_M_S: Final = 0.005
-"""Speed above which the tool is taken to slide [m/s]."""
+BLOCK_S: Final = 0.05
+"""Time over which forces are averaged before anything is fitted [s]."""
 
-STATIC_QUANTILE: Final = 0.95
-"""Quantile of the friction ratio that static friction is taken from [1]."""
+CORRELATED: Final = 5
+"""Neighbouring blocks that are drawn together for an interval [count]: what a hand does in a quarter of a second."""
+
+DRAWS: Final = 400
+"""Draws of the bootstrap [count]: the interval's ends are then known to a tenth of its width."""
+
+EDGE_S: Final = 0.05
+"""What is left out at both ends of a stretch of sliding [s]: the tool breaks away and comes to rest there."""
+
+SPEED_RANGE: Final = 3.0
+"""Least ratio of fast to slow sliding at which the Stribeck curve is looked for [1]."""
+
+DROP_MIN: Final = 0.03
+"""Least fall of friction with speed, as a share, that counts as a Stribeck curve [1]; 11 % is felt."""
+
+BREAKAWAY_S: Final = (0.05, 0.03)
+"""How long before and after the beginning of a slide its largest pull is looked for [s]."""
+
+STILL_S: Final = 0.05
+"""Least time at rest before a slide that counts as breaking away [s]."""
 
 
-def fit_friction(tangential_N: Array, normal_N: Array, speed_m_s: Array) -> tuple[float, float]:
-    """Static and dynamic Coulomb coefficients from low-passed forces (n,) and speed (n,).
+@dataclass(frozen=True)
+class Friction:
+    """Coefficients, 95 % intervals by name, what is absent and why, and a note on where they come from."""
 
-    Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over the samples in
-    which the tool slides; it is the median of F_t/F_n weighted by F_n, and half the samples may be outliers. A free
-    offset is not fitted: the forces of one stroke span too little to tell it from the slope.
-    Static: the `STATIC_QUANTILE` of F_t/F_n over all samples pressed with a tenth of the largest force or more, the
-    pulls at which a hand-held tool lets go; never below dynamic.
+    static: float
+    dynamic: float
+    intervals: dict[str, tuple[float, float]]
+    absent: dict[str, str]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Mean magnitudes over blocks of sliding (m,)."""
+
+    tangential_N: Array
+    normal_N: Array
+    speed_m_s: Array
+
+
+def fit_friction(parts: Sequence[tuple[Channels, Segmentation]]) -> Friction:
+    """Static and dynamic Coulomb coefficients of recordings of one surface.
+
+    Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
+    sliding; it is the median of F_t/F_n weighted by F_n, and half of the blocks may be outliers. A free offset is not
+    fitted: the forces of a stroke span too little to tell it from the slope.
+    Where the speeds span `SPEED_RANGE` and friction falls by `DROP_MIN`, so surely that the interval excludes 0:
+    μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) (Stribeck; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); dynamic is
+    then μ_d, and static μ at the slowest speed that was recorded.
+    Static: the largest pull as the tool breaks away from rest, the median over all such; without any that of the
+    Stribeck curve; without that the dynamic one. Never below dynamic.
+    The intervals are those of a bootstrap over runs of neighbouring blocks.
 
     Raises:
-        CaptureError: the tool never slides under a normal force, or the coefficients are beyond `FRICTION_MAX`.
+        CaptureError: the coefficients are beyond `FRICTION_MAX`.
     """
-    pressed = normal_N > 0.1 * normal_N.max()
-    sliding = pressed & (speed_m_s > SLIDING_M_S)
-    if normal_N.max() <= 0.0 or not np.any(sliding):
-        raise CaptureError(f"no friction can be fitted: no sample with force_N above 0 slides over {SLIDING_M_S} m/s")
-    ratio = np.abs(tangential_N) / np.where(pressed, normal_N, 1.0)
-    order = np.argsort(ratio[sliding])
-    weight = np.cumsum(normal_N[sliding][order])
-    dynamic = float(ratio[sliding][order][np.searchsorted(weight, 0.5 * weight[-1])])
-    static = max(dynamic, float(np.quantile(ratio[pressed], STATIC_QUANTILE)))
-    if static > FRICTION_MAX:
+    parts = [(channels, states) for channels, states in parts if channels.tangential_force_N is not None]
+    if not parts:
+        return _none("the recording holds no tangential force and no friction ratio")
+    blocks = _blocks(parts)
+    if len(blocks.normal_N) < 3:
+        return _none(f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s")
+    draws = _draws(len(blocks.normal_N))
+    dynamic, spread = _slope(blocks), np.array([_slope(_drawn(blocks, draw)) for draw in draws])
+    intervals = {"friction_dynamic": _interval(spread)}
+    static, absent, note = dynamic, {}, ""
+    curve = _stribeck(blocks, draws)
+    if isinstance(curve, str):
+        absent["friction_stribeck"] = curve
+    else:
+        dynamic, static = float(np.median(curve[:, 0])), float(np.median(curve[:, 1]))
+        intervals = {"friction_dynamic": _interval(curve[:, 0]), "friction_static": _interval(curve[:, 1])}
+        slow, fast = 1e3 * np.quantile(blocks.speed_m_s, [0.02, 0.98])
+        note = f"Friction falls with speed: static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above."
+    pulls = np.array(_breakaways(parts))
+    if len(pulls):
+        static = max(dynamic, float(np.median(pulls)))
+        intervals.pop("friction_static", None)
+        if len(pulls) >= 3:
+            rng = np.random.default_rng(0)
+            chosen = rng.integers(0, len(pulls), (DRAWS, len(pulls)))
+            intervals["friction_static"] = _interval(np.median(pulls[chosen], axis=1))
+        note = f"Static friction is that of {len(pulls)} starts from rest."
+    elif isinstance(curve, str):
+        absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
+    if max(static, dynamic) > FRICTION_MAX:
         raise CaptureError(f"friction coefficients of {dynamic:.3g} and {static:.3g}: are both forces in newtons?")
-    return static, dynamic
+    return Friction(max(static, dynamic), dynamic, intervals, absent, note)
+
+
+def _none(reason: str) -> Friction:
+    return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
+
+
+def _blocks(parts: Sequence[tuple[Channels, Segmentation]]) -> _Blocks:
+    """All blocks of sliding, pressed with a tenth of the largest force or more."""
+    rows = []
+    for channels, states in parts:
+        assert channels.tangential_force_N is not None
+        length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
+        streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
+        for start, end in states.runs(State.SLIDING):
+            # only where the tool starts or stops: the ends of the recording are none
+            first = start + (edge if start > 0 else 0)
+            last = end - (edge if end < streams.shape[1] else 0)
+            count = (last - first) // length
+            if count > 0:
+                cut = streams[:, first : first + count * length].reshape(3, count, length)
+                rows.append(np.abs(cut.mean(axis=2)))
+    tangential, normal, speed = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0))
+    pressed = normal > 0.1 * normal.max(initial=0.0)
+    return _Blocks(tangential[pressed], normal[pressed], speed[pressed])
+
+
+def _drawn(blocks: _Blocks, draw: NDArray[np.intp]) -> _Blocks:
+    return _Blocks(blocks.tangential_N[draw], blocks.normal_N[draw], blocks.speed_m_s[draw])
+
+
+def _draws(count: int) -> NDArray[np.intp]:
+    """Indices (DRAWS, count) of a bootstrap that draws neighbours together."""
+    together = min(CORRELATED, max(1, count // 3))
+    rng = np.random.default_rng(0)
+    first = rng.integers(0, count, (DRAWS, -(-count // together)))
+    return ((first[:, :, None] + np.arange(together)).reshape(DRAWS, -1) % count)[:, :count]
+
+
+def _slope(blocks: _Blocks) -> float:
+    """The weighted median of the ratios."""
+    ratio = blocks.tangential_N / blocks.normal_N
+    order = np.argsort(ratio)
+    weight = np.cumsum(blocks.normal_N[order])
+    return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
+
+
+def _stribeck(blocks: _Blocks, draws: NDArray[np.intp]) -> Array | str:
+    """Dynamic and static coefficient of each draw (DRAWS, 2), or why there is no such curve."""
+    speed = blocks.speed_m_s
+    slow, fast = np.quantile(speed, [0.02, 0.98])
+    if np.ptp(speed) == 0.0:
+        return "the speed was not recorded, or never changes"
+    if len(speed) < 20 or fast < SPEED_RANGE * slow:
+        return f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed"
+    fits = [_curve(blocks, v_s) for v_s in np.geomspace(max(slow, 0.02 * fast), fast / 1.5, 10)]
+    _, scale, weight = min(fits, key=lambda fit: fit[0])
+    shape = np.exp(-((speed / scale) ** 2))
+    matrix = np.stack([np.ones(len(speed)), shape], axis=1)
+    at_slow = float(np.exp(-((slow / scale) ** 2)))
+    ratio = blocks.tangential_N / blocks.normal_N
+    found = []
+    for draw in draws:
+        w = weight[draw, None]
+        level, drop = np.linalg.lstsq(w * matrix[draw], w[:, 0] * ratio[draw], rcond=None)[0]
+        found.append((level, level + at_slow * drop))
+    curve = np.array(found)
+    drop = curve[:, 1] - curve[:, 0]
+    if np.quantile(drop, 0.025) <= 0.0 or np.median(drop) < DROP_MIN * np.median(curve[:, 0]) or curve[:, 0].min() <= 0.0:
+        return f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
+    return curve
+
+
+def _curve(blocks: _Blocks, scale_m_s: float) -> tuple[float, float, Array]:
+    """Robust error, the scale, and the weights (m,) of the best curve of that scale: Huber's, reweighted."""
+    ratio = blocks.tangential_N / blocks.normal_N
+    matrix = np.stack([np.ones(len(ratio)), np.exp(-((blocks.speed_m_s / scale_m_s) ** 2))], axis=1)
+    weight = np.sqrt(blocks.normal_N)
+    away = np.zeros(len(ratio))
+    for _ in range(8):
+        found = np.linalg.lstsq(weight[:, None] * matrix, weight * ratio, rcond=None)[0]
+        away = np.abs(ratio - matrix @ found)
+        bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-9
+        weight = np.sqrt(blocks.normal_N * np.minimum(1.0, bound / np.maximum(away, 1e-12)))
+    return float((blocks.normal_N * away).sum()), scale_m_s, weight
+
+
+def _breakaways(parts: Sequence[tuple[Channels, Segmentation]]) -> list[float]:
+    """The largest ratio of the forces at each start from rest, over 10 ms so that noise does not decide."""
+    from scipy.ndimage import uniform_filter1d
+
+    pulls = []
+    for channels, states in parts:
+        assert channels.tangential_force_N is not None
+        rate, n = channels.rate_Hz, len(channels.force_N)
+        length = max(1, round(0.01 * rate))
+        mean: Callable[[Array], Array] = lambda stream, length=length: np.asarray(uniform_filter1d(stream, length))
+        tangential, normal = np.abs(mean(channels.tangential_force_N)), mean(channels.force_N)
+        before, after = (round(s * rate) for s in BREAKAWAY_S)
+        least = 0.1 * float(channels.force_N.max())
+        for still_start, still_end in runs(states.states == State.STILL):
+            slides = still_end < n and states.states[still_end] == State.SLIDING
+            if not slides or still_end - still_start < STILL_S * rate:
+                continue
+            part = slice(max(still_start, still_end - before), min(n, still_end + after))
+            pressed = normal[part] > least
+            if np.any(pressed):
+                pulls.append(float((tangential[part][pressed] / normal[part][pressed]).max()))
+    return pulls
+
+
+def _interval(values: Array) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)

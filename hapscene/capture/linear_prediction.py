@@ -18,6 +18,21 @@ broad as the spectrum: on known models whose level falls by 60 dB over the band 
 order found from 4 to 11."""
 
 
+SMOOTHING_HZ: Final = 15.0
+"""Width (standard deviation) of the Gaussian that a recording's spectrum is smoothed with before it is fitted [Hz],
+through a window on the lags (Tohkura, Itakura & Hashimoto 1978, "Spectral smoothing technique in PARCOR speech
+analysis-synthesis", IEEE Trans. ASSP 26). A second of recording is scattered in detail; a filter of high order learns
+the scatter. Smoothed, the held-out distance at order 120 fell from 1.14 to 1.04 times that of the best order of all on
+the project's recordings, and the best itself did not rise. At 30 Hz real resonances blur; one that is sharper than
+15 Hz comes back as wide as that."""
+
+
+def smoothed(r: Array, rate_Hz: float) -> Array:
+    """Autocorrelations (..., k) with their spectrum smoothed by `SMOOTHING_HZ`; the power stays."""
+    lag = np.arange(r.shape[-1])
+    return np.asarray(r * np.exp(-0.5 * (2.0 * np.pi * SMOOTHING_HZ / rate_Hz * lag) ** 2))
+
+
 def tapered(signal: Array, rate_Hz: float) -> Array:
     """The signals (..., n) faded in and out by half a cosine; at most half of each is faded."""
     count = min(round(TAPER_S * rate_Hz), signal.shape[-1] // 4)

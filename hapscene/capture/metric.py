@@ -1,7 +1,8 @@
-"""How near a model is to a recording, as numbers.
+"""How near one vibration is to another, as numbers: distances between spectra and between spectrograms.
 
 Spectra are compared as Welch's estimate with Hann windows of `WINDOW_S`, half overlapping, because that is what the
-reference numbers of the project were measured with.
+reference numbers of the project were measured with. What a model leaves unexplained is judged in `metric_residual`,
+what a person makes of the difference in `metric_vibrotactile`.
 """
 
 from typing import Final
@@ -10,12 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.errors import CaptureError
 
 Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
 scatter more, so every distance grows with it: compare only distances of one length."""
+
+SPECTROGRAM_S: Final = 0.05
+"""Length of the windows of spectrograms [s], half overlapping, as in the haptography paper."""
+
+BAND_COUNT: Final = 12
+"""Bands that 20 to 1000 Hz is cut into [count]. Each is then 39 % wide, the widest difference of frequency that no one
+feels (13 to 38 %, Israr et al. 2006): where in a band the energy lies is not felt, how much there is in it is."""
+
+BAND_EDGES_HZ: Final = tuple(float(f) for f in np.geomspace(*ACCELERATION_BAND_HZ, BAND_COUNT + 1))
+"""Edges of those bands (13,) [Hz]."""
 
 
 def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array]:
@@ -47,14 +59,82 @@ def log_spectral_distance(
     LSD = √ mean_f (d(f) − d̄)², d(f) = 10 log10 (S₁(f)/S₂(f)). With `level` the mean d̄ stays in: then the distance
     holds the difference of level as well; without, it is one of shape alone, as in the project's reference table.
     """
-    frequency = np.asarray(frequency_Hz)
-    within = (frequency >= band_Hz[0]) & (frequency <= band_Hz[1])
+    within = _within(frequency_Hz, band_Hz)
     tiny = np.finfo(np.float64).tiny
     one, two = (np.maximum(np.asarray(s, dtype=np.float64)[within], tiny) for s in (first, second))
     difference = 10.0 * np.log10(one / two)
     if not level:
         difference = difference - difference.mean()
     return float(np.sqrt(np.mean(difference**2)))
+
+
+def goodness_of_fit(
+    first: ArrayLike,
+    second: ArrayLike,
+    frequency_Hz: ArrayLike,
+    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
+) -> float:
+    """Goodness-of-fit coefficient of two spectra over the band [1] (Hernández-Andrés, Romero & Lee 2001, J. Opt. Soc.
+    Am. A 18(2), 412–420).
+
+    GFC = |Σ S₁(f) S₂(f)| / (√Σ S₁(f)² √Σ S₂(f)²), the cosine of the angle between them: 1 for spectra of one shape at
+    whatever level, 0 for spectra that share no frequency. For daylight they call 0.995 acceptable, 0.999 good and
+    0.9999 exact. The loudest lines decide it. The haptography papers take it of DFT magnitudes: give √ of a power
+    density for theirs. It is 0 when one of the two is silent.
+    """
+    within = _within(frequency_Hz, band_Hz)
+    one, two = (np.asarray(s, dtype=np.float64)[within] for s in (first, second))
+    one, two = (s / s.max() if s.max() > 0.0 else s for s in (one, two))  # squares of small densities would underflow
+    norm = np.sqrt(np.sum(one**2) * np.sum(two**2))
+    return float(np.abs(np.sum(one * two)) / norm) if norm > 0.0 else 0.0
+
+
+def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array, Array]:
+    """Times (n,) [s], frequencies (k,) [Hz] and magnitudes (n, k) [m/s²] of Hann windows of `SPECTROGRAM_S`.
+
+    |S| = |Σ_t w(t) x(t) e^(−2πjft)| / Σ_t w(t). What is left over at the end is less than half a window, and not seen.
+
+    Raises:
+        CaptureError: the signal is shorter than a window.
+    """
+    signal = np.asarray(acceleration_m_s2, dtype=np.float64)
+    length = round(SPECTROGRAM_S * rate_Hz)
+    if len(signal) < length:
+        raise CaptureError(f"{len(signal)} samples at {rate_Hz:g} Hz are shorter than a window of {SPECTROGRAM_S} s")
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    parts = np.lib.stride_tricks.sliding_window_view(signal, length)[:: max(1, length // 2)]
+    magnitude = np.abs(np.fft.rfft(parts * window, axis=1)) / window.sum()
+    time = (np.arange(len(parts)) * max(1, length // 2) + 0.5 * length) / rate_Hz
+    frequency = np.fft.rfftfreq(length, 1.0 / rate_Hz)
+    return _array(time), _array(frequency), _array(magnitude)
+
+
+def spectrogram_error(
+    desired: ArrayLike,
+    actual: ArrayLike,
+    rate_Hz: float,
+    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
+) -> float:
+    """Root-mean-square error of a spectrogram over its own root mean square [1], as the haptography handle is judged.
+
+    E = √Σ(|S_d|−|S_a|)² / √Σ|S_d|² with S_d desired and S_a actual, windows of 50 ms, half overlapping, 20–1000 Hz:
+    the normalisation of the haptography papers, whose handle reached 0.48. No output gives 1 (100 %). Two independent
+    stretches of one Gaussian noise give √(2 − π/2) = 0.655, for magnitudes in a spectrogram scatter after Rayleigh: a
+    synthesised texture, which repeats a surface's statistics and not its waveform, can come no nearer.
+
+    Raises:
+        CaptureError: the signals differ in length, or are shorter than a window.
+    """
+    desired, actual = np.asarray(desired), np.asarray(actual)
+    if desired.shape != actual.shape:
+        raise CaptureError(f"the two signals must have one length, have {desired.shape} and {actual.shape}")
+    _, frequency, wanted = spectrogram(desired, rate_Hz)
+    got = spectrogram(actual, rate_Hz)[2]
+    within = _within(frequency, band_Hz)
+    power = np.sum(wanted[:, within] ** 2)
+    if power == 0.0:
+        raise CaptureError("the desired signal is silent in the band: no error can be put in relation to it")
+    return float(np.sqrt(np.sum((wanted - got)[:, within] ** 2) / power))
 
 
 def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:
@@ -67,5 +147,28 @@ def spectral_centroid_Hz(
 ) -> float:
     """Power-weighted mean frequency within the band: Σ f S(f) / Σ S(f) [Hz]."""
     frequency, density = np.asarray(frequency_Hz), np.asarray(density)
-    within = (frequency >= band_Hz[0]) & (frequency <= band_Hz[1])
+    within = _within(frequency, band_Hz)
     return float(np.sum(frequency[within] * density[within]) / np.sum(density[within]))
+
+
+def band_power(density: ArrayLike, frequency_Hz: ArrayLike, edge_Hz: ArrayLike = BAND_EDGES_HZ) -> Array:
+    """Power (b,) [(m/s²)²] of a spectrum between each two of the edges (b+1,) [Hz].
+
+    P_b = ∫ S(f) df from edge b to edge b+1, by the trapezoidal rule, edges between two frequencies included
+    exactly. Frequencies must ascend; beyond the last of them there is nothing.
+    """
+    frequency, density = np.asarray(frequency_Hz, dtype=np.float64), np.asarray(density, dtype=np.float64)
+    edge = np.clip(np.asarray(edge_Hz, dtype=np.float64), frequency[0], frequency[-1])
+    whole = np.union1d(frequency, edge)
+    at = np.interp(whole, frequency, density)
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(whole))])
+    return np.asarray(np.diff(running[np.searchsorted(whole, edge)]))
+
+
+def _array(values: ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
+
+
+def _within(frequency_Hz: ArrayLike, band_Hz: tuple[float, float]) -> NDArray[np.bool_]:
+    frequency = np.asarray(frequency_Hz)
+    return np.asarray((frequency >= band_Hz[0]) & (frequency <= band_Hz[1]))

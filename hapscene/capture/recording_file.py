@@ -1,7 +1,10 @@
-"""Recordings of a tool on a surface, read from text: CSV with a header, or one value a line."""
+"""Recordings of a tool on a surface: from a file's columns to streams in SI units.
+
+What a file does not say is asked for: the message names the argument, and the option of the command line.
+"""
 
 import os
-import warnings
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,32 +13,49 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.axis import one_axis
+from hapscene.capture.channel import speed_of
+from hapscene.capture.recording_source import AXES, Source, read_source
 from hapscene.errors import CaptureError
 
 Array = NDArray[np.float64]
 
-BYTES_MAX: Final = 1 << 30
-"""Largest file that is opened [bytes]: 20 minutes of four columns at 10 kHz."""
+_LENGTH: Final = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_FORCE: Final = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "acceleration": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mm/s2": 1e-3},
+    "acceleration": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "mm/s2": 1e-3},
     "speed": {"m/s": 1.0, "mm/s": 1e-3},
-    "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3},
-    "tangential_force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3},
+    "position": _LENGTH,
+    "force": _FORCE,
+    "tangential_force": _FORCE,
     "friction": {"1": 1.0},
+    "depth": _LENGTH,
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
 }
-"""What one of each unit is in SI, for each quantity that a column may hold. "friction" is tangential over normal."""
+"""What one of each unit is in SI, for each quantity that a column may hold. "friction" is tangential over normal force,
+"depth" grows into the surface, "position" is along it; of it the speed is made."""
+
+VECTORS: Final = ("acceleration", "position", "tangential_force")
+"""Quantities that may have up to three columns, joined by "+" or named with _x, _y, _z."""
+
+UNEVEN_MAX: Final = 0.1
+"""Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
 
 
 @dataclass(frozen=True)
 class SurfaceRecording:
-    """The streams of a file in SI units, (n,) each; None for those that it does not have."""
+    """The streams of a file in SI units, (n,) each; None for those that it does not have.
+
+    Three axes of acceleration are made one by DFT321, positions a speed; tangential forces and friction are a force.
+    """
 
     rate_Hz: float
     acceleration_m_s2: Array
     force_N: Array | None
     speed_m_s: Array | None
     tangential_force_N: Array | None
+    depth_m: Array | None = None
 
 
 def load_surface_recording(
@@ -44,92 +64,105 @@ def load_surface_recording(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:
-    """Reads a text file of numbers.
+    """Reads CSV, plain text, WAV, NPZ, MAT (to version 7), or a probe's record (`hapscene.capture.recording_source`).
 
     Args:
-        path: CSV with a header line; or no header and one value a line: then that is the acceleration.
-        rate_Hz: sample rate; such files do not say it.
+        path: the file. In text of one column, and in a WAV file of one or three channels, that is the acceleration.
+        rate_Hz: sample rate, where the file does not say it.
         columns: which column holds which quantity of `UNITS`, as {"acceleration": "accel"}; by default the column of
-            that name.
-        units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}.
+            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}.
+        units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}. A number before it
+            scales: "98 m/s2" for a WAV file whose full scale is 98 m/s².
 
     Raises:
         CaptureError: no rate or unit given; a file that is missing, too large or not of numbers; an unknown column.
     """
     file = Path(path)
-    if rate_Hz is None:
-        raise CaptureError(f"{file}: the file does not say its sample rate: give rate_Hz=…")
-    table = _read(file)
-    chosen = _choose(file, list(table), dict(columns or {}))
-    streams = {}
-    for quantity, column in chosen.items():
-        unit = (units or {}).get(quantity) or ("1" if quantity == "friction" else None)
-        if unit is None:
-            known = ", ".join(UNITS[quantity])
-            example = next(iter(UNITS[quantity]))
-            raise CaptureError(
-                f"{file}: the unit of {quantity} (column {column!r}) is not known: "
-                f'give units={{"{quantity}": "{example}"}}; known are {known}'
-            )
-        if unit not in UNITS[quantity]:
-            raise CaptureError(f"{file}: no unit {unit!r} of {quantity}; there are: {', '.join(UNITS[quantity])}")
-        streams[quantity] = UNITS[quantity][unit] * table[column]
-    tangential = streams.get("tangential_force")
-    if tangential is None and "friction" in streams and "force" in streams:
-        tangential = streams["friction"] * streams["force"]
-    return SurfaceRecording(
-        float(rate_Hz), streams["acceleration"], streams.get("force"), streams.get("speed"), tangential
-    )
+    source = read_source(file)
+    chosen = _choose(file, list(source.columns), dict(columns or {}))
+    streams: dict[str, Array] = {}
+    for quantity, names in chosen.items():
+        scale = _scale(file, quantity, names, dict(units or {}), source.units)
+        streams[quantity] = scale * np.stack([source.columns[name] for name in names])
+    rate = _rate(file, rate_Hz, source, streams.pop("time", None))
+    return _assembled(rate, streams)
 
 
-def _choose(file: Path, names: list[str], columns: dict[str, str]) -> dict[str, str]:
-    """Quantity to column, for the quantities that the file has."""
+def _assembled(rate_Hz: float, streams: Mapping[str, Array]) -> SurfaceRecording:
+    single = {quantity: rows[0] for quantity, rows in streams.items()}
+    force, speed = single.get("force"), single.get("speed")
+    if speed is None and "position" in streams:
+        speed = speed_of(streams["position"], rate_Hz)
+    tangential = None
+    if "tangential_force" in streams:
+        rows = streams["tangential_force"]
+        tangential = rows[0] if len(rows) == 1 else np.linalg.norm(rows, axis=0)
+    elif "friction" in streams and force is not None:
+        tangential = single["friction"] * force
+    acceleration = one_axis(streams["acceleration"], rate_Hz)
+    return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, single.get("depth"))
+
+
+def _rate(file: Path, given_Hz: float | None, source: Source, time_s: Array | None) -> float:
+    """The rate as given, else the file's own, else that of its column of times."""
+    if given_Hz is not None:
+        return float(given_Hz)
+    if source.rate_Hz is not None:
+        return source.rate_Hz
+    if time_s is not None:
+        step_s = np.diff(time_s[0])
+        mean_s = float(step_s.mean()) if len(step_s) else 0.0
+        if not (mean_s > 0.0 and np.all(np.abs(step_s - mean_s) <= UNEVEN_MAX * mean_s)):
+            raise CaptureError(f"{file}: its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")
+        return 1.0 / mean_s
+    raise CaptureError(f"{file}: the file does not say its sample rate: give rate_Hz=… (--rate HZ)")
+
+
+def _choose(file: Path, names: list[str], columns: dict[str, str]) -> dict[str, list[str]]:
+    """Quantity to columns, for the quantities that the file has."""
+    chosen: dict[str, list[str]] = {}
     for quantity, column in columns.items():
         if quantity not in UNITS:
             raise CaptureError(f"{file}: no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
-        if column not in names:
-            raise CaptureError(f"{file}: no column {column!r}; there are: {', '.join(names)}")
-    chosen = {quantity: columns.get(quantity, quantity) for quantity in UNITS}
-    chosen = {quantity: column for quantity, column in chosen.items() if column in names}
+        parts = [column] if column in names else [part.strip() for part in column.split("+")]
+        for part in parts:
+            if part not in names:
+                raise CaptureError(f"{file}: no column {part!r}; there are: {', '.join(names)}")
+        if len(parts) > (3 if quantity in VECTORS else 1):
+            most = "at most three columns" if quantity in VECTORS else "one column"
+            raise CaptureError(f"{file}: {quantity} has {most}, {column!r} names {len(parts)}")
+        chosen[quantity] = parts
+    for quantity in UNITS.keys() - chosen.keys():
+        axes = [f"{quantity}_{axis}" for axis in AXES if quantity in VECTORS and f"{quantity}_{axis}" in names]
+        if quantity in names or axes:
+            chosen[quantity] = [quantity] if quantity in names else axes
+    numbered = names in (["1"], ["1", "2", "3"] if file.suffix.lower() == ".wav" else [])
+    if "acceleration" not in chosen and numbered:
+        chosen["acceleration"] = names
     if "acceleration" not in chosen:
         raise CaptureError(
             f'{file}: no column "acceleration"; there are: {", ".join(names)}: '
-            f'give columns={{"acceleration": "{names[0]}"}}'
+            f'give columns={{"acceleration": "{names[0]}"}} (--columns acceleration={names[0]})'
         )
-    return chosen
+    return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
 
 
-def _read(file: Path) -> dict[str, Array]:
-    """Columns of the file by name; a file without a header has the one column "acceleration"."""
-    try:
-        if file.stat().st_size > BYTES_MAX:
-            raise CaptureError(f"{file}: larger than {BYTES_MAX >> 20} MiB")
-        with file.open(encoding="utf-8-sig") as f:
-            first = f.readline()
-    except OSError as error:
-        raise CaptureError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise CaptureError(f"{file}: not a text file") from None
-    names = [name.strip().strip('"') for name in first.strip().split(",")]
-    header = not _is_number(names[0])
-    if not first.strip() or (not header and len(names) > 1):
-        raise CaptureError(f"{file}: must begin with a header of column names, or hold one number a line")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # "no data", which is told below
-            table = np.loadtxt(file, delimiter=",", skiprows=int(header), ndmin=2, encoding="utf-8-sig")
-    except (ValueError, UnicodeDecodeError) as error:
-        raise CaptureError(f"{file}: not a table of numbers: {error}") from None
-    if not header:
-        names = ["acceleration"]
-    if len(table) == 0 or table.shape[1] != len(names):
-        raise CaptureError(f"{file}: {len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
-    return dict(zip(names, table.T.copy(), strict=True))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _scale(file: Path, quantity: str, names: list[str], given: dict[str, str], own: Mapping[str, str]) -> float:
+    """What one of the file's numbers is in SI; the unit is that given, else the file's own for the column."""
+    known = ", ".join(UNITS[quantity])
+    unknown = [name for name in given if name not in UNITS]
+    if unknown:
+        raise CaptureError(f"{file}: no quantity {unknown[0]!r} in units; there are: {', '.join(UNITS)}")
+    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s"}.get(quantity)
+    if unit is None:
+        example = next(iter(UNITS[quantity]))
+        raise CaptureError(
+            f"{file}: the unit of {quantity} (column {'+'.join(names)!r}) is not known: give "
+            f'units={{"{quantity}": "{example}"}} (--units {quantity}={example}); known are {known}'
+        )
+    if unit in UNITS[quantity]:
+        return UNITS[quantity][unit]
+    match = re.fullmatch(r"([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*\*?\s*(\S+)", unit)
+    if match is None or match[2] not in UNITS[quantity] or not 0.0 < float(match[1]) < float("inf"):
+        raise CaptureError(f"{file}: no unit {unit!r} of {quantity}; there are: {known}")
+    return float(match[1]) * UNITS[quantity][match[2]]

@@ -1,6 +1,7 @@
 """The acceleration of a swatch's texture along a stroke, offline: to judge a fit, and to listen to it.
 
-The renderer's effect `lpc_texture` does the same tick by tick.
+The same lattice and the same noise as the renderer's effect `lpc_texture` (`hapscene.surface.lattice`); here the models
+are those of the texture itself, there they come from a table on a grid.
 """
 
 from typing import Final
@@ -9,14 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import CaptureError
+from hapscene.surface.lattice import play
+from hapscene.surface.random import seeded_state
 from hapscene.surface.swatch import Swatch
 
 Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.01
-"""How long one filter is kept [s]: force and speed are below 20 Hz, so it changes little in that time."""
+"""How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is
+ramped over it."""
 
-_CHUNK: Final = 1024  # blocks whose filters are made at once
+SETTLE_S: Final = 0.1
+"""How long the filter has been running when the stroke begins [s]: it is not silent before its first sample."""
+
+_PART: Final = 4096  # blocks whose filters are made at once: their memory is bounded, whatever the stroke's length
 
 
 def synthesize(
@@ -24,30 +31,33 @@ def synthesize(
 ) -> Array:
     """Acceleration (n,) [m/s²] along normal forces (n,) [N] and slip speeds (n,) [m/s], sampled at `rate_Hz`.
 
-    Gaussian noise of the model's variance through 1/A(z); the past of the output is carried over when the filter
-    changes. Without `rate_Hz` the texture's own rate is meant.
+    The texture's noise through its filter, both as `Texture.model` gives them at the middle of each block of
+    `BLOCK_S`. Without `rate_Hz` the texture's own rate is meant. The same seed gives the same samples.
 
     Raises:
         CaptureError: the swatch has no texture, or the two series differ in length.
     """
-    from scipy.signal import lfilter, lfiltic
-
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(slip_m_s, dtype=np.float64)
     if force.ndim != 1 or force.shape != slip.shape:
         raise CaptureError(f"force_N and slip_m_s must have one shape (n,), have {force.shape} and {slip.shape}")
+    output = np.empty(len(force))
+    if len(force) == 0:
+        return output
     texture = swatch.texture if rate_Hz is None else swatch.texture.resampled(rate_Hz)
     block = max(1, round(BLOCK_S * texture.rate_Hz))
-    noise = np.random.default_rng(seed).standard_normal(len(force))
-    output = np.empty(len(force))
-    past = np.zeros(texture.order)  # newest first
-    starts = np.arange(0, len(force), block)
-    for chunk in np.split(starts, range(_CHUNK, len(starts), _CHUNK)):
-        middle = np.minimum(chunk + block // 2, len(force) - 1)
-        a, variance = texture.models(force[middle], slip[middle])
-        for start, filter_a, sigma in zip(chunk, a, np.sqrt(variance), strict=True):
-            part = slice(start, start + block)
-            output[part], _ = lfilter([1.0], filter_a, sigma * noise[part], zi=lfiltic([1.0], filter_a, past))
-            past = np.concatenate([output[part][::-1], past])[: texture.order]
+    middle = np.minimum(np.arange(0, len(force), block) + block // 2, len(force) - 1)
+    state, rng = np.zeros((3, texture.order + 1)), seeded_state(seed, "synthesize")
+    last = 0.0
+    for start in range(0, len(middle), _PART):
+        part = middle[start : start + _PART]
+        k, power = texture.lattice(force[part], slip[part])
+        level = np.sqrt(power)
+        if start == 0:
+            before = np.empty(round(SETTLE_S * texture.rate_Hz))
+            play(k[:1], np.ones(1), 1.0, len(before), texture.excitation, rng, state, before)
+            last = level[0]
+        play(k, level, last, block, texture.excitation, rng, state, output[start * block : (start + _PART) * block])
+        last = level[-1]
     return output

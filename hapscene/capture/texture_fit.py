@@ -1,5 +1,6 @@
 """A texture from a cleaned recording: where its models stand, their filters, and their power."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.channel import Channels
-from hapscene.capture.linear_prediction import autocorrelation, residual_power, solve, tapered
+from hapscene.capture.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.errors import CaptureError
 from hapscene.surface.lsf import power_gain
 from hapscene.surface.texture import Texture
@@ -25,6 +26,17 @@ MODELS_MAX: Final = 12
 
 MOVING: Final = 0.02
 """Force and speed below this share of their largest do not count as sliding [1]."""
+
+OUTLIER_SPREADS: Final = 4.0
+"""A piece is dropped when its level is farther than this from what its force and speed explain, in robust standard
+deviations (1.48 times the median distance) [1]: the tool was lifted, caught, or knocked."""
+
+SPREAD_MIN_DB: Final = 2.5
+"""Least standard deviation that levels of pieces are taken to have [dB], so that only 10 dB off are ever dropped. A
+hand's own pieces scatter by 1.5 to 3.7 dB; at 1 dB loud ones of wood were lost, and 1.3 dB of its power."""
+
+PLANE_PIECES: Final = 20
+"""Fewest pieces whose levels are explained by force and speed [count]; of fewer the median stands for all."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +62,70 @@ class Pieces:
         return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])
 
 
-def cut(channels: Channels) -> Pieces:
+def cut(channels: Channels, runs: Sequence[tuple[int, int]] | None = None) -> Pieces:
     """The pieces in which the tool slides under a normal force.
+
+    Args:
+        channels: a cleaned recording.
+        runs: its stretches of sliding (first sample, the one after the last), each cut by itself; None: the whole.
 
     Raises:
         CaptureError: there are none.
     """
-    count = int(len(channels.acceleration_m_s2) / (PIECE_S * channels.rate_Hz))
-    length = len(channels.acceleration_m_s2) // count  # what is left over is less than one sample a piece
-    streams = (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
-    acceleration, force, speed = (s[: count * length].reshape(count, length) for s in streams)
-    pieces = Pieces(acceleration, force.mean(axis=1), speed.mean(axis=1), np.arange(count))
-    sliding = (pieces.force_N > MOVING * pieces.force_N.max()) & (pieces.speed_m_s > MOVING * pieces.speed_m_s.max())
-    if pieces.force_N.max() <= 0.0 or pieces.speed_m_s.max() <= 0.0 or not np.any(sliding):
+    spans = [(0, len(channels.acceleration_m_s2))] if runs is None else list(runs)
+    length = round(PIECE_S * channels.rate_Hz)
+    if len(spans) == 1 and spans[0][1] - spans[0][0] >= length:
+        size = spans[0][1] - spans[0][0]
+        length = size // int(size / (PIECE_S * channels.rate_Hz))  # what is left over is less than one sample a piece
+    streams = np.stack([channels.acceleration_m_s2, channels.force_N, channels.speed_m_s])
+    found, numbers, number = [np.zeros((3, 0, length))], [np.zeros(0, dtype=np.intp)], 0
+    for first, last in spans:
+        count = (last - first) // length
+        first += (last - first - count * length) // 2
+        found.append(streams[:, first : first + count * length].reshape(3, count, length))
+        numbers.append(np.arange(number, number + count))
+        number += count + 1  # so that pieces of two stretches are no neighbours
+    acceleration, force, speed = np.concatenate(found, axis=1)
+    pieces = Pieces(acceleration, force.mean(axis=1), speed.mean(axis=1), np.concatenate(numbers))
+    most_N, most_m_s = pieces.force_N.max(initial=0.0), pieces.speed_m_s.max(initial=0.0)
+    sliding = (pieces.force_N > MOVING * most_N) & (pieces.speed_m_s > MOVING * most_m_s)
+    if most_N <= 0.0 or most_m_s <= 0.0 or not np.any(sliding):
         raise CaptureError("the tool never slides under a normal force: force_N and speed_m_s must be above 0")
-    return pieces[sliding]
+    return without_outliers(pieces[sliding])
 
 
-def fit_texture(pieces: Pieces, rate_Hz: float, order: int, model_count: int) -> Texture:
-    """A texture of `model_count` models of `order`.
+def pooled(parts: Sequence[Pieces]) -> Pieces:
+    """The pieces of several recordings as those of one."""
+    length = min(part.acceleration_m_s2.shape[1] for part in parts)
+    shift = np.cumsum([0, *(int(part.start[-1]) + 2 for part in parts[:-1])])
+    return Pieces(
+        np.concatenate([part.acceleration_m_s2[:, :length] for part in parts]),
+        np.concatenate([part.force_N for part in parts]),
+        np.concatenate([part.speed_m_s for part in parts]),
+        np.concatenate([part.start + by for part, by in zip(parts, shift, strict=True)]),
+    )
+
+
+def without_outliers(pieces: Pieces) -> Pieces:
+    """The pieces whose level force and speed explain; dropped is what is over `OUTLIER_SPREADS` away from it.
+
+    The level in dB is taken as a robust plane over the logarithms of force and speed (least absolute deviations, by
+    reweighted least squares).
+    """
+    level = 10.0 * np.log10(np.maximum(np.mean(pieces.acceleration_m_s2**2, axis=1), 1e-300))
+    away = level - np.median(level)
+    if len(pieces) >= PLANE_PIECES:
+        place = np.stack([np.ones(len(pieces)), np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
+        for _ in range(20):
+            weight = 1.0 / np.sqrt(np.maximum(np.abs(away), 1e-3))
+            plane, *_ = np.linalg.lstsq(place * weight[:, None], level * weight, rcond=None)
+            away = level - place @ plane
+    spread = max(1.4826 * float(np.median(np.abs(away))), SPREAD_MIN_DB)
+    return pieces[np.abs(away) <= OUTLIER_SPREADS * spread]
+
+
+def fit_texture(pieces: Pieces, rate_Hz: float, order: int, model_count: int, interpolation: str = "lsf") -> Texture:
+    """A texture of `model_count` models of `order`, blended in the way that `interpolation` names.
 
     Force and speed, scaled by their largest, are clustered (k-means); each cluster gives the filter of its pieces.
     One model holds over all that was recorded: it stands at the corner of least force and speed, since what is above
@@ -78,14 +135,14 @@ def fit_texture(pieces: Pieces, rate_Hz: float, order: int, model_count: int) ->
     """
     label = _cluster(pieces, model_count)
     groups = [label == i for i in range(label.max() + 1)]
-    a = np.stack([solve(_group_autocorrelation(pieces[group], rate_Hz, order)) for group in groups])
+    a = np.stack([solve(smoothed(_group_autocorrelation(pieces[group], rate_Hz, order), rate_Hz)) for group in groups])
     if len(groups) == 1:
         force, speed = np.array([pieces.force_N.min()]), np.array([pieces.speed_m_s.min()])
     else:
         force = np.array([pieces.force_N[group].mean() for group in groups])
         speed = np.array([pieces.speed_m_s[group].mean() for group in groups])
     level = np.array([np.mean(pieces.acceleration_m_s2[group] ** 2) for group in groups])
-    texture = Texture.from_models(rate_Hz, force, speed, a, level / power_gain(a))
+    texture = Texture.from_models(rate_Hz, force, speed, a, level / power_gain(a), interpolation)
     return _with_power(texture, pieces)
 
 

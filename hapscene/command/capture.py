@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 _COMMANDS: Final = (
-    ("capture_fit", "add_fit"),
+    ("capture_fit", "add_capture_fit"),
     ("capture_record", "add_record"),
     ("capture_batch", "add_batch"),
     ("capture_report", "add_capture_report"),

@@ -48,7 +48,7 @@ def _record(options: argparse.Namespace) -> int:
     lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"
     _say(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
     if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        _note(f"the probe announced {made.rate_Hz:g} Hz, by the clock of this computer it is {made.rate_measured_Hz:.4g} Hz")
+        _note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
     if count.restarts:
         _note(f"the probe began anew {count.restarts} times")
     _say(f"made:\n  {made.path}  ({made.path.stat().st_size / 1e3:,.0f} kB)")

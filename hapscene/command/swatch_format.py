@@ -27,9 +27,14 @@ def add_import(commands: Any) -> None:
 
 
 def _import_hatt(options: argparse.Namespace) -> int:
-    from hapscene.capture.hatt_batch import import_many
+    from hapscene.capture.hatt_batch import Outcome, import_many
 
-    outcome = import_many(options.files, options.out, lambda line: print(line, flush=True))
+    outcome = Outcome()
+    try:
+        import_many(options.files, options.out, lambda line: print(line, flush=True), outcome)
+    except KeyboardInterrupt:
+        print(f"hapscene: interrupted; the {len(outcome.made)} swatches named above are whole", file=sys.stderr)
+        return 130
     print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
     for line in outcome.broken:
         print(f"hapscene: {' '.join(line.split())}", file=sys.stderr)

@@ -36,6 +36,9 @@ class Swatch:
         provenance: where the numbers come from, for a reader.
         licence: what may be done with them.
         effects: parameters for effects by name, {"effect": {"param": number}}.
+        intervals: 95 % interval of a measured number by its name, {"friction_dynamic": (low, high)}.
+        absent: why a number was not measured by its name, {"stiffness_N_m": "the recording holds no depth"}; the
+            swatch then has a default, or none.
 
     Raises:
         SwatchError: a number that is not finite or out of range.
@@ -52,6 +55,8 @@ class Swatch:
     provenance: str = ""
     licence: str = ""
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
@@ -74,6 +79,16 @@ class Swatch:
                     raise SwatchError(f"swatch {self.name!r}: effects.{effect}.{param} must be finite, is {value}")
                 numbers[param] = float(value)
         object.__setattr__(self, "effects", effects)
+        self._check_measured()
+
+    def _check_measured(self) -> None:
+        """Intervals are pairs in order, reasons are texts."""
+        intervals = {name: tuple(map(float, pair)) for name, pair in self.intervals.items()}
+        for name, pair in intervals.items():
+            if len(pair) != 2 or not (math.isfinite(pair[0]) and math.isfinite(pair[1]) and pair[0] <= pair[1]):
+                raise SwatchError(f"swatch {self.name!r}: intervals.{name} must be two numbers, low ≤ high, is {pair}")
+        object.__setattr__(self, "intervals", intervals)
+        object.__setattr__(self, "absent", dict(self.absent))
 
     def parameter(self, effect: str, param: str, default: float) -> float:
         """The number that the effect named `effect` gets for its parameter `param`.

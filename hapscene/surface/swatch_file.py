@@ -7,7 +7,6 @@ the place in it and what was expected.
 
 import difflib
 import json
-import math
 import os
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -20,8 +19,9 @@ from numpy.typing import NDArray
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import SwatchError, no_such
 from hapscene.output import whole_file
-from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
-from hapscene.surface.taps import Taps
+from hapscene.surface.strict_json import parse
+from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
+from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
 SUFFIX: Final = ".swatch"
@@ -31,11 +31,17 @@ VERSION: Final = 1
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
-`MODEL_MAX` of `ORDER_MAX`, has 21 MB. Reading takes at most 20 times the file's size in memory."""
+`MODEL_MAX` of `ORDER_MAX`, has 21 MB. What opening a file takes is bounded by this and by what
+`hapscene.surface.strict_json` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
+
+TEXT_MAX: Final = 100_000
+"""Longest provenance or licence [characters]: a long licence has 35,000."""
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
-_TAPS_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
+
+MEASURED_MAX: Final = 4 * TAP_MAX
+"""Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each of its own numbers."""
 
 
 def shipped_swatches() -> list[str]:
@@ -45,7 +51,7 @@ def shipped_swatches() -> list[str]:
 
 
 def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
-    """The swatch of that file, or the shipped one of that name.
+    """The swatch of that file, or the one of that name in the user's library or among the shipped ones.
 
     A `Path`, a text that ends in ".swatch" or one with a folder separator is a file; any other text is a name.
 
@@ -57,6 +63,12 @@ def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
         return _read(Path(text))
     known = shipped_swatches()
     if text not in known:
+        from hapscene.surface.library import find, own_entries  # it reads swatches itself
+
+        own = find(text)
+        if own is not None:
+            return _read(own)
+        known += [entry.name for entry in own_entries()]
         raise SwatchError(no_such("swatch", text, known) + _suggest(text, known))
     with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
         return _read(path)
@@ -71,6 +83,8 @@ def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix != SUFFIX:
         raise SwatchError(f"{target}: a swatch's file name must end in {SUFFIX}")
+    for key in _TEXTS:
+        _text(key, getattr(swatch, key))  # nothing is written that would not be read
     text = swatch_to_json(swatch)
     try:
         with whole_file(target) as part:
@@ -83,14 +97,16 @@ def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
     content: dict[str, Any] = {"format": FORMAT, "version": VERSION}
     content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb", *OWN_PARAMETERS)}
-    content["effects"] = swatch.effects
+    content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
     content["taps"] = content["texture"] = None
     if swatch.taps is not None:
-        content["taps"] = {key: getattr(swatch.taps, key) for key in _TAPS_ROWS}
+        content["taps"] = {key: getattr(swatch.taps, key) for key in TAP_ROWS}
+        if swatch.taps.wave_m_s2 is not None:
+            content["taps"] |= {key: getattr(swatch.taps, key) for key in ("wave_rate_Hz", "wave_m_s2")}
     if swatch.texture is not None:
         texture = swatch.texture
         content["texture"] = {"rate_Hz": texture.rate_Hz, "interpolation": texture.interpolation}
-        content["texture"] |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
+        content["texture"] |= {key: getattr(texture, key) for key in (*_TEXTURE_ROWS, "excitation")}
     return _layout(content, "") + "\n"
 
 
@@ -111,10 +127,14 @@ def _layout(value: Any, indent: str) -> str:
 
 def _read(path: Path) -> Swatch:
     try:
+        if path.exists() and not path.is_file():
+            raise SwatchError(f"{path}: cannot be read: is no file")
         with path.open("rb") as f:
             data = f.read(BYTES_MAX + 1)
     except OSError as error:
         raise SwatchError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # a name that no file can have
+        raise SwatchError(f"{str(path)!r}: cannot be read: {error}") from None
     if len(data) > BYTES_MAX:
         raise SwatchError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no swatch is")
     try:
@@ -129,28 +149,30 @@ def swatch_from_json(data: bytes | str) -> Swatch:
     Raises:
         SwatchError: not JSON, not a swatch, a later version, or a wrong key, type, shape or number.
     """
-    try:
-        content = json.loads(data, object_pairs_hook=_unique, parse_constant=_refuse)
-    except SwatchError:
-        raise
-    except json.JSONDecodeError as error:
-        raise SwatchError(f"not a swatch: {error.msg} in line {error.lineno}, column {error.colno}") from None
-    except (ValueError, RecursionError) as error:
-        raise SwatchError(f"not a swatch: {error}") from None
+    content = parse(data, "a swatch")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise SwatchError(f'not a swatch: the file must be a JSON object with "format": "{FORMAT}"')
     version = content.get("version")
     if type(version) is not int or version < 1:
         raise SwatchError(f"version must be a whole number from 1 to {VERSION}, is {_short(version)}")
     if version > VERSION:
-        raise SwatchError(f"format version {version} is later than {VERSION}, the last one read here: update hapscene")
-    sections = ("effects", "taps", "texture")
+        raise SwatchError(
+            f"format version {_short(version)} is later than {VERSION}, the last one read here: update hapscene"
+        )
+    sections = ("effects", "intervals", "absent", "taps", "texture")
     _check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
     fields["effects"] = _effects(content.get("effects", {}))
+    fields["intervals"] = {
+        name: tuple(_array(f"intervals.{name}", pair, 1))
+        for name, pair in _measured("intervals", content.get("intervals", {})).items()
+    }
+    fields["absent"] = {
+        name: _text(f"absent.{name}", reason) for name, reason in _measured("absent", content.get("absent", {})).items()
+    }
     fields["taps"] = _taps(content.get("taps"))
     fields["texture"] = _texture(content.get("texture"))
     return Swatch(**fields)
@@ -160,11 +182,12 @@ def _texture(content: Any) -> Texture | None:
     if content is None:
         return None
     required = ("rate_Hz", *_TEXTURE_ROWS)
-    _check_keys("texture", content, (*required, "interpolation"), required)
+    _check_keys("texture", content, (*required, "interpolation", "excitation"), required)
     fields: dict[str, Any] = {}
     for key in _TEXTURE_ROWS:
         dimensions = 2 if key in ("triangles", "lsf_rad") else 1
         fields[key] = _array(f"texture.{key}", content[key], dimensions, whole=key == "triangles")
+    fields["excitation"] = _array("texture.excitation", content.get("excitation", []), 1)
     rate = _number("texture.rate_Hz", content["rate_Hz"])
     return Texture(rate, **fields, interpolation=_text("texture.interpolation", content.get("interpolation", "lsf")))
 
@@ -172,13 +195,28 @@ def _texture(content: Any) -> Texture | None:
 def _taps(content: Any) -> Taps | None:
     if content is None:
         return None
-    _check_keys("taps", content, _TAPS_ROWS, _TAPS_ROWS)
-    return Taps(*(_array(f"taps.{key}", content[key], 1) for key in _TAPS_ROWS))
+    _check_keys("taps", content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
+    rows = [_array(f"taps.{key}", content[key], 1) for key in TAP_ROWS]
+    if "wave_m_s2" not in content and "wave_rate_Hz" not in content:
+        return Taps(*rows)
+    _check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
+    rate_Hz = _number("taps.wave_rate_Hz", content["wave_rate_Hz"])
+    return Taps(*rows, wave_m_s2=_array("taps.wave_m_s2", content["wave_m_s2"], 2), wave_rate_Hz=rate_Hz)
+
+
+def _measured(where: str, content: Any) -> dict[str, Any]:
+    """What is said of measured numbers, by their names."""
+    if not isinstance(content, dict) or len(content) > MEASURED_MAX:
+        raise SwatchError(f"{where} must be an object of at most {MEASURED_MAX} entries")
+    return {_text(f"a name in {where}", name): value for name, value in content.items()}
 
 
 def _effects(content: Any) -> dict[str, dict[str, float]]:
     if not isinstance(content, dict) or not all(isinstance(numbers, dict) for numbers in content.values()):
         raise SwatchError('effects must be an object of objects, as {"friction": {"bristle_m": 1e-4}}')
+    for name in (*content, *(param for numbers in content.values() for param in numbers)):
+        if not (len(name) <= NAME_MAX and name.isprintable()):
+            raise SwatchError(f"effects: a name must be at most {NAME_MAX} printable characters, is {_short(name)}")
     return {
         effect: {param: _number(f"effects.{effect}.{param}", value) for param, value in numbers.items()}
         for effect, numbers in content.items()
@@ -202,11 +240,13 @@ def _check_keys(where: str, content: Any, known: Iterable[str], required: Iterab
 def _text(where: str, value: Any) -> str:
     if not isinstance(value, str):
         raise SwatchError(f"{where} must be a text, is {_short(value)}")
+    if len(value) > TEXT_MAX or any("\ud800" <= c <= "\udfff" for c in value):
+        raise SwatchError(f"{where} must be a text of at most {TEXT_MAX} characters that UTF-8 has")
     return value
 
 
 def _number(where: str, value: Any) -> float:
-    if type(value) not in (int, float) or not math.isfinite(value) or abs(value) > 1e300:
+    if type(value) not in (int, float) or not -1e300 < value < 1e300:  # false for NaN; an int can be any size
         raise SwatchError(f"{where} must be a finite number, is {_short(value)}")
     return float(value)
 
@@ -229,19 +269,6 @@ def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDAr
                 raise SwatchError(f"{where}[{i}][{j}] must be the index of a model, is {_short(number)}")
     array = np.array(rows, dtype=np.float64)
     return array if dimensions == 2 else array[0]
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        keys = [key for key, _ in pairs]
-        double = next(key for key in keys if keys.count(key) > 1)
-        raise SwatchError(f"key {_short(double)} stands twice")
-    return content
-
-
-def _refuse(constant: str) -> None:
-    raise SwatchError(f"not a swatch: {constant} is no number that a surface can have")
 
 
 def _short(value: Any) -> str:

@@ -1,11 +1,11 @@
-"""A surface's answer to a tap: decaying sinusoids over approach speed.
+"""A surface's answer to a tap over approach speed: decaying sinusoids, and transients as measured.
 
 a(t) = A exp(−β t) sin(2π f t) (Okamura, Cutkosky & Dennerlein 2001, "Reality-Based Models for Vibration Feedback in
 Virtual Environments", IEEE/ASME Trans. Mechatronics 6(3)).
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,16 @@ from hapscene.errors import SwatchError
 
 Array = NDArray[np.float64]
 
-TAP_MAX = 1024
+TAP_MAX: Final = 1024
 """Most approach speeds of a swatch [count]."""
+
+WAVE_MAX: Final = 4096
+"""Most samples of a stored transient [count]: 0.4 s at 10 kHz."""
+
+RING_TIMES: Final = 7.0
+"""Time constants after which a ringing tap is over [1]: it is below a thousandth."""
+
+TAP_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
 
 
 class Tap(NamedTuple):
@@ -28,13 +36,15 @@ class Tap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Taps:
-    """Decaying sinusoids over approach speed.
+    """Decaying sinusoids over approach speed, and where they were measured the transients themselves.
 
     Attributes:
         approach_m_s: (k,) approach speeds, ascending, > 0.
         amplitude_m_s2: (k,) amplitude A of the acceleration, ≥ 0.
         frequency_Hz: (k,) frequency f, > 0.
         decay_1_s: (k,) decay rate β, > 0.
+        wave_m_s2: (k, m) transient as measured at each speed, from its onset, or None.
+        wave_rate_Hz: sample rate of the transients; 0 without them.
 
     Raises:
         SwatchError: shapes that do not fit, numbers out of range or not finite.
@@ -44,16 +54,18 @@ class Taps:
     amplitude_m_s2: Array
     frequency_Hz: Array
     decay_1_s: Array
+    wave_m_s2: Array | None = None
+    wave_rate_Hz: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
+        for name in TAP_ROWS:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         shape = self.approach_m_s.shape
         if len(shape) != 1 or not 1 <= shape[0] <= TAP_MAX:
             raise SwatchError(f"taps: approach_m_s must list 1 to {TAP_MAX} speeds, its shape is {shape}")
-        for name in self.__dataclass_fields__:
+        for name in TAP_ROWS:
             array = getattr(self, name)
             if array.shape != shape:
                 raise SwatchError(f"taps: {name} must have shape {shape}, has {array.shape}")
@@ -63,6 +75,24 @@ class Taps:
                 raise SwatchError(f"taps: {name} must be finite and {least}")
         if not np.all(np.diff(self.approach_m_s) > 0.0):
             raise SwatchError("taps: approach_m_s must ascend")
+        self._check_waves()
+
+    def _check_waves(self) -> None:
+        object.__setattr__(self, "wave_rate_Hz", float(self.wave_rate_Hz))
+        if self.wave_m_s2 is None:
+            if self.wave_rate_Hz != 0.0:
+                raise SwatchError("taps: wave_rate_Hz is given, but no wave_m_s2")
+            return
+        waves = np.array(self.wave_m_s2, dtype=np.float64)
+        waves.setflags(write=False)
+        object.__setattr__(self, "wave_m_s2", waves)
+        count = len(self.approach_m_s)
+        if waves.ndim != 2 or len(waves) != count or not 1 <= waves.shape[1] <= WAVE_MAX:
+            raise SwatchError(f"taps: wave_m_s2 must have shape ({count}, 1 to {WAVE_MAX}), has {waves.shape}")
+        if not np.all(np.isfinite(waves)):
+            raise SwatchError("taps: wave_m_s2 must be finite")
+        if not 0.0 < self.wave_rate_Hz < float("inf"):
+            raise SwatchError(f"taps: wave_rate_Hz must be finite and above 0, is {self.wave_rate_Hz}")
 
     def at(self, approach_m_s: float) -> Tap:
         """The tap at an approach speed [m/s].
@@ -78,6 +108,42 @@ class Taps:
             for column in (self.amplitude_m_s2, self.frequency_Hz, self.decay_1_s)
         )
         return Tap(amplitude * min(1.0, speed / lowest), frequency, decay)
+
+    def transient(self, approach_m_s: float, rate_Hz: float) -> Array:
+        """The acceleration (n,) of a tap at an approach speed [m/s], sampled at `rate_Hz`, from its onset.
+
+        The measured transient, where there is one, else the decaying sinusoid, until it is below a thousandth. Between
+        two speeds the transients of both are cross-faded linearly; below the lowest and above the highest as in `at`.
+        """
+        if self.wave_m_s2 is None:
+            tap = self.at(approach_m_s)
+            t_s = np.arange(max(1, round(RING_TIMES * rate_Hz / tap.decay_1_s))) / rate_Hz
+            heard = tap.amplitude_m_s2 if tap.frequency_Hz < 0.5 * rate_Hz else 0.0
+            return heard * np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
+        speed = min(approach_m_s if approach_m_s > 0.0 else 0.0, float(self.approach_m_s[-1]))
+        place = float(np.interp(speed, self.approach_m_s, np.arange(len(self.approach_m_s))))
+        row = min(int(place), len(self.approach_m_s) - 1)
+        after = min(row + 1, len(self.approach_m_s) - 1)
+        waves = self.waves_at(rate_Hz)
+        wave = (1.0 - (place - row)) * waves[row] + (place - row) * waves[after]
+        return np.asarray(min(1.0, speed / float(self.approach_m_s[0])) * wave)
+
+    def waves_at(self, rate_Hz: float) -> Array:
+        """The measured transients (k, n) at another rate; (k, 0) without them.
+
+        Resampled through their spectrum, so that what both rates can carry stays as it is; what only the old one can is
+        gone.
+        """
+        if self.wave_m_s2 is None:
+            return np.zeros((len(self.approach_m_s), 0))
+        if rate_Hz == self.wave_rate_Hz:
+            return self.wave_m_s2
+        from scipy.signal import resample
+
+        length = self.wave_m_s2.shape[1]
+        padded = np.pad(self.wave_m_s2, ((0, 0), (0, length)))  # so that the end does not ring into the start
+        count = max(1, round(length * rate_Hz / self.wave_rate_Hz))
+        return np.asarray(resample(padded, 2 * count, axis=1))[:, :count]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Taps):

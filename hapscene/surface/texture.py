@@ -11,16 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import ORDER_MAX
+from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN, ORDER_MAX
 from hapscene.errors import SwatchError
-from hapscene.surface.lsf import ar_from_lsf, lsf_from_ar, power_gain
+from hapscene.surface.blend import INTERPOLATIONS, filters, form
+from hapscene.surface.lsf import ar_from_lsf, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.surface.triangulation import close, triangulate
 
 Array = NDArray[np.float64]
-
-INTERPOLATIONS: Final = ("lsf", "hatt")
-"""Ways to blend the models of a triangle. Both blend line spectral frequencies; "lsf" blends the power of the output
-and derives the excitation from it, "hatt" blends the variance of the excitation, as the Penn toolkit does."""
 
 MODEL_MAX: Final = 4096
 """Most models of a texture [count]. Swatches have 4 to 200; more only makes the search slow."""
@@ -44,8 +41,10 @@ class Texture:
         speed_m_s: (m,) slip speed of each model, ≥ 0.
         triangles: (t, 3) indices of the models at the corners; together they fill the rectangle up to the maxima.
         lsf_rad: (m, p) line spectral frequencies of each model, ascending in (0, π).
-        variance_m2_s4: (m,) variance of the white Gaussian excitation [(m/s²)²]; 0 is silence.
-        interpolation: one of `INTERPOLATIONS`.
+        variance_m2_s4: (m,) variance of the white excitation [(m/s²)²]; 0 is silence.
+        interpolation: how models are blended, one of `INTERPOLATIONS` (see `hapscene.surface.blend`).
+        excitation: () for Gaussian noise; else (`EXCITATION_KNOTS`,), ascending: the quantiles of the noise, scaled to
+            variance 1, at the levels of Gaussian deviates even over ±`EXCITATION_SPAN`.
 
     Build one from filters with `Texture.from_models`, which adds the silent models and the triangles.
 
@@ -60,15 +59,18 @@ class Texture:
     lsf_rad: Array
     variance_m2_s4: Array
     interpolation: str = "lsf"
+    excitation: Array = field(default_factory=lambda: np.empty(0))
+    _form: Array = field(init=False, repr=False)  # (m, p): what the interpolation blends
     _power: Array = field(init=False, repr=False)  # (m,) variance of each model's output
     _inverse: Array = field(init=False, repr=False)  # (t, 3, 3): (force, speed, 1) to barycentric coordinates
 
     def __post_init__(self) -> None:
-        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
+        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "excitation"):
             _put(self, name, np.array(getattr(self, name), dtype=np.float64))
         _put(self, "triangles", np.array(self.triangles, dtype=np.int32))
         _check_shapes(self)
         _put(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad))
+        _put(self, "_form", form(self.interpolation, self.lsf_rad))
         _put(self, "_inverse", _checked_inverse(self))
 
     @classmethod
@@ -80,6 +82,7 @@ class Texture:
         a: ArrayLike,
         variance_m2_s4: ArrayLike,
         interpolation: str = "lsf",
+        excitation: ArrayLike = (),
     ) -> "Texture":
         """A texture of filters `a` (m, p+1) at `force_N` (m,), `speed_m_s` (m,), all > 0, closed and triangulated.
 
@@ -90,7 +93,8 @@ class Texture:
         lsf = np.stack([lsf_from_ar(one) for one in models])
         force, speed, source, sounding = close(np.ravel(force_N), np.ravel(speed_m_s))
         variance = np.ravel(np.asarray(variance_m2_s4, dtype=np.float64))[source] * sounding
-        return cls(rate_Hz, force, speed, triangulate(force, speed), lsf[source], variance, interpolation)
+        noise = np.asarray(excitation, dtype=np.float64)
+        return cls(rate_Hz, force, speed, triangulate(force, speed), lsf[source], variance, interpolation, noise)
 
     @property
     def order(self) -> int:
@@ -124,13 +128,35 @@ class Texture:
     def models(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,)."""
         corner, weight = self.locate(force_N, slip_m_s)
-        a = ar_from_lsf(np.einsum("nc,ncp->np", weight, self.lsf_rad[corner]))
+        if self.single:
+            a = np.tile(filters(self.interpolation, self._form[:1]), (len(corner), 1))
+        else:
+            a = filters(self.interpolation, np.einsum("nc,ncp->np", weight, self._form[corner]))
         if self.interpolation == "hatt":
             variance = np.einsum("nc,nc->n", weight, self.variance_m2_s4[corner])
         else:
             variance = np.einsum("nc,nc->n", weight, self._power[corner]) / power_gain(a)
         sounding = (np.asarray(force_N) > 0.0) & (np.asarray(slip_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
         return a, np.where(sounding, variance, 0.0)
+
+    def lattice(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[Array, Array]:
+        """The same for `hapscene.surface.lattice`: reflection coefficients (n, p) and power of the output (n,).
+
+        The coefficients have one row where one filter holds everywhere. Power in (m/s²)².
+        """
+        force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(slip_m_s, dtype=np.float64)
+        if self.single:
+            sounding = (force > 0.0) & (slip > 0.0)
+            k = reflection_from_ar(filters(self.interpolation, self._form[:1]))
+            return k, np.where(sounding, self.power(force, slip), 0.0)
+        a, variance = self.models(force, slip)
+        k = reflection_from_ar(a)
+        return k, variance / np.prod((1.0 - k) * (1.0 + k), axis=1)
+
+    @property
+    def single(self) -> bool:
+        """Whether all models have one filter, and differ in their level alone."""
+        return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
 
     def locate(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
         """The models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
@@ -148,7 +174,7 @@ class Texture:
     def power(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> Array:
         """Variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,), blended from the models'.
 
-        In mode "lsf" this is what `models` gives exactly; in mode "hatt" what it should give.
+        This is what `models` gives exactly; with the interpolation "hatt", what it should give.
         """
         corner, weight = self.locate(force_N, slip_m_s)
         return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]))
@@ -165,7 +191,7 @@ class Texture:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
             return NotImplemented
-        names = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4")
+        names = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "excitation")
         same = (self.rate_Hz, self.interpolation) == (other.rate_Hz, other.interpolation)
         return same and all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
@@ -202,6 +228,33 @@ def _check_shapes(texture: Texture) -> None:
         raise SwatchError(f"texture: rate_Hz must be above 0, is {texture.rate_Hz}")
     if texture.interpolation not in INTERPOLATIONS:
         raise SwatchError(f"texture: interpolation {texture.interpolation!r} must be one of {INTERPOLATIONS}")
+    _check_excitation(texture.excitation)
+
+
+def excitation_moments(knots: Array) -> tuple[float, float]:
+    """Mean and variance of the noise that knots (q,) bend a Gaussian deviate to (see `hapscene.surface.lattice`)."""
+    z = np.linspace(-2.0 * EXCITATION_SPAN, 2.0 * EXCITATION_SPAN, 16 * (EXCITATION_KNOTS - 1) + 1)
+    weight = np.exp(-0.5 * z**2)
+    place = (z + EXCITATION_SPAN) * (len(knots) - 1) / (2.0 * EXCITATION_SPAN)
+    i = np.clip(place.astype(np.intp), 0, len(knots) - 2)
+    x = knots[i] + (place - i) * (knots[i + 1] - knots[i])
+    mean = float(np.sum(weight * x) / weight.sum())
+    return mean, float(np.sum(weight * (x - mean) ** 2) / weight.sum())
+
+
+def _check_excitation(knots: Array) -> None:
+    """The noise has as many knots as it must, ascending, and is of variance 1: the level is the models' affair."""
+    if knots.shape == (0,):
+        return
+    if knots.shape != (EXCITATION_KNOTS,):
+        raise SwatchError(
+            f"texture: excitation must list {EXCITATION_KNOTS} numbers or none, its shape is {knots.shape}"
+        )
+    if not (np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0.0) and np.abs(knots).max() < 1e3):
+        raise SwatchError("texture: excitation must be finite and ascend")
+    mean, variance = excitation_moments(knots)
+    if not (abs(mean) < 0.01 and abs(variance - 1.0) < 0.01):
+        raise SwatchError(f"texture: excitation must have mean 0 and variance 1, has {mean:.3g} and {variance:.3g}")
 
 
 def _checked_power(variance_m2_s4: Array, lsf_rad: Array) -> Array:

@@ -1,20 +1,13 @@
 """The vibration of a tool that slides: autoregressive (LPC) synthesis, chosen by force and slip speed.
 
-A texture is a field of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed (Romano &
-Kuchenbecker 2012; Culbertson, Unwin & Kuchenbecker 2014). They are run as a normalised lattice (Gray &
-Markel 1975): a chain of rotations by reflection coefficients k_m, with c_m = √(1 − k_m²),
+A texture is a field of models over normal force and slip speed (Romano & Kuchenbecker 2012; Culbertson, Unwin &
+Kuchenbecker 2014), run as a normalised lattice (`hapscene.surface.lattice`): whatever models follow one another, the
+output is no louder than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
+begins, ends, or crosses into another swatch.
 
-    f_{m−1}(t) = c_m f_m(t) − k_m b_{m−1}(t−1)         m = p … 1,  f_p = white noise of variance 1
-    b_m(t)     = k_m f_m(t) + c_m b_{m−1}(t−1)         y = √P · f_0,  b_0 = f_0
-
-The step from (f_p, b_0 … b_{p−1}) to (b_0 … b_p) is a product of rotations: white noise of variance 1 in all
-of them stays so, whatever models follow one another. So f_0 has variance 1 always, and no change of model
-is louder than the models. Coefficients and the level √P are apart; the level is ramped over the tick's
-block, so that nothing clicks when a contact begins, ends, or crosses into another swatch.
-
-Table of a swatch, on an even grid: highest force F [N], highest speed V [m/s], order p, then for each of
-GRID forces from 0 to F, for each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p. Between nodes it is
-bilinear; above, clamped.
+Table of a swatch, on an even grid: highest force F [N], highest speed V [m/s], order p, count q of the excitation's
+knots, then for each of GRID forces from 0 to F, for each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p; then the
+q knots. Between nodes it is bilinear; above, clamped.
 """
 
 import math
@@ -26,8 +19,7 @@ from numpy.typing import NDArray
 from hapscene.constants import ORDER_MAX
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
-from hapscene.surface.lsf import reflection_from_ar
-from hapscene.surface.random import normal
+from hapscene.surface.lattice import advance, excite
 from hapscene.surface.swatch import Swatch
 
 GRID = 33
@@ -35,7 +27,7 @@ GRID = 33
 (order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
 %) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
 
-HEADER = 3
+HEADER = 4
 """Numbers that stand before the first node of a table [count]."""
 
 
@@ -56,19 +48,6 @@ def choose(table: Any, force_N: float, slip_m_s: float, k: Any, c: Any) -> float
     return float(w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11])
 
 
-@native
-def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
-    """The lattice's next sample f_0, for the excitation f_p = `f`.
-
-    A chain of dependent steps, but the processor begins the next sample while one is under way: to interleave
-    two by hand was measured to be no faster.
-    """
-    for m in range(order, 0, -1):
-        f, b[m] = c[m] * f - k[m] * b[m - 1], k[m] * f + c[m] * b[m - 1]
-    b[0] = f
-    return f
-
-
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the texture's vibration [m/s²]; silent in the air, at no force and at no speed."""
     target_m_s2 = 0.0
@@ -78,10 +57,11 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
         return
     step_m_s2 = (target_m_s2 - s.level_m_s2) / touch.block
-    order = int(s.order)
+    order, knots = int(s.order), int(table[3]) if table.size > 0 else 0
     for i in range(touch.block):
         level_m_s2 = s.level_m_s2 + (i + 1) * step_m_s2
-        out.a_m_s2[i] += level_m_s2 * advance(s.k, s.c, s.b, order, normal(s.rng))
+        f = excite(s.rng, table, table.size - knots, knots)
+        out.a_m_s2[i] += level_m_s2 * advance(s.k, s.c, s.b, order, f)
     s.level_m_s2 = target_m_s2
 
 
@@ -96,11 +76,10 @@ def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
         np.linspace(0.0, texture.force_max_N, GRID),
         np.linspace(0.0, texture.speed_max_m_s, GRID),
     )
-    a, variance = texture.models(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
-    k = reflection_from_ar(a)
-    power = variance / np.prod((1.0 - k) * (1.0 + k), axis=1)
-    nodes = np.column_stack((power, k))
-    return np.concatenate(([force_N[-1], speed_m_s[-1], k.shape[1]], nodes.ravel()))
+    k, power = texture.lattice(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
+    nodes = np.column_stack((power, np.broadcast_to(k, (len(power), texture.order))))
+    header = (force_N[-1], speed_m_s[-1], texture.order, len(texture.excitation))
+    return np.concatenate((header, nodes.ravel(), texture.excitation))
 
 
 EFFECT = Effect(

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import lfilter, resample_poly
 
 from hapscene.capture import fit, load_surface_recording, metric, synthesize
 from hapscene.capture.channel import clean
 from hapscene.capture.linear_prediction import autocorrelation, solve, tapered
 from hapscene.capture.order import search_order
 from hapscene.errors import CaptureError
+from hapscene.surface.blend import INTERPOLATIONS
 from hapscene.surface.swatch_file import load_swatch
 
 
@@ -135,26 +136,68 @@ RECORDINGS = {  # file, log-spectral distance at order 120 in the reference tabl
 COLUMNS, UNITS = {"acceleration": "accel"}, {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
 
 
+def recorded(name: str, shared: Path) -> np.ndarray:
+    path = shared / "data" / "recordings" / RECORDINGS[name][0]
+    return load_surface_recording(path, 10_000.0, COLUMNS if path.suffix == ".csv" else None, UNITS).acceleration_m_s2
+
+
+def held_out_distance(a: np.ndarray, signal: np.ndarray, rate_Hz: float) -> float:
+    frequency, density = metric.spectrum(signal, rate_Hz)
+    return metric.log_spectral_distance(metric.model_spectrum(a, 1.0, rate_Hz, frequency), density, frequency)
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 5_000.0])
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_order_on_real_recordings(name: str, shared: Path) -> None:
-    """The order that the whole recording chose, fitted to its first half, held against its second half."""
-    file, table_dB = RECORDINGS[name]
-    path = shared / "data" / "recordings" / file
-    recording = load_surface_recording(path, 10_000.0, COLUMNS if path.suffix == ".csv" else None, UNITS)
-    signal = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
-    search = search_order(signal, recording.rate_Hz)
-    assert load_swatch(name).texture.order == search.chosen  # the shipped swatch is the one that this code fits
+def test_order_on_real_recordings(name: str, rate_Hz: float, shared: Path) -> None:
+    """One half alone chooses the order and gives the model; the other half, never seen, says how good it is.
+
+    Against the best of all orders by plain linear prediction, and the reference table's distance at order 120.
+    Epoxy's first half is not sliding throughout: learnt from the second, only orders below 6 come within a tenth.
+    """
+    signal = recorded(name, shared)
+    if rate_Hz < 10_000.0:
+        signal = resample_poly(signal, 1, 2)
     middle = len(signal) // 2
-    r = autocorrelation(tapered(signal[:middle], recording.rate_Hz), 160)
-    frequency, density = metric.spectrum(signal[middle:], recording.rate_Hz)
-    distance = {
-        p: metric.log_spectral_distance(
-            metric.model_spectrum(solve(r[: p + 1]), 1.0, recording.rate_Hz, frequency), density, frequency
-        )
-        for p in range(2, 161)
-    }
-    assert distance[search.chosen] <= 1.1 * min(distance.values())
-    assert distance[search.chosen] <= table_dB
+    halves = (signal[:middle], signal[middle:])
+    for train, held_out in (halves, halves[::-1]):
+        swatch = fit(train, rate_Hz, model_count=1)
+        test = clean(held_out, rate_Hz).acceleration_m_s2
+        assert swatch.texture is not None
+        a, _ = swatch.texture.model(10.0, 10.0)
+        distance = held_out_distance(a, test, rate_Hz)
+        r = autocorrelation(tapered(clean(train, rate_Hz).acceleration_m_s2, rate_Hz), 160)
+        best = min(held_out_distance(solve(r[: p + 1]), test, rate_Hz) for p in range(2, 161))
+        assert distance <= (1.13 if name == "epoxy" and train is halves[1] else 1.1) * best
+        if train is halves[0]:
+            assert distance <= RECORDINGS[name][1]
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_the_shipped_swatches_are_what_this_code_fits(name: str, shared: Path) -> None:
+    texture = load_swatch(name).texture
+    assert texture is not None
+    search = search_order(clean(recorded(name, shared), 10_000.0).acceleration_m_s2, 10_000.0)
+    assert texture.order == search.chosen
+    i = search.chosen - search.orders[0]
+    assert search.misfit_dB[i] <= search.allowed_dB
+    assert search.distance_dB[i] <= max(search.floor_dB, 1.1 * search.distance_dB.min())
+
+
+def test_a_lifted_tool_is_dropped() -> None:
+    """A knock and a lift within a steady stroke, 20 dB off: the level is that of the stroke."""
+    signal = played(resonant([200, 700], 0.95, 2000.0), 20_000)
+    level = signal.var()
+    signal[4000:4200] *= 10.0
+    signal[9000:9400] *= 0.05
+    swatch = fit(signal, 2000.0, order=4, model_count=1)
+    assert swatch.texture is not None
+    assert abs(10 * np.log10(swatch.texture.model_power_m2_s4.max() / level)) < 0.3
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_interpolation_is_passed_on(interpolation: str) -> None:
+    swatch = fit(NOISE, 1000.0, order=2, interpolation=interpolation)
+    assert swatch.texture is not None and swatch.texture.interpolation == interpolation
 
 
 @pytest.mark.parametrize("name", ["leather", "paper"])  # wood and epoxy change by 0.9 and 3.1 dB between the halves

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture import metric
+from hapscene.errors import CaptureError
 
 
 def test_distance_of_shape_and_level() -> None:
@@ -31,3 +32,51 @@ def test_spectrum_level_and_centroid_of_a_tone() -> None:
     assert density.sum() * frequency[1] == pytest.approx(4.5, rel=1e-3)
     assert metric.spectral_centroid_Hz(density, frequency) == pytest.approx(250.0, rel=0.01)
     assert metric.level_difference_dB(2.0 * tone, tone) == pytest.approx(6.0206, abs=1e-4)
+
+
+def test_goodness_of_fit_is_the_cosine_between_spectra() -> None:
+    frequency = np.linspace(0.0, 2000.0, 2001)
+    low = np.exp(-((frequency - 200.0) ** 2) / 200.0)
+    high = np.exp(-((frequency - 700.0) ** 2) / 200.0)
+    assert metric.goodness_of_fit(low, low, frequency) == pytest.approx(1.0, abs=1e-12)
+    assert metric.goodness_of_fit(low, 1e-9 * low, frequency) == pytest.approx(1.0, abs=1e-12)
+    assert metric.goodness_of_fit(low, high, frequency) == pytest.approx(0.0, abs=1e-12)
+    assert metric.goodness_of_fit(low, low + high, frequency) == pytest.approx(np.sqrt(0.5), abs=1e-9)
+    assert metric.goodness_of_fit(low + high, low, frequency) == metric.goodness_of_fit(low, low + high, frequency)
+    assert metric.goodness_of_fit(0 * low, low, frequency) == 0.0
+
+
+def test_spectrogram_error_of_nothing_of_a_gain_and_of_other_noise() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(100_000)
+    assert metric.spectrogram_error(noise, noise, 5000.0) == 0.0
+    assert metric.spectrogram_error(noise, 0.0 * noise, 5000.0) == pytest.approx(1.0)
+    assert metric.spectrogram_error(noise, 1.25 * noise, 5000.0) == pytest.approx(0.25)
+    assert metric.spectrogram_error(noise, -noise, 5000.0) == pytest.approx(0.0)
+    other = rng.standard_normal(100_000)
+    assert metric.spectrogram_error(noise, other, 5000.0) == pytest.approx(np.sqrt(2 - np.pi / 2), rel=0.01)
+    with pytest.raises(CaptureError, match="one length"):
+        metric.spectrogram_error(noise, noise[1:], 5000.0)
+    with pytest.raises(CaptureError, match="silent"):
+        metric.spectrogram_error(0.0 * noise, noise, 5000.0)
+    with pytest.raises(CaptureError, match="shorter than a window"):
+        metric.spectrogram_error(noise[:99], noise[:99], 5000.0)
+
+
+def test_spectrogram_of_a_tone_peaks_at_half_its_amplitude() -> None:
+    t = np.arange(10_000) / 5000.0
+    time, frequency, magnitude = metric.spectrogram(3.0 * np.sin(2 * np.pi * 240.0 * t), 5000.0)
+    assert magnitude.shape == (len(time), len(frequency)) and time[0] == 0.025 and time[1] == 0.05
+    assert frequency[np.argmax(magnitude.mean(axis=0))] == pytest.approx(240.0)
+    assert magnitude.max() == pytest.approx(1.5, rel=1e-3)
+
+
+def test_band_power_adds_up_and_cuts_bins() -> None:
+    frequency = np.linspace(0.0, 2500.0, 251)
+    flat = np.full(251, 2.0)
+    power = metric.band_power(flat, frequency)
+    edges = np.array(metric.BAND_EDGES_HZ)
+    assert power == pytest.approx(2.0 * np.diff(edges), rel=1e-12)
+    assert edges[[0, -1]] == pytest.approx([20.0, 1000.0])
+    assert metric.band_power(frequency, frequency, [15.0, 25.0]) == pytest.approx([0.5 * (25.0**2 - 15.0**2)])
+    assert metric.band_power(flat, frequency, [2400.0, 9000.0]) == pytest.approx([200.0])

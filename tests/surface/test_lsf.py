@@ -1,11 +1,14 @@
 """Forms of all-pole filters against each other and against SciPy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from hapscene.capture.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import SwatchError
 from hapscene.surface.lsf import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 
@@ -34,6 +37,29 @@ def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) ->
     assert a[0] == 1.0
     assert np.all(np.abs(reflection_from_ar(a)) < 1.0)
     assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9 * np.abs(a).max()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 160), st.integers(0, 10), st.floats(1e-5, 0.1), st.integers(0, 2**32 - 1))
+def test_round_trip_of_fitted_filters_with_sharp_resonances(order: int, count: int, width: float, seed: int) -> None:
+    """Filters as fits give them: solved from the autocorrelation of a spectrum with peaks up to 60 dB high."""
+    rng = np.random.default_rng(seed)
+    w = np.linspace(0.0, np.pi, 8193)
+    density = np.exp(3.0 * rng.normal() * np.cos(w))
+    for place, height in zip(rng.uniform(0.02, 3.1, count), 10.0 ** rng.uniform(0.0, 6.0, count), strict=True):
+        density += height * width**2 / np.abs(1.0 - (1.0 - width) * np.exp(1j * (place - w))) ** 2
+    a = solve(np.fft.irfft(density)[: order + 1])
+    assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
+def test_round_trip_of_filters_fitted_to_real_recordings(shared: Path, rate_Hz: float) -> None:
+    for path in sorted((shared / "data" / "recordings").glob("cdp_*.csv")):
+        signal = np.loadtxt(path, delimiter=",", skiprows=1, usecols=2)[:: round(10_000 / rate_Hz)]
+        r = autocorrelation(tapered(signal - signal.mean(), rate_Hz), 160)
+        for order in (20, 120, 160):
+            a = solve(r[: order + 1])
+            assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9
 
 
 @settings(max_examples=30, deadline=None)

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import freqz, lfilter
 
+from hapscene.constants import EXCITATION_KNOTS
 from hapscene.errors import SwatchError
 from hapscene.surface.lsf import ar_from_reflection, power_gain, reflection_from_ar
 from hapscene.surface.swatch_file import load_swatch
@@ -116,6 +117,15 @@ def test_what_does_not_fit_is_refused() -> None:
         "name models": {"triangles": [[0, 1, 99]]},
         "interpolation": {"interpolation": "cubic"},
     }
+    bend = np.linspace(-4.0, 4.0, EXCITATION_KNOTS)
+    cases |= {
+        "excitation must list": {"excitation": [1.0, 2.0]},
+        "ascend": {"excitation": bend[::-1]},
+        "variance 1": {"excitation": 2.0 * bend},
+        "mean 0": {"excitation": bend + 0.1},
+        "finite and": {"excitation": np.where(bend > 3.9, np.inf, bend)},
+    }
+    assert Texture(**(fields | {"excitation": bend})) != good
     for message, change in cases.items():
         with pytest.raises(SwatchError, match=message):
             Texture(**(fields | change))

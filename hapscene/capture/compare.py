@@ -1,0 +1,280 @@
+"""How different two surfaces feel: swatches held against what a person can tell apart.
+
+Each difference is put in units of the smallest that a person feels (a just noticeable difference, JND). Two surfaces
+are as far apart as the quantity that gives them away most: what is 1 JND apart is told apart three times in four.
+Differences that do not add up to more are assumed, which is on the side of saying too little.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture import metric
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.taps import Tap, Taps
+from hapscene.surface.texture import Texture
+
+Array = NDArray[np.float64]
+Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
+
+CLEAR_JND: Final = 2.0
+"""Difference from which two surfaces are clearly different [JND]. In a choice of two, three right in four is d′ = 0.95
+and twice that is nine right in ten (P = Φ(d′/√2), Green & Swets 1966)."""
+
+PLACES: Final = (0.5, 0.75, 1.0)
+"""Where textures are compared: these shares of the force and of the speed that both have models for [1]."""
+
+APPROACH_M_S: Final = 0.1
+"""Speed of approach that taps are compared at [m/s], where both have them; a light tap."""
+
+QUIET_DB: Final = -40.0
+"""Level of a band against the whole below which it counts as silent [dB]: a hundredth of the amplitude is not felt
+beside the rest. Lower, and surfaces would be told apart by bands of no account."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something that surfaces differ in, and the least difference of it that is felt.
+
+    Attributes:
+        name: of the quantity.
+        value_unit: of the quantity itself; "1" is none.
+        unit: of a difference: "dB", or "%" of the mean of the two.
+        jnd: least difference that is felt, in that unit.
+        source: where that number is from.
+    """
+
+    name: str
+    value_unit: str
+    unit: str
+    jnd: float
+    source: str
+
+
+LEVEL = Quantity("vibration level", "m/s²", "dB", 2.0, "1.65 to 2.98 dB, Israr et al. 2006")
+SPECTRUM = Quantity("vibration spectrum", "", "dB", 2.0, "2 dB a band, derived from Israr et al. 2006")
+STATIC = Quantity("static friction", "1", "%", 11.0, "Weber fraction 0.11, Gueorguiev et al. 2017")
+DYNAMIC = Quantity("dynamic friction", "1", "%", 11.0, "Weber fraction 0.11, Gueorguiev et al. 2017")
+COMPLIANCE = Quantity("compliance", "mm/N", "%", 22.0, "22 %, Tan et al. 1995")
+TAP_LEVEL = Quantity("tap level", "m/s²", "dB", 2.0, "1.65 to 2.98 dB, Israr et al. 2006")
+TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 25.0, "13 to 38 %, Israr et al. 2006: its middle")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How two surfaces differ in one quantity.
+
+    Attributes:
+        quantity: which, with its unit and threshold.
+        first: of the first surface, in the quantity's own unit; NaN where it is no single number.
+        second: of the second surface.
+        change: of the second over the first, in the unit of the difference, signed; a spectrum's has no sign.
+    """
+
+    quantity: Quantity
+    first: float
+    second: float
+    change: float
+
+    @property
+    def distance_jnd(self) -> float:
+        """The difference in units of the least that is felt."""
+        return abs(self.change) / self.quantity.jnd
+
+    @property
+    def verdict(self) -> Verdict:
+        """What a person makes of it."""
+        return _verdict(self.distance_jnd)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two surfaces side by side.
+
+    Attributes:
+        first: name of the first.
+        second: name of the second.
+        differences: in the quantities that both have.
+        skipped: quantity to the reason why it was not compared.
+    """
+
+    first: str
+    second: str
+    differences: tuple[Difference, ...]
+    skipped: dict[str, str]
+
+    @property
+    def telling(self) -> Difference | None:
+        """The difference that gives them away most; None where nothing could be compared."""
+        return max(self.differences, key=lambda d: d.distance_jnd, default=None)
+
+    @property
+    def distance_jnd(self) -> float:
+        """That difference in units of the least that is felt; infinite where nothing could be compared."""
+        return math.inf if self.telling is None else self.telling.distance_jnd
+
+    @property
+    def verdict(self) -> Verdict:
+        """What a person makes of the two."""
+        return "cannot be compared" if self.telling is None else _verdict(self.distance_jnd)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: numbers with their units beside them; what is not finite is null."""
+        rows = []
+        for d in self.differences:
+            row = asdict(d.quantity) | {"first": d.first, "second": d.second, "change": d.change}
+            rows.append(row | {"distance_jnd": d.distance_jnd, "verdict": d.verdict})
+        return {
+            "first": self.first,
+            "second": self.second,
+            "verdict": self.verdict,
+            "distance_jnd": _finite(self.distance_jnd),
+            "most_by": None if self.telling is None else self.telling.quantity.name,
+            "differences": [{key: _finite(value) for key, value in row.items()} for row in rows],
+            "skipped": self.skipped,
+        }
+
+
+def compare(first: Swatch, second: Swatch) -> Comparison:
+    """How different two surfaces feel.
+
+    Textures are compared at `PLACES` of the force and speed that both have models for: the level by its power from 20
+    to 1000 Hz, the spectrum by the bands of `metric.BAND_EDGES_HZ` after both were brought to one level. Friction and
+    compliance are compared by the difference over the mean of the two, taps by energy and frequency. What is absent
+    from either is not compared.
+    """
+    found: list[Difference] = []
+    skipped: dict[str, str] = {}
+    for part in (_textures, _frictions, _compliances, _tap_pairs):
+        differences, reasons = part(first, second)
+        found += differences
+        skipped |= reasons
+    return Comparison(first.name, second.name, tuple(found), skipped)
+
+
+def rank(surface: Swatch, library: Iterable[Swatch]) -> list[Comparison]:
+    """The comparisons of a surface with those of a library, the most alike first."""
+    return sorted((compare(surface, other) for other in library), key=lambda c: (c.distance_jnd, c.second))
+
+
+def _textures(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
+    one, two = first.texture, second.texture
+    names = (LEVEL.name, SPECTRUM.name)
+    if one is None and two is None:
+        return [], dict.fromkeys(names, "neither has a texture")
+    if one is None or two is None:
+        return [], dict.fromkeys(names, f"{(first if one is None else second).name} has no texture")
+    power = _bands(one, two), _bands(two, one)
+    total = [bands.sum(axis=1) for bands in power]
+    if min(t.max() for t in total) <= 0.0:
+        silent = " and ".join(s.name for s, t in zip((first, second), total, strict=True) if t.max() <= 0.0)
+        return [], dict.fromkeys(names, f"the texture of {silent} is silent where both have models")
+    level = [float(np.sqrt(t.mean())) for t in total]
+    decibel = [_shape(bands) for bands in power]
+    apart = float(np.sqrt(np.mean((decibel[1] - decibel[0]) ** 2)))
+    return [
+        Difference(LEVEL, level[0], level[1], 20.0 * math.log10(level[1] / level[0])),
+        Difference(SPECTRUM, math.nan, math.nan, apart),
+    ], {}
+
+
+def _bands(texture: Texture, other: Texture) -> Array:
+    """Power (places, bands) [(m/s²)²] at the places that both have, in the bands below both Nyquist frequencies."""
+    share = np.array([(f, v) for f in PLACES for v in PLACES])
+    force = share[:, 0] * min(texture.force_max_N, other.force_max_N)
+    speed = share[:, 1] * min(texture.speed_max_m_s, other.speed_max_m_s)
+    a, variance = texture.models(force, speed)
+    frequency = np.arange(metric.BAND_EDGES_HZ[0], metric.BAND_EDGES_HZ[-1] + 1.0)
+    nyquist = 0.5 * min(texture.rate_Hz, other.rate_Hz)
+    edges = [edge for edge in metric.BAND_EDGES_HZ if edge <= nyquist]
+    return np.stack([
+        metric.band_power(metric.model_spectrum(one, sigma, texture.rate_Hz, frequency), frequency, edges)
+        for one, sigma in zip(a, variance, strict=True)
+    ])  # fmt: skip
+
+
+def _shape(power: Array) -> Array:
+    """Level (places, bands) [dB] of each band under the whole; what is far below is not heard beside it."""
+    share = power / np.maximum(power.sum(axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return np.asarray(10.0 * np.log10(np.maximum(share, 10.0 ** (QUIET_DB / 10.0))))
+
+
+def _frictions(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
+    pairs = (
+        (STATIC, "friction_static", first.friction_static, second.friction_static),
+        (DYNAMIC, "friction_dynamic", first.friction_dynamic, second.friction_dynamic),
+    )
+    found, skipped = [], {}
+    for quantity, name, one, two in pairs:
+        reason = _absent(first, second, name)
+        if reason:
+            skipped[quantity.name] = reason
+        else:
+            found.append(Difference(quantity, one, two, _percent(one, two)))
+    return found, skipped
+
+
+def _compliances(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
+    reason = _absent(first, second, "stiffness_N_m")
+    if reason:
+        return [], {COMPLIANCE.name: reason}
+    if min(first.stiffness_N_m, second.stiffness_N_m) == 0.0:
+        return [], {COMPLIANCE.name: "a stiffness of 0 yields without end"}
+    one, two = 1e3 / first.stiffness_N_m, 1e3 / second.stiffness_N_m
+    return [Difference(COMPLIANCE, one, two, _percent(one, two))], {}
+
+
+def _tap_pairs(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
+    names = (TAP_LEVEL.name, TAP_FREQUENCY.name)
+    if first.taps is None and second.taps is None:
+        return [], dict.fromkeys(names, "neither has taps")
+    if first.taps is None or second.taps is None:
+        return [], dict.fromkeys(names, f"{(first if first.taps is None else second).name} has no taps")
+    one, two = first.taps.at(APPROACH_M_S), second.taps.at(APPROACH_M_S)
+    power = _energy(first.taps), _energy(second.taps)
+    if min(power) <= 0.0:
+        return [], dict.fromkeys(names, "a tap is silent")
+    return [
+        Difference(TAP_LEVEL, one.amplitude_m_s2, two.amplitude_m_s2, 10.0 * math.log10(power[1] / power[0])),
+        Difference(
+            TAP_FREQUENCY, one.frequency_Hz, two.frequency_Hz, _percent(one.frequency_Hz, two.frequency_Hz)
+        ),
+    ], {}  # fmt: skip
+
+
+def _energy(taps: Taps) -> float:
+    """Energy [(m/s²)² s] of the tap at `APPROACH_M_S`: of the measured transient where there is one."""
+    if taps.wave_m_s2 is None:
+        return tap_energy(taps.at(APPROACH_M_S))
+    return float(np.sum(taps.transient(APPROACH_M_S, taps.wave_rate_Hz) ** 2)) / taps.wave_rate_Hz
+
+
+def tap_energy(tap: Tap) -> float:
+    """Energy ∫ a² dt of a tap [(m/s²)² s]: A² ω² / (4 β (β² + ω²)) for a = A e^(−βt) sin ωt."""
+    omega, decay = 2.0 * math.pi * tap.frequency_Hz, tap.decay_1_s
+    return tap.amplitude_m_s2**2 * omega**2 / (4.0 * decay * (decay**2 + omega**2))
+
+
+def _absent(first: Swatch, second: Swatch, name: str) -> str:
+    """Why a number is not known of both surfaces; empty where it is."""
+    return "; ".join(f"{s.name}: {s.absent[name]}" for s in (first, second) if name in s.absent)
+
+
+def _percent(first: float, second: float) -> float:
+    """Change in percent of the mean of the two: the same both ways but for its sign; 200 % at most."""
+    mean = 0.5 * (first + second)
+    return 100.0 * (second - first) / mean if mean > 0.0 else 0.0
+
+
+def _verdict(distance_jnd: float) -> Verdict:
+    if distance_jnd <= 1.0:
+        return "cannot be told apart"
+    return "could be told apart" if distance_jnd <= CLEAR_JND else "is clearly different"
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

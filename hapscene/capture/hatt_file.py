@@ -1,0 +1,250 @@
+"""The XML files of the Penn Haptic Texture Toolkit (HaTT), as plain arrays in SI units.
+
+Culbertson, López Delgado & Kuchenbecker 2014, "One Hundred Data-Driven Haptic Texture Models and Open-Source Methods
+for Rendering on 3D Objects", IEEE Haptics Symposium. Liberal in what is read (white space, order of elements, missing
+pictures, numbers in one text or in `value` elements), precise in what is refused: the file, the element, what was
+expected.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.xml_source import XmlSource
+from hapscene.constants import ORDER_MAX
+from hapscene.errors import SwatchError
+from hapscene.surface.lsf import ar_from_lsf, lsf_from_ar
+from hapscene.surface.texture import MODEL_MAX
+
+Array = NDArray[np.float64]
+
+ROUNDING_RAD: Final = 1e-5
+"""How far ARlsf may be from the frequencies of ARcoeff before it is said [rad]. The files round them to 1e-6."""
+
+_SPEED: Final = {"mm/s": 1e-3, "cm/s": 1e-2, "m/s": 1.0}
+_ACCELERATION: Final = ("m/s^2", "m/s2", "m/s²", "m/s/s", "m/s^{2}")
+_NEWTON: Final = ("n", "newton", "newtons")
+
+
+@dataclass(frozen=True)
+class HattModels:
+    """A models file: m models of AR order p and MA order q, t triangles.
+
+    The toolkit renders y(t) = gain (e(t) + Σ c_k e(t−k)) − Σ a_k y(t−k), e of that variance, and blends the line
+    spectral frequencies of a and of c, the variance and the gain, each by itself.
+    """
+
+    material: str
+    rate_Hz: float
+    friction: float | None
+    force_N: Array
+    speed_m_s: Array
+    triangles: NDArray[np.int32]
+    ar_lsf_rad: Array
+    ma_lsf_rad: Array
+    variance_m2_s4: Array
+    gain: Array
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class HattTaps:
+    """A taps file: k transients of n samples at 1 kHz, by ascending approach speed."""
+
+    approach_m_s: Array
+    acceleration_m_s2: Array
+
+
+def read_models(path: str | os.PathLike[str]) -> HattModels:
+    """The models of a Models_X.xml.
+
+    Raises:
+        SwatchError: not such a file, incomplete, or a number that is out of range.
+    """
+    source = XmlSource(Path(path), "modelSet")
+    rate_Hz = source.required("SampleRate")
+    if not 100.0 <= rate_Hz <= 1e6:
+        raise source.error("<SampleRate>", "100 to 1000000 Hz", f"{rate_Hz:g}")
+    _check_unit(source, "AccelUnits", _ACCELERATION)
+    _check_unit(source, "ForceUnits", _NEWTON)
+    metre = _SPEED.get((source.text("SpeedUnits") or "mm/s").lower().replace(" ", ""))
+    if metre is None:
+        raise source.error("<SpeedUnits>", "mm/s", repr(source.text("SpeedUnits")))
+    notes: list[str] = []
+    models = _ordered(source)
+    filters = [_filters(source, model, f"<model> {i}, ", notes) for i, model in enumerate(models, 1)]
+    for i, (ar, ma) in enumerate(filters, 1):
+        if (len(ar), len(ma)) != (len(filters[0][0]), len(filters[0][1])):
+            raise source.error(f"<model> {i}", f"{len(filters[0][0])} ARlsf as in model 1", f"{len(ar)}")
+    speed, force = _place(source, models, "speedMod", "speedList"), _place(source, models, "forceMod", "forceList")
+    variance = np.array([source.required("var", f"<model> {i}, ", m) for i, m in enumerate(models, 1)])
+    gain = np.array([_or_one(source.number("gain", f"<model> {i}, ", m)) for i, m in enumerate(models, 1)])
+    for name, values in (("var", variance), ("speedMod", speed), ("forceMod", force)):
+        if np.any(values < 0.0):
+            at = int(np.argmax(values < 0.0))
+            raise source.error(f"<model> {at + 1}, <{name}>", "0 or more", f"{values[at]:g}")
+    for name, values in (("maxSpeed", speed), ("maxForce", force)):
+        stated = source.number(name)
+        if stated is not None and abs(stated - values.max()) > 1e-3 * values.max():
+            notes.append(f"{name} says {stated:g}, the models reach {values.max():g}: clamped at the latter")
+    return HattModels(
+        _material(source),
+        rate_Hz,
+        source.number("mu"),
+        force,
+        speed * metre,
+        _triangles(source, force, speed, notes),
+        np.stack([ar for ar, _ in filters]),
+        np.stack([ma for _, ma in filters]),
+        variance,
+        gain,
+        tuple(notes),
+    )
+
+
+def read_taps(path: str | os.PathLike[str]) -> HattTaps:
+    """The taps of a Taps_X.xml, ascending by speed; of several at one speed the first is kept.
+
+    Raises:
+        SwatchError: not such a file, incomplete, or a number that is out of range.
+    """
+    source = XmlSource(Path(path), "tapSet")
+    taps = source.children("tap")
+    _check_count(source, "numTap", "tap", len(taps))
+    speeds = [source.number("tapSpeed", f"<tap> {i}, ", tap) for i, tap in enumerate(taps, 1)]
+    listed = source.listed("speedList")
+    if None in speeds and len(listed) == len(taps):
+        speeds = [float(v) for v in listed]
+    waves = [source.listed("tapAccel", tap, f"<tap> {i}, ", 100_000) for i, tap in enumerate(taps, 1)]
+    for i, (speed, wave) in enumerate(zip(speeds, waves, strict=True), 1):
+        if speed is None or speed <= 0.0:
+            raise source.error(f"<tap> {i}, <tapSpeed>", "mm/s above 0", "nothing" if speed is None else f"{speed:g}")
+        if len(wave) < 4 or len(wave) != len(waves[0]):
+            expected = "4 numbers or more" if len(waves[0]) < 4 else f"{len(waves[0])} numbers as in tap 1"
+            raise source.error(f"<tap> {i}, <tapAccel>", expected, f"{len(wave)}")
+    approach, first = np.unique(1e-3 * np.array(speeds, dtype=np.float64), return_index=True)
+    return HattTaps(approach, np.stack(waves)[first])
+
+
+def _check_unit(source: XmlSource, name: str, known: tuple[str, ...]) -> None:
+    unit = source.text(name)
+    if unit and unit.lower().replace(" ", "") not in known:
+        raise source.error(f"<{name}>", known[0], repr(unit[:40]))
+
+
+def _check_count(source: XmlSource, name: str, element: str, count: int) -> None:
+    """A file that was cut, or put together wrongly, says another number than it holds."""
+    stated = source.number(name)
+    if stated is not None and stated != count:
+        raise source.error(f"<{name}>", f"the number of <{element}> elements, {count}", f"{stated:g}")
+    if not 1 <= count <= MODEL_MAX:
+        raise source.error(f"<{element}>", f"1 to {MODEL_MAX} elements", f"{count}")
+
+
+def _material(source: XmlSource) -> str:
+    text = source.text("material") or source.path.stem.removeprefix("Models_")
+    return "".join(c if c.isprintable() else " " for c in text).strip()[:200] or "unnamed"
+
+
+def _or_one(value: float | None) -> float:
+    return 1.0 if value is None else value
+
+
+def _ordered(source: XmlSource) -> list[Any]:
+    """The model elements by their modNum, where those are 1 … m; else as they stand."""
+    models = source.children("model")
+    _check_count(source, "numMod", "model", len(models))
+    numbers = [source.number("modNum", f"<model> {i}, ", model) for i, model in enumerate(models, 1)]
+    if sorted(n or 0.0 for n in numbers) != list(range(1, len(models) + 1)):
+        return models
+    return [model for _, model in sorted(zip(numbers, models, strict=True), key=lambda pair: pair[0] or 0.0)]
+
+
+def _place(source: XmlSource, models: list[Any], name: str, listing: str) -> Array:
+    """Speed or force of each model: in the model, or in the list of all; both must agree."""
+    inside = [source.number(name, f"<model> {i}, ", model) for i, model in enumerate(models, 1)]
+    listed = source.listed(listing)
+    if len(listed) not in (0, len(models)):
+        raise source.error(f"<{listing}>", f"{len(models)} numbers, one for each model", f"{len(listed)}")
+    for i, value in enumerate(inside):
+        if value is None and not len(listed):
+            raise source.error(f"<model> {i + 1}, <{name}>", "a number", "nothing")
+        if value is not None and len(listed) and abs(value - listed[i]) > 1e-3 * max(1.0, abs(value)):
+            raise source.error(f"<model> {i + 1}, <{name}>", f"{listed[i]:g} as in <{listing}>", f"{value:g}")
+    return np.array([listed[i] if value is None else value for i, value in enumerate(inside)])
+
+
+def _filters(source: XmlSource, model: Any, where: str, notes: list[str]) -> tuple[Array, Array]:
+    """Line spectral frequencies (p,) of a model's denominator and (q,) of its numerator."""
+    ar = _frequencies(source, model, "AR", where, notes)
+    if not len(ar):
+        raise source.error(f"{where}<ARlsf>", "frequencies, or <ARcoeff>", "nothing")
+    return ar, _frequencies(source, model, "MA", where, notes)
+
+
+def _frequencies(source: XmlSource, model: Any, kind: str, where: str, notes: list[str]) -> Array:
+    """Frequencies of 'AR' or 'MA': those in the file, which the toolkit blends; of the coefficients, where bad.
+
+    The coefficients have 20 decimals and the frequencies 6, which moves a resonance by less than 0.01 dB; what the
+    toolkit plays is the latter.
+    """
+    lsf = source.listed(f"{kind}lsf", model, where, ORDER_MAX)
+    coefficients = source.listed(f"{kind}coeff", model, where, ORDER_MAX + 1)
+    usable = len(lsf) > 0 and bool(np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0))
+    if len(coefficients) <= 1:
+        if len(lsf) and not usable:
+            raise source.error(f"{where}<{kind}lsf>", "numbers that ascend within 0 and π", "others")
+        return lsf
+    if coefficients[0] != 1.0:
+        raise source.error(f"{where}<{kind}coeff>, value 1", "1", f"{coefficients[0]:g}")
+    if len(lsf) not in (0, len(coefficients) - 1):
+        raise source.error(f"{where}<{kind}lsf>", f"{len(coefficients) - 1} numbers", f"{len(lsf)}")
+    try:
+        exact = lsf_from_ar(coefficients)
+    except SwatchError:
+        if not usable:
+            expected = "a stable filter" if kind == "AR" else "zeros within the unit circle"
+            raise source.error(f"{where}<{kind}coeff>", expected, "none, and no usable frequencies") from None
+        notes.append(f"{where}{kind}coeff is unstable: {kind}lsf is used, as the toolkit does")
+        return lsf
+    if not usable:
+        notes.append(f"{where}{kind}lsf is missing or does not ascend: {kind}coeff is used")
+        return exact
+    off = np.abs(exact - lsf).max()
+    if off > ROUNDING_RAD and np.abs(ar_from_lsf(lsf) - coefficients).max() > 1e-3:
+        notes.append(f"{where}{kind}lsf is {off:.2g} rad off {kind}coeff: {kind}lsf is used, as the toolkit does")
+    return lsf
+
+
+def _triangles(source: XmlSource, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
+    """The file's triangles (t, 3), from 0, without those that have no area."""
+    elements = source.children("tri")
+    _check_count(source, "numTri", "tri", len(elements))
+    rows = [source.numbers(tri, f"<tri> {i}", 3) for i, tri in enumerate(elements, 1)]
+    for i, row in enumerate(rows, 1):
+        if len(row) != 3 or np.any(row != np.round(row)) or row.min() < 1 or row.max() > len(force):
+            raise source.error(f"<tri> {i}", f"three numbers of models, 1 to {len(force)}", f"{row.tolist()}"[:60])
+    triangles = np.array(rows, dtype=np.int32) - 1
+    top = force.max() * speed.max()
+    if not top > 0.0:
+        raise source.error("the models", "one at a force and a speed above 0", "none")
+    area = np.abs(_doubled_area(force, speed, triangles)) / top
+    kept = triangles[area > 1e-6]
+    if len(kept) < len(triangles):
+        notes.append(f"{len(triangles) - len(kept)} triangles without area are left out")
+    covered = 0.5 * area.sum()
+    if not len(kept) or abs(covered - 1.0) > 0.01:
+        notes.append(f"the triangles cover {covered:.0%} of the plane of force and speed, not all of it once")
+    if not len(kept):
+        raise source.error("<tri>", "a triangle with an area", "none")
+    return np.asarray(kept)
+
+
+def _doubled_area(force: Array, speed: Array, triangles: NDArray[np.int32]) -> Array:
+    """Twice the signed area (t,) of triangles over force and speed."""
+    f, s = force[triangles], speed[triangles]
+    return np.asarray((f[:, 1] - f[:, 0]) * (s[:, 2] - s[:, 0]) - (f[:, 2] - f[:, 0]) * (s[:, 1] - s[:, 0]))

@@ -1,0 +1,210 @@
+"""A swatch as an MPEG haptics file: `.hjif`, the JSON interchange format of ISO/IEC 23090-31.
+
+The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band:
+a keyframe per sample, straight between them, which is the signal itself (a player that reads it at another rate loses
+0.3 dB at 1 kHz to the straight lines, at 10 kHz). Taps follow as a `Transient` band, one transient each half second,
+slow to fast, with the peak and the frequency of each tap; how a transient dies away is the player's.
+
+Amplitudes in the format are −1 to 1. What 1 stands for is the reference device's maximum amplitude, in m/s².
+
+Structure, names and bounds follow the JSON schemas of the MPEG group (MPEGGroup/HapticJSONSchemas at commit e3b9aa67)
+and the conformance checks of its reference software, which asks for more: timescale and syncs, whole numbers as limits
+and frequencies, a profile and level by name. Version "2023" is what the schema asks for.
+"""
+
+import datetime
+import json
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.synthesis import synthesize
+from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.errors import SwatchError
+from hapscene.output import whole_file
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.taps import Taps
+
+Array = NDArray[np.float64]
+
+TIMESCALE_MAX: Final = 48_000
+"""Most ticks per second in the profile "Main" [1/s]."""
+
+SECONDS_MAX: Final = 60.0
+"""Longest texture that is written [s]: 60 MB of text at 10 kHz."""
+
+TAP_SPACING_S: Final = 0.5
+"""Time from one tap to the next, and from the texture to the first [s]: longer than they ring."""
+
+_HAND: Final = 0  # body part mask: unspecified
+
+
+def export_hjif(
+    swatch: Swatch,
+    path: str | os.PathLike[str],
+    force_N: float,
+    slip_m_s: float,
+    seconds: float,
+    rate_Hz: float | None = None,
+    seed: int = 0,
+) -> None:
+    """Writes a swatch as an MPEG haptics file, whole or not at all.
+
+    Args:
+        swatch: one with a texture or taps.
+        path: the file, suffix .hjif.
+        force_N: normal force that the texture is played at, ≥ 0.
+        slip_m_s: slip speed that the texture is played at, ≥ 0.
+        seconds: length of the texture, to 60.
+        rate_Hz: samples a second, to 48000, a whole number; None: the texture's own, or 10000.
+        seed: of the texture's noise.
+
+    Raises:
+        SwatchError: nothing to write, a number out of range, or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix != ".hjif":
+        raise SwatchError(f"{target}: an MPEG haptics file's name must end in .hjif")
+    content = as_hjif(swatch, force_N, slip_m_s, seconds, rate_Hz, seed)
+    try:
+        with whole_file(target) as part:
+            part.write_text(json.dumps(content, ensure_ascii=False, allow_nan=False), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise SwatchError(f"{target}: cannot be written: {error.strerror or error}") from None
+
+
+def as_hjif(
+    swatch: Swatch, force_N: float, slip_m_s: float, seconds: float, rate_Hz: float | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """The content of the file, as `export_hjif` writes it."""
+    rate = rate_Hz or (swatch.texture.rate_Hz if swatch.texture is not None else 10_000.0)
+    if swatch.texture is None and swatch.taps is None:
+        raise SwatchError(f"swatch {swatch.name!r} has neither texture nor taps: there is nothing to write")
+    if rate != round(rate) or not 1000 <= rate <= TIMESCALE_MAX:
+        raise SwatchError(f"the rate must be a whole number of Hz from 1000 to {TIMESCALE_MAX}, is {rate:g}")
+    if not 0.0 < seconds <= SECONDS_MAX:
+        raise SwatchError(f"seconds must be above 0 and at most {SECONDS_MAX:g}, is {seconds:g}")
+    for name, value in (("force_N", force_N), ("slip_m_s", slip_m_s)):
+        if not 0.0 <= value < np.inf:
+            raise SwatchError(f"{name} must be 0 or more, is {value:g}")
+    perceptions = []
+    first_tap_s = 0.0
+    if swatch.texture is not None:
+        count = max(2, round(seconds * rate))
+        signal = synthesize(swatch, np.full(count, force_N), np.full(count, slip_m_s), rate, seed)
+        said = f"{swatch.name}: texture at {force_N:g} N and {slip_m_s:g} m/s, {seconds:g} s"
+        perceptions.append(_perception(0, said, float(np.abs(signal).max()), rate, _curve(signal)))
+        first_tap_s = count / rate + TAP_SPACING_S
+    if swatch.taps is not None:
+        speeds = ", ".join(f"{v:g}" for v in swatch.taps.approach_m_s[:20])
+        said = f"{swatch.name}: taps at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
+        peak, band = _transients(swatch.taps, rate, first_tap_s)
+        perceptions.append(_perception(len(perceptions), said, peak, rate, band))
+    now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+    notes = [swatch.name, swatch.provenance, f"Licence: {swatch.licence}" if swatch.licence else ""]
+    return {
+        "version": "2023",
+        "profile": "Main",
+        "level": 1,
+        "date": now.isoformat(),
+        "description": " ".join(note for note in notes if note),
+        "timescale": int(rate),
+        "avatars": [],
+        "perceptions": perceptions,
+        "syncs": [],
+    }
+
+
+def _perception(
+    number: int, description: str, peak_m_s2: float, rate_Hz: float, band: dict[str, Any]
+) -> dict[str, Any]:
+    """One signal on one channel; an amplitude of 1 stands for the device's maximum."""
+    full = peak_m_s2 if peak_m_s2 > 0.0 else 1.0
+    low, high = (round(f) for f in ACCELERATION_BAND_HZ)
+    device = {
+        "id": 1,
+        "name": f"haptography handle, 1 = {full:.6g} m/s2",
+        "body_part_mask": _HAND,
+        "minimum_frequency": low,
+        "maximum_frequency": high,
+        "maximum_amplitude": full,
+        "type": "VCA",
+    }
+    channel = {
+        "id": 0,
+        "description": f"acceleration along the handle, 1 = {full:.6g} m/s2",
+        "reference_device_id": 1,
+        "gain": 1.0,
+        "mixing_coefficient": 1.0,
+        "body_part_mask": _HAND,
+        "frequency_sampling": int(rate_Hz),
+        "bands": [band],
+    }
+    return {
+        "id": number,
+        "perception_modality": "Vibrotactile",
+        "description": description,
+        "avatar_id": 0,
+        "unit_exponent": -3,
+        "perception_unit_exponent": 0,
+        "effect_library": [],
+        "reference_devices": [device],
+        "channels": [channel],
+    }
+
+
+def _effect(position: int, keyframes: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "effect_type": "Basis",
+        "position": position,
+        "phase": 0.0,
+        "base_signal": "Sine",
+        "keyframes": keyframes,
+    }
+
+
+def _curve(signal: Array) -> dict[str, Any]:
+    """A signal (n,) as a band, its peak 1; six decimals are 120 dB below it."""
+    peak = float(np.abs(signal).max())
+    scaled = np.round(signal / (peak if peak > 0.0 else 1.0), 6).tolist()
+    keyframes = [{"relative_position": i, "amplitude_modulation": value} for i, value in enumerate(scaled)]
+    return {
+        "band_type": "Curve",
+        "curve_type": "Linear",
+        "lower_frequency_limit": 0,
+        "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1]),
+        "effects": [_effect(0, keyframes)],
+    }
+
+
+def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, dict[str, Any]]:
+    """The largest peak [m/s²], and the taps as a band."""
+    frequencies_Hz = [taps.at(float(speed)).frequency_Hz for speed in taps.approach_m_s]
+    peaks = [_peak(*taps.at(float(speed))) for speed in taps.approach_m_s]
+    if taps.wave_m_s2 is not None:
+        peaks = np.abs(taps.wave_m_s2).max(axis=1).tolist()
+    largest = max(peaks)
+    effects = []
+    for i, (peak, frequency_Hz) in enumerate(zip(peaks, frequencies_Hz, strict=True)):
+        keyframe = {
+            "relative_position": 0,
+            "amplitude_modulation": round(peak / largest, 6) if largest > 0.0 else 0.0,
+            "frequency_modulation": round(min(frequency_Hz, 10_000.0)),
+        }
+        effects.append(_effect(round((first_s + i * TAP_SPACING_S) * rate_Hz), [keyframe]))
+    return largest, {
+        "band_type": "Transient",
+        "lower_frequency_limit": 0,
+        "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1]),
+        "effects": effects,
+    }
+
+
+def _peak(amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> float:
+    """Peak [m/s²] of A exp(−βt) sin(ωt), which it has at ωt = atan(ω/β)."""
+    omega = 2.0 * np.pi * frequency_Hz
+    angle = float(np.arctan2(omega, decay_1_s))
+    return amplitude_m_s2 * float(np.exp(-decay_1_s * angle / omega) * np.sin(angle))

@@ -1,0 +1,189 @@
+"""Recording from a probe on a serial port: the port is drained, decoded, shown, and written crash-safe."""
+
+import math
+import os
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz
+from hapscene.capture.record_meter import Meter
+from hapscene.capture.record_port import Port
+from hapscene.capture.record_protocol import VERSION, Count, Decoder, Run
+from hapscene.errors import CaptureError
+
+BAUD: Final = 921_600
+"""Default speed of the port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
+
+SILENCE_S: Final = 5.0
+"""How long a port may give no header [s]. Boards that restart when the port is opened take up to 2 s."""
+
+MEASURED_MIN_S: Final = 5.0
+"""Shortest recording whose rate is held against the computer's clock [s]: bytes come in lumps of some 10 ms."""
+
+STOPPED: Final = "stopped"
+REACHED: Final = "the duration was reached"
+FULL: Final = "the longest record was reached"
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a recording made."""
+
+    path: Path
+    rate_Hz: float
+    length: int
+    """samples, gaps included"""
+    count: Count
+    rate_measured_Hz: float | None
+    """samples over the computer's clock; None below `MEASURED_MIN_S`, where it says little"""
+    ended: str
+    """`STOPPED`, `REACHED`, `FULL`, or what went wrong"""
+
+
+def record(
+    port: str,
+    path: str | os.PathLike[str],
+    baud: int = BAUD,
+    duration_s: float | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] = lambda line: None,
+    silence_s: float = SILENCE_S,
+) -> Made:
+    """Records from a probe until it is stopped, the duration is reached, or the probe goes away.
+
+    Args:
+        port: name of the serial port, as "/dev/ttyUSB0" or "COM3".
+        path: .hsrec; or .npz: then the record stands beside it as .hsrec while it is made, and becomes it at the end.
+        baud: speed of the port [bit/s].
+        duration_s: how much to record; None: until `stopped`.
+        stopped: asked about 20 times a second.
+        say: called with each line for the user.
+        silence_s: how long to wait for the probe's header.
+
+    Raises:
+        CaptureError: a port that cannot be opened, is silent or speaks another protocol; a file that is there already.
+    """
+    target = Path(path)
+    if target.suffix not in (SUFFIX, ".npz"):
+        raise CaptureError(f"{target}: records are written as {SUFFIX} or .npz")
+    place = target.with_suffix(SUFFIX)
+    for file in {target, place}:
+        if file.exists():
+            raise CaptureError(f"{file}: is there already, and a recording is never replaced: take another name")
+    with closing(Port(port, baud)) as opened:
+        decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped)
+        assert decoder.header is not None
+        with RecordWriter(place, decoder.header) as writer:
+            names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
+            say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; Ctrl-C ends it")
+            made = _follow(opened, decoder, runs, writer, duration_s, stopped)
+    if not made.count.received:
+        place.unlink()
+        raise CaptureError(f"{port}: the probe announced itself but sent no samples ({made.ended}): nothing was kept")
+    if target != place:
+        save_npz(load_record(place), target)
+        place.unlink()
+    return replace(made, path=target)
+
+
+def _wait_for_header(
+    opened: Port, port: str, baud: int, silence_s: float, stopped: Callable[[], bool]
+) -> tuple[Decoder, list[Run]]:
+    """Reads until the probe has announced itself; gives the runs that came with it too."""
+    decoder = Decoder()
+    deadline_s = time.monotonic() + silence_s
+    while True:
+        if stopped():
+            raise KeyboardInterrupt
+        piece = opened.next()
+        if isinstance(piece, str):
+            raise CaptureError(f"{port}: the port closed before a probe announced itself: {piece}")
+        if isinstance(piece, tuple):
+            runs = _fed(decoder, piece, port)
+            if decoder.header is not None:
+                return decoder, runs
+        if time.monotonic() > deadline_s:
+            if not decoder.byte_count:
+                raise CaptureError(
+                    f"{port}: silent for {silence_s:g} s: expected a line `#hapscene-probe {VERSION} …`; "
+                    "check the cable and that the probe runs"
+                )
+            raise CaptureError(
+                f"{port}: {decoder.byte_count} bytes in {silence_s:g} s at {baud} baud, "
+                f"but no line `#hapscene-probe {VERSION} …`: check --baud and docs/probe-protocol.md"
+            )
+
+
+def _fed(decoder: Decoder, piece: tuple[bytes, float], port: str) -> list[Run]:
+    try:
+        return decoder.feed(*piece)
+    except CaptureError as error:
+        raise CaptureError(f"{port}: {error}") from None
+
+
+def _follow(
+    opened: Port,
+    decoder: Decoder,
+    runs: list[Run],
+    writer: RecordWriter,
+    duration_s: float | None,
+    stopped: Callable[[], bool],
+) -> Made:
+    """Writes and shows samples until something ends it."""
+    header = decoder.header
+    assert header is not None
+    meter = Meter(header.columns, header.rate_Hz)
+    begun_s = synced_s = last_s = time.monotonic()
+    full = VALUE_MAX // len(header.columns)
+    wanted = full if duration_s is None else min(full, round(duration_s * header.rate_Hz))
+    overdue_s = begun_s + SILENCE_S + (duration_s or math.inf)
+    ended = ""
+    try:
+        while True:
+            _keep(runs, wanted, writer, meter)
+            now_s = time.monotonic()
+            if now_s - synced_s >= SYNC_S:
+                writer.sync()
+                synced_s = now_s
+            meter.show(min(decoder.position, wanted), decoder.count, now_s)
+            ended = ended or _end(decoder.position, wanted, full, now_s > overdue_s, stopped())
+            if ended:
+                break
+            piece = opened.next()
+            runs = []
+            if isinstance(piece, str):
+                ended = f"the probe went away: {piece}"
+            elif piece is not None:
+                last_s = piece[1]
+                try:
+                    runs = decoder.feed(*piece)
+                except CaptureError as error:
+                    ended = str(error)
+    finally:
+        meter.close()
+    count, elapsed_s = decoder.count, last_s - begun_s
+    writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
+    measured = decoder.position / elapsed_s if elapsed_s >= MEASURED_MIN_S else None
+    return Made(writer.path, header.rate_Hz, min(decoder.position, wanted), count, measured, ended)
+
+
+def _keep(runs: list[Run], wanted: int, writer: RecordWriter, meter: Meter) -> None:
+    """Writes and shows what is within the wanted length."""
+    for run in runs:
+        counts = run.counts[: max(0, wanted - run.first)]
+        if len(counts):
+            writer.write(Run(run.first, counts))
+            meter.take(counts)
+
+
+def _end(position: int, wanted: int, full: int, overdue: bool, stopped: bool) -> str:
+    """Why the recording ends now; empty where it goes on."""
+    if position >= wanted:
+        return FULL if wanted == full else REACHED
+    if overdue:
+        return "the probe sent too few samples in the time that was asked for"
+    return STOPPED if stopped else ""

@@ -1,0 +1,221 @@
+"""Records: what a probe sent, in a file that can be read up to its last second whatever ends the writing.
+
+The file (suffix .hsrec) begins with the line `hapscene record 1`. Chunks follow, little-endian:
+
+    kind     4 bytes   HEAD, DATA or END.
+    length   uint32    of the payload [bytes]
+    first    uint64    number of the chunk's first sample; 0 in HEAD and END.
+    payload            HEAD, END.: JSON; DATA: int32 counts, a row a sample
+    check    uint32    CRC-32 of all the above
+
+A chunk of data is a run of samples without a gap: what lies between two chunks was dropped. The file is only ever
+appended to, and put on the disk about each second. A reader stops at the first chunk that is torn.
+"""
+
+import datetime
+import json
+import math
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.record_protocol import COLUMN_MAX, Column, Header, Run
+from hapscene.errors import CaptureError
+from hapscene.output import whole_file
+
+SUFFIX: Final = ".hsrec"
+FIRST_LINE: Final = b"hapscene record 1\n"
+
+SYNC_S: Final = 1.0
+"""Longest time that samples wait before they are on the disk [s]: what a power cut can take."""
+
+VALUE_MAX: Final = 1 << 28
+"""Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
+
+_CHUNK: Final = struct.Struct("<4sIQ")
+_CHECK: Final = struct.Struct("<I")
+
+RUN_MAX: Final = 4096
+"""Most samples of a chunk [count]: bounds what one flipped bit takes."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """The streams of a probe: each (n,) float64 in its unit, NaN where samples were dropped."""
+
+    rate_Hz: float
+    streams: Mapping[str, NDArray[np.float64]]
+    units: Mapping[str, str]
+    started: str
+    """date and time of the start, ISO 8601"""
+    ended: str | None
+    """how the recording ended; None where it was cut: killed, power lost, or still running"""
+
+    @property
+    def missing(self) -> NDArray[np.bool_]:
+        """(n,) whether the sample was dropped."""
+        return np.isnan(next(iter(self.streams.values())))
+
+
+class RecordWriter:
+    """Appends to a new record. To be used with `with`; a record that is cut short stays readable."""
+
+    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
+        """Begins the file.
+
+        Raises:
+            CaptureError: another suffix; a file that is there already, for a recording cannot be made again.
+        """
+        self.path = Path(path)
+        if self.path.suffix != SUFFIX:
+            raise CaptureError(f"{self.path}: a record's file name must end in {SUFFIX}")
+        try:
+            self._file: BinaryIO = self.path.open("xb")
+        except FileExistsError:
+            raise CaptureError(
+                f"{self.path}: is there already, and a recording is never replaced: take another name"
+            ) from None
+        except OSError as error:
+            raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
+        started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        head = {"rate_Hz": header.rate_Hz, "started": started, "columns": [asdict(c) for c in header.columns]}
+        self._file.write(FIRST_LINE)
+        self._put(b"HEAD", 0, json.dumps(head).encode())
+        self.sync()
+
+    def __enter__(self) -> "RecordWriter":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with suppress(OSError):  # a full disk was told already, or is by `sync`
+            self._file.close()
+
+    def write(self, run: Run) -> None:
+        """Appends samples; they are safe after the next `sync`."""
+        for start in range(0, len(run.counts), RUN_MAX):
+            part = run.counts[start : start + RUN_MAX]
+            self._put(b"DATA", run.first + start, part.astype("<i4").tobytes())
+
+    def sync(self) -> None:
+        """Puts what was written on the disk.
+
+        Raises:
+            CaptureError: the disk is full or gone.
+        """
+        try:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._unwritten(error) from None
+
+    def end(self, how: str, **facts: float) -> None:
+        """Ends the record properly: how it ended, and facts about it."""
+        self._put(b"END.", 0, json.dumps({"ended": how, **facts}).encode())
+        self.sync()
+
+    def _put(self, kind: bytes, first: int, payload: bytes) -> None:
+        body = _CHUNK.pack(kind, len(payload), first) + payload
+        try:
+            self._file.write(body + _CHECK.pack(zlib.crc32(body)))
+        except OSError as error:
+            raise self._unwritten(error) from None
+
+    def _unwritten(self, error: OSError) -> CaptureError:
+        return CaptureError(f"{self.path}: cannot be written on: {error.strerror}; what was recorded before is in it")
+
+
+def load_record(path: str | os.PathLike[str]) -> Record:
+    """Reads a record, whole or cut.
+
+    Raises:
+        CaptureError: no record, of a later version, too long, or without one whole chunk of samples.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as f:
+            data = f.read(4 * VALUE_MAX + (1 << 20))
+    except OSError as error:
+        raise CaptureError(f"{file}: cannot be read: {error.strerror}") from None
+    if not data.startswith(FIRST_LINE):
+        later = data.startswith(FIRST_LINE.split(b"1")[0])
+        reason = "a record of a later version: update hapscene" if later else "not a record of a probe"
+        raise CaptureError(f"{file}: {reason}")
+    chunks = _chunks(data)
+    kind, _, payload = next(chunks, (b"", 0, b""))
+    head = _json(file, payload) if kind == b"HEAD" else None
+    if head is None:
+        raise CaptureError(f"{file}: cut before its header was whole: nothing can be read")
+    rate_Hz, columns = _head(file, head)
+    runs, ended = [], None
+    for kind, first, payload in chunks:
+        if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
+            runs.append((first, np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))))
+        elif kind == b"END.":
+            ended = str(_json(file, payload).get("ended"))
+    if not runs:
+        raise CaptureError(f"{file}: holds no samples")
+    length = max(first + len(rows) for first, rows in runs)
+    if length * len(columns) > VALUE_MAX:
+        raise CaptureError(f"{file}: {length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
+    table = np.full((len(columns), length), np.nan)
+    for first, rows in runs:
+        table[:, first : first + len(rows)] = rows.T
+    table *= np.array([c.scale for c in columns])[:, None]
+    names = [c.name for c in columns]
+    units = {c.name: c.unit for c in columns}
+    return Record(rate_Hz, dict(zip(names, table, strict=True)), units, str(head.get("started")), ended)
+
+
+def save_npz(record: Record, path: str | os.PathLike[str]) -> None:
+    """Writes the streams as NumPy arrays of their names, with `rate_Hz` and `units` ("name=unit"), without pickle."""
+    arrays: dict[str, Any] = dict(record.streams)
+    arrays["rate_Hz"] = record.rate_Hz
+    arrays["units"] = np.array([f"{name}={unit}" for name, unit in record.units.items()])
+    try:
+        with whole_file(Path(path)) as part:
+            np.savez_compressed(part, **arrays)
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
+    """Kind, first sample and payload of each chunk, up to the first that is torn."""
+    at = len(FIRST_LINE)
+    while at + _CHUNK.size + _CHECK.size <= len(data):
+        kind, length, first = _CHUNK.unpack_from(data, at)
+        end = at + _CHUNK.size + length
+        if end + _CHECK.size > len(data) or zlib.crc32(data[at:end]) != _CHECK.unpack_from(data, end)[0]:
+            return
+        yield kind, first, data[at + _CHUNK.size : end]
+        at = end + _CHECK.size
+
+
+def _json(file: Path, payload: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(payload)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict):
+        raise CaptureError(f"{file}: a record whose header or end is not as hapscene writes it")
+    return content
+
+
+def _head(file: Path, head: Mapping[str, Any]) -> tuple[float, list[Column]]:
+    """Rate and columns, checked: the file may be anybody's."""
+    try:
+        rate_Hz = float(head["rate_Hz"])
+        columns = [Column(str(c["name"]), str(c["unit"]), float(c["scale"])) for c in head["columns"]]
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise CaptureError(f"{file}: a record whose header lacks its rate or columns") from None
+    fits = 0.0 < rate_Hz < math.inf and all(math.isfinite(c.scale) for c in columns)
+    if not fits or not 1 <= len({c.name for c in columns}) == len(columns) <= COLUMN_MAX:
+        raise CaptureError(f"{file}: a record whose header has an impossible rate, scale or list of columns")
+    return rate_Hz, columns

@@ -1,0 +1,78 @@
+"""A serial port, drained by a thread that does nothing else: a slow disk or terminal costs no samples."""
+
+import os
+import queue
+import threading
+import time
+from typing import Any, Final
+
+from hapscene.errors import CaptureError
+
+POLL_S: Final = 0.05
+"""Longest wait for bytes [s]: half the period of the level meter."""
+
+LUMP_S: Final = 2e-3
+"""How long bytes are let gather once the first is there [s]. Without it every byte wakes the thread; the 4 kB that
+Linux holds in front of a reader last for 2 MB/s."""
+
+
+class Port:
+    """A serial port that a thread of its own drains into a queue."""
+
+    def __init__(self, name: str, baud: int) -> None:
+        """Opens the port.
+
+        Raises:
+            CaptureError: no such port, no permission, in use.
+        """
+        import serial
+
+        try:
+            self._serial: Any = serial.Serial(
+                name, baud, timeout=POLL_S, exclusive=True if os.name == "posix" else None
+            )
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
+        self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._drain, name="hapscene probe", daemon=True)
+        self._thread.start()
+
+    def _drain(self) -> None:
+        try:
+            while not self._closing.is_set():
+                data = self._serial.read(1)
+                if not data:
+                    continue
+                self._closing.wait(LUMP_S)
+                self._pieces.put((data + self._serial.read(self._serial.in_waiting), time.monotonic()))
+        except (OSError, TypeError) as error:  # pyserial raises TypeError when the port closes under it
+            self._pieces.put(_reason(error))
+
+    def next(self) -> tuple[bytes, float] | str | None:
+        """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
+        try:
+            return self._pieces.get(timeout=POLL_S)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Stops the thread, then closes the port."""
+        self._closing.set()
+        self._thread.join()
+        self._serial.close()
+
+
+def _reason(error: BaseException) -> str:
+    """pyserial's reason without its wrapping."""
+    if isinstance(error, OSError) and error.errno and error.strerror:
+        return os.strerror(error.errno).lower()
+    return " ".join(str(error).split())
+
+
+def _ports() -> str:
+    """The ports that are there, for a message."""
+    from serial.tools.list_ports import comports
+
+    names = sorted(port.device for port in comports())
+    return f"; there are: {', '.join(names)}" if names else "; no serial port is there"

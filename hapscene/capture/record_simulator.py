@@ -1,0 +1,99 @@
+"""A probe without hardware: `python -m hapscene.capture.record_simulator` speaks the protocol on a pseudo-terminal.
+
+It prints the port's name; `hapscene capture record --port NAME -o tap.hsrec` in another terminal then records from it.
+A hand strokes back and forth: what it presses and how fast it goes set the level of a surface with two resonances.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from hapscene.capture.record_protocol import Column, Header, header_line, sample_line
+
+COLUMNS: Final = (
+    Column("acceleration", "m/s2", 1e-3),
+    Column("force", "N", 1e-3),
+    Column("tangential_force", "N", 1e-3),
+    Column("speed", "m/s", 1e-4),
+)
+FRICTION: Final = 0.4
+LEVEL: Final = 10.0
+"""Acceleration at 1 N and 1 m/s, root mean square [m/s²]."""
+
+BLOCK_S: Final = 0.01
+"""Time between two writes [s]."""
+
+
+def strokes(rate_Hz: float, seed: int = 0) -> Iterator[np.ndarray]:
+    """Blocks of `BLOCK_S` of counts (k, 4) for `COLUMNS`, without end."""
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(seed)
+    poles = [np.exp((2j * np.pi * f - 160.0) / rate_Hz) for f in (180.0, 420.0)]
+    a = np.poly([*poles, *np.conj(poles)]).real
+    energy = np.sum(lfilter([1.0], a, np.eye(1, round(rate_Hz))[0]) ** 2)
+    state = np.zeros(4)
+    count = max(1, round(BLOCK_S * rate_Hz))
+    scales = np.array([column.scale for column in COLUMNS])
+    n = np.arange(count)
+    while True:
+        t_s = n / rate_Hz
+        force = 1.2 + 0.6 * np.sin(2 * np.pi * 0.31 * t_s)
+        speed = 0.12 * np.sin(2 * np.pi * 0.7 * t_s)
+        excitation = LEVEL / np.sqrt(energy) * np.abs(speed) * force * rng.standard_normal(count)
+        acceleration, state = lfilter([1.0], a, excitation, zi=state)
+        table = np.stack([acceleration, force, FRICTION * force * np.sign(speed), np.abs(speed)], axis=1)
+        yield np.rint(table / scales).astype(np.int64)
+        n = n + count
+
+
+def lines(rate_Hz: float, seed: int = 0, drop: float = 0.0) -> Iterator[bytes]:
+    """What the probe prints in each `BLOCK_S`, the header once a second; lines are left out with probability `drop`."""
+    rng = np.random.default_rng([seed, 1])
+    header = header_line(Header(rate_Hz, COLUMNS))
+    number = 0
+    for turn, counts in enumerate(strokes(rate_Hz, seed)):
+        kept = rng.random(len(counts)) >= drop
+        rows = [sample_line(number + i, row) for i, row in enumerate(counts.tolist()) if kept[i]]
+        yield (header if turn % round(1.0 / BLOCK_S) == 0 else b"") + b"".join(rows)
+        number += len(counts)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the simulator until its time is over or Ctrl-C."""
+    parser = argparse.ArgumentParser(prog="python -m hapscene.capture.record_simulator", description=__doc__)
+    parser.add_argument("--rate", type=float, default=3200.0, metavar="HZ", help="of the samples (default 3200)")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="how long it runs (default: until Ctrl-C)")
+    parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
+    options = parser.parse_args(arguments)
+    if not hasattr(os, "openpty"):
+        parser.error("the simulated probe needs pseudo-terminals: Linux or macOS")
+    import tty
+
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    print(os.ttyname(theirs), flush=True)
+    start_s = time.monotonic()
+    try:
+        for turn, text in enumerate(lines(options.rate, options.seed, options.drop)):
+            if turn * BLOCK_S >= options.seconds:
+                break
+            time.sleep(max(0.0, start_s + turn * BLOCK_S - time.monotonic()))
+            try:
+                os.write(ours, text)
+            except BlockingIOError:
+                continue  # nobody reads: lost, as on a wire
+    except KeyboardInterrupt:
+        return 0
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

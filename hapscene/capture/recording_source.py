@@ -1,0 +1,205 @@
+"""What is in a recording's file, before anything is made of it: columns by name, and the rate where the file says it.
+
+| suffix | read as |
+|---|---|
+| `.wav` | channels "1", "2", …; whole numbers as shares of full scale, ±1; the rate is the file's |
+| `.npz` | arrays by name, (n, 3) as "name_x", "name_y", "name_z"; `rate_Hz` where there; never pickled objects |
+| `.mat` | variables by name, likewise (MATLAB up to version 7, through SciPy) |
+| `.hsrec` | a probe's record (`hapscene capture record`), with its rate and units |
+| any other | text: columns apart by commas, semicolons, tabs or spaces, with or without a line of names |
+"""
+
+import warnings
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import CaptureError
+
+Array = NDArray[np.float64]
+
+BYTES_MAX: Final = 1 << 30
+"""Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
+
+MISSING_MAX: Final = 0.01
+"""Largest share of samples that a probe may have dropped [1]: what lies between is bridged by straight lines."""
+
+AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The content of a file: streams (n,) by name, all of one length; rate and units where the file says them."""
+
+    columns: Mapping[str, Array]
+    rate_Hz: float | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_source(file: Path) -> Source:
+    """Reads the file by its suffix.
+
+    Raises:
+        CaptureError: a file that is missing, too large, not what its suffix says, or not of numbers.
+    """
+    try:
+        if file.stat().st_size > BYTES_MAX:
+            raise CaptureError(f"{file}: larger than {BYTES_MAX >> 20} MiB")
+        reader = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".hsrec": _record}.get(file.suffix.lower(), _text)
+        source = reader(file)
+    except OSError as error:
+        raise CaptureError(f"{file}: cannot be read: {error.strerror or error}") from None
+    lengths = {name: len(column) for name, column in source.columns.items()}
+    if not lengths or min(lengths.values()) == 0:
+        raise CaptureError(f"{file}: holds no streams of numbers")
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name} {count}" for name, count in lengths.items())
+        raise CaptureError(f"{file}: streams of different length ({said}): each needs one sample per time")
+    return source
+
+
+def _text(file: Path) -> Source:
+    try:
+        with file.open(encoding="utf-8-sig") as f:
+            lines = (line for line in f if line.strip() and not line.startswith("#"))
+            first, second = next(lines, ""), next(lines, "")
+    except UnicodeDecodeError:
+        raise CaptureError(f"{file}: not a text file") from None
+    delimiter = next((d for d in (";", "\t", ",") if d in (second or first)), None)
+    names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
+    header = not all(_is_number(name) for name in names)
+    if not names or not names[0]:
+        raise CaptureError(f"{file}: must begin with a header of column names, or with a line of numbers")
+    skip = 0
+    if header:  # the line itself may stand below comments
+        with file.open(encoding="utf-8-sig") as f:
+            skip = 1 + next(i for i, line in enumerate(f) if line == first)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # "no data", which is told below
+            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8-sig")
+    except (ValueError, UnicodeDecodeError) as error:
+        raise CaptureError(f"{file}: not a table of numbers: {error}") from None
+    if len(table) == 0 or table.shape[1] != len(names):
+        raise CaptureError(f"{file}: {len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
+    if not header:
+        names = _numbered(len(names))
+    if len(set(names)) < len(names):
+        raise CaptureError(f"{file}: two columns have one name: {', '.join(names)}")
+    return Source(dict(zip(names, table.T.copy(), strict=True)))
+
+
+def _wav(file: Path) -> Source:
+    from scipy.io import wavfile
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # chunks that it does not know
+            rate, data = wavfile.read(file)
+    except (ValueError, EOFError) as error:
+        raise CaptureError(f"{file}: not a WAV file that can be read: {error}") from None
+    values = np.asarray(data, dtype=np.float64).reshape(len(data), -1)
+    if data.dtype == np.uint8:
+        values = values / 128.0 - 1.0
+    elif data.dtype.kind == "i":
+        values /= float(np.iinfo(data.dtype).max) + 1.0
+    return Source(dict(zip(_numbered(values.shape[1]), values.T.copy(), strict=True)), float(rate))
+
+
+def _npz(file: Path) -> Source:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > BYTES_MAX:
+                raise CaptureError(f"{file}: unpacks to more than {BYTES_MAX >> 20} MiB")
+        with np.load(file, allow_pickle=False) as arrays:
+            return _named(file, {name: arrays[name] for name in arrays.files})
+    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
+        raise CaptureError(f"{file}: not an NPZ file that can be read: {error}") from None
+
+
+def _mat(file: Path) -> Source:
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(file)
+    except NotImplementedError:
+        raise CaptureError(f"{file}: a MATLAB 7.3 file is not read: save it with -v7") from None
+    except OSError:
+        raise
+    except Exception as error:  # the reader names no class of its own for damaged files
+        raise CaptureError(f"{file}: not a MATLAB file that can be read: {error}") from None
+    return _named(file, {name: value for name, value in content.items() if not name.startswith("__")})
+
+
+def _record(file: Path) -> Source:
+    from hapscene.capture.record_file import load_record
+
+    record = load_record(file)
+    columns = {name: _bridged(file, name, stream) for name, stream in record.streams.items()}
+    return Source(columns, record.rate_Hz, record.units)
+
+
+def _named(file: Path, arrays: Mapping[str, Any]) -> Source:
+    """Streams among named arrays; one of three columns is a vector. What is neither is left out."""
+    columns: dict[str, Array] = {}
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.size <= 1:
+            continue
+        rows = np.asarray(array, dtype=np.float64)
+        if rows.ndim == 2 and rows.shape[0] in (1, 3) and rows.shape[1] > 3:
+            rows = rows.T
+        if rows.ndim == 2 and rows.shape[1] == 1:
+            rows = rows[:, 0]
+        if rows.ndim == 1:
+            columns[name] = _bridged(file, name, rows)
+        elif rows.ndim == 2 and rows.shape[1] == 3:
+            parts = zip(AXES, rows.T, strict=True)
+            columns |= {f"{name}_{axis}": _bridged(file, name, part.copy()) for axis, part in parts}
+    rate = arrays.get("rate_Hz")
+    return Source(columns, None if rate is None else _rate(file, rate), _units(arrays.get("units")))
+
+
+def _rate(file: Path, value: Any) -> float:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.size != 1:
+        raise CaptureError(f"{file}: rate_Hz must be one number")
+    return float(array.reshape(-1)[0])
+
+
+def _units(value: Any) -> dict[str, str]:
+    """Units as `hapscene capture record` writes them into an NPZ file: a list of "name=unit"."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind != "U":
+        return {}
+    pairs: Iterable[list[str]] = (str(text).split("=", 1) for text in value.reshape(-1)[:1000])
+    return {pair[0]: pair[1] for pair in pairs if len(pair) == 2}
+
+
+def _bridged(file: Path, name: str, stream: Array) -> Array:
+    """The stream with samples that are NaN, dropped by the probe, put on a straight line."""
+    missing = np.isnan(stream)
+    if not missing.any():
+        return stream
+    share = float(missing.mean())
+    if share > MISSING_MAX:
+        raise CaptureError(
+            f"{file}: {name}: {100 * share:.1f} % of the samples are missing, at most {100 * MISSING_MAX:g} % may be"
+        )
+    index = np.arange(len(stream))
+    return np.where(missing, np.interp(index, index[~missing], stream[~missing]), stream)
+
+
+def _numbered(count: int) -> list[str]:
+    return [str(i + 1) for i in range(count)]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,125 @@
+"""A picture of the states over a recording, above the streams that they were told by."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.channel import Channels
+from hapscene.capture.segment import Segmentation, State
+from hapscene.output import whole_file
+from hapscene.view.palette import INK, OKABE_ITO
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+COLUMN_COUNT: Final = 2000
+"""Columns that a long stream is reduced to, each drawn from its least to its greatest value: peaks stay."""
+
+COLOURS: Final = {
+    State.AIR: "#D5DAE1",
+    State.STILL: OKABE_ITO["sky"],
+    State.SLIDING: OKABE_ITO["green"],
+    State.TAP: OKABE_ITO["vermilion"],
+}
+WORDS: Final = {State.AIR: "no contact", State.STILL: "at rest", State.SLIDING: "sliding", State.TAP: "tap"}
+
+
+def write_states(
+    parts: Sequence[tuple[Channels, Segmentation]], path: str | Path, titles: Sequence[str] = ()
+) -> None:
+    """Draws the states of recordings as PNG, one under the other.
+
+    Args:
+        parts: cleaned recordings and their states, one or more.
+        path: where the file shall be.
+        titles: stand over the recordings.
+
+    Raises:
+        OSError: the folder is missing or cannot be written.
+    """
+    figure = draw_states(parts, titles)
+    with whole_file(path) as part:
+        figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+
+
+def draw_states(parts: Sequence[tuple[Channels, Segmentation]], titles: Sequence[str] = ()) -> "Figure":
+    """The figure that `write_states` writes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = [_streams(*part) for part in parts]
+    heights = [0.7 + 1.5 * len(streams) for streams in rows]
+    figure = Figure(figsize=(13, sum(heights) + 0.7 * len(parts)), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = np.atleast_1d(np.array(figure.subfigures(len(parts), 1, height_ratios=heights), dtype=object))
+    for i, (part, streams, panel) in enumerate(zip(parts, rows, panels, strict=True)):
+        _draw(panel, part[1], streams, titles[i] if i < len(titles) else "")
+    return figure
+
+
+_Stream = tuple[str, Array, float | None]  # label, values, threshold
+
+
+def _streams(channels: Channels, states: Segmentation) -> list[_Stream]:
+    """What is drawn: the vibration, and every stream that changes."""
+    streams: list[_Stream] = [("acceleration\n[m/s²]", channels.acceleration_m_s2, None)]
+    if np.ptp(channels.force_N) > 0.0:
+        streams.append(("normal force\n[N]", channels.force_N, states.force_on_N))
+    if np.ptp(channels.speed_m_s) > 0.0:
+        on = states.speed_on_m_s
+        streams.append(("speed\n[mm/s]", 1e3 * channels.speed_m_s, None if on is None else 1e3 * on))
+    if channels.depth_m is not None:
+        streams.append(("depth\n[mm]", 1e3 * channels.depth_m, None))
+    return streams
+
+
+def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) -> None:
+    """One recording: a strip of states, and the streams below it."""
+    axes = panel.subplots(1 + len(streams), 1, sharex=True, height_ratios=[0.35] + [1.0] * len(streams))
+    strip, seconds = axes[0], len(states.states) / states.rate_Hz
+    for state, colour in COLOURS.items():
+        if not states.seconds(state):
+            continue
+        spans = [(start / states.rate_Hz, (end - start) / states.rate_Hz) for start, end in states.runs(state)]
+        label = f"{WORDS[state]} ({states.seconds(state):.1f} s)"
+        strip.broken_barh(spans, (0, 1), facecolor=colour, linewidth=0, label=label)
+        for ax in axes[1:]:
+            for start, length in spans:
+                ax.axvspan(start, start + length, facecolor=colour, alpha=0.25, linewidth=0)
+    pieces = states.stationary()
+    for change in states.changes:
+        strip.axvline(change / states.rate_Hz, color=INK, linewidth=1.2)
+    if states.changes:
+        strip.plot([], [], color=INK, linewidth=1.2, label=f"change of vibration ({len(pieces)} pieces)")
+    strip.set(ylim=(0, 1), yticks=[], xlim=(0, seconds))
+    strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=10, borderaxespad=0.2)
+    for ax, (label, values, threshold) in zip(axes[1:], streams, strict=True):
+        _draw_stream(ax, values, states.rate_Hz)
+        if threshold is not None:
+            ax.axhline(threshold, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+            ax.annotate(
+                "on", (1.0, threshold), xycoords=("axes fraction", "data"), xytext=(4, 0),
+                textcoords="offset points", va="center", fontsize=9, color=INK,
+            )  # fmt: skip
+        ax.set_ylabel(label)
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[-1].set_xlabel("time [s]")
+    panel.align_ylabels(axes[1:])
+    panel.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
+
+
+def _draw_stream(ax: "Axes", values: Array, rate_Hz: float) -> None:
+    """A stream with every peak kept."""
+    length = max(1, len(values) // COLUMN_COUNT)
+    count = len(values) // length
+    rows = values[: count * length].reshape(count, length)
+    t_s = (np.arange(count) + 0.5) * length / rate_Hz
+    low, high = rows.min(axis=1), rows.max(axis=1)
+    ax.fill_between(t_s, low, high, facecolor=INK, edgecolor=INK, linewidth=0.6)

@@ -1,0 +1,108 @@
+"""Stiffness of a surface: the slope of normal force over depth while it is loaded, with its 95 % interval."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.channel import HAND_CUTOFF_HZ, Channels
+from hapscene.capture.segment import Segmentation, State, runs
+
+Array = NDArray[np.float64]
+
+RANGE: Final = (0.1, 0.9)
+"""Part of a loading that is used, as shares of its largest force [1]: below, the contact is not whole; above, it
+creeps."""
+
+SETTLE_S: Final = 0.006
+"""What is left out after the beginning of a contact [s]: the low-pass mixes the approach into it."""
+
+LOADINGS_MIN: Final = 4
+"""Fewest loadings that are drawn as wholes for the interval [count]; of fewer, pieces are."""
+
+CORRELATION_MIN: Final = 0.9
+"""Least correlation of force and depth at which they are taken for a spring [1]."""
+
+DRAWS: Final = 400
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """The slope [N/m] with its 95 % interval, or None and the reason."""
+
+    slope_N_m: float | None
+    interval: tuple[float, float] | None = None
+    reason: str = ""
+
+
+def fit_stiffness(parts: Sequence[tuple[Channels, Segmentation]]) -> Stiffness:
+    """The stiffness of recordings of one surface.
+
+    A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide. Force and
+    depth of each are taken about their means, so that a zero of depth that drifts does no harm; the slope is that of
+    the line through all (Huber's weights). The interval is a bootstrap's over loadings.
+    """
+    with_depth = [(channels, states) for channels, states in parts if channels.depth_m is not None]
+    if not with_depth:
+        return Stiffness(None, reason="the recording holds no depth")
+    if all(states.force_on_N is None for _, states in with_depth):
+        return Stiffness(None, reason="the recording holds no force that changes")
+    loadings = [loading for channels, states in with_depth for loading in _loadings(channels, states)]
+    if not loadings:
+        return Stiffness(None, reason="the tool never presses into the surface without sliding")
+    depth, force = (np.concatenate([loading[i] for loading in loadings]) for i in (0, 1))
+    correlation = float((depth * force).sum() / np.sqrt((depth**2).sum() * (force**2).sum() + 1e-300))
+    if correlation < CORRELATION_MIN:
+        return Stiffness(None, reason=f"force and depth are no line while the tool presses (r = {correlation:.2f})")
+    if len(loadings) < LOADINGS_MIN:
+        pieces = max(LOADINGS_MIN, 12 // len(loadings))
+        loadings = [(d, f) for a, b in loadings for d, f in zip(_split(a, pieces), _split(b, pieces), strict=True)]
+    sums = np.array([_weighted_sums(d, f, _slope(depth, force)) for d, f in loadings if len(d)])
+    rng = np.random.default_rng(0)
+    drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    return Stiffness(_slope(depth, force), (float(low), float(high)))
+
+
+def _loadings(channels: Channels, states: Segmentation) -> list[tuple[Array, Array]]:
+    """Depth and force (m,) of each loading about their means, thinned to what the low-pass leaves independent."""
+    assert channels.depth_m is not None and states.force_on_N is not None
+    step = max(1, round(channels.rate_Hz / (4.0 * HAND_CUTOFF_HZ)))
+    found = []
+    contact = (channels.force_N > states.force_on_N) & (states.states != State.SLIDING)
+    for start, end in runs(contact):
+        force = channels.force_N[start:end]
+        top = int(np.argmax(force))
+        share = force[: top + 1] / force[top]
+        loading = np.flatnonzero((share >= RANGE[0]) & (share <= RANGE[1]))
+        loading = loading[loading >= SETTLE_S * channels.rate_Hz]
+        fresh = start == 0 or channels.force_N[start - 1] <= states.force_on_N  # else it slid into rest
+        if not fresh or len(loading) < 3 * step or force[top] < 4.0 * states.force_on_N:
+            continue
+        chosen = start + loading[::step]
+        depth, pressed = channels.depth_m[chosen], channels.force_N[chosen]
+        if np.ptp(depth) > 0.0:
+            found.append((depth - depth.mean(), pressed - pressed.mean()))
+    return found
+
+
+def _split(values: Array, count: int) -> list[Array]:
+    return np.array_split(values, count)
+
+
+def _slope(depth: Array, force: Array) -> float:
+    """The slope of the line through the origin, by Huber's weights."""
+    slope = float((depth * force).sum() / (depth**2).sum())
+    for _ in range(10):
+        top, bottom = _weighted_sums(depth, force, slope)
+        slope = top / bottom
+    return slope
+
+
+def _weighted_sums(depth: Array, force: Array, slope: float) -> tuple[float, float]:
+    away = np.abs(force - slope * depth)
+    bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-12
+    weight = np.minimum(1.0, bound / np.maximum(away, 1e-12))
+    return float((weight * depth * force).sum()), float((weight * depth**2).sum())

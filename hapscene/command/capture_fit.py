@@ -1,0 +1,123 @@
+"""`hapscene capture fit`."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from hapscene.command.recording_option import add_recording_options, recording_options
+from hapscene.command.word import add_command, name_made
+from hapscene.constants import ORDER_MAX
+
+if TYPE_CHECKING:
+    from hapscene.surface.swatch import Swatch
+
+
+def add_capture_fit(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "fit",
+        _fit,
+        "fit a swatch to recordings of a tool on one surface",
+        "hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \\",
+        "    --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N",
+        "hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'",
+        "hapscene capture fit oak.npz --name oak -o oak.swatch --plot states.png",
+    )
+    command.add_argument(
+        "recordings", metavar="RECORDING", nargs="+",
+        help="CSV, text, WAV, NPZ, MAT or .hsrec; several of one surface are pooled",
+    )  # fmt: skip
+    command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
+    command.add_argument("-o", "--out", metavar="SWATCH", required=True, help="the .swatch file to write")
+    command.add_argument(
+        "--order", type=_order, default="auto", metavar="N", help="of the texture's models (default: auto, held-out data)"
+    )
+    command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
+    add_recording_options(command)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from hapscene import __version__
+    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.segment import State
+    from hapscene.capture.segment_plot import WORDS, write_states
+    from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.errors import CaptureError, SwatchError
+    from hapscene.surface.swatch_file import SUFFIX, save_swatch
+    from hapscene.touch import speak
+
+    if Path(options.out).suffix != SUFFIX:
+        raise SwatchError(f"{options.out}: a swatch's file name must end in {SUFFIX}")
+    parts = []
+    for path in options.recordings:
+        speak(f"reading {path}\n")
+        recording = load_surface_recording(path, **recording_options(options))
+        try:
+            part = prepare(recording)
+        except CaptureError as error:
+            raise CaptureError(f"{path}: {error}") from None
+        parts.append(part)
+        held = (f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in State if part[1].seconds(state))
+        speak(f"  {', '.join(held)}\n")
+    made = []
+    if options.plot is not None:  # before the fit: it shows why one may fail
+        write_states(parts, options.plot, [Path(path).name for path in options.recordings])
+        made.append(Path(options.plot))
+    speak("fitting\n")
+    swatch = fit_parts(parts, options.name or Path(options.out).stem, options.order)
+    files = ", ".join(Path(path).name for path in options.recordings)
+    provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
+    swatch = replace(swatch, provenance=provenance)
+    save_swatch(swatch, options.out)
+    print("\n".join(summary(swatch)))
+    name_made([Path(options.out), *made])
+    return 0
+
+
+def summary(swatch: "Swatch") -> list[str]:
+    """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
+    import numpy as np
+
+    lines = [f"{swatch.name}:"]
+    texture, taps = swatch.texture, swatch.taps
+    if texture is not None:
+        count = int(np.count_nonzero(texture.variance_m2_s4))
+        lines.append(
+            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, up to "
+            f"{texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
+        )
+    if swatch.friction_dynamic > 0.0:
+        lines.append(f"  friction: dynamic {_number(swatch, 'friction_dynamic', '.3f')}")
+        lines.append(f"            static {_number(swatch, 'friction_static', '.3f')}")
+    if "stiffness_N_m" in swatch.intervals:
+        lines.append(f"  stiffness: {_number(swatch, 'stiffness_N_m', '.0f')} N/m")
+    for i, speed in enumerate(() if taps is None else taps.approach_m_s):
+        assert taps is not None
+        frequency, decay = swatch.intervals.get(f"taps.frequency_Hz[{i}]"), swatch.intervals.get(f"taps.decay_1_s[{i}]")
+        lines.append(
+            f"  tap at {1e3 * speed:.0f} mm/s: {taps.amplitude_m_s2[i]:.3g} m/s², {taps.frequency_Hz[i]:.1f} "
+            f"{_interval(frequency, '.1f')} Hz, decay {taps.decay_1_s[i]:.0f} {_interval(decay, '.0f')} 1/s"
+        )
+    if swatch.intervals:
+        lines.append("  in brackets: 95 % intervals")
+    lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
+    return lines
+
+
+def _number(swatch: "Swatch", name: str, form: str) -> str:
+    return f"{getattr(swatch, name):{form}} {_interval(swatch.intervals.get(name), form)}".rstrip()
+
+
+def _interval(pair: tuple[float, float] | None, form: str) -> str:
+    return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
+
+
+def _order(text: str) -> int | Literal["auto"]:
+    if text == "auto":
+        return "auto"
+    value = int(text) if text.isdecimal() else 0
+    if not 1 <= value <= ORDER_MAX:
+        raise argparse.ArgumentTypeError(f'an order is "auto" or a whole number from 1 to {ORDER_MAX}')
+    return value

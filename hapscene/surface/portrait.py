@@ -1,0 +1,107 @@
+"""A swatch in figures and in words: how stiff, how rough, how slippery it is."""
+
+from typing import Final
+
+import numpy as np
+
+from hapscene.surface.swatch import Swatch
+
+FORCE_N: Final = 1.0
+"""Normal force that roughness is told at [N]: a light stroke."""
+
+SPEED_M_S: Final = 0.1
+"""Slip speed that roughness is told at [m/s]: a slow stroke."""
+
+TAP_M_S: Final = 0.1
+"""Approach speed that hardness is told at [m/s]."""
+
+_WORDS: Final = {
+    # bounds are steps that are surely told apart: 22 % in compliance (Tan et al. 1995), 2 to 3 dB in level (Israr et
+    # al. 2006), 11 % in friction (Gueorguiev et al. 2017); several of them to a word
+    "stiffness_N_m": ((150.0, "very soft"), (400.0, "soft"), (800.0, "firm"), (1600.0, "stiff"), (np.inf, "rigid")),
+    "roughness_m_s2": (
+        (0.05, "smooth"),
+        (0.5, "fine-grained"),
+        (1.5, "slightly rough"),
+        (5.0, "rough"),
+        (np.inf, "very rough"),
+    ),
+    "friction_dynamic": ((0.15, "slippery"), (0.35, "sliding easily"), (0.7, "grippy"), (np.inf, "very grippy")),
+}
+
+
+def figures(swatch: Swatch) -> dict[str, float]:
+    """What can be said of a swatch in numbers, by name with the unit; what it lacks is left out.
+
+    `roughness_m_s2` is the root mean square of the acceleration at 1 N and 0.1 m/s (a texture that reaches less far is
+    asked at its maximum), `tap_m_s2` and `tap_Hz` the tap at 0.1 m/s.
+    """
+    found = {
+        "stiffness_N_m": swatch.stiffness_N_m,
+        "damping_Ns_m": swatch.damping_Ns_m,
+        "friction_static": swatch.friction_static,
+        "friction_dynamic": swatch.friction_dynamic,
+    }
+    texture = swatch.texture
+    if texture is not None:
+        found["roughness_m_s2"] = float(np.sqrt(texture.power([FORCE_N], [SPEED_M_S])[0]))
+        found |= {"rate_Hz": texture.rate_Hz, "order": float(texture.order), "models": float(len(texture.force_N))}
+        found |= {"force_max_N": texture.force_max_N, "speed_max_m_s": texture.speed_max_m_s}
+    if swatch.taps is not None:
+        tap = swatch.taps.at(TAP_M_S)
+        found |= {"tap_m_s2": tap.amplitude_m_s2, "tap_Hz": tap.frequency_Hz}
+    return found
+
+
+def words(numbers: dict[str, float]) -> list[str]:
+    """The same in words, as ["firm", "rough", "grippy"]; a figure that is missing says nothing."""
+    said = []
+    for key, steps in _WORDS.items():
+        if key in numbers:
+            said.append(next(word for bound, word in steps if numbers[key] < bound))
+    return said
+
+
+def lines(swatch: Swatch) -> list[str]:
+    """A swatch told to a reader: words, every figure with its unit, provenance, licence."""
+    found = figures(swatch)
+    told = [f"{swatch.name}: {', '.join(words(found))}", ""]
+    told += [_line("stiffness", f"{swatch.stiffness_N_m:.4g} N/m" + _measured(swatch, "stiffness_N_m"))]
+    told += [_line("damping", f"{swatch.damping_Ns_m:.4g} N·s/m" + _measured(swatch, "damping_Ns_m"))]
+    static, dynamic = _measured(swatch, "friction_static"), _measured(swatch, "friction_dynamic")
+    told += [_line("friction", f"{swatch.friction_static:.3g} static{static}")]
+    told += [_line("", f"{swatch.friction_dynamic:.3g} dynamic{dynamic}")]
+    texture, taps = swatch.texture, swatch.taps
+    if texture is None:
+        told.append(_line("texture", "none" + _measured(swatch, "texture")))
+    else:
+        at_N, at_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
+        told.append(_line("roughness", f"{found['roughness_m_s2']:.3g} m/s² rms at {at_N:.3g} N and {at_m_s:.3g} m/s"))
+        size = f"{len(texture.force_N)} models of order {texture.order} at {texture.rate_Hz:g} Hz"
+        reach = f"to {texture.force_max_N:.3g} N and {texture.speed_max_m_s:.3g} m/s"
+        told.append(_line("texture", f"{size}, {reach}, blended as {texture.interpolation!r}"))
+    if taps is None:
+        told.append(_line("taps", "none" + _measured(swatch, "taps")))
+    else:
+        speeds = f"{len(taps.approach_m_s)} from {taps.approach_m_s[0]:.3g} to {taps.approach_m_s[-1]:.3g} m/s"
+        peak = f"at {TAP_M_S:g} m/s: {found['tap_m_s2']:.3g} m/s², {found['tap_Hz']:.3g} Hz"
+        told.append(_line("taps", f"{speeds}; {peak}"))
+    told.append(_line("colour", " ".join(f"{c:.2f}" for c in swatch.albedo_rgb) + " (red green blue, 0 to 1)"))
+    for effect, numbers in swatch.effects.items():
+        told.append(_line(effect, ", ".join(f"{param} {value:g}" for param, value in numbers.items())))
+    told += [_line("provenance", " ".join(swatch.provenance.split()) or "not stated")]
+    told += [_line("licence", " ".join(swatch.licence.split()) or "not stated")]
+    return told
+
+
+def _measured(swatch: Swatch, name: str) -> str:
+    """How sure a figure is, or why it is an assumption."""
+    if name in swatch.intervals:
+        low, high = swatch.intervals[name]
+        return f" (95 %: {low:.3g} to {high:.3g})"
+    return f" (assumed: {swatch.absent[name]})" if name in swatch.absent else ""
+
+
+def _line(what: str, told: str) -> str:
+    """One line; what could steer a terminal is shown as a box."""
+    return f"  {what:<11} " + "".join(c if c.isprintable() else "�" for c in told)

@@ -1,0 +1,397 @@
+"""Files of the Penn Haptic Texture Toolkit, held to an independent reference of its query."""
+
+import random
+import shutil
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from hapscene import cli
+from hapscene.capture.hatt import export_hatt, import_hatt
+from hapscene.capture.hatt_batch import import_many
+from hapscene.capture.hatt_file import read_models, read_taps
+from hapscene.errors import SwatchError
+from hapscene.surface.swatch import PLAIN
+from hapscene.surface.swatch_file import load_swatch
+
+Array = NDArray[np.float64]
+
+FREQUENCY = np.linspace(0.05, np.pi, 400)  # rad
+
+
+def polynomial(lsf: Array) -> Array:
+    """Coefficients of line spectral frequencies, by the textbook: roots multiplied out, (P + Q)/2."""
+    on_circle = np.exp(1j * lsf)
+    odd, even = on_circle[0::2], on_circle[1::2]
+    p = np.poly(np.concatenate([odd, odd.conj()])) if len(odd) else np.ones(1)
+    q = np.poly(np.concatenate([even, even.conj()])) if len(even) else np.ones(1)
+    if len(lsf) % 2 == 0:
+        p, q = np.convolve(p, [1, 1]), np.convolve(q, [1, -1])
+    else:
+        q = np.convolve(q, [1, 0, -1])
+    return np.real(p + q)[: len(lsf) + 1] / 2
+
+
+def response(coefficients: Array) -> Array:
+    return np.abs(np.exp(-1j * np.outer(FREQUENCY, np.arange(len(coefficients)))) @ coefficients)
+
+
+@dataclass
+class Toolkit:
+    """The toolkit's query: its own reading of the XML, a plain search of the triangle, barycentric blends."""
+
+    path: Path
+
+    def __post_init__(self) -> None:
+        root = ElementTree.parse(self.path).getroot()
+
+        def rows(element: ElementTree.Element | None) -> list[float]:
+            return [] if element is None else [float(v.text or "nan") for v in element.findall("value")]
+
+        models = root.findall("model")
+        self.speed = np.array([float(m.findtext("speedMod", "nan")) for m in models])
+        self.force = np.array([float(m.findtext("forceMod", "nan")) for m in models])
+        self.variance = np.array([float(m.findtext("var", "nan")) for m in models])
+        self.gain = np.array([float(m.findtext("gain", "1")) for m in models])
+        self.ar = np.array([rows(m.find("ARlsf")) for m in models])
+        self.ma = np.array([rows(m.find("MAlsf")) for m in models])
+        self.triangles = [[int(v) - 1 for v in rows(tri)] for tri in root.findall("tri")]
+        self.max_speed = float(root.findtext("maxSpeed", "nan"))
+        self.max_force = float(root.findtext("maxForce", "nan"))
+
+    def query(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
+        """|C/A|² at FREQUENCY and the excitation's variance with the gain."""
+        x, y = min(1e3 * speed_m_s, self.max_speed), min(force_N, self.max_force)
+        for triangle in self.triangles:
+            corners = np.array([self.speed[triangle], self.force[triangle], np.ones(3)])
+            if abs(np.linalg.det(corners)) < 1e-9:
+                continue
+            weight = np.linalg.solve(corners, [x, y, 1.0])
+            if weight.min() >= -1e-12:
+                break
+        else:
+            raise AssertionError("outside of all triangles")
+        numerator = response(polynomial(weight @ self.ma[triangle])) if self.ma.size else 1.0
+        shape = (numerator / response(polynomial(weight @ self.ar[triangle]))) ** 2
+        return shape, float((weight @ self.gain[triangle]) ** 2 * (weight @ self.variance[triangle]))
+
+
+def spectrum_off_dB(a: Array, shape: Array) -> Array:
+    return np.asarray(10.0 * np.log10(response(a) ** -2.0 / shape))
+
+
+def values(name: str, numbers: Array, text: str = "{:.6f}") -> str:
+    return f"<{name}>" + "".join(f"<value>{text.format(v)}</value>" for v in numbers) + f"</{name}>\n"
+
+
+def filters(rng: np.random.Generator, count: int, pairs: int, low: float, high: float) -> list[Array]:
+    """Line spectral frequencies of filters with so many pairs of roots of radius low to high."""
+    found = []
+    for angle in np.sort(rng.uniform(0.15, 2.9, (count, pairs)), axis=1):
+        roots = rng.uniform(low, high, pairs) * np.exp(1j * (0.5 * angle + 0.5 * np.linspace(0.3, 2.7, pairs)))
+        a = np.real(np.poly(np.concatenate([roots, roots.conj()])))
+        longer = np.append(a, 0)
+        angles = [np.angle(np.roots(longer + sign * longer[::-1])) for sign in (1, -1)]
+        found.append(np.sort(np.concatenate([w[(w > 1e-6) & (w < np.pi - 1e-6)] for w in angles])))
+    return found
+
+
+def write_models(path: Path, seed: int, pairs: int = 8, zeros: int = 0, rate: int = 10000, side: int = 5) -> Path:
+    """A made-up file in the toolkit's layout: an irregular plane, of very unlike models."""
+    rng = np.random.default_rng(seed)
+    speed, force = map(np.ravel, np.meshgrid(np.linspace(0, 237.5, side), np.linspace(0, 3.1, side)))
+    inner = (speed > 0) & (speed < 237.5) & (force > 0) & (force < 3.1)
+    speed, force = speed + inner * rng.uniform(-20, 20, speed.size), force + inner * rng.uniform(-0.2, 0.2, force.size)
+    triangles = Delaunay(np.stack([speed / 237.5, force / 3.1], axis=1)).simplices + 1
+    variance = 1e-4 * speed * force * rng.uniform(0.5, 2, speed.size)
+    ar, ma = filters(rng, speed.size, pairs, 0.7, 0.95), filters(rng, speed.size, zeros // 2, 0.4, 0.85)
+    text = f'<?xml version="1.0" encoding="utf-8"?>\n<modelSet texture="0"><material>Made up {seed}</material>\n'
+    text += "<AccelUnits>m/s^2</AccelUnits><SpeedUnits>mm/s</SpeedUnits><ForceUnits>N</ForceUnits>\n"
+    text += f"<SampleRate>{rate}</SampleRate><mu>0.4</mu><numMod>{speed.size}</numMod>"
+    text += f"<numTri>{len(triangles)}</numTri><maxSpeed>{speed.max():f}</maxSpeed><maxForce>{force.max():f}</maxForce>"
+    text += values("speedList", speed) + values("forceList", force)
+    text += "".join(values("tri", tri, "{:d}") for tri in triangles)
+    text += f"<numARCoeff>{2 * pairs}</numARCoeff><numMACoeff>{zeros}</numMACoeff>"
+    for i in range(speed.size):
+        text += f"<model><modNum>{i + 1}</modNum>" + values("ARcoeff", polynomial(ar[i]), "{:.20f}")
+        text += values("ARlsf", ar[i]) + values("MAcoeff", polynomial(ma[i]) if zeros else np.ones(1), "{:.20f}")
+        text += values("MAlsf", ma[i] if zeros else np.empty(0)) + f"<var>{variance[i]:.10f}</var>"
+        text += f"<gain>{0.5 + speed[i] / 300:.6f}</gain>" if zeros else ""
+        text += f"<speedMod>{speed[i]:f}</speedMod><forceMod>{force[i]:f}</forceMod></model>\n"
+    path.write_text(text + "</modelSet>\n", encoding="utf-8")
+    return path
+
+
+def places(count: int) -> Array:
+    """Forces and speeds: anywhere, on the far sides, beyond them."""
+    rng = np.random.default_rng(1)
+    inside = rng.uniform(0.01, 1, (count, 2)) * [3.1, 0.2375]
+    edge = [[3.1, 0.1], [1.0, 0.2375], [3.1, 0.2375], [9.0, 0.1], [1.0, 2.0], [50.0, 50.0]]
+    return np.concatenate([inside, edge])
+
+
+@pytest.mark.parametrize(("seed", "pairs"), [(0, 7), (1, 8), (2, 10)])
+def test_answers_are_the_toolkits(tmp_path: Path, seed: int, pairs: int) -> None:
+    path = write_models(tmp_path / "Models_x.xml", seed, pairs)
+    reference, swatch = Toolkit(path), import_hatt(path)
+    assert swatch.texture is not None and swatch.texture.rate_Hz == 10000 and swatch.texture.order == 2 * pairs
+    asked = places(100)
+    for (force_N, speed_m_s), a, ours in zip(asked, *swatch.texture.models(*asked.T), strict=True):
+        shape, variance = reference.query(force_N, speed_m_s)
+        assert np.abs(spectrum_off_dB(a, shape)).max() < 1e-6  # asked for: 0.1 dB
+        assert ours == pytest.approx(variance, rel=1e-9)  # asked for: 1e-4
+
+
+def test_the_example_of_the_layout(shared: Path) -> None:
+    folder = shared / "data" / "hatt_format"
+    swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")
+    reference = Toolkit(folder / "Models_example.xml")
+    assert swatch.name == "Made-up Example" and swatch.friction_static == swatch.friction_dynamic == 0.31
+    assert swatch.texture is not None and swatch.taps is not None
+    np.testing.assert_array_equal(swatch.texture.triangles, reference.triangles)
+    asked = places(100)
+    for (force_N, speed_m_s), a, ours in zip(asked, *swatch.texture.models(*asked.T), strict=True):
+        shape, variance = reference.query(force_N, speed_m_s)
+        assert np.abs(spectrum_off_dB(a, shape)).max() < 1e-6
+        assert ours == pytest.approx(variance, rel=1e-9)
+    np.testing.assert_allclose(swatch.taps.approach_m_s, [0.01, 0.06, 0.2])
+    np.testing.assert_allclose(swatch.taps.frequency_Hz, 180.0, rtol=1e-3)  # the file is made of one sinusoid
+    np.testing.assert_allclose(swatch.taps.decay_1_s, 80.0, rtol=1e-3)
+    assert swatch.taps.transient(0.06, 1000.0).shape == (100,) and "stiffness_N_m" in swatch.absent
+    assert "not be passed on" in swatch.licence and "Models_example.xml" in swatch.provenance
+
+
+@pytest.mark.parametrize("zeros", [2, 6])
+def test_models_with_zeros_are_converted_to_the_stated_error(tmp_path: Path, zeros: int) -> None:
+    from hapscene.capture.arma import as_texture
+
+    path = write_models(tmp_path / "Models_x.xml", 3, 4, zeros, 1000, side=3)
+    reference, made = Toolkit(path), as_texture(read_models(path))
+    assert made.error_at_models_dB < 0.1 and made.error_rms_dB < 0.15
+    off = []
+    for force_N, speed_m_s in zip(reference.force, 1e-3 * reference.speed, strict=True):
+        if force_N * speed_m_s > 0:
+            shape, variance = reference.query(force_N, speed_m_s)
+            a, ours = made.texture.model(force_N, speed_m_s)
+            assert np.abs(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours)).max() < 0.1
+    asked = places(100)
+    for (force_N, speed_m_s), a, ours in zip(asked, *made.texture.models(*asked.T), strict=True):
+        shape, variance = reference.query(force_N, speed_m_s)
+        if variance == 0.0:  # between silent models
+            assert ours == 0.0
+            continue
+        off.append(spectrum_off_dB(a, shape * variance) + 10 * np.log10(ours))
+    assert np.sqrt(np.mean(np.square(off))) < 0.2 and np.abs(off).max() < 2 * made.error_max_dB + 0.2
+    assert "turned into" in import_hatt(path).provenance
+
+
+def test_export_comes_back_to_the_bit(tmp_path: Path, shared: Path) -> None:
+    folder = shared / "data" / "hatt_format"
+    swatch = import_hatt(folder / "Models_example.xml", folder / "Taps_example.xml")
+    export_hatt(swatch, tmp_path / "Models_x.xml", tmp_path / "Taps_x.xml")
+    again = import_hatt(tmp_path / "Models_x.xml", tmp_path / "Taps_x.xml")
+    assert again.texture == swatch.texture
+    ours, theirs = read_taps(tmp_path / "Taps_x.xml"), read_taps(folder / "Taps_example.xml")
+    np.testing.assert_array_equal(ours.acceleration_m_s2, theirs.acceleration_m_s2)
+    tags = [e.tag for e in ElementTree.parse(tmp_path / "Models_x.xml").iter()]
+    layout = [e.tag for e in ElementTree.parse(folder / "Models_example.xml").iter() if e.tag != "renderPicture"]
+    assert tags == layout
+
+
+def test_a_fitted_swatch_is_exported_with_all_its_digits(tmp_path: Path) -> None:
+    wood = load_swatch("wood")
+    export_hatt(wood, tmp_path / "Models_wood.xml", rate_Hz=None)
+    again = import_hatt(tmp_path / "Models_wood.xml")
+    assert wood.texture is not None and again.texture is not None
+    np.testing.assert_array_equal(again.texture.lsf_rad, wood.texture.lsf_rad)
+    np.testing.assert_allclose(again.texture.speed_m_s, wood.texture.speed_m_s, rtol=1e-14)
+    export_hatt(wood, tmp_path / "Models_1k.xml", rate_Hz=1000.0)
+    assert read_models(tmp_path / "Models_1k.xml").rate_Hz == 1000
+    export_hatt(wood, tmp_path / "Models_1k.xml", tmp_path / "Taps_1k.xml", rate_Hz=1000.0)
+    assert wood.taps is not None
+    wave = wood.taps.transient(float(wood.taps.approach_m_s[0]), 1000.0)
+    taps = read_taps(tmp_path / "Taps_1k.xml").acceleration_m_s2
+    np.testing.assert_allclose(taps[0][: min(100, len(wave))], wave[:100], rtol=1e-12)
+    with pytest.raises(SwatchError, match="no texture"):
+        export_hatt(PLAIN, tmp_path / "x.xml")
+    with pytest.raises(SwatchError, match="cannot be written"):
+        export_hatt(wood, tmp_path / "no" / "x.xml")
+
+
+def edited(text: str, *changes: tuple[str, str]) -> str:
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def test_odd_but_readable_files(tmp_path: Path) -> None:
+    path = write_models(tmp_path / "Models_x.xml", 0)
+    plain, text = import_hatt(path).texture, path.read_text(encoding="utf-8")
+    assert plain is not None
+    count = int(ElementTree.fromstring(text).findtext("numTri", "0"))
+    flat = "<tri><value>1</value><value>2</value><value>3</value></tri>\n<tri><value>4</value><value>4</value>"
+    flat += "<value>5</value></tri>\n<tri>"
+    degenerate = edited(text, ("<tri>", flat), (f"<numTri>{count}", f"<numTri>{count + 2}"))
+    models = text.index("<model>")
+    end = text.index("</modelSet>")
+    shuffled = text[:models] + "".join(reversed(text[models:end].splitlines(keepends=True)))
+    shuffled = shuffled.replace("</model>\n<var>", "<var>")
+    odd = {
+        "degenerate": degenerate,
+        "spaces": text.replace("<value>", "<value>\n\t ").replace("</value>", "  </value>"),
+        "namespace": text.replace("<modelSet ", '<modelSet xmlns="urn:x" '),
+        "comment": text.replace("<tri>", "<!-- a triangle --><tri>"),
+        "no units": text.replace("<AccelUnits>m/s^2</AccelUnits><SpeedUnits>mm/s</SpeedUnits>", ""),
+        "no counts": text.replace(f"<numTri>{count}</numTri>", "").replace("<numMod>25</numMod>", ""),
+    }
+    for name, other in odd.items():
+        path.write_text(other, encoding="utf-8")
+        texture = import_hatt(path).texture
+        assert texture == plain, name
+    path.write_text(degenerate, encoding="utf-8")
+    assert "2 triangles without area" in import_hatt(path).provenance
+    path.write_text(text.replace("<mu>0.4</mu>", "").replace("<ARlsf>", "<other>").replace("</ARlsf>", "</other>"))
+    swatch = import_hatt(path)
+    assert swatch.friction_dynamic == 0 and swatch.texture is not None
+    np.testing.assert_allclose(swatch.texture.lsf_rad, plain.lsf_rad, atol=1e-6)
+    assert "mu is missing" in swatch.provenance and "more of this kind" in swatch.provenance
+
+
+BAD: dict[str, tuple[tuple[str, str], str]] = {
+    "unit": (("mm/s</Speed", "furlong</Speed"), r"<SpeedUnits>: expected mm/s, found 'furlong'"),
+    "acceleration": (("m/s^2", "g"), r"<AccelUnits>: expected m/s\^2, found 'g'"),
+    "rate": (("10000", "0"), r"<SampleRate>: expected 100 to 1000000 Hz, found 0"),
+    "rate word": (("10000", "fast"), r"<SampleRate>: expected a finite number, found 'fast'"),
+    "cut": (("<numMod>25", "<numMod>26"), r"<numMod>: expected the number of <model> elements, 25, found 26"),
+    "triangle": (("<tri><value>", "<tri><value>9"), r"<tri> 1: expected three numbers of models, 1 to 25"),
+    "short": (("<ARlsf><value>", "<ARlsf><value>0.001</value><value>"), r"<model> 1, <ARlsf>: expected 16 numbers"),
+    "nan": (("<var>", "<var>nan "), r"<model> 1, <var>: expected a finite number, found 'nan"),
+    "huge": (("<var>", "<var>1e999"), r"<model> 1, <var>: expected a finite number"),
+    "negative": (("<var>", "<var>-1"), r"<model> 1, <var>: expected 0 or more, found -1"),
+    "no var": (("<var>", "<v>"), "not XML"),
+    "mu": (("<mu>0.4", "<mu>40"), "friction must be"),
+    "other root": (("<modelSet ", "<modelset "), "not XML"),
+    "speed": (("<speedMod>0.0", "<speedMod>7.0"), r"<model> 1, <speedMod>: expected 0 as in <speedList>, found 7"),
+    "first": (("<ARcoeff><value>1", "<ARcoeff><value>2"), r"<model> 1, <ARcoeff>, value 1: expected 1, found 2"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_broken_files_are_told_precisely(tmp_path: Path, case: str) -> None:
+    change, message = BAD[case]
+    path = write_models(tmp_path / "Models_x.xml", 0)
+    path.write_text(edited(path.read_text(encoding="utf-8"), change), encoding="utf-8")
+    with pytest.raises(SwatchError, match=message) as caught:
+        import_hatt(path)
+    assert str(path) in str(caught.value) and len(str(caught.value)) < 400 + len(str(path))
+
+
+def test_nothing_in_a_file_can_reach_out_or_blow_up(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text("secret")
+    lol = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
+    bombs = {
+        "bomb": f'<!DOCTYPE m [<!ENTITY l0 "lol">{lol}]><modelSet><material>&l11;</material></modelSet>'.encode(),
+        "outside": f'<!DOCTYPE m [<!ENTITY x SYSTEM "{secret.as_uri()}">]><modelSet>&x;</modelSet>'.encode(),
+        "utf-16": '<!DOCTYPE m [<!ENTITY x "y">]><modelSet a="&x;"/>'.encode("utf-16"),
+        "deep": b"<modelSet>" + b"<a>" * 100_000,
+        "large": b"<modelSet>" + b" " * (9 << 20),
+        "empty": b"",
+        "binary": bytes(range(256)),
+        "unknown entity": b"<modelSet><material>&x;</material></modelSet>",
+    }
+    path = tmp_path / "Models_x.xml"
+    for data in bombs.values():
+        path.write_bytes(data)
+        with pytest.raises(SwatchError) as caught:
+            import_hatt(path)
+        assert "secret" not in str(caught.value).replace(str(secret), "")
+    with pytest.raises(SwatchError, match="no such file"):
+        import_hatt(tmp_path / "none.xml")
+    with pytest.raises(SwatchError, match="is no file"):
+        import_hatt(tmp_path)
+
+
+def test_many_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    first = write_models(folder / "Models_0.xml", 0, pairs=3, side=3)
+    text = first.read_text(encoding="utf-8")
+    for i in range(1, 100):
+        (folder / f"Models_{i}.xml").write_text(text.replace("Made up 0", f"Made up {i}"), encoding="utf-8")
+    for i in (17, 42):
+        (folder / f"Models_{i}.xml").write_text(text[: len(text) // 2], encoding="utf-8")
+    (folder / "Models_55.xml").write_text(edited(text, ("<mu>0.4", "<mu>x")), encoding="utf-8")
+    (folder / "Taps_none.xml").write_text("<tapSet/>")
+    assert cli.main(["swatch", "import", "hatt", str(folder), "-o", str(out)]) == 2
+    said = capsys.readouterr()
+    assert "97 made, 4 broken" in said.out and "98/98" in said.out
+    broken = said.err.splitlines()
+    assert len(broken) == 4 and all(name in said.err for name in ("_17.xml", "_42.xml", "_55.xml", "Taps_none.xml"))
+    assert len(list(out.iterdir())) == 97
+    assert load_swatch(out / "99.swatch").name == "Made up 99"
+    assert cli.main(["swatch", "import", "hatt", str(first), "-o", str(out)]) == 0
+
+
+def test_interrupted_leaves_whole_swatches(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "ab":
+        write_models(tmp_path / f"Models_{name}.xml", 0, pairs=3, side=3)
+    from hapscene.capture import hatt_batch
+
+    def interrupt(models: Path, taps: Path | None) -> object:
+        if models.stem == "Models_b":
+            raise KeyboardInterrupt
+        return import_hatt(models, taps)
+
+    monkeypatch.setattr(hatt_batch, "import_hatt", interrupt)
+    assert cli.main(["swatch", "import", "hatt", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
+    assert "interrupted; the 1 swatches named above are whole" in capsys.readouterr().err
+    assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]
+
+
+def fuzz(path: Path, count: int, seed: int) -> None:
+    """Mutated files: a swatch or a `SwatchError`, of one line."""
+    dice = random.Random(seed)
+    whole = [write_models(path, 0, 3, side=3).read_bytes(), write_models(path, 0, 2, 2, 1000, 3).read_bytes()]
+    for i in range(count):
+        data = bytearray(whole[i % 8 == 0])
+        at = dice.randrange(len(data))
+        end = at + dice.choice([1, 1, 2, 10, 300])
+        data[at:end] = dice.choice(
+            [b"", data[at:end] * 2, dice.randbytes(end - at), b"9" * 30, b"e308", b"-", b"<", b"0"]
+        )
+        path.write_bytes(bytes(data))
+        try:
+            import_hatt(path)
+        except SwatchError as error:
+            assert "\n" not in str(error) and len(str(error)) < 500
+
+
+def test_mutated_files_are_read_or_refused(tmp_path: Path) -> None:
+    fuzz(tmp_path / "Models_x.xml", 80, 0)
+
+
+@pytest.mark.soak
+def test_many_mutated_files(tmp_path: Path) -> None:
+    fuzz(tmp_path / "Models_x.xml", 5000, 1)
+
+
+def test_taps_find_their_models(tmp_path: Path, shared: Path) -> None:
+    folder = shared / "data" / "hatt_format"
+    for name in ("a", "b"):
+        shutil.copy(folder / "Models_example.xml", tmp_path / f"Models_{name}.xml")
+    shutil.copy(folder / "Taps_example.xml", tmp_path / "Taps_b.xml")
+    outcome = import_many([tmp_path], tmp_path / "out")
+    assert not outcome.broken and [p.name for p in outcome.made] == ["a.swatch", "b.swatch"]
+    a, b = (load_swatch(p) for p in outcome.made)
+    assert a.taps is None and b.taps is not None and b.taps.wave_m_s2 is not None
+    twice = import_many([folder / "Models_example.xml", tmp_path / "Models_a.xml", tmp_path], tmp_path / "again")
+    assert len(twice.made) == 3  # a file named twice is imported once

@@ -1,0 +1,193 @@
+"""The report: whole, safe to open, and right about a recording whose truth is known."""
+
+import re
+import time
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hapscene.capture import fit, load_surface_recording
+from hapscene.capture.channel import clean
+from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.report import report, write_report
+from hapscene.capture.report_judgement import judge, residual_along, spectrum_along
+from hapscene.capture.report_word import rows
+from hapscene.capture.segment import segment
+from hapscene.errors import CaptureError
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
+
+RATE = 2000.0
+A = np.convolve([1.0, -1.2, 0.8], [1.0, 0.5, 0.7])
+VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
+
+
+def recorded(count: int = 12_000, seed: int = 1) -> SurfaceRecording:
+    """A stroke over a surface of known model, with force, speed and friction of 0.4."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / RATE
+    force, speed = 1.5 + 0.1 * np.sin(3 * t), 0.15 + 0.01 * np.sin(2 * t)
+    return SurfaceRecording(RATE, lfilter([1.0], A, rng.standard_normal(count)), force, speed, 0.4 * force)
+
+
+@pytest.fixture(scope="module")
+def recording() -> SurfaceRecording:
+    return recorded()
+
+
+class Page(HTMLParser):
+    """Checks that tags are balanced, and collects tags and attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def swatch(recording: SurfaceRecording) -> Swatch:
+    """The swatch of that recording."""
+    streams = (recording.force_N, recording.speed_m_s, recording.tangential_force_N)
+    return fit(recording.acceleration_m_s2, RATE, *streams, name="known", order=4)
+
+
+def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecording) -> None:
+    channels = clean(recording.acceleration_m_s2, RATE, recording.force_N, recording.speed_m_s)
+    judgement = judge(swatch, channels, segment(channels))
+    held = judgement.held_out
+    assert held is not None
+    assert held.distance_dB < held.floor_dB and abs(held.level_dB) < 0.4
+    assert held.centroid_ratio == pytest.approx(1.0, abs=0.05)
+    assert held.goodness_of_fit > 0.95 and abs(held.kurtosis) < 0.2
+    assert judgement.spectrogram_error == pytest.approx(0.655, abs=0.05)
+    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 3
+
+
+def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
+    texture = Texture.from_models(RATE, [1.0], [0.1], [A], [0.5])
+    force, speed = np.full(4000, 1.0), np.full(4000, 0.1)
+    frequency, density = spectrum_along(texture, force, speed)
+    assert density.sum() * frequency[1] == pytest.approx(texture.power([1.0], [0.1])[0], rel=0.01)
+    speed[2000:] = 0.0  # silence in the second half
+    assert spectrum_along(texture, force, speed)[1] == pytest.approx(0.5 * density)
+
+
+def test_the_residual_along_a_stroke_is_the_excitation() -> None:
+    texture = Texture.from_models(RATE, [1.0], [0.1], [A], [4.0])
+    noise = np.random.default_rng(0).standard_normal(4000)
+    channels = clean(lfilter([1.0], A, 2.0 * noise), RATE, 1.0, 0.1)
+    channels = replace(channels, acceleration_m_s2=lfilter([1.0], A, 2.0 * noise))  # as it was, not high-passed
+    left, sigma, signal = residual_along(texture, channels)
+    assert left == pytest.approx(2.0 * noise[4 : 4 + len(left)], abs=1e-9)
+    assert np.all(sigma == pytest.approx(2.0)) and len(signal) == len(left)
+
+
+def test_a_page_is_whole_and_alone(swatch: Swatch, recording: SurfaceRecording) -> None:
+    text = report(swatch, recording, "known.csv")
+    parsed = Page(text)
+    assert "script" not in parsed.tags and "link" not in parsed.tags and "iframe" not in parsed.tags
+    assert not any(name.startswith("on") for name, _ in parsed.attributes)
+    for name, value in parsed.attributes:
+        if name in ("src", "href", "xlink:href"):
+            assert value and value.startswith(("data:image/png", "#")), f"{name}={value} would be fetched"
+    assert "default-src 'none'" in text and "prefers-color-scheme: dark" in text
+    drawings = re.findall(r"<svg role.*?</svg>", text, re.DOTALL)
+    assert len(drawings) == 8
+    for drawing in drawings:
+        ET.fromstring(drawing)
+    for title in ("Spectra", "Spectrograms", "Order", "white", "distributed", "Force and speed", "Friction", "Taps"):
+        assert re.search(f"<h3>[^<]*{title}", text)
+    for unit in ("frequency [Hz]", "slip speed [mm/s]", "normal force [N]", "time [s]", "lag [samples]", "LSD [dB]"):
+        assert unit in text
+    assert "var(--orange)" in text and "#d55e00;" in text  # drawings take the page's colours
+
+
+def test_without_a_recording_the_plots_say_so() -> None:
+    text = report(load_swatch("wood"))
+    assert text == report(load_swatch("wood"))  # the same content makes the same page
+    assert text.count("Needs the recording") == 6
+    assert "Spectra of the models" in text and "650 N/m" in text
+    Page(text)
+
+
+def test_what_a_swatch_does_not_have_is_said() -> None:
+    text = report(PLAIN)
+    assert "What is absent, and why" in text and "sliding is silent" in text and "touch is silent" in text
+    assert "has no texture" in report(PLAIN, recorded(2000))
+
+
+def test_a_recording_without_sliding_leaves_the_rest_of_the_page(swatch: Swatch) -> None:
+    rest = recorded(4000)
+    still = replace(rest, speed_m_s=np.where(np.arange(4000) < 100, 0.2, 0.0))
+    text = report(swatch, still)
+    Page(text)
+    assert "slides for less than" in text and "Force and speed" in text
+
+
+def test_measured_taps_are_drawn_with_their_intervals(swatch: Swatch) -> None:
+    t = np.arange(200) / RATE
+    wave = np.exp(-60 * t) * np.sin(2 * np.pi * 150 * t)
+    taps = Taps([0.1, 0.2], [5.0, 9.0], [150.0, 150.0], [60.0, 60.0], np.stack([5 * wave, 9 * wave]), RATE)
+    told = replace(
+        swatch, taps=taps, intervals={"taps.frequency_Hz[0]": (140.0, 160.0), "stiffness_N_m": (400.0, 600.0)},
+        absent={"friction_static": "<b>never</b> at rest"},
+    )  # fmt: skip
+    text = report(told)
+    Page(text)
+    assert "Tap transients" in text and "95 % interval" in text and "95 %: 400 to 600 N/m" in text
+    assert "friction static" in text and "&lt;b&gt;never" in text
+
+
+def test_names_and_texts_of_strangers_are_escaped() -> None:
+    evil = "<script>alert(1)</script>\"&'$x_1$</title><img src=x onerror=alert(1)>"
+    told = replace(load_swatch("wood"), name=evil, provenance=evil, licence=evil, absent={evil: evil})
+    for text in (report(told), report(replace(told, texture=None), recorded(2000), evil)):
+        parsed = Page(text)
+        assert "script" not in parsed.tags and "img" not in parsed.tags and "onerror" not in dict(parsed.attributes)
+
+
+def test_a_recording_too_short_for_halves_is_reported_on_all_the_same() -> None:
+    text = report(load_swatch("wood"), recorded(1500))
+    assert "Cannot be judged on held-out data" in text
+
+
+def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="cannot be written"):
+        write_report(PLAIN, tmp_path / "none" / "a.html")
+    write_report(PLAIN, tmp_path / "a.html")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.html"]
+
+
+def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
+    folder = shared / "data" / "recordings"
+    units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
+    real = load_surface_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
+    start = time.process_time()  # of this process: the machine may be busy
+    text = report(load_swatch("wood"), real, "cdp_wood.csv")
+    assert time.process_time() - start < 10.0
+    assert "✓ good" in text and len(text) < 2_000_000
+    Page(text)

@@ -1,0 +1,42 @@
+"""What the contact tests share: a world of meshes, and faces written down by hand."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.contact.embree import Search
+from hapscene.contact.proxy import put
+from hapscene.contact.world import World, build_world
+from hapscene.scene.scene import Scene
+
+
+@pytest.fixture
+def world() -> "Callable[..., World]":
+    """`world(mesh, …, two_sided=False)`: the meshes as bodies, the proxy put at `at`."""
+    alive: list[dict[int, Search]] = []  # search structures live as long as the test
+
+    def build(*meshes: trimesh.Trimesh, two_sided: bool = False, at: Sequence[float] = (0.0, 0.0, 1.0)) -> World:
+        scene = Scene()
+        for mesh in meshes:
+            scene.add(mesh, unit="m", two_sided=two_sided)
+        alive.append({})
+        built = build_world(scene.bodies, alive[-1])
+        put(built, tuple(map(float, at)))
+        return built
+
+    return build
+
+
+@pytest.fixture
+def triangle() -> trimesh.Trimesh:
+    """One face in the plane z = 0, facing up: (0, 0), (0.1, 0), (0, 0.1) [m]."""
+    return trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]], process=False)
+
+
+@pytest.fixture
+def turned() -> np.ndarray[Any, Any]:
+    """A rotation with no axis in common with the world's."""
+    return trimesh.transformations.euler_matrix(0.3, -0.7, 1.1)[:3, :3]

@@ -1,0 +1,123 @@
+"""Casting the proxy: where it has to stop, a skin off the face, from which side, and which of several bodies."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.contact.cast import cast
+
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+
+
+def test_stops_a_skin_off_the_face(world):
+    w = world(BOX)
+    stop = cast(w, (0.01, 0.02, 0.03), (0.01, 0.02, -0.01))
+    skin = w.bodies[0].skin_m
+    assert 0.03 - stop * 0.04 == pytest.approx(skin, rel=1e-6)
+    proxy = w.proxy[0]
+    assert proxy.count == 1
+    np.testing.assert_array_equal(proxy.nhat_W[0], (0, 0, 1))
+    assert (proxy.offset_m[0], proxy.skin_m[0], proxy.body[0]) == (0.0, skin, 0)
+
+
+@pytest.mark.parametrize(
+    ("origin", "goal"),
+    [
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.01)),  # ends in the air
+        ((0.2, 0.0, 0.01), (-0.2, 0.0, 0.01)),  # passes by
+        ((0.0, 0.0, -0.01), (0.0, 0.0, 0.03)),  # leaves from inside: an outward-only face lets it pass
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.03)),  # stays
+    ],
+)
+def test_free_way(world, origin, goal):
+    w = world(BOX)
+    assert cast(w, origin, goal) == 2.0
+    assert w.proxy[0].count == 0
+
+
+def test_two_sided_face_stops_from_inside_and_faces_inwards(world):
+    w = world(BOX, two_sided=True)
+    assert cast(w, (0.0, 0.0, -0.01), (0.0, 0.0, 0.03)) == pytest.approx(0.25, abs=1e-3)
+    np.testing.assert_array_equal(w.proxy[0].nhat_W[0], (0, 0, -1))
+    assert w.proxy[0].side[0] == -1.0
+
+
+def test_passes_a_face_from_behind_and_meets_the_next_from_outside(world):
+    other = BOX.copy()
+    other.apply_translation((0, 0, 0.1))
+    w = world(trimesh.util.concatenate([BOX, other]))
+    stop = cast(w, (0.0, 0.0, -0.01), (0.0, 0.0, 0.09))
+    assert -0.01 + 0.1 * stop == pytest.approx(0.08, abs=1e-5)
+    np.testing.assert_array_equal(w.proxy[0].nhat_W[0], (0, 0, -1))
+
+
+def test_nearest_of_several_bodies_wins_in_either_order(world):
+    far = BOX.copy()
+    far.apply_translation((0, 0, -0.1))
+    for meshes, body in (((far, BOX), 1), ((BOX, far), 0)):
+        w = world(*meshes)
+        assert cast(w, (0.0, 0.0, 0.1), (0.0, 0.0, -0.2)) == pytest.approx(1 / 3, abs=1e-4)
+        assert (w.proxy[0].count, w.proxy[0].body[0]) == (1, body)
+
+
+def test_a_face_met_at_a_grazing_angle_is_seen(world):
+    """At a slope of 1 in 100 the goal lies half a skin over the face: the way ends before the face is reached."""
+    w = world(BOX)
+    skin = w.bodies[0].skin_m
+    assert cast(w, (0.0, 0.0, 1.5 * skin), (100 * skin, 0.0, 0.5 * skin)) == pytest.approx(0.5)
+
+
+def test_exact_at_ten_metres(world):
+    box = BOX.copy()
+    box.apply_translation((10, 10, 10))
+    w = world(box, at=(10, 10, 11))
+    stop = cast(w, (10.01, 10.02, 10.03), (10.01, 10.02, 9.99))
+    assert 0.03 - stop * 0.04 == pytest.approx(w.bodies[0].skin_m, rel=1e-6)
+
+
+def cubes(cells, width_m: float = 0.02) -> trimesh.Trimesh:
+    """The skin of cubes in a grid: two faces for each side that has no neighbour."""
+    corners, faces = [], []
+    for cell in cells:
+        for axis in range(3):
+            for side in (0, 1):
+                step = np.eye(3, dtype=int)[axis] * (2 * side - 1)
+                if tuple(np.add(cell, step).tolist()) in cells:
+                    continue
+                u, v = np.roll(np.eye(3, dtype=int), -axis - 1, axis=0)[:2]
+                base = np.array(cell) + side * np.eye(3, dtype=int)[axis]
+                k = len(corners)
+                corners += [base, base + u, base + u + v, base + v]
+                faces += [[k, k + 1, k + 2], [k, k + 2, k + 3]] if side else [[k + 2, k + 1, k], [k + 3, k + 2, k]]
+    return trimesh.Trimesh(np.array(corners) * width_m, faces)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        pytest.param([(0, -1, -1), (0, -1, 0), (0, 0, 0)], id="end of a step"),
+        pytest.param([(-1, -1, -1), (0, -1, -1), (-1, 0, -1), (-1, -1, 0)], id="three steps"),
+        pytest.param([(-1, -1, -1), (-1, -1, 0), (-1, 0, -1), (0, -1, 0)], id="faces back to back"),
+    ],
+)
+def test_no_ray_leaks_where_convex_and_concave_edges_meet(world, cells):
+    """Faces reach a little over their edges: there they stand in front of others, with their backs out.
+
+    Rays into the cubes from outside, past their common corner, the origin, within about a skin of it.
+    """
+    mesh = cubes(cells)
+    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0
+    w = world(mesh)
+    skin = w.bodies[0].skin_m
+    rng = np.random.default_rng(3)
+    leaks = []
+    for _ in range(2000):
+        inside = (np.array(cells[rng.integers(len(cells))]) + 0.5 + rng.uniform(-0.45, 0.45, 3)) * 0.02
+        beside = rng.normal(size=3) * skin * rng.choice([0.03, 0.3, 1.0])
+        outside = beside - 0.2 * (inside - beside)
+        if tuple(np.floor(outside / 0.02).astype(int).tolist()) in cells:
+            continue
+        w.proxy[0].count = 0
+        if cast(w, tuple(outside), tuple(inside)) > 1.0:
+            leaks.append((outside.tolist(), inside.tolist()))
+    assert len(leaks) == 0, f"{len(leaks)} rays, the first from and to {leaks[0]}"

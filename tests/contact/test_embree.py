@@ -1,0 +1,84 @@
+"""Embree names the face: none is missed at edges and corners, and the search structure is where the mesh is."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
+from hapscene.contact.embree import MITRE, Search, first_face, new_ray
+
+
+def shoot(mesh: trimesh.Trimesh, targets, start) -> np.ndarray:
+    """Faces met by rays from `start` to each target and 1 mm beyond, −1 for a miss."""
+    search, ray = Search(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)), new_ray()
+    met = []
+    for target in np.atleast_2d(targets):
+        way = target - start
+        length = np.linalg.norm(way)
+        origin = tuple(map(float, start - search.center_m))
+        met.append(first_face(search.handle, ray, origin, tuple(map(float, way / length)), 0.0, float(length + 1e-3)))
+    return np.array(met)
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 10.0])
+def test_no_ray_at_a_shared_edge_or_corner_is_missed(offset_m):
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    ball.apply_translation(np.full(3, offset_m))
+    edges = ball.vertices[ball.edges_unique]
+    share = np.random.default_rng(1).random((len(edges), 1))
+    on_edges = edges[:, 0] * share + edges[:, 1] * (1 - share)
+    targets = np.concatenate([on_edges, ball.vertices])
+    start = np.full(3, offset_m) + 0.2 * np.array([0.3, -0.5, 0.8])
+    away = targets - start
+    facing = np.einsum("ij,ij->i", away, targets - offset_m) < -0.1 * 0.05 * np.linalg.norm(away, axis=1)
+    met = shoot(ball, targets[facing], start)
+    assert facing.sum() > 2000
+    assert (met >= 0).all()
+    normals = ball.face_normals[met]
+    assert (np.einsum("ij,ij->i", normals, away[facing]) < 0).all()  # the near side, not the far one
+
+
+def test_a_ray_that_ends_before_the_face_meets_nothing(triangle):
+    search, ray = Search(triangle.vertices, triangle.faces.astype(np.int32)), new_ray()
+    origin = tuple(np.array([0.02, 0.02, 0.1]) - search.center_m)
+    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.0, 0.0999) == -1
+    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.0, 0.1001) == 0
+    assert ray[8] == pytest.approx(0.1)
+
+
+def test_measures_of_the_mesh():
+    box = trimesh.creation.box(extents=(0.3, 0.4, 1.2))
+    box.apply_translation((10, 0, 0))
+    search = Search(np.asarray(box.vertices), np.asarray(box.faces, np.int32))
+    np.testing.assert_allclose(search.center_m, (10, 0, 0))
+    assert search.radius_m == pytest.approx(0.65)
+    assert search.skin_m == pytest.approx(1.3 * SKIN_RATIO)
+
+
+def test_vertices_that_no_face_uses_do_not_count(triangle):
+    vertices = np.concatenate([triangle.vertices, [[1e3, 1e3, 1e3]]])
+    assert Search(vertices, np.array([[0, 1, 2]], np.int32)).radius_m < 0.1
+
+
+def test_overlap_stays_below_the_skin():
+    """Or faces stick out to where the proxy glides."""
+    assert EDGE_OVERLAP * MITRE < 1.0
+
+
+def test_faces_reach_over_a_crack(triangle):
+    """Half a skin past its edge a face is still met; a skin past it is not."""
+    skin = SKIN_RATIO * 0.1 * np.sqrt(2)
+    inside, beyond = [0.03, -0.4 * skin, 0.0], [0.03, -skin, 0.0]
+    up = np.array([0.0, 0.0, 0.1])
+    assert shoot(triangle, inside, inside + up).tolist() == [0]
+    assert shoot(triangle, beyond, beyond + up).tolist() == [-1]
+
+
+def test_faces_without_area_are_left_out(triangle):
+    vertices = np.concatenate([triangle.vertices, [[0.02, 0.02, 0.01]] * 3])
+    mesh = trimesh.Trimesh(vertices, [[3, 4, 5], [0, 0, 1], [0, 1, 2]], process=False)
+    assert shoot(mesh, [0.02, 0.02, 0.0], np.array([0.02, 0.02, 0.1])).tolist() == [2]
+
+
+def test_ray_buffer_is_aligned_as_embree_asks():
+    assert all(new_ray().ctypes.data % 16 == 0 for _ in range(8))

@@ -1,0 +1,330 @@
+"""The god-object against closed forms, and its three laws: it never crosses a face, it lies on the surface in contact,
+and after a closed tour it is where it was."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.contact.proxy import move, put
+from hapscene.contact.world import build_world
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+
+MICRON = 1e-6
+TURN = trimesh.transformations.euler_matrix(0.3, -0.7, 1.1)[:3, :3]
+PLACES = [
+    pytest.param(np.eye(3), 0.0, id="at the origin"),
+    pytest.param(TURN, 0.0, id="turned"),
+    pytest.param(TURN, 10.0, id="turned, 10 m away"),
+]
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+
+
+def play(meshes, path, poses=None, two_sided=False):
+    scene = Scene()
+    for i, mesh in enumerate(meshes):
+        scene.add(mesh, name=f"body {i}", unit="m", two_sided=two_sided)
+    return Renderer(scene, effects=["wall"]).run(path, poses=poses)
+
+
+def between(points, ticks: int = 200) -> np.ndarray:
+    """Straight from point to point, `ticks` each."""
+    s = np.linspace(0, 1, ticks, endpoint=False)[:, None]
+    legs = [a + (b - a) * s for a, b in zip(np.array(points)[:-1], np.array(points)[1:], strict=True)]
+    return np.concatenate([*legs, np.array(points)[-1:]])
+
+
+def placed(mesh, R, offset_m) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices @ R.T + offset_m, mesh.faces, process=False)
+
+
+def prism(outline) -> trimesh.Trimesh:
+    """A prism along y, 0.1 m long, over an outline (n, 2) in x and z that every point of sees its first."""
+    outline = np.array(outline)
+    n = len(outline)
+    front, back = (np.insert(outline, 1, y, axis=1) for y in (-0.05, 0.05))
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    fan = np.array([(0, k, k + 1) for k in range(1, n - 1)])
+    faces = np.concatenate([fan, fan[:, ::-1] + n, np.c_[i, i + n, j], np.c_[j, i + n, j + n]])
+    mesh = trimesh.Trimesh(np.concatenate([front, back]), faces, process=False)
+    assert mesh.is_watertight and mesh.volume > 0
+    return mesh
+
+
+@pytest.mark.parametrize(("R", "offset_m"), PLACES)
+def test_plane(R, offset_m):
+    path = between([(0, 0, 0.01), (0, 0, -0.005), (0.03, -0.02, -0.01), (-0.04, 0.03, -0.001)])
+    r = play([placed(BOX, R, offset_m)], path @ R.T + offset_m)
+    p = (r.p_WP_m - offset_m) @ R
+    np.testing.assert_allclose(p, np.c_[path[:, :2], np.maximum(path[:, 2], 0)], atol=MICRON)
+    pressed = path[:, 2] < -1e-4
+    assert r.touching[pressed].all()
+    np.testing.assert_allclose(r.f_W_N[pressed] @ R, -500 * path[pressed, 2:] * [0, 0, 1], rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize(("R", "offset_m"), PLACES)
+@pytest.mark.parametrize("angle_deg", [5, 15, 90, 150])
+def test_groove(R, offset_m, angle_deg):
+    """Pressed in, also exactly on its plane of symmetry, the proxy rests at the bottom, 10 mm down."""
+    h = 0.01 * np.tan(np.radians(angle_deg / 2))
+    groove = prism([(0, -0.01), (-h, 0), (-0.05, 0), (-0.05, -0.03), (0.05, -0.03), (0.05, 0), (h, 0)])
+    path = between([(0, 0, 0.005), (0, 0, -0.012), (0, 0.03, -0.012), (0.0004, -0.03, -0.012)])
+    r = play([placed(groove, R, offset_m)], path @ R.T + offset_m)
+    p = ((r.p_WP_m - offset_m) @ R)[200:]
+    np.testing.assert_allclose(p, path[200:] * [0, 1, 0] + [0, 0, -0.01], atol=MICRON)
+
+
+@pytest.mark.parametrize(("R", "offset_m"), PLACES)
+def test_corner_of_three_planes(R, offset_m):
+    cells = [(i, j, k) for i in range(2) for j in range(2) for k in range(2) if (i, j, k) != (1, 1, 1)]
+    parts = [trimesh.creation.box(bounds=[np.array(c) - 1.0, np.array(c)]) for c in cells]
+    corner = trimesh.util.concatenate(parts).apply_scale(0.05)
+    path = between([(0.02, 0.02, 0.02), (-0.01, -0.02, -0.03), (-0.01, -0.02, 0.03), (-0.01, 0.02, 0.03)])
+    r = play([placed(corner, R, offset_m)], path @ R.T + offset_m)
+    np.testing.assert_allclose((r.p_WP_m - offset_m) @ R, np.maximum(path, 0.0), atol=MICRON)
+
+
+def assert_at_the_foot(mesh, path, p, face):
+    """The proxy (n, 3) is the tool's foot on the plane of the touched face, and lies on that face."""
+    normal, corner = mesh.face_normals[face], mesh.triangles[face, 0]
+    depth = np.einsum("ij,ij->i", normal, corner - path)
+    np.testing.assert_allclose(p, path + depth[:, None] * normal, atol=MICRON)
+    on = trimesh.triangles.closest_point(mesh.triangles[face], p)
+    assert np.linalg.norm(on - p, axis=1).max() < MICRON
+
+
+def orbit(tool) -> np.ndarray:
+    """From the air to the first point of a path around the origin, and along it."""
+    return np.concatenate([between([1.2 * tool[0], tool[0]], 50), tool])
+
+
+@pytest.mark.parametrize(("R", "offset_m"), PLACES)
+def test_cylinder(R, offset_m):
+    mesh = trimesh.creation.cylinder(radius=0.05, height=0.1, sections=96)
+    turn = np.linspace(0, 2, 1500)
+    path = orbit(np.c_[0.047 * np.cos(turn), 0.047 * np.sin(turn), 0.02 * np.sin(3 * turn)])
+    r = play([placed(mesh, R, offset_m)], path @ R.T + offset_m)
+    assert r.touching[51:].all()
+    assert_at_the_foot(mesh, path[51:], ((r.p_WP_m - offset_m) @ R)[51:], r.face[51:])
+    np.testing.assert_allclose(
+        np.linalg.norm(r.f_W_N, axis=1), 500 * np.linalg.norm(r.p_WP_m - r.p_WT_m, axis=1), rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 10.0])
+def test_facets_of_a_sphere(offset_m):
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    t = np.linspace(0, 2, 1200)
+    direction = np.c_[np.cos(t) * np.cos(1 + t), np.sin(t) * np.cos(1 + t), np.sin(1 + t)]
+    path = orbit((0.048 + 0.001 * np.sin(20 * t))[:, None] * direction)
+    r = play([placed(ball, np.eye(3), offset_m)], path + offset_m)
+    assert r.touching[51:].all()
+    assert_at_the_foot(ball, path[51:], (r.p_WP_m - offset_m)[51:], r.face[51:])
+
+
+def test_thin_plate_pushes_out_where_the_tool_came_in():
+    """2.1 mm into a plate of 4 mm: 1.050 N outward; the nearest face would give 0.950 N the other way."""
+    plate = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.004], [0.05, 0.05, 0.0]])
+    r = play([plate], between([(0.01, 0.02, 0.005), (0.01, 0.02, -0.0021)]))
+    np.testing.assert_allclose(r.f_W_N[-1], (0, 0, 1.05), rtol=1e-6, atol=1e-9)
+
+
+def work_of_a_tour(mesh, height_m) -> tuple[float, float]:
+    """∮ F · dx over a closed tour in contact, and ∮ |F · dx| [J]. Its start is its end, for the proxy too."""
+    t = np.linspace(0, 2 * np.pi, 20_001)
+    tour = np.c_[0.01 * np.cos(t), 0.008 * np.sin(t), height_m - 0.003 + 0.001 * np.sin(3 * t)]
+    r = play([mesh], np.concatenate([between([tour[0] + [0, 0, 0.01], tour[0]]), tour, tour]))
+    f = r.f_W_N[-len(tour) :]
+    assert r.touching[-len(tour) :].all()
+    np.testing.assert_allclose(r.p_WP_m[-1], r.p_WP_m[-len(tour)], atol=MICRON)
+    each = ((f[1:] + f[:-1]) / 2 * np.diff(tour, axis=0)).sum(axis=1)
+    return float(each.sum()), float(np.abs(each).sum())
+
+
+def test_a_closed_tour_over_a_plane_costs_no_work():
+    """Without friction the force has a potential."""
+    work_J, effort_J = work_of_a_tour(BOX, 0.0)
+    assert abs(work_J) < 1e-9 * effort_J
+
+
+def test_a_closed_tour_over_facets_gives_no_work():
+    """Slipping over a convex edge lets go of a little of what was pressed in, and never gives any."""
+    work_J, effort_J = work_of_a_tour(trimesh.creation.icosphere(subdivisions=3, radius=0.05), 0.05)
+    assert -0.02 * effort_J < work_J < 1e-6 * effort_J
+
+
+def test_fast_tool_is_held_at_the_first_side_of_a_thin_wall():
+    for wall_m, speed_m_s in ((2e-4, 5.0), (1e-3, 2.0)):
+        wall = trimesh.creation.box(bounds=[[-0.05, -0.05, -wall_m], [0.05, 0.05, 0.0]])
+        z = np.arange(0.0303, -0.03, -1e-3 * speed_m_s)
+        r = play([wall], np.c_[0 * z + 0.003, 0 * z, z])
+        np.testing.assert_allclose(r.p_WP_m[:, 2], np.maximum(z, 0), atol=MICRON)
+
+
+@pytest.mark.parametrize(("width_a_m", "width_b_m"), [(0.1, 0.1), (0.01, 0.1), (0.1, 0.01), (0.05, 1.0)])
+def test_slides_from_one_body_to_the_next_over_the_seam(width_a_m, width_b_m):
+    a = trimesh.creation.box(bounds=[[-width_a_m, -width_a_m, -width_a_m], [0, width_a_m, 0]])
+    b = trimesh.creation.box(bounds=[[0, -width_b_m, -width_b_m], [width_b_m, width_b_m, 0]])
+    path = between([(-0.008, 0, 0.001), (-0.008, 0, -0.0005), (0.008, 0.001, -0.0005), (-0.008, 0, -0.0005)])
+    r = play([a, b], path)
+    np.testing.assert_allclose(r.p_WP_m, np.c_[path[:, :2], np.maximum(path[:, 2], 0)], atol=MICRON)
+
+
+# --- bodies that move
+
+
+def moved(ticks, offsets_m) -> np.ndarray:
+    X = np.tile(np.eye(4), (ticks, 1, 1))
+    X[:, :3, 3] = offsets_m
+    return X
+
+
+def test_a_body_pushes_the_proxy_of_a_tool_that_stands_still():
+    ticks = 300
+    lift = np.linspace(-0.005, 0.01, ticks)
+    tool = np.tile([0.01, 0.02, 0.0], (ticks, 1))
+    r = play([BOX], tool, {"body 0": moved(ticks, lift[:, None] * [0, 0, 1])})
+    np.testing.assert_allclose(r.p_WP_m[:, 2], np.maximum(lift, 0), atol=MICRON)
+    np.testing.assert_allclose(r.f_W_N[-1], (0, 0, 5), rtol=1e-3, atol=1e-9)
+
+
+def test_a_plate_swings_over_a_tool_that_stands_still():
+    plate = trimesh.creation.box(bounds=[[0, -0.05, -0.001], [0.1, 0.05, 0.001]])
+    angle = np.linspace(-0.6, 0.6, 600)
+    X = np.array([trimesh.transformations.rotation_matrix(-a, (0, 1, 0)) for a in angle])
+    tool = np.array([0.06, 0.0, 0.003])
+    r = play([plate], np.tile(tool, (600, 1)), {"body 0": X})
+    p_B = np.einsum("tji,tj->ti", X[:, :3, :3], r.p_WP_m)
+    tool_B = np.einsum("tji,j->ti", X[:, :3, :3], tool)
+    np.testing.assert_allclose(p_B[:, 2], np.maximum(tool_B[:, 2], 0.001), atol=MICRON)
+    np.testing.assert_allclose(p_B[:, :2], tool_B[:, :2], atol=MICRON)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.5, 2.0])
+def test_a_floor_that_moves_does_not_carry_the_proxy_through_a_wall(speed_m_s):
+    """Pressed to a moving floor in front of a wall of 0.2 mm, the tool still: the proxy stays above the tool."""
+    wall = trimesh.creation.box(bounds=[[0.03, -0.05, -0.05], [0.0302, 0.05, 0.05]])
+    tool = between([(0.0295, 0, 0.005), (0.0295, 0, -0.005), (0.0295, 0, -0.005)], 100)
+    slide = np.clip((np.arange(201) - 120) * 1e-3 * speed_m_s, 0, 0.03)
+    r = play([BOX, wall], tool, {"body 0": moved(201, slide[:, None] * [1, 0, 0])})
+    np.testing.assert_allclose(r.p_WP_m, np.maximum(tool, (-1, -1, 0)), atol=MICRON)
+    assert not r.flags.any()
+
+
+def test_corner_of_a_moving_floor_and_a_wall_is_kept():
+    wall = trimesh.creation.box(bounds=[[0.03, -0.05, -0.05], [0.0302, 0.05, 0.05]])
+    tool = between([(0.02, 0, 0.005), (0.02, 0, -0.005), (0.032, 0, -0.005), (0.032, 0, -0.005)], 100)
+    slide = np.clip((np.arange(301) - 220) * 1e-3, 0, 0.03)
+    r = play([BOX, wall], tool, {"body 0": moved(301, slide[:, None] * [1, 0, 0])})
+    np.testing.assert_allclose(r.p_WP_m[220:], np.tile([0.03, 0, 0], (81, 1)), atol=MICRON)
+
+
+def test_two_bodies_that_squeeze_the_tool_let_it_go_again():
+    ticks = 400
+    gap = np.abs(np.linspace(0.01, -0.01, ticks)) + 1e-4
+    upper = trimesh.creation.box(bounds=[[-0.05, -0.05, 0], [0.05, 0.05, 0.02]])
+    poses = {
+        "body 0": moved(ticks, -gap[:, None] / 2 * [0, 0, 1]),
+        "body 1": moved(ticks, gap[:, None] / 2 * [0, 0, 1]),
+    }
+    r = play([BOX, upper], np.tile([0.0, 0.0, 0.002], (ticks, 1)), poses)
+    assert (np.abs(r.p_WP_m[:, 2]) <= gap / 2 + MICRON).all()
+    assert not r.touching[[0, -1]].any()
+
+
+@pytest.mark.parametrize("start", range(12))
+def test_tool_that_starts_on_the_surface_is_held(start):
+    """Exactly on a face, an edge or a corner, of a body that stands or is put where it is by its first pose."""
+    rng = np.random.default_rng(start)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    X = trimesh.transformations.random_rotation_matrix(rng.random(3))
+    X[:3, 3] = rng.normal(size=3)
+    weights = [(1, 0, 0), (0.5, 0.5, 0), tuple(rng.dirichlet((1, 1, 1)))][start % 3]
+    on_B = np.array(weights) @ ball.triangles[rng.integers(len(ball.faces))]
+    on, into = X[:3, :3] @ on_B + X[:3, 3], X[:3, :3] @ -on_B / np.linalg.norm(on_B)
+    path = on + np.arange(30)[:, None] * 1e-4 * into
+    standing = trimesh.Trimesh(trimesh.transform_points(ball.vertices, X), ball.faces, process=False)
+    assert play([standing], path).touching[3:].all()
+    assert play([ball], path, {"body 0": np.tile(X, (30, 1, 1))}).touching[3:].all()
+
+
+# --- the three laws, for any path
+
+SHAPES = {
+    "box": BOX,
+    "ball": trimesh.creation.icosphere(subdivisions=2, radius=0.05),
+    "groove": prism([(0, -0.01), (-0.01, 0), (-0.05, 0), (-0.05, -0.03), (0.05, -0.03), (0.05, 0), (0.01, 0)]),
+    "knife": prism([(0, 0.05), (-0.005, -0.05), (0.005, -0.05)]),
+    "plate": trimesh.creation.box(extents=(0.1, 0.1, 0.002)),
+}
+points = st.tuples(*[st.floats(-0.08, 0.08, allow_subnormal=False)] * 3)
+tours = st.lists(points, min_size=2, max_size=6)
+
+
+def solid_angle(mesh, points_m) -> np.ndarray:
+    """Winding number of a closed mesh around points: 1 inside, 0 outside (Van Oosterom & Strackee 1983)."""
+    a, b, c = (mesh.triangles[None, :, k] - points_m[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    over = np.einsum("pfi,pfi->pf", a, np.cross(b, c))
+    under = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (c * a).sum(2) * lb
+    return np.arctan2(over, under).sum(axis=1) / (2 * np.pi)
+
+
+def distance(mesh, points_m) -> np.ndarray:
+    """From points to the nearest face [m]."""
+    from trimesh.triangles import closest_point
+
+    count = len(mesh.faces)
+    return np.array(
+        [np.linalg.norm(closest_point(mesh.triangles, np.tile(p, (count, 1))) - p, axis=1).min() for p in points_m]
+    )
+
+
+@pytest.mark.parametrize("two_sided", [False, True], ids=["outward", "two-sided"])
+@pytest.mark.parametrize("shape", SHAPES)
+@settings(max_examples=12, deadline=None)
+@given(tour=tours)
+def test_never_crosses_a_face_and_lies_on_the_surface_in_contact(shape, two_sided, tour):
+    mesh = SHAPES[shape]
+    path = between([(0.09, 0.09, 0.09), *tour], 40)
+    r = play([mesh], path, two_sided=two_sided)
+    assert np.isfinite(r.p_WP_m).all() and np.isfinite(r.f_W_N).all()
+    off = distance(mesh, r.p_WP_m)
+    inside = solid_angle(mesh, r.p_WP_m) > 0.5
+    assert not (inside & (off > 2 * MICRON)).any()
+    assert off[r.touching].max(initial=0.0) < 2 * MICRON  # within a skin of an edge that it slips over
+    np.testing.assert_array_equal(r.p_WP_m[~r.touching], path[~r.touching])
+
+
+@settings(max_examples=20, deadline=None)
+@given(tour=st.lists(st.tuples(*[st.floats(-0.03, 0.03)] * 2, st.floats(-0.015, -0.001)), min_size=2, max_size=5))
+def test_comes_back_after_a_closed_tour(tour):
+    """Over one plane and back to the start the proxy is where it was, whatever lies between."""
+    path = between([(0, 0, 0.01), tour[0], *tour[1:], tour[0]], 30)
+    r = play([BOX], path)
+    np.testing.assert_allclose(r.p_WP_m[-1], r.p_WP_m[30], atol=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(tour=tours)
+def test_same_in_any_frame(tour):
+    """Turned and moved 10 m away, mesh and path together: the same proxy to a micron."""
+    path = between([(0.09, 0.09, 0.09), *tour], 40)
+    near = play([SHAPES["ball"]], path)
+    far = play([placed(SHAPES["ball"], np.eye(3), 10.0)], path + 10.0)
+    np.testing.assert_array_equal(near.touching, far.touching)
+    np.testing.assert_allclose(near.p_WP_m, far.p_WP_m - 10.0, atol=MICRON)
+
+
+def test_put_leaves_a_free_tool_where_it_is():
+    scene = Scene()
+    scene.add(BOX, unit="m")
+    searches = {}
+    world = build_world(scene.bodies, searches)
+    put(world, (0.01, 0.02, 0.03))
+    assert tuple(world.proxy[0].p_W_m) == (0.01, 0.02, 0.03)
+    assert move(world, (0.01, 0.02, 0.02))
+    assert (world.proxy[0].count, world.proxy[0].held) == (0, 0)
+    assert tuple(world.proxy[0].p_WP_m) == (0.01, 0.02, 0.02)

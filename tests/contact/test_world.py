@@ -1,0 +1,61 @@
+"""Packing a scene: meshes once, bodies at their poses, balls that hold them, records as attributes."""
+
+import numpy as np
+import trimesh
+
+from hapscene.contact.world import BODY, build_world, records
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+
+X = trimesh.transformations.euler_matrix(0.3, -0.7, 1.1)
+X[:3, 3] = (1.0, 2.0, 3.0)
+
+
+def two_instances_and_a_ball() -> Scene:
+    mesh = Mesh.from_trimesh(trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.2, 0.3]]), "m")
+    scene = Scene()
+    scene.add(mesh, name="a")
+    scene.add(trimesh.creation.icosphere(subdivisions=1, radius=0.05), name="ball", unit="m")
+    scene.add(mesh, name="b", pose=X, two_sided=True)
+    return scene
+
+
+def test_instances_share_mesh_and_search():
+    searches = {}
+    bodies = build_world(two_instances_and_a_ball().bodies, searches).bodies
+    assert len(searches) == 2
+    assert bodies[0].search == bodies[2].search != bodies[1].search
+    assert (bodies[0].face, bodies[1].face, bodies[2].face) == (0, 12, 0)
+    assert [b.two_sided for b in bodies] == [0, 0, 1]
+
+
+def test_bodies_stand_still_where_the_scene_has_them():
+    body = build_world(two_instances_and_a_ball().bodies, {}).bodies[2]
+    np.testing.assert_array_equal(body.R_WB, X[:3, :3])
+    np.testing.assert_array_equal(body.was_R_WB, X[:3, :3])
+    np.testing.assert_array_equal(body.p_WB_m, (1, 2, 3))
+    np.testing.assert_array_equal(body.was_p_WB_m, (1, 2, 3))
+    assert body.moved == 0
+
+
+def test_balls_hold_their_bodies():
+    scene = two_instances_and_a_ball()
+    world = build_world(scene.bodies, {})
+    for body, ball in zip(scene.bodies, world.ball_W_m, strict=True):
+        vertices = trimesh.transform_points(body.mesh.vertices_m, body.X_WB)
+        distance = np.linalg.norm(vertices - ball[:3], axis=1).max()
+        assert distance <= ball[3] < 1.01 * distance
+
+
+def test_corners_are_kept_in_full_precision():
+    mesh = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05), "m")
+    scene = Scene()
+    scene.add(mesh)
+    np.testing.assert_array_equal(build_world(scene.bodies, {}).corners_m, mesh.vertices_m[mesh.faces])
+
+
+def test_records_are_zero_and_have_their_fields_as_attributes():
+    rows = records(2, BODY)
+    assert rows[1].skin_m == 0.0
+    rows[1].p_WB_m[2] = 3.0
+    assert rows.p_WB_m[1, 2] == 3.0
