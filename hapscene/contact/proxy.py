@@ -285,7 +285,7 @@ def _take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
 def _above(proxy: Any, slot: int, p_W: Vector) -> float:
     """Height of a point over the plane in a slot [m]."""
     n = proxy.nhat_W[slot]
-    return n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot]
+    return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])
 
 
 @native

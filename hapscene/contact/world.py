@@ -106,7 +106,7 @@ def place_ball(body: Any, ball: Any) -> float:
         radius = (radius + way) / math.sqrt(half2) if half2 > HALF_TURN else math.inf
     grown = radius - ball[3]
     ball[3] = radius
-    return way + grown
+    return float(way + grown)
 
 
 def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:

@@ -118,7 +118,6 @@ NOISE = np.random.default_rng(1).standard_normal(5000)
         ({"order": "best"}, "order must be"),
         ({"model_count": 0}, "model_count must be"),
         ({"tangential_force_N": 50.0}, "newtons"),
-        ({"tangential_force_N": 0.3, "speed_m_s": 0.001}, "no friction"),
     ],
 )
 def test_what_is_no_recording_is_refused(change: dict[str, object], message: str) -> None:

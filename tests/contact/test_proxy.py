@@ -91,8 +91,8 @@ def assert_at_the_foot(mesh, path, p, face):
     normal, corner = mesh.face_normals[face], mesh.triangles[face, 0]
     depth = np.einsum("ij,ij->i", normal, corner - path)
     np.testing.assert_allclose(p, path + depth[:, None] * normal, atol=MICRON)
-    on = trimesh.triangles.closest_point(mesh.triangles[face], p)
-    assert np.linalg.norm(on - p, axis=1).max() < MICRON
+    on_um = trimesh.triangles.closest_point(mesh.triangles[face] / MICRON, p / MICRON)  # its tolerances are absolute
+    assert np.linalg.norm(on_um - p / MICRON, axis=1).max() < 1.0
 
 
 def orbit(tool) -> np.ndarray:
@@ -278,7 +278,10 @@ def distance(mesh, points_m) -> np.ndarray:
 
     count = len(mesh.faces)
     return np.array(
-        [np.linalg.norm(closest_point(mesh.triangles, np.tile(p, (count, 1))) - p, axis=1).min() for p in points_m]
+        [
+            np.linalg.norm(closest_point(mesh.triangles / MICRON, np.tile(p, (count, 1))) - p, axis=1).min() * MICRON
+            for p in points_m / MICRON
+        ]
     )
 
 

@@ -1,0 +1,115 @@
+"""States and changes of recordings whose truth is known."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.change_point import change_points
+from hapscene.capture.channel import clean
+from hapscene.capture.segment import State, noise, runs, segment
+from hapscene.capture.segment_plot import write_states
+
+TOLERANCE_S = 0.02
+
+
+def borders(states):
+    """(sample, state that begins there), without taps' ends: those are where the ringing ends."""
+    places = np.flatnonzero(np.diff(states)) + 1
+    return [(int(p), int(states[p])) for p in places if states[p - 1] != State.TAP]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("streams", [("force_N", "speed_m_s"), ("force_N",)])
+def test_states_are_found_within_20_ms(seed, streams, handled_recording):
+    truth = handled_recording(seed)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    states = segment(channels).states
+    assert np.mean(states == truth.states) > 0.97
+    for place, state in borders(truth.states):
+        near = slice(place - round(TOLERANCE_S * truth.rate_Hz), place + round(TOLERANCE_S * truth.rate_Hz))
+        assert state in states[near]
+    assert len(runs(states == State.TAP)) == len(truth.tap_m_s)
+    assert len(runs(states == State.SLIDING)) == 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("streams", [("speed_m_s",), ()])
+def test_without_force_rest_and_air_are_one_state(seed, streams, handled_recording):
+    truth = handled_recording(seed)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    states = segment(channels).states
+    told = np.where(truth.states == State.STILL, State.AIR, truth.states)
+    assert np.mean(states == told) > 0.97
+    assert len(runs(states == State.TAP)) == len(truth.tap_m_s)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_change_of_surface_is_found_and_no_other(seed, handled_recording):
+    truth = handled_recording(seed)
+    found = segment(clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s))
+    assert len(found.changes) == 1
+    assert abs(found.changes[0] - truth.change) < TOLERANCE_S * truth.rate_Hz
+    assert len(found.stationary()) == 3
+    assert sum(end - start for start, end in found.stationary()) == np.count_nonzero(found.states == State.SLIDING)
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_known_switching_times(seed, rate_Hz):
+    """Level, spectrum, or both change at seven times; 20 dB below lies white noise."""
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(seed)
+    pairs = ([150, 500], [250, 700], [90, 400, 800])
+    y, times = [], []
+    for model, gain in ((0, 1), (1, 2), (0, 1), (0, 0.5), (2, 1), (1, 1), (0, 1.5), (2, 1.5)):
+        count = round(rng.uniform(0.4, 1.0) * rate_Hz)
+        a = np.array([1.0])
+        for f in pairs[model]:
+            a = np.convolve(a, [1.0, -2.0 * np.exp(-300 / rate_Hz) * np.cos(2 * np.pi * f / rate_Hz), np.exp(-600 / rate_Hz)])
+        part = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
+        y.append(gain * part / part.std())
+        times.append(count)
+    signal = np.concatenate(y)
+    signal += 0.1 * signal.std() * rng.standard_normal(len(signal))
+    found = np.array(change_points(clean(signal, rate_Hz).acceleration_m_s2, rate_Hz))
+    truth = np.cumsum(times)[:-1]
+    assert len(found) == len(truth)
+    assert np.abs(found - truth).max() < TOLERANCE_S * rate_Hz
+
+
+def test_what_is_stationary_has_no_changes():
+    rng = np.random.default_rng(0)
+    assert change_points(rng.standard_normal(50_000), 10_000.0) == []
+    assert change_points(rng.laplace(size=50_000), 10_000.0) == []
+    assert change_points(np.zeros(50_000), 10_000.0) == []
+    assert change_points(rng.standard_normal(100), 10_000.0) == []
+
+
+def test_a_recording_of_one_state_is_sliding():
+    rng = np.random.default_rng(0)
+    assert np.all(segment(clean(rng.standard_normal(20_000), 5_000.0)).states == State.SLIDING)
+    assert not np.any(segment(clean(rng.standard_normal(20_000), 5_000.0, force_N=0.0)).states)
+
+
+def test_real_strokes_slide_throughout(shared):
+    for name in ("wood", "paper", "leather"):
+        speed, force, accel, _ = np.loadtxt(
+            shared / "data" / "recordings" / f"cdp_{name}.csv", delimiter=",", skiprows=1
+        ).T
+        assert np.all(segment(clean(accel, 10_000.0, force, 1e-3 * speed)).states == State.SLIDING)
+
+
+def test_the_noise_of_a_stream_is_measured_where_it_is_quietest():
+    rng = np.random.default_rng(0)
+    hand = np.concatenate([np.zeros(20_000), 1.0 - np.cos(np.arange(20_000) / 1000.0)])
+    force = clean(rng.standard_normal(40_000), 10_000.0, hand + 0.1 * rng.standard_normal(40_000)).force_N
+    assert noise(force, 10_000.0) == pytest.approx(0.1 * np.sqrt(100 / 5000), rel=0.4)
+
+
+def test_a_plot_of_the_states(tmp_path, handled_recording):
+    truth = handled_recording(0)
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, truth.force_N, truth.speed_m_s, None, truth.depth_m)
+    short = clean(truth.acceleration_m_s2[:6000], truth.rate_Hz)
+    write_states([(channels, segment(channels)), (short, segment(short))], tmp_path / "states.png", ["one", "two"])
+    assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["states.png"]

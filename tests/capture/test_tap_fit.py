@@ -1,0 +1,81 @@
+"""Taps whose truth is known, at 20 dB."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture.channel import clean
+from hapscene.capture.segment import State, segment
+from hapscene.capture.tap_fit import fit_taps, measure_tap
+
+
+def parts(truth, *streams):
+    channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
+    return [(channels, segment(channels))]
+
+
+@pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_over_approach_speed(seed, rate_Hz, handled_recording):
+    truth = handled_recording(seed, rate_Hz)
+    found = fit_taps(parts(truth, "force_N", "speed_m_s", "depth_m"))
+    taps = found.taps
+    assert taps is not None and not found.absent
+    np.testing.assert_allclose(taps.approach_m_s, sorted(truth.tap_m_s), rtol=0.15)
+    np.testing.assert_allclose(taps.frequency_Hz, 180.0, rtol=0.03)
+    np.testing.assert_allclose(taps.decay_1_s, 70.0, rtol=0.10)
+    np.testing.assert_allclose(taps.amplitude_m_s2, 100.0 * np.array(sorted(truth.tap_m_s)), rtol=0.10)
+    for i in range(4):
+        low, high = found.intervals[f"taps.decay_1_s[{i}]"]
+        assert 0.0 < high - low < 0.4 * 70.0
+
+
+def test_intervals_hold_the_truth(handled_recording):
+    """95 % of them should; of 48, at least 40 do with a probability of 0.999."""
+    inside = 0
+    for seed in range(4):
+        found = fit_taps(parts(handled_recording(seed), "force_N", "speed_m_s", "depth_m"))
+        for name, want in (("frequency_Hz", [180.0] * 4), ("decay_1_s", [70.0] * 4), ("amplitude_m_s2", [5, 10, 15, 20])):
+            for i, value in enumerate(want):
+                low, high = found.intervals[f"taps.{name}[{i}]"]
+                inside += low <= value <= high
+    assert inside >= 40
+
+
+def test_stored_transients_are_those_measured(handled_recording):
+    truth = handled_recording(0)
+    taps = fit_taps(parts(truth, "force_N", "speed_m_s", "depth_m")).taps
+    assert taps is not None and taps.wave_rate_Hz == truth.rate_Hz
+    t_s = np.arange(400) / truth.rate_Hz
+    wave = 20.0 * np.exp(-70.0 * t_s) * np.sin(2 * np.pi * 180.0 * t_s)
+    assert np.corrcoef(taps.transient(taps.approach_m_s[-1], truth.rate_Hz)[:400], wave)[0, 1] > 0.99
+
+
+def test_without_a_speed_one_is_assumed_and_said(handled_recording):
+    found = fit_taps(parts(handled_recording(0)))
+    assert found.taps is not None
+    assert found.taps.approach_m_s.tolist() == [0.1]
+    assert found.taps.frequency_Hz[0] == pytest.approx(180.0, rel=0.03)
+    assert found.taps.decay_1_s[0] == pytest.approx(70.0, rel=0.10)
+    assert "0.1 m/s assumed" in found.absent["taps.approach_m_s"]
+
+
+def test_no_taps_have_a_reason():
+    channels = clean(np.random.default_rng(0).standard_normal(20_000), 10_000.0)
+    found = fit_taps([(channels, segment(channels))])
+    assert found.taps is None and found.absent == {"taps": "no tap was found in the recording"}
+
+
+@pytest.mark.parametrize(("frequency_Hz", "decay_1_s"), [(60.0, 30.0), (300.0, 150.0), (700.0, 80.0)])
+def test_other_frequencies(frequency_Hz, decay_1_s):
+    rate = 10_000.0
+    t_s = np.arange(15_000) / rate - 0.5
+    tap = np.where(t_s > 0, np.exp(-decay_1_s * np.maximum(t_s, 0)) * np.sin(2 * np.pi * frequency_Hz * t_s), 0.0)
+    heard = tap[5000 : 5000 + round(3 / decay_1_s * rate)]
+    noisy = tap + 0.1 * np.sqrt(np.mean(heard**2)) * np.random.default_rng(0).standard_normal(len(tap))
+    channels = clean(10.0 * noisy, rate)
+    states = segment(channels)
+    (run,) = states.runs(State.TAP)
+    found = measure_tap(channels, run, 0.1)
+    assert found is not None
+    assert found.value[1] == pytest.approx(frequency_Hz, rel=0.03)
+    assert found.value[2] == pytest.approx(decay_1_s, rel=0.10)
