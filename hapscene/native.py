@@ -8,7 +8,6 @@ With NUMBA_DISABLE_JIT=1 the same functions run interpreted.
 import hashlib
 import os
 import shutil
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from numba import config, njit
+from platformdirs import user_cache_path
 
 _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
 INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
@@ -64,7 +64,7 @@ def _folder(chosen: str) -> str:
     for source in sorted(here.rglob("*.py")):
         digest.update(source.relative_to(here).as_posix().encode())
         digest.update(source.read_bytes())
-    root = Path(chosen) / "hapscene" if chosen else _user_cache()
+    root = Path(chosen) / "hapscene" if chosen else user_cache_path("hapscene", appauthor=False)
     folder = root / digest.hexdigest()[:16]
     if not folder.is_dir():
         _remove_old(root)
@@ -74,15 +74,6 @@ def _folder(chosen: str) -> str:
     except OSError:
         return chosen  # no place to write: numba's own choice
     return str(folder)
-
-
-def _user_cache() -> Path:
-    """Where this platform keeps what can be made again."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "hapscene" / "cache"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "hapscene"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapscene"
 
 
 def _remove_old(root: Path) -> None:

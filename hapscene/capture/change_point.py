@@ -28,6 +28,12 @@ RATE_HZ: Final = 2500.0
 BLOCK_S: Final = 0.005
 """Grid of places for a change [s]."""
 
+COARSE: Final = 4
+"""Blocks of the first search's grid [count]: a sixteenth of the pairs."""
+
+WINDOW_S: Final = 10.0
+"""Longest stretch that is searched at once [s]."""
+
 PIECE_MIN_S: Final = 0.1
 """Shortest piece [s]: five periods of what is lowest, and over less the hand changes nothing."""
 
@@ -36,19 +42,53 @@ FLOOR: Final = 1e-6
 
 
 def change_points(signal: Array, rate_Hz: float) -> list[int]:
-    """Samples at which a sliding vibration (n,) changes, ascending; none for one that is stationary."""
+    """Samples at which a sliding vibration (n,) changes, ascending; none for one that is stationary.
+
+    Places are first sought on every `COARSE`-th block, then between. A long recording is searched in windows of
+    `WINDOW_S`, the next from the last change but one on, so that the time grows with the length and not its square.
+    """
     from scipy.signal import decimate
 
     factor = max(1, int(rate_Hz // RATE_HZ))
     low = np.asarray(decimate(signal, factor, ftype="fir")) if factor > 1 else signal
     block = max(1, round(BLOCK_S * rate_Hz / factor))
-    shortest = -(-round(PIECE_MIN_S * rate_Hz / factor) // block)
-    count = len(low) // block
-    if count < 2 * shortest or not np.any(low):
+    count = len(low) // (COARSE * block) * COARSE
+    shortest = -(-round(PIECE_MIN_S * rate_Hz / factor) // (COARSE * block))
+    if count < 2 * shortest * COARSE or not np.any(low):
         return []
     sums = _product_sums(low[: count * block], block)
-    penalty = 0.5 * (ORDER + 4) * np.log(count * block) * (1.0 + 0.5 * _excess_kurtosis(low))
-    return [place * block * factor for place in _cheapest(sums, block, shortest, penalty)]
+    window = round(WINDOW_S / BLOCK_S) // COARSE
+    penalty = 0.5 * (ORDER + 4) * np.log(min(count * block, WINDOW_S * rate_Hz / factor))
+    penalty *= 1.0 + 0.5 * _excess_kurtosis(low)
+    coarse, start, places = sums[::COARSE], 0, [0]
+    while True:
+        end = min(start + window, len(coarse) - 1)
+        found = [start + place for place in _cheapest(coarse[start : end + 1], block * COARSE, shortest, penalty)]
+        if end == len(coarse) - 1:
+            places += found
+            break
+        # the last piece is cut by the window, and its border not sure
+        sure = found[:-1]
+        places += sure
+        start = sure[-1] if sure else max(start + window // 2, found[-1] - shortest if found else 0)
+    borders = [COARSE * place for place in places] + [count]
+    return [_refined(sums, before, at, after, block) * block * factor for before, at, after in zip(borders, borders[1:], borders[2:], strict=False)]
+
+
+def _refined(sums: Array, before: int, at: int, after: int, block: int) -> int:
+    """The block near `at` that is likeliest between the two pieces about it: the mean of all, each by its likelihood."""
+    places = np.arange(max(before + COARSE, at - 2 * COARSE), min(after - COARSE, at + 2 * COARSE) + 1)
+    floor = _floor(sums)
+    left, right = sums[places] - sums[before] + floor, sums[after] - sums[places] + floor
+    size = (places - before) * block, (after - places) * block
+    cost = size[0] * np.log(_residual(left) / size[0]) + size[1] * np.log(_residual(right) / size[1])
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    return round(float((weight * places).sum() / weight.sum()))
+
+
+def _floor(sums: Array) -> Array:
+    """What rounding leaves in differences of sums, added so that none is singular."""
+    return np.asarray((FLOOR**2 * sums[-1, -1, -1] + 1e-300) * np.eye(ORDER + 1))
 
 
 def _product_sums(signal: Array, block: int) -> Array:
@@ -67,7 +107,8 @@ def _product_sums(signal: Array, block: int) -> Array:
 def _cheapest(sums: Array, block: int, shortest: int, penalty: float) -> list[int]:
     """The blocks at which a new piece begins, by PELT."""
     count = len(sums) - 1
-    floor = (FLOOR**2 * sums[-1, -1, -1] + 1e-300) * np.eye(ORDER + 1)  # that of rounding
+    sums = sums - sums[0]
+    floor = _floor(sums)
     best = np.full(count + 1, np.inf)  # cost of describing all blocks before this one
     best[0] = -penalty
     last = np.zeros(count + 1, dtype=np.intp)

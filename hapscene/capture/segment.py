@@ -194,10 +194,14 @@ def _rung_out(level: Array, onset: int, quiet: float, last: int) -> int:
 def _heard(level: Array, rate: float, air: Mask) -> tuple[bool, Mask]:
     """Whether the vibration tells rest from motion, and where (n,) it does tell motion."""
     quiet = float(np.median(level[air])) if np.count_nonzero(air) > 0.1 * rate else float(np.quantile(level, 0.02))
-    loud = float(np.quantile(level, 0.95))
+    loud, usual = float(np.quantile(level, 0.95)), float(np.median(level))
+    if loud < LEVEL_RATIO * quiet and usual < 2.0 * quiet:
+        loud = float(level.max())  # all is quiet but for a few taps
+        quiet = usual
     if loud < LEVEL_RATIO * quiet or loud <= 0.0:
         return False, np.ones(len(level), dtype=np.bool_)
-    on = max(quiet, 1e-4 * loud) * (loud / max(quiet, 1e-4 * loud)) ** 0.5
+    quiet = max(quiet, 1e-4 * loud)
+    on = np.sqrt(quiet * loud)
     heard = _switched(level, on, OFF * on)
     return True, ~_without_brief(~heard, round(REST_S * rate))
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.channel import HAND_CUTOFF_HZ, Channels
-from hapscene.capture.segment import Segmentation, State, runs
+from hapscene.capture.segment import Segmentation, State, noise, runs
 
 Array = NDArray[np.float64]
 
@@ -41,29 +41,43 @@ def fit_stiffness(parts: Sequence[tuple[Channels, Segmentation]]) -> Stiffness:
     """The stiffness of recordings of one surface.
 
     A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide. Force and
-    depth of each are taken about their means, so that a zero of depth that drifts does no harm; the slope is that of
-    the line through all (Huber's weights). The interval is a bootstrap's over loadings.
+    depth of each are taken about their means, so that a zero of depth that drifts does no harm. Both are noisy, and a
+    line of force over a noisy depth is too flat: so each is divided by its noise, and the line is the one with the
+    least distances square to it (Deming), by Huber's weights. The interval is a bootstrap's over loadings.
     """
     with_depth = [(channels, states) for channels, states in parts if channels.depth_m is not None]
     if not with_depth:
         return Stiffness(None, reason="the recording holds no depth")
     if all(states.force_on_N is None for _, states in with_depth):
         return Stiffness(None, reason="the recording holds no force that changes")
-    loadings = [loading for channels, states in with_depth for loading in _loadings(channels, states)]
+    loadings = [found for channels, states in with_depth for found in _loadings(channels, states)]
     if not loadings:
         return Stiffness(None, reason="the tool never presses into the surface without sliding")
     depth, force = (np.concatenate([loading[i] for loading in loadings]) for i in (0, 1))
     correlation = float((depth * force).sum() / np.sqrt((depth**2).sum() * (force**2).sum() + 1e-300))
     if correlation < CORRELATION_MIN:
         return Stiffness(None, reason=f"force and depth are no line while the tool presses (r = {correlation:.2f})")
+    ratio = _noise_ratio(with_depth)
     if len(loadings) < LOADINGS_MIN:
         pieces = max(LOADINGS_MIN, 12 // len(loadings))
         loadings = [(d, f) for a, b in loadings for d, f in zip(_split(a, pieces), _split(b, pieces), strict=True)]
-    sums = np.array([_weighted_sums(d, f, _slope(depth, force)) for d, f in loadings if len(d)])
+    slope = _slope(depth, force, ratio)
+    sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings if len(d)])
     rng = np.random.default_rng(0)
-    drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
-    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
-    return Stiffness(_slope(depth, force), (float(low), float(high)))
+    drawn = _deming(sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1), ratio)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return Stiffness(slope, (min(float(low), slope), max(float(high), slope)))
+
+
+def _noise_ratio(parts: Sequence[tuple[Channels, Segmentation]]) -> float:
+    """Noise of the forces over noise of the depths [N/m], bounded so that neither counts as exact."""
+    ratios = []
+    for channels, _ in parts:
+        assert channels.depth_m is not None
+        span = max(float(np.ptp(channels.force_N)), 1e-12) / max(float(np.ptp(channels.depth_m)), 1e-12)
+        of_depth = max(noise(channels.depth_m, channels.rate_Hz), 1e-6 * float(np.ptp(channels.depth_m)) + 1e-15)
+        ratios.append(float(np.clip(noise(channels.force_N, channels.rate_Hz) / of_depth, 0.01 * span, 100.0 * span)))
+    return float(np.median(ratios))
 
 
 def _loadings(channels: Channels, states: Segmentation) -> list[tuple[Array, Array]]:
@@ -92,17 +106,24 @@ def _split(values: Array, count: int) -> list[Array]:
     return np.array_split(values, count)
 
 
-def _slope(depth: Array, force: Array) -> float:
-    """The slope of the line through the origin, by Huber's weights."""
+def _slope(depth: Array, force: Array, ratio: float) -> float:
+    """The slope of the line through the origin."""
     slope = float((depth * force).sum() / (depth**2).sum())
     for _ in range(10):
-        top, bottom = _weighted_sums(depth, force, slope)
-        slope = top / bottom
+        slope = float(_deming(np.array([_weighted_sums(depth, force, slope, ratio)]), ratio)[0])
     return slope
 
 
-def _weighted_sums(depth: Array, force: Array, slope: float) -> tuple[float, float]:
-    away = np.abs(force - slope * depth)
-    bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-12
-    weight = np.minimum(1.0, bound / np.maximum(away, 1e-12))
-    return float((weight * depth * force).sum()), float((weight * depth**2).sum())
+def _weighted_sums(depth: Array, force: Array, slope: float, ratio: float) -> tuple[float, float, float]:
+    """Σw d², Σw d F, Σw F², by Huber's weights for the distances from the line."""
+    away = np.abs(force - slope * depth) / np.sqrt(ratio**2 + slope**2)
+    bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-15
+    weight = np.minimum(1.0, bound / np.maximum(away, 1e-15))
+    return float((weight * depth**2).sum()), float((weight * depth * force).sum()), float((weight * force**2).sum())
+
+
+def _deming(sums: Array, ratio: float) -> Array:
+    """The slopes (m,) that sums (m, 3) of `_weighted_sums` give."""
+    dd, df, ff = sums.T
+    half = 0.5 * (ff - ratio**2 * dd)
+    return np.asarray((half + np.sqrt(half**2 + ratio**2 * df**2)) / np.where(df == 0.0, 1e-300, df))

@@ -1,5 +1,6 @@
 """Batches: every recording is through once, whatever dies on the way."""
 
+import errno
 import json
 import multiprocessing
 import os
@@ -7,9 +8,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -58,6 +61,19 @@ def check_swatch(item: Item, out: Path) -> None:
     assert made == fit_job(Job(str(item.path), item.name, None, READING, FITTING, __version__)).swatch
 
 
+def open_when_read(pipe: Path, going_on: Callable[[], bool]) -> BinaryIO:
+    """A named pipe, opened for writing as soon as somebody reads it."""
+    while True:
+        try:
+            handle = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as error:
+            assert error.errno == errno.ENXIO and going_on(), "nobody reads it"
+            time.sleep(0.005)
+        else:
+            os.set_blocking(handle, True)
+            return os.fdopen(handle, "wb")
+
+
 class Once:
     """Notes what is through, and does something once so many are."""
 
@@ -100,10 +116,11 @@ def test_a_recording_that_kills_every_process_is_given_up_and_the_others_go_on(t
     os.mkfifo(tmp_path / "in" / "deadly.csv")
     items.insert(1, Item(tmp_path / "in" / "deadly.csv", "deadly"))
     deaths = []
+    through = threading.Event()
 
     def strike() -> None:
         for _ in range(3):  # once among others, twice alone
-            with (tmp_path / "in" / "deadly.csv").open("w"):
+            with open_when_read(tmp_path / "in" / "deadly.csv", lambda: not through.is_set()):
                 children = [c for c in multiprocessing.active_children() if c.is_alive()]
                 for child in children:
                     child.kill()
@@ -115,6 +132,7 @@ def test_a_recording_that_kills_every_process_is_given_up_and_the_others_go_on(t
     striker.start()
     once = Once()
     result = fit_batch(items, tmp_path / "out", READING, FITTING, jobs=2, after=once)
+    through.set()
     striker.join(10.0)
     assert [e.recording for e in result.failed] == [str(tmp_path / "in" / "deadly.csv")] and len(deaths) == 3
     assert "died, again" in result.failed[0].reason and len(result.fitted) == 3
@@ -140,10 +158,10 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
         items[place].path.unlink()
         os.mkfifo(items[place].path)
         child = subprocess.Popen(words, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        with items[place].path.open("wb") as pipe:  # opens when it is read
+        with open_when_read(items[place].path, lambda: child.poll() is None) as pipe:
             while len(list(out.glob("*.swatch"))) < place:
                 assert child.poll() is None
-                threading.Event().wait(0.005)
+                time.sleep(0.005)
             child.send_signal(kind)
             if kind == signal.SIGKILL:
                 child.wait()

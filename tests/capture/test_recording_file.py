@@ -5,7 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scipy.io import savemat, wavfile
+
 from hapscene.capture import load_surface_recording
+from hapscene.capture.axis import one_axis
 from hapscene.errors import CaptureError
 
 CSV = "speed,force,accel,friction\n100,2,1,0.5\n200,1,-1,0.25\n"
@@ -37,14 +40,22 @@ def test_one_value_a_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "change", "message"),
     [
-        (CSV, {"rate_Hz": None}, "give rate_Hz="),
+        (CSV, {"rate_Hz": None}, r"give rate_Hz=… \(--rate HZ\)"),
         (CSV, {"columns": None}, r'no column "acceleration"; there are: speed, force, accel, friction: give columns'),
         (CSV, {"columns": {"acceleration": "acc"}}, "no column 'acc'; there are"),
         (CSV, {"columns": {"accel": "accel"}}, "no quantity 'accel'"),
         (CSV, {"units": None}, r'the unit of acceleration .* give units=\{"acceleration": "m/s2"\}'),
+        (CSV, {"units": None}, r"\(--units acceleration=m/s2\)"),
         (CSV, {"units": UNITS | {"force": "lb"}}, "no unit 'lb' of force; there are: N"),
+        (CSV, {"units": UNITS | {"force": "0 N"}}, "no unit '0 N' of force"),
+        (CSV, {"units": UNITS | {"weight": "N"}}, "no quantity 'weight' in units"),
+        (CSV, {"columns": COLUMNS | {"force": "force+speed"}}, "force has one column"),
+        (CSV, {"columns": {"acceleration": "accel+speed+force+friction"}}, "at most three columns"),
+        (CSV, {"columns": {"acceleration": "accel+z"}}, "no column 'z'"),
         ("", {}, "header"),
-        ("1,2\n3,4\n", {}, "header"),
+        ("1,2\n3,4\n", {}, "no column 'accel'; there are: 1, 2"),
+        ("1,2\n3,4\n", {"columns": None}, r"no column \"acceleration\"; there are: 1, 2.*--columns acceleration=1"),
+        ("accel,accel\n1,2\n", {}, "two columns have one name"),
         ("accel\n", {}, "columns expected"),
         ("accel\n1\nx\n", {}, "not a table of numbers"),
         ("accel,force\n1,2\n3\n", {}, "not a table of numbers"),
@@ -62,3 +73,105 @@ def test_what_is_missing_is_told(text: str | bytes, change: dict[str, object], m
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"nothing\.csv: cannot be read"):
         load_surface_recording(tmp_path / "nothing.csv", 1000.0)
+
+
+NOISE = np.random.default_rng(0).standard_normal((3, 4000))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1 2\n3 4\n", "1;2\n3;4\n", "# by hand\n1\t2\n3\t4\n", "# by hand\na,b\n1,2\n3,4\n", "a b\n1 2\n3 4\n"],
+)
+def test_plain_text_in_its_forms(text: str, tmp_path: Path) -> None:
+    names = ("a", "b") if "a" in text.replace("hand", "") else ("1", "2")
+    columns = {"acceleration": names[0], "force": names[1]}
+    recording = load_surface_recording(write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N"})
+    assert recording.acceleration_m_s2.tolist() == [1.0, 3.0]
+    assert recording.force_N is not None and recording.force_N.tolist() == [2.0, 4.0]
+
+
+def test_times_give_the_rate(tmp_path: Path) -> None:
+    path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.0,3\n")
+    assert load_surface_recording(path, units={"acceleration": "g", "time": "ms"}).rate_Hz == pytest.approx(2000.0)
+    assert load_surface_recording(path, 7.0, units={"acceleration": "g"}).rate_Hz == 7.0
+    path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.9,3\n")
+    with pytest.raises(CaptureError, match="not evenly spaced"):
+        load_surface_recording(path, units={"acceleration": "g"})
+
+
+@pytest.mark.parametrize("kind", ["int16", "int32", "uint8", "float32"])
+def test_wav_carries_its_rate_and_full_scale_is_a_unit(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "stroke.wav"
+    wave = 0.5 * np.sin(np.arange(1000) / 10)
+    full = {"int16": 32768, "int32": 2147483648, "uint8": 128, "float32": 1}[kind]
+    wavfile.write(path, 8000, np.round(full * wave + (128 if kind == "uint8" else 0)).astype(kind) if full > 1 else wave.astype(kind))
+    recording = load_surface_recording(path, units={"acceleration": "98 m/s2"})
+    assert recording.rate_Hz == 8000.0
+    np.testing.assert_allclose(recording.acceleration_m_s2, 98.0 * wave, atol=98.0 * (0.01 if kind == "uint8" else 1e-4))
+    with pytest.raises(CaptureError, match="--units acceleration="):
+        load_surface_recording(path)
+
+
+def test_three_channels_of_a_wav_are_three_axes(tmp_path: Path) -> None:
+    wavfile.write(tmp_path / "a.wav", 8000, NOISE.T.astype(np.float32))
+    recording = load_surface_recording(tmp_path / "a.wav", units={"acceleration": "g"})
+    want = one_axis(9.80665 * NOISE.astype(np.float32), 8000.0)
+    np.testing.assert_allclose(recording.acceleration_m_s2, want, atol=1e-6)
+    single = load_surface_recording(tmp_path / "a.wav", columns={"acceleration": "2"}, units={"acceleration": "m/s2"})
+    np.testing.assert_allclose(single.acceleration_m_s2, NOISE[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_arrays_by_name(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"r.{suffix}"
+    t = np.arange(4000) / 2000.0
+    position = np.stack([0.03 * np.sin(5 * t), 0.04 * np.sin(5 * t)])
+    arrays = dict(acceleration=NOISE.T, force=NOISE[0], position_x=position[0], position_y=position[1], depth=NOISE[1])
+    arrays = {**arrays, "rate_Hz": 2000.0}
+    (np.savez(path, **arrays) if suffix == "npz" else savemat(path, arrays))
+    units = {"acceleration": "g", "force": "mN", "position": "m", "depth": "mm"}
+    recording = load_surface_recording(path, units=units)
+    assert recording.rate_Hz == 2000.0
+    np.testing.assert_allclose(recording.acceleration_m_s2, one_axis(9.80665 * NOISE, 2000.0))
+    assert recording.force_N is not None and recording.depth_m is not None and recording.speed_m_s is not None
+    np.testing.assert_allclose(recording.force_N, 1e-3 * NOISE[0])
+    np.testing.assert_allclose(recording.depth_m, 1e-3 * NOISE[1])
+    np.testing.assert_allclose(recording.speed_m_s[200:-200], np.abs(0.25 * np.cos(5 * t))[200:-200], atol=2e-3)
+
+
+def test_tangential_force_of_two_axes(tmp_path: Path) -> None:
+    path = write(tmp_path, "acceleration,tangential_force_x,tangential_force_y\n1,3,4\n2,6,8\n")
+    recording = load_surface_recording(path, 1000.0, units={"acceleration": "g", "tangential_force": "N"})
+    assert recording.tangential_force_N is not None and recording.tangential_force_N.tolist() == [5.0, 10.0]
+
+
+def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None:
+    stream = np.arange(1000.0)
+    stream[500:505] = np.nan
+    np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0, units=np.array(["acceleration=m/s2"]))
+    recording = load_surface_recording(tmp_path / "r.npz")
+    np.testing.assert_allclose(recording.acceleration_m_s2, np.arange(1000.0))
+    stream[:100] = np.nan
+    np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0)
+    with pytest.raises(CaptureError, match=r"10\.5 % of the samples are missing"):
+        load_surface_recording(tmp_path / "r.npz", units={"acceleration": "g"})
+
+
+@pytest.mark.parametrize("suffix", ["wav", "npz", "mat", "hsrec"])
+def test_a_damaged_file_is_told(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"r.{suffix}"
+    path.write_bytes(b"RIFF" + bytes(range(200)))
+    with pytest.raises(CaptureError, match=f"r.{suffix}: "):
+        load_surface_recording(path, 1000.0)
+
+
+def test_no_pickle_is_opened_and_no_text_taken_for_a_stream(tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", acceleration=np.array([{}, {}], dtype=object))
+    with pytest.raises(CaptureError, match="not an NPZ file that can be read"):
+        load_surface_recording(tmp_path / "r.npz", 1000.0)
+    np.savez(tmp_path / "r.npz", acceleration=np.array(["a", "b"]))
+    with pytest.raises(CaptureError, match="no streams of numbers"):
+        load_surface_recording(tmp_path / "r.npz", 1000.0)
+    np.savez(tmp_path / "r.npz", acceleration=np.ones(5), force=np.ones(6))
+    with pytest.raises(CaptureError, match="different length"):
+        load_surface_recording(tmp_path / "r.npz", 1000.0)

@@ -81,3 +81,55 @@ def test_above_the_channel_s_band_silent(bench, ticks, swatch_of):
 def test_gain_scales(bench, ticks, swatch_of):
     once, twice = (bench(TAP, swatch_of(), params=dict(tap_gain=g)).samples(contact(ticks, 9, 0.1)) for g in (1.0, 2.0))
     np.testing.assert_array_equal(2.0 * once, twice)
+
+
+def transient_taps(rate_Hz=10_000.0, count=600):
+    t_s = np.arange(count) / rate_Hz
+    rows = [(5.0, 180.0, 70.0), (12.0, 200.0, 80.0), (30.0, 260.0, 90.0)]
+    waves = np.array([a * np.exp(-b * t_s) * np.sin(2 * np.pi * f * t_s) * np.cos(300 * t_s) for a, f, b in rows])
+    return Taps([0.05, 0.1, 0.3], *np.array(rows).T, waves, rate_Hz)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.01, 0.05, 0.07, 0.13, 0.3, 1.0])
+def test_measured_transients_are_played_as_the_taps_say(bench, ticks, swatch_of, speed_m_s):
+    taps = transient_taps()
+    y = bench(TAP, swatch_of(taps=taps)).samples(contact(ticks, 100, speed_m_s))
+    np.testing.assert_allclose(y[:600], taps.transient(speed_m_s, 10_000.0), atol=1e-12)
+    assert not y[600:].any()
+
+
+def test_measured_transients_add_up_and_ring_on_over_another_swatch(bench, ticks, swatch_of):
+    taps = transient_taps()
+    rows = ticks(80)
+    rows["began"][[0, 30]] = 1
+    rows["approach_m_s"] = np.repeat([0.3, 0.1], [30, 50])
+    want = np.zeros(800)
+    want[:600] += taps.transient(0.3, 10_000.0)
+    want[300:] += taps.transient(0.1, 10_000.0)[:500]
+    effect = bench(TAP, swatch_of(taps=taps))
+    np.testing.assert_allclose(effect.samples(rows), want, atol=1e-12)
+    effect = bench(TAP, swatch_of(taps=taps))
+    first = effect.samples(contact(ticks, 3, 0.3))
+    effect.table = effect.table_of(PLAIN)
+    both = np.concatenate([first, effect.samples(ticks(57))])
+    np.testing.assert_allclose(both, taps.transient(0.3, 10_000.0), atol=1e-12)
+
+
+def test_a_transient_at_another_rate_and_a_long_one(bench, ticks, swatch_of):
+    coarse = Taps([0.1], [1.0], [100.0], [80.0], transient_taps(1000.0, 100).wave_m_s2[:1], 1000.0)
+    y = bench(TAP, swatch_of(taps=coarse)).samples(contact(ticks, 100, 0.1))
+    np.testing.assert_allclose(y, coarse.transient(0.1, 10_000.0), atol=1e-12)
+    long = Taps([0.1], [1.0], [100.0], [80.0], np.ones((1, 1000)), 1000.0)
+    y = bench(TAP, swatch_of(taps=long)).samples(contact(ticks, 1000, 0.1))
+    assert np.isfinite(y).all() and not y[4096:].any() and abs(y[4095]) < 0.01
+
+
+def test_strikes_of_transients_never_grow_without_bound(bench, ticks, swatch_of):
+    """A contact at each tick for a second: no louder than all of them on top of each other, and over at the end."""
+    taps = transient_taps()
+    rows = ticks(1200, approach_m_s=0.3)
+    rows["began"][:1000] = 1
+    y = bench(TAP, swatch_of(taps=taps)).samples(rows)
+    wave = taps.transient(0.3, 10_000.0)
+    assert np.abs(y).max() <= np.abs(wave).reshape(-1, 10).sum(axis=0).max() + 1e-9
+    assert not y[10_600:].any()

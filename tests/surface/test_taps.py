@@ -38,3 +38,52 @@ def test_below_the_lowest_it_fades_and_beyond_the_highest_it_stays() -> None:
 def test_what_does_not_fit_is_refused(rows: tuple[list[float], ...], message: str) -> None:
     with pytest.raises(SwatchError, match=message):
         Taps(*rows)
+
+
+WAVES = np.array([[0.0, 2.0, -1.0, 0.5], [0.0, 8.0, -4.0, 1.0]])
+MEASURED = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0], WAVES, 1000.0)
+
+
+def test_measured_transients_are_cross_faded_scaled_down_and_clamped() -> None:
+    np.testing.assert_array_equal(MEASURED.transient(0.1, 1000.0), WAVES[0])
+    np.testing.assert_allclose(MEASURED.transient(0.15, 1000.0), 0.75 * WAVES[0] + 0.25 * WAVES[1])
+    np.testing.assert_allclose(MEASURED.transient(0.025, 1000.0), 0.25 * WAVES[0])
+    for speed in (0.3, 5.0, float("inf")):
+        np.testing.assert_array_equal(MEASURED.transient(speed, 1000.0), WAVES[1])
+    for speed in (0.0, -1.0, float("nan")):
+        assert not MEASURED.transient(speed, 1000.0).any()
+
+
+def test_without_transients_the_sinusoid_is_given() -> None:
+    wave = TAPS.transient(0.1, 2000.0)
+    t_s = np.arange(len(wave)) / 2000.0
+    np.testing.assert_allclose(wave, 5.0 * np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s))
+    assert np.exp(-80.0 * t_s[-1]) < 2e-3
+    assert not TAPS.transient(0.1, 150.0).any()  # that rate cannot carry it
+
+
+def test_transients_at_another_rate_keep_their_shape() -> None:
+    t_s = np.arange(100) / 1000.0
+    wave = np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s)
+    taps = Taps([0.1], [1.0], [100.0], [80.0], wave[None], 1000.0)
+    fine = taps.waves_at(10_000.0)[0]
+    assert len(fine) == 1000
+    t_s = np.arange(1000) / 10_000.0
+    np.testing.assert_allclose(fine, np.exp(-80.0 * t_s) * np.sin(2 * np.pi * 100.0 * t_s), atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("waves", "rate_Hz", "message"),
+    [
+        (WAVES[:1], 1000.0, r"must have shape \(2, 1 to 4096\)"),
+        (WAVES[0], 1000.0, "must have shape"),
+        (np.zeros((2, 5000)), 1000.0, "must have shape"),
+        (np.full((2, 3), np.nan), 1000.0, "finite"),
+        (WAVES, 0.0, "wave_rate_Hz must be"),
+        (WAVES, float("nan"), "wave_rate_Hz must be"),
+        (None, 1000.0, "no wave_m_s2"),
+    ],
+)
+def test_transients_that_do_not_fit_are_refused(waves: np.ndarray | None, rate_Hz: float, message: str) -> None:
+    with pytest.raises(SwatchError, match=message):
+        Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0], waves, rate_Hz)
