@@ -32,7 +32,8 @@ def dft321(axes: Array) -> Array:
     together = np.where(lost, strongest, together)
     size = np.abs(together)
     magnitude = np.sqrt((np.abs(spectra) ** 2).sum(axis=0))
-    return np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1])
+    made = np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1])
+    return np.asarray(made, dtype=np.float64)
 
 
 def one_axis(axes: Array, rate_Hz: float) -> Array:

@@ -72,11 +72,14 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
         places += sure
         start = sure[-1] if sure else max(start + window // 2, found[-1] - shortest if found else 0)
     borders = [COARSE * place for place in places] + [count]
-    return [_refined(sums, before, at, after, block) * block * factor for before, at, after in zip(borders, borders[1:], borders[2:], strict=False)]
+    return [
+        _refined(sums, before, at, after, block) * block * factor
+        for before, at, after in zip(borders, borders[1:], borders[2:], strict=False)
+    ]
 
 
 def _refined(sums: Array, before: int, at: int, after: int, block: int) -> int:
-    """The block near `at` that is likeliest between the two pieces about it: the mean of all, each by its likelihood."""
+    """Where near the block `at` the two pieces about it meet: the mean of all places, each by its likelihood."""
     places = np.arange(max(before + COARSE, at - 2 * COARSE), min(after - COARSE, at + 2 * COARSE) + 1)
     floor = _floor(sums)
     left, right = sums[places] - sums[before] + floor, sums[after] - sums[places] + floor

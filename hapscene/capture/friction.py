@@ -1,6 +1,6 @@
 """Friction coefficients from tangential and normal force, with their 95 % intervals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -92,7 +92,9 @@ def fit_friction(parts: Sequence[tuple[Channels, Segmentation]]) -> Friction:
         dynamic, static = float(np.median(curve[:, 0])), float(np.median(curve[:, 1]))
         intervals = {"friction_dynamic": _interval(curve[:, 0]), "friction_static": _interval(curve[:, 1])}
         slow, fast = 1e3 * np.quantile(blocks.speed_m_s, [0.02, 0.98])
-        note = f"Friction falls with speed: static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above."
+        note = (
+            f"Friction falls with speed: static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above."
+        )
     pulls = np.array(_breakaways(parts))
     if len(pulls):
         static = max(dynamic, float(np.median(pulls)))
@@ -174,7 +176,11 @@ def _stribeck(blocks: _Blocks, draws: NDArray[np.intp]) -> Array | str:
         found.append((level, level + at_slow * drop))
     curve = np.array(found)
     drop = curve[:, 1] - curve[:, 0]
-    if np.quantile(drop, 0.025) <= 0.0 or np.median(drop) < DROP_MIN * np.median(curve[:, 0]) or curve[:, 0].min() <= 0.0:
+    if (
+        np.quantile(drop, 0.025) <= 0.0
+        or np.median(drop) < DROP_MIN * np.median(curve[:, 0])
+        or curve[:, 0].min() <= 0.0
+    ):
         return f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
     return curve
 
@@ -202,8 +208,8 @@ def _breakaways(parts: Sequence[tuple[Channels, Segmentation]]) -> list[float]:
         assert channels.tangential_force_N is not None
         rate, n = channels.rate_Hz, len(channels.force_N)
         length = max(1, round(0.01 * rate))
-        mean: Callable[[Array], Array] = lambda stream, length=length: np.asarray(uniform_filter1d(stream, length))
-        tangential, normal = np.abs(mean(channels.tangential_force_N)), mean(channels.force_N)
+        tangential = np.abs(uniform_filter1d(channels.tangential_force_N, length))
+        normal = uniform_filter1d(channels.force_N, length)
         before, after = (round(s * rate) for s in BREAKAWAY_S)
         least = 0.1 * float(channels.force_N.max())
         for still_start, still_end in runs(states.states == State.STILL):

@@ -67,10 +67,10 @@ def _text(file: Path) -> Source:
     try:
         with file.open(encoding="utf-8-sig") as f:
             lines = (line for line in f if line.strip() and not line.startswith("#"))
-            first, second = next(lines, ""), next(lines, "")
+            first = next(lines, "")
     except UnicodeDecodeError:
         raise CaptureError(f"{file}: not a text file") from None
-    delimiter = next((d for d in (";", "\t", ",") if d in (second or first)), None)
+    delimiter = next((d for d in (";", "\t", ",") if d in first), None)
     names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
     header = not all(_is_number(name) for name in names)
     if not names or not names[0]:

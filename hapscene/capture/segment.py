@@ -18,6 +18,7 @@ epoxy alone makes it rise by 18 dB.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -102,7 +103,7 @@ class Segmentation:
         pieces = []
         for start, end in self.runs(State.SLIDING):
             places = [start, *(c for c in self.changes if start < c < end), end]
-            pieces += list(zip(places[:-1], places[1:], strict=True))
+            pieces += list(pairwise(places))
         return pieces
 
     def seconds(self, state: State) -> float:

@@ -30,9 +30,7 @@ COLOURS: Final = {
 WORDS: Final = {State.AIR: "no contact", State.STILL: "at rest", State.SLIDING: "sliding", State.TAP: "tap"}
 
 
-def write_states(
-    parts: Sequence[tuple[Channels, Segmentation]], path: str | Path, titles: Sequence[str] = ()
-) -> None:
+def write_states(parts: Sequence[tuple[Channels, Segmentation]], path: str | Path, titles: Sequence[str] = ()) -> None:
     """Draws the states of recordings as PNG, one under the other.
 
     Args:

@@ -20,7 +20,7 @@ from hapscene.surface.taps import Taps
 Array = NDArray[np.float64]
 
 WAVE_S: Final = 0.1
-"""Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit; fingertips and wood are over by then."""
+"""Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit."""
 
 LEAD_S: Final = 0.03
 """What is compared before an impact's onset [s]: the ripple of the high-pass tells where it began."""
@@ -126,11 +126,13 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
         rows.append(mean)
         speed = float(np.mean([tap.approach_m_s for tap in group]))
         speeds.append(speed if np.isfinite(speed) else ASSUMED_APPROACH_M_S)
-        for name, value, half in zip(("amplitude_m_s2", "frequency_Hz", "decay_1_s"), mean, NORMAL_95 * error, strict=True):
+        for name, value, half in zip(
+            ("amplitude_m_s2", "frequency_Hz", "decay_1_s"), mean, NORMAL_95 * error, strict=True
+        ):
             intervals[f"taps.{name}[{i}]"] = (max(0.0, float(value - half)), float(value + half))
     amplitude, frequency, decay = np.array(rows).T
     waves = np.stack([np.mean([tap.wave_m_s2 for tap in group], axis=0) for group in groups])
-    return TapFit(Taps(speeds, amplitude, frequency, decay, waves, rate_Hz), intervals, absent)
+    return TapFit(Taps(np.array(speeds), amplitude, frequency, decay, waves, rate_Hz), intervals, absent)
 
 
 def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
@@ -176,7 +178,9 @@ def measure_tap(channels: Channels, run: Run, approach_m_s: float) -> MeasuredTa
     # Onsets half a period off fit nearly as well: of all of them the best begins the search.
     frequency = float(np.clip(_loudest(data[lead:], rate), 12.0, 0.4 * rate))
     step_s = min(5e-4, 0.125 / frequency)
-    decay, onset_s = (g.ravel() for g in np.meshgrid([30.0, 100.0, 300.0], np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s)))
+    decay, onset_s = (
+        g.ravel() for g in np.meshgrid([30.0, 100.0, 300.0], np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s))
+    )
     models = played(frequency, decay, onset_s)
     match, power = models @ data / scale, np.maximum((models**2).sum(axis=1), 1e-12)
     best = int(np.argmax(match**2 / power))
@@ -199,7 +203,7 @@ def _errors(jacobian: Array, residual: Array) -> Array:
         return np.zeros(jacobian.shape[1])
     rho = min(max(float((residual[1:] * residual[:-1]).sum()) / power, 0.0), 0.95)
     variance = power / max(1, len(residual) - jacobian.shape[1]) * (1.0 + rho) / (1.0 - rho)
-    return np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(jacobian.T @ jacobian)), 0.0))
+    return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(jacobian.T @ jacobian)), 0.0)))
 
 
 def _loudest(data: Array, rate: float) -> float:

@@ -30,7 +30,11 @@ def add_capture_fit(commands: Any) -> None:
     command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
     command.add_argument("-o", "--out", metavar="SWATCH", required=True, help="the .swatch file to write")
     command.add_argument(
-        "--order", type=_order, default="auto", metavar="N", help="of the texture's models (default: auto, held-out data)"
+        "--order",
+        type=_order,
+        default="auto",
+        metavar="N",
+        help="of the texture's models (default: auto, held-out data)",
     )
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
     add_recording_options(command)
@@ -85,8 +89,8 @@ def summary(swatch: "Swatch") -> list[str]:
     if texture is not None:
         count = int(np.count_nonzero(texture.variance_m2_s4))
         lines.append(
-            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, up to "
-            f"{texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
+            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
+            f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
         )
     if swatch.friction_dynamic > 0.0:
         lines.append(f"  friction: dynamic {_number(swatch, 'friction_dynamic', '.3f')}")

@@ -196,12 +196,12 @@ def _taps(content: Any) -> Taps | None:
     if content is None:
         return None
     _check_keys("taps", content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
-    rows = [_array(f"taps.{key}", content[key], 1) for key in TAP_ROWS]
-    if "wave_m_s2" not in content and "wave_rate_Hz" not in content:
-        return Taps(*rows)
-    _check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
-    rate_Hz = _number("taps.wave_rate_Hz", content["wave_rate_Hz"])
-    return Taps(*rows, wave_m_s2=_array("taps.wave_m_s2", content["wave_m_s2"], 2), wave_rate_Hz=rate_Hz)
+    fields: dict[str, Any] = {key: _array(f"taps.{key}", content[key], 1) for key in TAP_ROWS}
+    if "wave_m_s2" in content or "wave_rate_Hz" in content:
+        _check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
+        fields["wave_rate_Hz"] = _number("taps.wave_rate_Hz", content["wave_rate_Hz"])
+        fields["wave_m_s2"] = _array("taps.wave_m_s2", content["wave_m_s2"], 2)
+    return Taps(**fields)
 
 
 def _measured(where: str, content: Any) -> dict[str, Any]:

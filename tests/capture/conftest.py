@@ -70,7 +70,9 @@ def handled(seed: int = 0, rate_Hz: float = 10_000.0, snr_dB: float = 20.0) -> T
             depth[start + m : start + m + len(away)] = -v * away
             states[part] = State.TAP
         elif what != "air":
-            force[part] = 1.5 * (rise if what in ("press", "A again") else 1.0) * (fall if what in ("rest", "A again") else 1.0)
+            force[part] = (
+                1.5 * (rise if what in ("press", "A again") else 1.0) * (fall if what in ("rest", "A again") else 1.0)
+            )
             states[part] = State.STILL if what in ("press", "rest") else State.SLIDING
         if what[0] in surfaces:
             ramp = np.minimum(1.0, t / 0.02) if what != "B" else np.ones(m)

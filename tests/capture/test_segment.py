@@ -65,7 +65,9 @@ def test_known_switching_times(seed, rate_Hz):
         count = round(rng.uniform(0.4, 1.0) * rate_Hz)
         a = np.array([1.0])
         for f in pairs[model]:
-            a = np.convolve(a, [1.0, -2.0 * np.exp(-300 / rate_Hz) * np.cos(2 * np.pi * f / rate_Hz), np.exp(-600 / rate_Hz)])
+            a = np.convolve(
+                a, [1.0, -2.0 * np.exp(-300 / rate_Hz) * np.cos(2 * np.pi * f / rate_Hz), np.exp(-600 / rate_Hz)]
+            )
         part = lfilter([1.0], a, rng.standard_normal(count + 4000))[4000:]
         y.append(gain * part / part.std())
         times.append(count)

@@ -34,7 +34,11 @@ def test_intervals_hold_the_truth(handled_recording):
     inside = 0
     for seed in range(4):
         found = fit_taps(parts(handled_recording(seed), "force_N", "speed_m_s", "depth_m"))
-        for name, want in (("frequency_Hz", [180.0] * 4), ("decay_1_s", [70.0] * 4), ("amplitude_m_s2", [5, 10, 15, 20])):
+        for name, want in (
+            ("frequency_Hz", [180.0] * 4),
+            ("decay_1_s", [70.0] * 4),
+            ("amplitude_m_s2", [5, 10, 15, 20]),
+        ):
             for i, value in enumerate(want):
                 low, high = found.intervals[f"taps.{name}[{i}]"]
                 inside += low <= value <= high

@@ -19,7 +19,7 @@ from hapscene.surface.swatch_file import (
     swatch_from_json,
     swatch_to_json,
 )
-from hapscene.surface.taps import Taps
+from hapscene.surface.taps import TAP_ROWS, Taps
 from hapscene.surface.texture import Texture
 
 
@@ -27,10 +27,12 @@ def make_swatch(seed: int = 0) -> Swatch:
     rng = np.random.default_rng(seed)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
     texture = Texture.from_models(1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a, rng.uniform(0, 1, 3))
-    taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2))
+    waves = rng.standard_normal((2, 5))
+    taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
     return Swatch(
-        "Eiche №1", 1000 / 3, 0.1, 0.3, 0.2, texture, taps, (0.1, 1 / 3, 1.0), "“made up”\n", "MIT", {"x": {"y": 0.1}}
-    )
+        "Eiche №1", 1000 / 3, 0.1, 0.3, 0.2, texture, taps, (0.1, 1 / 3, 1.0), "“made up”\n", "MIT", {"x": {"y": 0.1}},
+        {"friction_dynamic": (0.1, 1 / 3)}, {"stiffness_N_m": "no “depth”"},
+    )  # fmt: skip
 
 
 @settings(max_examples=20, deadline=None)
@@ -132,6 +134,15 @@ BAD = {
     "order": (edit(("texture", "lsf_rad"), [list(np.linspace(0.001, 3.1, 300))] * 8), "lsf_rad must have shape"),
     "variance": (edit(("texture", "variance_m2_s4", 0), -1.0), "variance_m2_s4"),
     "taps shape": (edit(("taps", "decay_1_s"), [1.0]), "decay_1_s must have shape"),
+    "waves shape": (edit(("taps", "wave_m_s2"), [[1.0]]), "wave_m_s2 must have shape"),
+    "waves without rate": (
+        edit(("taps",), {k: [1.0] for k in TAP_ROWS} | {"wave_m_s2": [[1.0]]}), r"'taps\.wave_rate_Hz' is missing"
+    ),
+    "interval": (edit(("intervals", "stiffness_N_m"), [2.0, 1.0]), r"intervals\.stiffness_N_m must be two numbers"),
+    "interval of one": (edit(("intervals", "stiffness_N_m"), [2.0]), "must be two numbers"),
+    "intervals": (edit(("intervals",), [1.0]), "intervals must be an object"),
+    "reason": (edit(("absent", "taps"), 1.0), r"absent\.taps must be a text"),
+    "reasons": (edit(("absent",), {str(i): "" for i in range(5000)}), "absent must be an object of at most"),
     "taps missing": (edit(("taps",), {"decay_1_s": [1.0]}), r"'taps\.approach_m_s' is missing"),
 }
 

@@ -1,0 +1,83 @@
+"""All that a recording holds, in one swatch."""
+
+import numpy as np
+import pytest
+
+from hapscene.capture import fit
+from hapscene.capture.change_point import change_points
+from hapscene.capture.channel import clean
+from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.segment import segment
+from hapscene.capture.swatch_fit import fit_parts, prepare
+from hapscene.errors import CaptureError
+from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
+
+
+def fitted(truth, part=slice(None), **options):
+    named = {name: getattr(truth, name)[part] for name in ("force_N", "speed_m_s", "tangential_force_N", "depth_m")}
+    return fit(truth.acceleration_m_s2[part], truth.rate_Hz, **named, **options)
+
+
+def test_a_recording_with_everything(handled_recording):
+    truth = handled_recording(0)
+    swatch = fitted(truth, name="oak")
+    assert swatch.texture is not None and swatch.taps is not None
+    assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
+    assert swatch.stiffness_N_m == pytest.approx(500.0, rel=0.03)
+    assert len(swatch.taps.approach_m_s) == 4 and swatch.taps.wave_m_s2 is not None
+    assert {"stiffness_N_m", "friction_dynamic", "taps.decay_1_s[3]"} <= swatch.intervals.keys()
+    assert swatch.absent.keys() == {"friction_stribeck", "damping_Ns_m"}
+    assert swatch_from_json(swatch_to_json(swatch)) == swatch
+    # the texture is that of the sliding alone: neither taps nor rest are in its level
+    sliding = clean(truth.acceleration_m_s2, truth.rate_Hz).acceleration_m_s2[truth.states == 2]
+    assert abs(10 * np.log10(swatch.texture.power(np.array([1.5]), np.array([0.15]))[0] / sliding.var())) < 0.5
+
+
+def test_taps_alone_make_a_swatch_without_texture(handled_recording):
+    truth = handled_recording(0)
+    swatch = fitted(truth, slice(0, round(2.3 * truth.rate_Hz)))
+    assert swatch.texture is None and swatch.taps is not None
+    assert "never slides" in swatch.absent["texture"]
+    assert "slides under a normal force for less" in swatch.absent["friction_dynamic"]
+    assert swatch.friction_static == 0.0
+
+
+def test_a_bad_model_count_is_an_error_whatever_else_there_is(handled_recording):
+    with pytest.raises(CaptureError, match="model_count must be"):
+        fitted(handled_recording(0), model_count=0)
+
+
+def test_recordings_are_pooled_as_one(handled_recording):
+    parts = []
+    for seed in range(2):
+        truth = handled_recording(seed)
+        parts.append(
+            prepare(
+                SurfaceRecording(
+                    truth.rate_Hz,
+                    truth.acceleration_m_s2,
+                    truth.force_N,
+                    truth.speed_m_s,
+                    truth.tangential_force_N,
+                    truth.depth_m,
+                )
+            )
+        )
+    swatch = fit_parts(parts, "oak", order=12)
+    assert swatch.texture is not None and swatch.texture.order == 12
+    assert swatch.taps is not None and len(swatch.taps.approach_m_s) == 4  # like speeds are one
+    assert swatch.friction_dynamic == pytest.approx(0.35, rel=0.02)
+    other = clean(np.random.default_rng(0).standard_normal(4000), 2000.0)
+    with pytest.raises(CaptureError, match="must have one rate, these have 2000, 10000 Hz"):
+        fit_parts([parts[0], (other, segment(other))])
+    with pytest.raises(CaptureError, match="one rate"):
+        fit_parts([])
+
+
+def test_changes_are_found_in_a_recording_longer_than_a_window():
+    rate, rng = 2000.0, np.random.default_rng(0)
+    lengths = [7.0, 4.0, 15.0, 0.5, 0.5, 12.0, 3.0]
+    signal = np.concatenate([rng.standard_normal(round(s * rate)) * (1 + i % 2) for i, s in enumerate(lengths)])
+    found = np.array(change_points(signal, rate)) / rate
+    assert len(found) == len(lengths) - 1
+    np.testing.assert_allclose(found, np.cumsum(lengths)[:-1], atol=0.02)

@@ -1,0 +1,76 @@
+"""`hapscene capture fit`, as typed."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.command.capture_fit import add_capture_fit
+from hapscene.errors import CaptureError, SwatchError
+from hapscene.surface.swatch_file import load_swatch
+
+UNITS = "acceleration=m/s2,speed=mm/s,force=N"
+
+
+def run(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    add_capture_fit(parser.add_subparsers())
+    options = parser.parse_args(["fit", *words])
+    code: int = options.command(options)
+    return code
+
+
+def write(path: Path, seed: int = 0, count: int = 4000) -> Path:
+    rng = np.random.default_rng(seed)
+    speed, force = 150 + 20 * np.sin(np.arange(count) / 300), 1.5 + 0.3 * np.sin(np.arange(count) / 200)
+    table = np.stack([speed, force, rng.standard_normal(count), np.full(count, 0.4)], axis=1)
+    np.savetxt(path, table, delimiter=",", header="speed,force,accel,friction", comments="")
+    return path
+
+
+def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    oak, plot = tmp_path / "oak.swatch", tmp_path / "states.png"
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS)
+    assert run(str(write(tmp_path / "a.csv")), "--name", "Eiche", "-o", str(oak), "--plot", str(plot), *options) == 0
+    swatch = load_swatch(oak)
+    assert swatch.name == "Eiche" and swatch.texture is not None
+    assert "a.csv" in swatch.provenance
+    assert swatch.friction_dynamic == pytest.approx(0.4, rel=1e-6)
+    said = capsys.readouterr().out
+    for text in (
+        "texture: order",
+        "dynamic 0.400 [0.400, 0.400]",
+        "absent: taps: no tap",
+        "absent: stiffness_N_m",
+        "oak.swatch",
+    ):
+        assert text in said
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_several_recordings_are_pooled(tmp_path: Path) -> None:
+    files = [str(write(tmp_path / f"{i}.csv", i)) for i in range(3)]
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    run(*files, "-o", str(tmp_path / "oak.swatch"), *options)
+    swatch = load_swatch(tmp_path / "oak.swatch")
+    assert swatch.name == "oak" and swatch.texture is not None and swatch.texture.order == 4
+    assert "0.csv, 1.csv, 2.csv" in swatch.provenance
+
+
+def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
+    path, out = str(write(tmp_path / "a.csv")), str(tmp_path / "oak.swatch")
+    given = ("--columns", "acceleration=accel", "--units", UNITS)
+    with pytest.raises(CaptureError, match="--rate HZ"):
+        run(path, "-o", out, *given)
+    with pytest.raises(CaptureError, match="--units acceleration=m/s2"):
+        run(path, "-o", out, "--rate", "2000", "--columns", "acceleration=accel")
+    with pytest.raises(CaptureError, match="--columns acceleration=speed"):
+        run(path, "-o", out, "--rate", "2000", "--units", UNITS)
+    with pytest.raises(CaptureError, match=r"a\.csv: .*at least 0\.5 s"):
+        run(str(write(tmp_path / "a.csv", count=100)), "-o", out, "--rate", "2000", *given)
+    with pytest.raises(SwatchError, match=r"must end in \.swatch"):
+        run(path, "-o", str(tmp_path / "oak.json"))
+    with pytest.raises(SystemExit):
+        run(path, "-o", out, "--order", "0")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]

@@ -1,0 +1,135 @@
+"""What effects are told of a contact: its beginning, speeds, slip over a body, the swatch, barycentric coordinates."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.constants import SLIP_CUTOFF_HZ
+from hapscene.surface.swatch import Swatch
+
+TICK_S = 1e-3
+SHARE = 1 - math.exp(-2 * math.pi * SLIP_CUTOFF_HZ * TICK_S)
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+
+
+@pytest.fixture
+def renderer():
+    scene = hapscene.Scene()
+    scene.add(BOX, name="box", unit="m", swatch=Swatch("soft", stiffness_N_m=200.0))
+    return hapscene.Renderer(scene, ["wall"])
+
+
+def told(renderer, path, poses=None) -> np.ndarray:
+    """What the effects were told, row per tick: the record of each tick, one step after another."""
+    rows = []
+    for k, p in enumerate(path):
+        renderer.step(p, poses={name: X[k] for name, X in (poses or {}).items()})
+        rows.append(renderer._surface.touch[0].copy())
+    return np.array(rows)
+
+
+def moved(offsets_m) -> np.ndarray:
+    X = np.tile(np.eye(4), (len(offsets_m), 1, 1))
+    X[:, :3, 3] = offsets_m
+    return X
+
+
+def test_beginning_and_end_of_a_contact(renderer):
+    rows = told(renderer, [[0, 0, z] for z in (0.001, -0.001, -0.003, -0.002, 0.001, 0.002, -0.001)])
+    assert rows["touching"].tolist() == [0, 1, 1, 1, 0, 0, 1]
+    assert rows["began"].tolist() == [0, 1, 0, 0, 0, 0, 1]
+    assert rows["ended"].tolist() == [0, 0, 0, 0, 1, 0, 0]
+    np.testing.assert_allclose(rows["depth_m"], [0, 0.001, 0.003, 0.002, 0, 0, 0.001], atol=1e-15)
+    np.testing.assert_allclose(rows["depth_rate_m_s"], [0, 0, 2, -1, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(rows["approach_m_s"][[1, 6]], [2, 3], rtol=1e-9)
+    np.testing.assert_allclose(rows["v_WT_m_s"][:, 2], [0, -2, -2, 1, 3, 1, -3], atol=1e-9)
+
+
+def test_first_tick_has_no_velocity(renderer):
+    renderer.reset([0, 0, 0.5])
+    row = told(renderer, [[0, 0, -0.001]])[0]
+    assert row["v_WT_m_s"].tolist() == [0, 0, 0]
+    assert row["approach_m_s"] == 0.0
+    assert row["tick"] == 0
+
+
+def test_in_the_air_normal_and_swatch_are_those_of_the_last_contact(renderer):
+    rows = told(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, 0.001]])
+    assert rows["swatch"].tolist() == [-1, 1, 1]
+    assert rows["crossed"].tolist() == [0, 1, 0]
+    assert (rows["body"].tolist(), rows["face"][[0, 2]].tolist()) == ([-1, 0, -1], [-1, -1])
+    np.testing.assert_array_equal(rows["nhat_W"][2], [0, 0, 1])
+    for name in ("depth_m", "depth_rate_m_s", "normal_force_N", "force_N", "slip_m_s"):
+        assert rows[name][2] == 0.0
+
+
+def test_normal_force_is_stiffness_times_depth_and_its_low_pass_follows(renderer):
+    rows = told(renderer, [[0, 0, 0.001], *[[0, 0, -0.002]] * 200])[1:]
+    np.testing.assert_allclose(rows["normal_force_N"], 0.4, rtol=1e-12)
+    np.testing.assert_allclose(rows["force_N"], 0.4 * (1 - (1 - SHARE) ** np.arange(1, 201)), rtol=1e-9)
+
+
+def test_slip_of_a_stroke(renderer):
+    """From rest into a stroke of 0.1 m/s: each tick 0.1 mm of slip, its speed low-passed."""
+    x = np.concatenate([np.zeros(3), 1e-4 * np.arange(1, 151)])
+    rows = told(renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(152, -0.001)]])
+    np.testing.assert_allclose(rows["slip_W_m"][3:], np.tile([1e-4, 0, 0], (150, 1)), atol=1e-12)
+    np.testing.assert_allclose(rows["slip_m_s"][3:], 0.1 * (1 - (1 - SHARE) ** np.arange(1, 151)), rtol=1e-6)
+
+
+def test_a_contact_in_flight_starts_with_the_tools_own_speed(renderer):
+    x = 1e-4 * np.arange(4)
+    rows = told(renderer, np.c_[x, 0 * x, [0.001, -0.001, -0.001, -0.001]])
+    np.testing.assert_allclose(rows["slip_m_s"][1:], 0.1, rtol=1e-9)
+
+
+def test_slip_is_over_the_body(renderer):
+    """A tool that rides on a body slips nothing; one that stands on a body that slides by slips against it."""
+    x = 1e-4 * np.arange(100)
+    poses = {"box": moved(np.c_[x, 0 * x, 0 * x])}
+    z = np.r_[0.001, np.full(99, -0.001)]
+    riding = told(renderer, np.c_[x, 0 * x, z], poses)
+    np.testing.assert_allclose(riding["slip_W_m"][2:], 0, atol=1e-12)
+    renderer.reset([0, 0, 0.001])
+    standing = told(renderer, np.c_[0 * x, 0 * x, z], poses)
+    np.testing.assert_allclose(standing["slip_W_m"][2:], np.tile([-1e-4, 0, 0], (98, 1)), atol=1e-12)
+
+
+def test_a_tool_at_rest_on_a_body_that_rides_off_does_not_start_with_slip(renderer):
+    """Tool and body move together when the contact begins: nothing slips."""
+    x = 1e-4 * np.arange(50)
+    rows = told(renderer, np.c_[x, 0 * x, np.r_[0.001, np.full(49, -0.001)]], {"box": moved(np.c_[x, 0 * x, 0 * x])})
+    np.testing.assert_allclose(rows["slip_m_s"][1:], 0, atol=1e-9)
+
+
+def test_approach_is_against_the_body(renderer):
+    """A body that comes up to a tool at rest approaches it as the tool would."""
+    lift = np.array([-0.002, -0.002, 0.001])
+    rows = told(renderer, np.zeros((3, 3)), {"box": moved(lift[:, None] * [0, 0, 1])})
+    assert rows["began"].tolist() == [0, 0, 1]
+    assert rows["approach_m_s"][2] == pytest.approx(3.0)
+
+
+def test_barycentric_coordinates_place_the_proxy_on_the_face(renderer):
+    rows = told(renderer, [[0, 0, 0.001], *([x, 0.3 * x, -0.001] for x in np.linspace(-0.04, 0.04, 20))])[1:]
+    for row in rows:
+        np.testing.assert_allclose(row["bary"] @ BOX.triangles[row["face"]], row["p_WP_m"], atol=1e-12)
+        assert row["bary"].min() > -1e-4
+
+
+def test_crossing_from_swatch_to_swatch():
+    scene = hapscene.Scene()
+    scene.add(BOX, name="box", unit="m")
+    faces = np.flatnonzero(np.isclose(BOX.triangles_center[:, 2], 0))
+    scene.paint("box", Swatch("first", stiffness_N_m=100.0), faces[:1])
+    scene.paint("box", Swatch("second", stiffness_N_m=300.0), faces[1:])
+    a, b = BOX.triangles_center[faces]
+    path = np.linspace(a, b, 21) - [0, 0, 0.001]
+    path[0, 2] = 0.001
+    rows = told(hapscene.Renderer(scene, ["wall"]), path)
+    assert rows["swatch"][1:].tolist() == [1] * 10 + [2] * 10 or rows["swatch"][1:].tolist() == [1] * 9 + [2] * 11
+    assert rows["crossed"].sum() == 2  # out of the air, and at the border
+    np.testing.assert_allclose(rows["normal_force_N"][[1, -1]], [0.1, 0.3], rtol=1e-9)

@@ -1,0 +1,285 @@
+"""The renderer as programs use it: run and step, reset, poses, limits, what it refuses, and the interpreted mode."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.device.limit import Limits
+from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.records import Flag
+from hapscene.surface.effect import Effect, Param
+from hapscene.surface.swatch import Swatch
+
+ALL = ["wall", "friction", "lpc_texture", "tap"]
+BOX = trimesh.creation.box(bounds=[[-0.05, -0.05, -0.02], [0.05, 0.05, 0.0]])
+ROWS = ("p_WT_m", "p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "f_W_N", "flags", "a_m_s2")
+
+
+def scene(swatch: str | Swatch = "wood") -> hapscene.Scene:
+    built = hapscene.Scene()
+    built.add(BOX, name="box", unit="m", swatch=swatch)
+    return built
+
+
+def stroke(ticks: int = 400) -> np.ndarray:
+    """Down onto the box, along it with a wiggling depth, and off again."""
+    t = np.arange(ticks) / ticks
+    z = np.where((t > 0.1) & (t < 0.9), -0.001 + 0.0004 * np.sin(40 * t), 0.002)
+    return np.c_[0.03 * np.sin(5 * t), 0.02 * t, z]
+
+
+def assert_same_bits(a: hapscene.Recording, b: hapscene.Recording) -> None:
+    for name in ROWS:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+def test_step_and_run_give_the_same_bits():
+    path = stroke()
+    recording = hapscene.Renderer(scene(), ALL, seed=3).run(path)
+    stepper = hapscene.Renderer(scene(), ALL, seed=3)
+    commands = [stepper.step(p) for p in path]
+    np.testing.assert_array_equal([c.f_W_N for c in commands], recording.f_W_N)
+    np.testing.assert_array_equal([c.a_m_s2 for c in commands], recording.a_m_s2)
+    np.testing.assert_array_equal([c.flags for c in commands], recording.flags)
+
+
+def test_step_with_poses_and_run_give_the_same_bits():
+    X = np.tile(np.eye(4), (300, 1, 1))
+    X[:, 2, 3] = 0.001 * np.sin(np.arange(300) / 20)
+    path = np.tile([0.01, 0.02, 0.0], (300, 1))
+    recording = hapscene.Renderer(scene(), ALL).run(path, poses={"box": X})
+    stepper = hapscene.Renderer(scene(), ALL)
+    forces = [stepper.step(p, poses={"box": pose}).f_W_N for p, pose in zip(path, X, strict=True)]
+    assert recording.touching.any()
+    np.testing.assert_array_equal(forces, recording.f_W_N)
+
+
+def test_a_path_in_pieces_is_the_path():
+    path = stroke()
+    whole = hapscene.Renderer(scene(), ALL).run(path)
+    renderer = hapscene.Renderer(scene(), ALL)
+    parts = [renderer.run(path[:150]), renderer.run(path[150:151]), renderer.run(path[151:])]
+    np.testing.assert_array_equal(np.concatenate([p.f_W_N for p in parts]), whole.f_W_N)
+    np.testing.assert_array_equal(np.concatenate([p.t_s for p in parts]), whole.t_s)
+
+
+def test_reset_replays():
+    path = stroke()
+    renderer = hapscene.Renderer(scene(), ALL, seed=5)
+    first = renderer.run(path)
+    renderer.run(path[200:250])
+    renderer.reset(path[0])
+    again = renderer.run(path)
+    assert_same_bits(first, again)
+    np.testing.assert_array_equal(first.t_s, again.t_s)
+
+
+def test_seed_sets_what_is_drawn_at_random():
+    one, same, other = (hapscene.Renderer(scene(), ALL, seed=s).run(stroke()) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.a_m_s2, same.a_m_s2)
+    assert not np.array_equal(one.a_m_s2, other.a_m_s2)
+    np.testing.assert_array_equal(one.f_W_N, other.f_W_N)
+
+
+INTERPRETED = """
+import sys, numpy as np, trimesh, hapscene
+from hapscene.native import INTERPRETED
+assert INTERPRETED
+mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+scene = hapscene.Scene()
+scene.add(mesh, name="ball", unit="m", swatch="wood")
+path = np.load(sys.argv[1])
+r = hapscene.Renderer(scene, seed=3).run(path)
+np.savez(sys.argv[2], p_WP_m=r.p_WP_m, f_W_N=r.f_W_N, a_m_s2=r.a_m_s2, flags=r.flags, face=r.face)
+"""
+
+
+def test_interpreted_mode_agrees_to_rounding(tmp_path):
+    """Compiled code may fuse a product and a sum, and has a sine and an exponential of its own."""
+    t = np.linspace(0, 1, 150)[:, None]
+    path = (0.052 - 0.004 * np.sin(np.pi * t)) * np.c_[np.cos(t), np.sin(t), 0 * t]
+    np.save(tmp_path / "path.npy", path)
+    arguments = [sys.executable, "-c", INTERPRETED, tmp_path / "path.npy", tmp_path / "out.npz"]
+    subprocess.run(arguments, check=True, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, timeout=120)
+    compiled_scene = hapscene.Scene()
+    compiled_scene.add(trimesh.creation.icosphere(subdivisions=2, radius=0.05), name="ball", unit="m", swatch="wood")
+    compiled = hapscene.Renderer(compiled_scene, seed=3).run(path)
+    interpreted = np.load(tmp_path / "out.npz")
+    assert compiled.touching.sum() > 50
+    np.testing.assert_array_equal(interpreted["face"], compiled.face)
+    np.testing.assert_array_equal(interpreted["flags"], compiled.flags)
+    np.testing.assert_allclose(interpreted["p_WP_m"], compiled.p_WP_m, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(interpreted["f_W_N"], compiled.f_W_N, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(interpreted["a_m_s2"], compiled.a_m_s2, rtol=1e-6, atol=1e-9)
+
+
+def test_normal_force_is_stiffness_times_depth():
+    recording = hapscene.Renderer(scene(Swatch("firm", stiffness_N_m=800.0)), ["wall"]).run(stroke())
+    held = recording.touching
+    depth = -recording.p_WT_m[held, 2]
+    np.testing.assert_allclose(recording.f_W_N[held], 800.0 * depth[:, None] * [0, 0, 1], rtol=1e-3, atol=1e-12)
+    np.testing.assert_array_equal(recording.f_W_N[~held], 0.0)
+
+
+# --- what it refuses
+
+
+@pytest.mark.parametrize(
+    ("path", "says"),
+    [
+        (np.zeros((0, 3)), "n ≥ 1"),
+        (np.zeros(3), "(n, 3)"),
+        (np.zeros((5, 2)), "(5, 2)"),
+        ([[0, 0, 1], [0, np.nan, 1]], "row 1"),
+        ([[0, 0, np.inf]], "row 0"),
+    ],
+)
+def test_bad_path(path, says):
+    with pytest.raises(PathError) as caught:
+        hapscene.Renderer(scene(), ["wall"]).run(path)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("position", [[0.0, 0.0], [0.0, 0.0, np.nan]])
+def test_bad_reset(position):
+    with pytest.raises(PathError):
+        hapscene.Renderer(scene(), ["wall"]).reset(position)
+
+
+STILL = np.tile(np.eye(4), (5, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "poses", "says"),
+    [
+        ("bax", STILL, "box"),
+        ("box", STILL[:4], "(5, 4, 4)"),
+        ("box", STILL * 2.0, "not a rotation"),
+        ("box", STILL * np.array([-1, 1, 1, 1]), "not a rotation"),
+        ("box", STILL * np.nan, "not a rotation"),
+    ],
+)
+def test_bad_poses(name, poses, says):
+    with pytest.raises(SceneError) as caught:
+        hapscene.Renderer(scene(), ["wall"]).run(np.ones((5, 3)), poses={name: poses})
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tick_s", "rate_Hz"), [(1e-3, 10_500.5), (1e-3, 0.0), (0.0, 1e4), (-1e-3, 1e4), (1e-3, 3e5), (np.nan, 1e4)]
+)
+def test_bad_rates(tick_s, rate_Hz):
+    with pytest.raises(HapsceneError):
+        hapscene.Renderer(scene(), ["wall"], tick_s=tick_s, a_rate_Hz=rate_Hz)
+
+
+def test_scene_without_bodies():
+    with pytest.raises(SceneError):
+        hapscene.Renderer(hapscene.Scene(), ["wall"])
+
+
+def test_other_rates():
+    recording = hapscene.Renderer(scene(), ALL, tick_s=5e-4, a_rate_Hz=8000.0).run(stroke())
+    assert recording.a_m_s2.shape == (400, 4)
+    np.testing.assert_allclose(recording.t_s, np.arange(400) * 5e-4)
+
+
+# --- what goes wrong in a tick is a flag
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_position_that_is_not_finite_is_flagged_and_the_last_good_one_used(bad):
+    renderer = hapscene.Renderer(scene(), ["wall"])
+    renderer.reset([0, 0, 0.001])
+    good = renderer.step([0, 0, -0.001])
+    held = renderer.step([0, bad, -0.002])
+    after = renderer.step([0, 0, -0.001])
+    assert (good.flags, held.flags, after.flags) == (Flag(0), Flag.TOOL_NOT_FINITE, Flag(0))
+    np.testing.assert_array_equal(held.f_W_N, good.f_W_N)
+    np.testing.assert_array_equal(after.f_W_N, good.f_W_N)
+
+
+def _sour(touch, p, table, s, out):
+    out.f_W_N[0] += 1.0 / (touch.p_WT_m[0] - p.at_m) - 1.0 / (touch.p_WT_m[0] - p.at_m)
+
+
+SOUR = Effect("sour", "NaN at one place.", _sour, params=(Param("at_m", 0.01, "m", "where"),))
+
+
+def test_an_effect_that_returns_nan_is_mute_until_reset_and_the_others_go_on():
+    renderer = hapscene.Renderer(scene(Swatch("plain one", stiffness_N_m=500.0)), ["wall", SOUR])
+    path = np.tile([0.0, 0.0, -0.001], (6, 1))
+    path[0, 2] = 0.001
+    path[3, 0] = 0.01
+    recording = renderer.run(path)
+    assert recording.flags.tolist() == [0, 0, 0, *[Flag.EFFECT_MUTED] * 3]
+    np.testing.assert_allclose(recording.f_W_N[1:], np.tile([0, 0, 0.5], (5, 1)), atol=1e-9)
+    renderer.reset(path[0])
+    assert renderer.run(path[:3]).flags.tolist() == [0, 0, 0]
+
+
+def test_force_over_the_limit_keeps_its_direction():
+    path = stroke()
+    free = hapscene.Renderer(scene(), ["wall", "friction"]).run(path)
+    kept = hapscene.Renderer(scene(), ["wall", "friction"], limits=Limits(force_N=0.3)).run(path)
+    size = np.linalg.norm(free.f_W_N, axis=1)
+    over = size > 0.3
+    assert over.any() and not over.all()
+    np.testing.assert_array_equal((kept.flags & Flag.FORCE_LIMITED) != 0, over)
+    np.testing.assert_allclose(kept.f_W_N[over], 0.3 * free.f_W_N[over] / size[over, None], rtol=1e-12)
+    np.testing.assert_array_equal(kept.f_W_N[~over], free.f_W_N[~over])
+
+
+def test_force_changes_no_faster_than_the_limit():
+    limits = Limits(slew_N_s=50.0)
+    kept = hapscene.Renderer(scene(), ["wall"], limits=limits).run(stroke())
+    change = np.linalg.norm(np.diff(kept.f_W_N, axis=0, prepend=np.zeros((1, 3))), axis=1)
+    assert change.max() <= 0.05 * (1 + 1e-12)
+    np.testing.assert_allclose(change[(kept.flags & Flag.SLEW_LIMITED) != 0], 0.05, rtol=1e-9)
+    assert (kept.flags & Flag.SLEW_LIMITED).any()
+
+
+def test_acceleration_over_the_limit_is_cut():
+    free = hapscene.Renderer(scene(), ALL).run(stroke())
+    most = 0.5 * np.abs(free.a_m_s2).max()
+    kept = hapscene.Renderer(scene(), ALL, limits=Limits(acceleration_m_s2=most)).run(stroke())
+    np.testing.assert_array_equal(kept.a_m_s2, np.clip(free.a_m_s2, -most, most))
+    cut = (np.abs(free.a_m_s2) > most).any(axis=1)
+    np.testing.assert_array_equal((kept.flags & Flag.ACCELERATION_LIMITED) != 0, cut)
+
+
+@pytest.mark.parametrize("name", ["force_N", "slew_N_s", "acceleration_m_s2", "fold_mass_kg"])
+@pytest.mark.parametrize("value", [-1.0, np.nan])
+def test_limits_that_make_no_sense(name, value):
+    with pytest.raises(HapsceneError, match=name):
+        Limits(**{name: value})
+
+
+def test_a_command_is_the_callers_to_keep():
+    renderer = hapscene.Renderer(scene(), ALL)
+    renderer.reset([0, 0, 0.001])
+    first = renderer.step([0, 0, -0.001])
+    force, samples = first.f_W_N.copy(), first.a_m_s2.copy()
+    renderer.step([0.01, 0, -0.003])
+    np.testing.assert_array_equal(first.f_W_N, force)
+    np.testing.assert_array_equal(first.a_m_s2, samples)
+
+
+def test_instances_are_touched_where_they_are():
+    mesh = hapscene.Mesh.from_trimesh(BOX, "m")
+    built = hapscene.Scene()
+    for i in range(5):
+        pose = trimesh.transformations.rotation_matrix(0.3 * i, (0, 0, 1))
+        pose[:3, 3] = (0.2 * i, 0, 0.01 * i)
+        built.add(mesh, name=f"box {i}", pose=pose)
+    renderer = hapscene.Renderer(built, ["wall"])
+    for i in range(5):
+        renderer.reset([0.2 * i, 0.001, 0.01 * i + 0.001])
+        recording = renderer.run([[0.2 * i, 0.001, 0.01 * i - 0.002]])
+        assert recording.body.tolist() == [i]
+        np.testing.assert_allclose(recording.p_WP_m, [[0.2 * i, 0.001, 0.01 * i]], atol=1e-12)
