@@ -17,16 +17,20 @@ BLOCK_MAX: Final = 256
 
 # --- contact ---------------------------------------------------------------------------------------------
 
-SKIN_RATIO: Final = 1e-5
+SKIN_RATIO: Final = 5e-6
 """Skin, as a fraction of a mesh's bounding-box diagonal [1]: how far off a face the proxy is kept while it is
 searched for (what is reported lies on the face itself). Embree works in float32, whose step is 6e-8 of the same
-length: at a tenth of this ratio rounding lets the proxy leak, at ten times it sharp corners are felt blunt."""
+length: at a twentieth of this ratio rounding lets the proxy leak, at ten times it sharp corners are felt blunt."""
+
+SKIN_RATIO_MIN: Final = 1.5e-6
+"""Least skin, as a fraction of the largest body's diagonal [1], where small bodies lie beside large ones: 60 steps of
+float32 at the body's end."""
 
 EDGE_OVERLAP: Final = 0.5
 """How far each face reaches past its edges in the search, in skins [1]. Closes the cracks of T-junctions and of
 faces that share no vertices. Must stay below 1, or a proxy on one side of a convex edge feels the other."""
 
-LOOK_AHEAD: Final = 200.0
+LOOK_AHEAD: Final = 300.0
 """How far past its goal a ray looks, in skins [1]. A surface met at a slope s is seen when the proxy is still
 `LOOK_AHEAD * s` skins away, so even a wall met at a slope of 1 in 10,000 is seen before rounding hides it."""
 

@@ -30,8 +30,9 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         slip = (0.0, 0.0, 0.0)
         if touch.began == 0 and touch.body == was_body:
             slip = _slip(world.bodies[touch.body], memory, p_WP, n)
-        _press(touch, v, _drag(world.bodies[touch.body], p_WP, touch.tick_s), was_depth)
-        _slide(touch, memory, slip, v, n)
+        v_rel = sub(v, _drag(world.bodies[touch.body], p_WP, touch.tick_s))
+        _press(touch, v_rel, was_depth)
+        _slide(touch, memory, slip, v_rel, n)
     else:
         p_WP = p_WT
         _leave(touch, memory, v)
@@ -83,11 +84,11 @@ def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
 
 
 @native
-def _press(touch: Any, v: Vector, body_v: Vector, was_depth: float) -> None:
+def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
     """Depth over time: its rate within a contact, the speed of approach where one begins."""
     n = touch.nhat_W
     if touch.began == 1:
-        into = -(n[0] * (v[0] - body_v[0]) + n[1] * (v[1] - body_v[1]) + n[2] * (v[2] - body_v[2]))
+        into = -(n[0] * v_rel[0] + n[1] * v_rel[1] + n[2] * v_rel[2])
         touch.approach_m_s = max(0.0, into)
         touch.depth_rate_m_s = 0.0
         touch.force_N = 0.0
@@ -97,12 +98,12 @@ def _press(touch: Any, v: Vector, body_v: Vector, was_depth: float) -> None:
 
 
 @native
-def _slide(touch: Any, memory: Any, slip: Vector, v: Vector, n: Vector) -> None:
-    """Slip of this tick, and its low-passed speed; a contact starts with the tool's own tangential velocity."""
+def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> None:
+    """Slip of this tick, and its low-passed speed; a contact starts with the tool's tangential velocity over the body."""
     k = _smoothing(touch.tick_s)
     s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
     if touch.began == 1:
-        s = v
+        s = v_rel
     else:
         s = along(s, k / touch.tick_s, slip)
         s = along(s, -k, (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2]))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.contact.geometry import Vector
-from hapscene.contact.proxy import move
+from hapscene.contact.proxy import move, put
 from hapscene.contact.world import place_ball
 from hapscene.describe import describe
 from hapscene.native import native
@@ -79,6 +79,9 @@ def place_bodies(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDAr
             body.p_WB_m[i] = X_WB[k, m, i, 3]
         nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
     world.proxy[0].near_room_m -= nearer
+    if len(moving) > 0 and surface.memory[0].fresh == 1:
+        start = surface.memory[0].p_WT_m
+        put(world, (start[0], start[1], start[2]))
 
 
 @native

@@ -4,12 +4,14 @@
 
 | module | does |
 |---|---|
-| `recording_file` | reads a recording |
+| `recording_source`, `recording_file` | read a recording; `axis` makes its three axes one |
 | `channel` | checks and cleans its streams |
+| `segment`, `change_point` | what the tool does when; `segment_plot` draws it |
 | `order` | chooses the order of the models on held-out data |
 | `texture_fit`, `linear_prediction` | fit the models over force and speed |
 | `excitation` | chooses the noise that drives them |
-| `friction` | fits the friction coefficients |
+| `tap_fit` | fits taps |
+| `friction`, `stiffness` | fit the friction coefficients and the stiffness |
 | `swatch_fit` | the above in order: `fit` |
 | `synthesis` | plays a swatch along force and speed: `synthesize` |
 | `metric` | how near a model is to a recording |

@@ -20,6 +20,10 @@ WINDOW_S: Final = 0.1
 """Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not when what happened: each
 frequency is scaled by a factor that jumps about, which spreads a tap over the recording. A window bounds that."""
 
+CUTOFF_HZ: Final = 10.0
+"""What is below is taken out first [Hz]: gravity turns with the hand, and the sign of the sum flips with it. It takes
+0.03 dB at 20 Hz, where the band begins."""
+
 
 def dft321(axes: Array) -> Array:
     """One signal (n,) of the axes (k, n), taken as a whole: of their summed power at each frequency, exactly."""
@@ -32,25 +36,31 @@ def dft321(axes: Array) -> Array:
     together = np.where(lost, strongest, together)
     size = np.abs(together)
     magnitude = np.sqrt((np.abs(spectra) ** 2).sum(axis=0))
-    made = np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1])
-    return np.asarray(made, dtype=np.float64)
+    return np.asarray(np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1]))
 
 
 def one_axis(axes: Array, rate_Hz: float) -> Array:
-    """One signal (n,) of one to three axes (k, n): DFT321 in windows, each axis without its mean (gravity).
+    """One signal (n,) of one to three axes (k, n): DFT321 in windows, of what each axis has above `CUTOFF_HZ`.
 
     Windows of `WINDOW_S`, half overlapped, weighted by the root of a Hann window before and after. What overlaps adds
     up short of its power where the phases of two windows differ: each window's span gets that back, so that the power
     over time stays that of the axes. One axis is passed through as it is.
 
     Raises:
-        CaptureError: no or more than three axes.
+        CaptureError: no or more than three axes, or too short to be filtered.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     if axes.ndim != 2 or not 1 <= len(axes) <= 3:
         raise CaptureError(f"acceleration must have one to three axes, its shape is {axes.shape}")
     if len(axes) == 1:
-        return axes[0]
-    axes = axes - axes.mean(axis=1, keepdims=True)
+        return np.asarray(axes[0])
+    if axes.shape[1] < WINDOW_S * rate_Hz or rate_Hz < 4.0 * CUTOFF_HZ:
+        raise CaptureError(
+            f"three axes of {axes.shape[1]} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed"
+        )
+    sections = butter(4, CUTOFF_HZ, "highpass", fs=rate_Hz, output="sos")
+    axes = np.asarray(sosfiltfilt(sections, axes, axis=1))
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
     count = -(-axes.shape[1] // hop) + 1
     padded = np.zeros((len(axes), (count + 1) * hop))

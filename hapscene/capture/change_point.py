@@ -34,6 +34,9 @@ COARSE: Final = 4
 WINDOW_S: Final = 10.0
 """Longest stretch that is searched at once [s]."""
 
+MARGIN_S: Final = 1.0
+"""End of such a stretch in which a change is left to the next [s]."""
+
 PIECE_MIN_S: Final = 0.1
 """Shortest piece [s]: five periods of what is lowest, and over less the hand changes nothing."""
 
@@ -45,7 +48,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     """Samples at which a sliding vibration (n,) changes, ascending; none for one that is stationary.
 
     Places are first sought on every `COARSE`-th block, then between. A long recording is searched in windows of
-    `WINDOW_S`, the next from the last change but one on, so that the time grows with the length and not its square.
+    `WINDOW_S`, each from the last change on, so that the time grows with the length and not with its square.
     """
     from scipy.signal import decimate
 
@@ -57,7 +60,7 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     if count < 2 * shortest * COARSE or not np.any(low):
         return []
     sums = _product_sums(low[: count * block], block)
-    window = round(WINDOW_S / BLOCK_S) // COARSE
+    window, margin = (round(s / BLOCK_S) // COARSE for s in (WINDOW_S, MARGIN_S))
     penalty = 0.5 * (ORDER + 4) * np.log(min(count * block, WINDOW_S * rate_Hz / factor))
     penalty *= 1.0 + 0.5 * _excess_kurtosis(low)
     coarse, start, places = sums[::COARSE], 0, [0]
@@ -67,10 +70,9 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
         if end == len(coarse) - 1:
             places += found
             break
-        # the last piece is cut by the window, and its border not sure
-        sure = found[:-1]
+        sure = [place for place in found if place <= end - margin]  # what comes after the window may move the others
         places += sure
-        start = sure[-1] if sure else max(start + window // 2, found[-1] - shortest if found else 0)
+        start = sure[-1] if sure else end - margin
     borders = [COARSE * place for place in places] + [count]
     return [
         _refined(sums, before, at, after, block) * block * factor

@@ -34,6 +34,8 @@ class Channels:
     speed_m_s: Array
     tangential_force_N: Array | None
     depth_m: Array | None = None
+    assumed: tuple[str, ...] = ()
+    """which streams were not recorded, but assumed"""
 
 
 def clean(
@@ -67,6 +69,7 @@ def clean(
     high = _filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
+    given = {"force_N": force_N, "speed_m_s": speed_m_s}
     return Channels(
         float(rate_Hz),
         high,
@@ -74,6 +77,7 @@ def clean(
         np.abs(_filtered(speed, rate_Hz, HAND_CUTOFF_HZ, "lowpass")),
         None if tangential is None else _filtered(tangential, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
         None if depth is None else _filtered(depth, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
+        tuple(name for name, stream in given.items() if stream is None),
     )
 
 

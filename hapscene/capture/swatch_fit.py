@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.channel import DURATION_MIN_S, Channels, clean
+from hapscene.capture.channel import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Channels, clean
 from hapscene.capture.excitation import fit_excitation
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order import search_order
@@ -110,6 +110,9 @@ def fit_parts(
         slope = STIFFNESS_N_M
     else:
         intervals["stiffness_N_m"] = stiffness.interval
+    assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
+    for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):
+        absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
         texture = _texture(parts, order, model_count, interpolation)

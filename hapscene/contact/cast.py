@@ -14,9 +14,6 @@ from hapscene.contact.face import corners, plane, to_body, turn_to_world
 from hapscene.contact.geometry import Vector, dot, sub
 from hapscene.native import native
 
-BEHIND_MAX = 8
-"""Faces passed from behind in one cast before it is given up [count]: only outward-only bodies pass any."""
-
 SATISFIED = 0.01
 """How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
 
@@ -56,31 +53,32 @@ def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: fl
     c = body.center_B_m
     origin = (origin_B[0] - c[0], origin_B[1] - c[1], origin_B[2] - c[2])
     skin = body.skin_m
-    near, far = 0.0, length + LOOK_AHEAD * skin
-    for _ in range(BEHIND_MAX):
-        face = first_face(body.search, world.ray, origin, direction, near, far)
+    far = length + LOOK_AHEAD * skin
+    face = first_face(body.search, world.ray, origin, direction, far, 0)
+    if face < 0:
+        return 2.0
+    va, vb, vc = corners(world, body, face)
+    n, offset = plane(va, vb, vc)
+    if dot(n, direction) >= 0.0 and body.two_sided == 0:  # from behind: look for one that is met from outside
+        face = first_face(body.search, world.ray, origin, direction, far, world.fronts_only.ctypes.data)
         if face < 0:
             return 2.0
         va, vb, vc = corners(world, body, face)
         n, offset = plane(va, vb, vc)
-        side = 1.0
-        if dot(n, direction) >= 0.0:
-            if body.two_sided == 0:  # met from behind: an outward-only face lets it pass
-                near = world.ray[8] + skin
-                continue
-            side, offset = -1.0, -offset
-            n = (-n[0], -n[1], -n[2])
-        left = dot(n, goal_B) - offset
-        if left >= (1.0 - SATISFIED) * skin:
-            return 2.0
-        start = dot(n, origin_B) - offset
-        stop = 0.0
-        if start > skin:
-            stop = (start - skin) / (start - left)
-        if stop < best:
-            _append(proxy, body, index, face, side, n, offset)
-        return stop
-    return 2.0
+    side = 1.0
+    if dot(n, direction) >= 0.0:
+        side, offset = -1.0, -offset
+        n = (-n[0], -n[1], -n[2])
+    left = dot(n, goal_B) - offset
+    if left >= (1.0 - SATISFIED) * skin:
+        return 2.0
+    start = dot(n, origin_B) - offset
+    stop = 0.0
+    if start > skin:
+        stop = (start - skin) / (start - left)
+    if stop < best:
+        _append(proxy, body, index, face, side, n, offset)
+    return stop
 
 
 @native

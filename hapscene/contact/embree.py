@@ -14,16 +14,18 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import types
+from numba import carray, cfunc, types
 from numpy.typing import NDArray
 
-from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
+from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
-from hapscene.native import INTERPRETED, native
+from hapscene.native import INTERPRETED, cache_folder, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
+_FILTER_IN_ARGUMENTS = 8
+_INVOKE_FILTER, _ALL_FEATURES = 2, 0xFFFFFFFF
 
 MITRE: Final = 1.5
 """Most that a corner of a face moves outwards in the search, in edge overlaps [1]: with `EDGE_OVERLAP` it must stay
@@ -56,6 +58,7 @@ def _load() -> ctypes.CDLL:
         "rtcGetDeviceError": (ctypes.c_int, [pointer]),
         "rtcNewScene": (pointer, [pointer]),
         "rtcReleaseScene": (None, [pointer]),
+        "rtcSetSceneFlags": (None, [pointer, ctypes.c_int]),
         "rtcNewGeometry": (pointer, [pointer, ctypes.c_int]),
         "rtcSetNewGeometryBuffer": (pointer, [pointer, ctypes.c_int, number, ctypes.c_int, size, size]),
         "rtcCommitGeometry": (None, [pointer]),
@@ -91,25 +94,50 @@ def new_ray() -> NDArray[np.float32]:
     return raw[start : start + _RAY_WORDS]
 
 
+def _let_backs_pass(arguments: Any) -> None:
+    """Embree's filter (RTCFilterFunctionNArguments: valid, user, context, ray, hit): refuse a face met from behind."""
+    pointers = carray(arguments, 5)
+    ray, normal = carray(pointers[3], 7), carray(pointers[4], 3)
+    if ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] >= 0.0:
+        carray(pointers[0], 1)[0] = 0.0  # the int 0 has the same bits
+
+
+@cache
+def _filter() -> Any:
+    """The filter as C code; kept, since Embree only holds its address."""
+    if INTERPRETED:
+        floats = ctypes.POINTER(ctypes.c_float)
+        return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
+    with cache_folder():
+        return cfunc(types.void(types.CPointer(types.CPointer(types.float32))), cache=True)(_let_backs_pass)
+
+
+def fronts_only() -> NDArray[np.uint64]:
+    """RTCIntersectArguments with which a ray passes through faces it meets from behind: flags, context, filter."""
+    compiled = _filter()
+    address = ctypes.cast(compiled, ctypes.c_void_p).value if INTERPRETED else compiled.address
+    return np.array([_ALL_FEATURES << 32 | _INVOKE_FILTER, 0, address, 0, 0], np.uint64)
+
+
 @native
 def first_face(
     search: int,
     ray: NDArray[np.float32],
     origin: tuple[float, float, float],
     direction: tuple[float, float, float],
-    near_m: float,
     far_m: float,
+    arguments: int,
 ) -> int:
     """The first face along a ray, −1 where there is none; its distance [m] (float32) is left in `ray[8]`.
 
-    Origin [m] and unit direction are in the centred frame of the search structure; the ray runs from `near_m` to
-    `far_m` along it.
+    Origin [m] and unit direction are in the centred frame of the search structure; the ray runs `far_m` along it.
+    `arguments` is the address of `fronts_only()`, or 0 to meet every face from both sides, which is faster.
     """
     words = ray.view(np.uint32)
     for i in range(3):
         ray[i] = origin[i]
         ray[4 + i] = direction[i]
-    ray[3] = near_m
+    ray[3] = 0.0
     ray[7] = 0.0
     ray[8] = far_m
     words[9] = _NO_HIT
@@ -117,7 +145,7 @@ def first_face(
     words[11] = 0
     words[18] = _NO_HIT
     words[19] = _NO_HIT
-    _intersect(int(search), ray.ctypes.data, 0)
+    _intersect(int(search), ray.ctypes.data, int(arguments))
     if words[18] == _NO_HIT:
         return -1
     return int(words[17])
@@ -138,16 +166,14 @@ class Search:
         handle: address that `first_face` takes.
         center_m: (3,) middle of the bounding box; rays are given relative to it, so that float32 has the most digits.
         radius_m: of the ball around `center_m` that holds the mesh.
-        skin_m: distance to keep from faces while searching (see `SKIN_RATIO`).
     """
 
-    def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+    def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32], skin_m: float) -> None:
         used = vertices_m[np.unique(faces)]
         low, high = used.min(axis=0), used.max(axis=0)
         self.center_m: NDArray[np.float64] = (low + high) / 2
         self.radius_m = float(np.linalg.norm(used - self.center_m, axis=1).max())
-        self.skin_m = SKIN_RATIO * float(np.linalg.norm(high - low))
-        corners = _overlapped(vertices_m[faces] - self.center_m, EDGE_OVERLAP * self.skin_m)
+        corners = _overlapped(vertices_m[faces] - self.center_m, EDGE_OVERLAP * skin_m)
         self.handle = _build(corners.astype(np.float32).reshape(-1, 3))
         weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
 
@@ -183,6 +209,7 @@ def _build(corners: NDArray[np.float32]) -> int:
     """
     device = _device()
     scene = _embree.rtcNewScene(device)
+    _embree.rtcSetSceneFlags(scene, _FILTER_IN_ARGUMENTS)
     geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
     count = len(corners)
     _fill(geometry, _VERTEX_BUFFER, _FLOAT3, np.ascontiguousarray(corners, np.float32))

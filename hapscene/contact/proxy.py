@@ -23,6 +23,9 @@ from hapscene.native import native
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
 
+DEPTH_MAX_M = 1e3
+"""More than any plane pushes [m]."""
+
 NEARBY = 10.0
 """How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
 
@@ -65,16 +68,16 @@ def move(world: Any, tool_W: Vector) -> bool:
     come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`).
     """
     proxy = world.proxy[0]
-    _list_near(world, tool_W)
-    _carry(world)
+    carried_W = _ride(world)
+    _list_near(world, tool_W, carried_W)
+    _carry(world, carried_W)
     settled = _settle(world, tool_W)
     found, p = nearest(proxy, tool_W, 0.0)
-    held, by = 0, 0
+    held = 0
     for i in range(proxy.count):
         if proxy.push_m[i] > 0.0:
             held = 1
-            if proxy.push_m[i] > proxy.push_m[by]:
-                by = i
+    by = _chief(world, p)
     if not (settled and found):  # where it has got to: a skin off the surface, and outside every body
         p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
         held = 1 if proxy.count > 0 else 0
@@ -86,15 +89,42 @@ def move(world: Any, tool_W: Vector) -> bool:
 
 
 @native
-def _list_near(world: Any, tool_W: Vector) -> None:
+def _chief(world: Any, p_W: Vector) -> int:
+    """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
+    proxy = world.proxy[0]
+    by, most = 0, -1.0
+    for i in range(proxy.count):
+        push = proxy.push_m[i]
+        if proxy.count > 1 and not lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], p_W, proxy.skin_m[i]):
+            push -= DEPTH_MAX_M
+        if push > most or i == 0:
+            by, most = i, push
+    return by
+
+
+@native
+def _ride(world: Any) -> Vector:
+    """Where the body that the proxy rests on takes it in this tick."""
+    proxy = world.proxy[0]
+    p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    if proxy.count > 0:
+        body = world.bodies[proxy.body[0]]
+        if body.moved == 1:
+            return to_world(body, to_body_before(body, p))
+    return p
+
+
+@native
+def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
 
     The list stays good until the tool, and the bodies, have moved as far as the nearest body that is not listed was
     away. `place_bodies` takes what the bodies moved off that room.
     """
     proxy = world.proxy[0]
-    p, at = proxy.p_W_m, proxy.near_at_W_m
-    reach = norm((p[0] - tool_W[0], p[1] - tool_W[1], p[2] - tool_W[2]))
+    at = proxy.near_at_W_m
+    ride = norm(sub(carried_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])))
+    reach = norm(sub(carried_W, tool_W)) + ride
     gone = norm((at[0] - tool_W[0], at[1] - tool_W[1], at[2] - tool_W[2]))
     if gone + reach < proxy.near_room_m:
         return
@@ -115,31 +145,31 @@ def _list_near(world: Any, tool_W: Vector) -> None:
 
 
 @native
-def _carry(world: Any) -> None:
+def _carry(world: Any, carried_W: Vector) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
     rests_on = proxy.body[0] if proxy.count > 0 else -1
-    p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
-    before = p
-    if rests_on >= 0 and world.bodies[rests_on].moved == 1:
-        body = world.bodies[rests_on]
-        p = to_world(body, to_body_before(body, p))
+    before = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    p = carried_W
     _trust(proxy, proxy.count, math.inf)
     for i in range(proxy.count):
         if world.bodies[proxy.body[i]].moved == 1:
             _place_plane(world, i)
+    carried = norm(sub(p, before)) > 0.0
     for k in range(proxy.near_count):
         index = world.near[k]
         body = world.bodies[index]
-        if body.moved == 0 or index == rests_on:
+        if index == rests_on or not (carried or body.moved == 1):
             continue
         start = to_body_before(body, before)
         goal = to_body(body, p)
-        if proxy.count < 4:
-            stop = cast_body(world, index, start, goal, 2.0)
-            if stop <= 1.0:
-                proxy.count += 1
+        stop = cast_body(world, index, start, goal, 2.0)
+        if stop <= 1.0:
+            proxy.count += 1
+            found, p = nearest(proxy, carried_W, 1.0)
+            if not found:
                 p = to_world(body, along(start, stop, sub(goal, start)))
+            if proxy.count == 4:
                 _forget_oldest(proxy)
     for i in range(3):
         proxy.p_W_m[i] = p[i]
@@ -147,11 +177,10 @@ def _carry(world: Any) -> None:
 
 @native
 def _forget_oldest(proxy: Any) -> None:
-    """Make room for one more plane where all four slots are taken."""
-    if proxy.count == 4:
-        for i in range(3):
-            _copy_plane(proxy, i + 1, i)
-        proxy.count = 3
+    """Drop the plane that has held the proxy longest."""
+    for i in range(proxy.count - 1):
+        _copy_plane(proxy, i + 1, i)
+    proxy.count -= 1
 
 
 @native
@@ -179,8 +208,11 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     proxy.aside = 0
     for _ in range(PASS_MAX):
         found, goal = nearest(proxy, tool_W, 1.0)
-        if not found:
-            break
+        if not found:  # planes that moved apart enclose nothing: let the oldest go
+            if proxy.count < 2:
+                break
+            _forget_oldest(proxy)
+            continue
         _drop_idle(proxy)
         if proxy.aside > 0 and _take_back(world, p, goal):
             continue

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.embree import Search, new_ray
+from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
+from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.native import native
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class World(NamedTuple):
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,)
     ray: NDArray[np.float32]
+    fronts_only: NDArray[np.uint64]  # how to cast a ray that passes through faces from behind
     proxy: Any  # (1,) PROXY
 
 
@@ -115,16 +117,17 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
     corners: list[NDArray[np.float64]] = []
     first: dict[int, int] = {}
     count = 0
+    skin_m = common_skin([float(np.linalg.norm(np.ptp(body.mesh.vertices_m, axis=0))) for body in bodies])
     for row, body in zip(rows, bodies, strict=True):
         mesh = body.mesh
         key = id(mesh)
         if key not in first:
             first[key] = count
-            searches.setdefault(key, Search(mesh.vertices_m, mesh.faces))
+            searches.setdefault(key, Search(mesh.vertices_m, mesh.faces, skin_m))
             corners.append(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
             count += len(mesh.faces)
         search = searches[key]
-        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, search.skin_m
+        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, skin_m
         row.center_B_m = search.center_m
         row.face = first[key]
         row.two_sided = body.two_sided
@@ -139,8 +142,17 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
         ball_W_m=balls,
         near=np.zeros(len(rows), np.int64),
         ray=new_ray(),
+        fronts_only=fronts_only(),
         proxy=records(1, PROXY),
     )
+
+
+def common_skin(diagonals_m: Sequence[float]) -> float:
+    """One skin for all bodies [m], or a proxy that glides over one would catch on the overlap of another.
+
+    As fine as the smallest body asks for, unless the largest is so much larger that float32 would not hold it.
+    """
+    return max(SKIN_RATIO * min(diagonals_m), SKIN_RATIO_MIN * max(diagonals_m))
 
 
 def records(count: int, dtype: np.dtype[Any]) -> Any:

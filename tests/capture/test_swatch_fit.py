@@ -42,6 +42,12 @@ def test_taps_alone_make_a_swatch_without_texture(handled_recording):
     assert swatch.friction_static == 0.0
 
 
+def test_what_is_assumed_is_said():
+    swatch = fit(np.random.default_rng(0).standard_normal(5000), 1000.0, order=2)
+    assert swatch.absent["force_N"] == "was not recorded: 1 N assumed"
+    assert swatch.absent["speed_m_s"] == "was not recorded: 0.1 m/s assumed"
+
+
 def test_a_bad_model_count_is_an_error_whatever_else_there_is(handled_recording):
     with pytest.raises(CaptureError, match="model_count must be"):
         fitted(handled_recording(0), model_count=0)

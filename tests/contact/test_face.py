@@ -32,7 +32,7 @@ def test_corners_are_the_meshs_own(world, triangle):
 def test_lies_over(world, triangle, x, y, margin_m, over):
     w = world(triangle)
     for height in (-0.3, 0.0, 1e-6, 5.0):
-        assert lies_over(w, w.bodies[0], 0, (x, y, height), margin_m) is over
+        assert bool(lies_over(w, w.bodies[0], 0, (x, y, height), margin_m)) is over
 
 
 def test_barycentric_weights_the_corners(world, triangle, turned):
