@@ -99,7 +99,7 @@ def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
 
 @native
 def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> None:
-    """Slip of this tick, and its low-passed speed; a contact starts with the tool's tangential velocity over the body."""
+    """Slip of this tick, and its low-passed speed; a contact starts with the tool's own."""
     k = _smoothing(touch.tick_s)
     s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
     if touch.began == 1:

@@ -244,7 +244,8 @@ def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
 def _rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """Poses (n, 4, 4), checked: each a rotation and a translation."""
     R = X_WB[:, :3, :3]
-    ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
+    with np.errstate(invalid="ignore"):
+        ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
     ok &= (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < RIGID_TOLERANCE).all(axis=(1, 2))
     if not ok.all():
         raise SceneError(

@@ -14,19 +14,20 @@ from hapscene.bench.case import slide_path, sphere
 from hapscene.bench.sheet import Sheet
 from hapscene.clock import new_clock, now_ns
 from hapscene.contact.embree import Search, first_face, new_ray
+from hapscene.contact.world import skin_of
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED, native
 from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
 
 Rays = NDArray[np.float64]
-"""Rays (n, 8): origin [m], unit direction, nearest and farthest distance [m], in the search structure's frame."""
+"""Rays (n, 7): origin [m], unit direction, length [m], in the search structure's frame."""
 
 
 def measure_rays(sheet: Sheet, name: str, subdivisions: int, tick_count: int, repeats: int) -> tuple[Rays, Search]:
     """Count the rays in contact, and time them alone, in their order. Returns them, with what they were cast at."""
     mesh = sphere(subdivisions)
-    search = Search(mesh.vertices_m, mesh.faces)
+    search = Search(mesh.vertices_m, mesh.faces, skin_of(mesh))
     rays, ticks = recorded_rays(subdivisions, tick_count)
     ray_ns = time_rays(search.handle, rays, repeats)
     sheet.add(name, "rays a tick mean", len(rays) / ticks, "1")
@@ -48,7 +49,7 @@ def _cast_all(handle: int, ray: NDArray[np.float32], rays: Rays, clock: NDArray[
     wait = 0.0
     for i in range(len(rays)):
         r = rays[i]
-        first_face(handle, ray, (r[0] + wait, r[1], r[2]), (r[3], r[4], r[5]), r[6], r[7])
+        first_face(handle, ray, (r[0] + wait, r[1], r[2]), (r[3], r[4], r[5]), r[6], 0)
         wait = 0.0 * ray[8]  # in a tick, too, a ray starts where the one before has ended: none overlap
     return int(now_ns(clock) - start)
 
@@ -84,9 +85,9 @@ def record(subdivisions: int, tick_count: int, file: str) -> None:
     noted: list[list[float]] = []
     cast_ray = caster.first_face
 
-    def listen(search: int, ray: Any, origin: Any, direction: Any, near_m: float, far_m: float) -> int:
-        noted.append([*origin, *direction, near_m, far_m])
-        return int(cast_ray(search, ray, origin, direction, near_m, far_m))
+    def listen(search: int, ray: Any, origin: Any, direction: Any, far_m: float, arguments: int) -> int:
+        noted.append([*origin, *direction, far_m])
+        return int(cast_ray(search, ray, origin, direction, far_m, arguments))
 
     caster.first_face = listen
     scene = Scene()

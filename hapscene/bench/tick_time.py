@@ -68,11 +68,12 @@ def _read_clock(clock: Times, between: Times) -> None:
 def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recording:
     """Time of the contact part on one case, without effects; and of building the search structure."""
     from hapscene.contact.embree import Search
+    from hapscene.contact.world import skin_of
 
     build_s = []
     for _ in range(3):
         start_s = time.perf_counter()
-        Search(case.mesh.vertices_m, case.mesh.faces)
+        Search(case.mesh.vertices_m, case.mesh.faces, skin_of(case.mesh))
         build_s.append(time.perf_counter() - start_s)
     found = hot(Renderer(case.scene(), effects=["wall"]), case.p_WT_m, repeats)
     sheet.add(case.name, "triangles", len(case.mesh.faces), "1")

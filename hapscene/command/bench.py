@@ -17,7 +17,7 @@ def add_bench(commands: Any) -> None:
     )
     command.add_argument("--out", default="out/bench", metavar="DIR", help="folder to write into (default out/bench)")
     command.add_argument("--quick", action="store_true", help="fewer cases, in a third of the time")
-    command.add_argument("--docs", metavar="DIR", help="write the page benchmark.md and its charts into this folder too")
+    command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
     command.add_argument("--zoo", metavar="DIR", help="folder of recorded paths and meshes to run as well")
 
 

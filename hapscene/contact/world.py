@@ -13,6 +13,7 @@ from hapscene.native import native
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
+    from hapscene.scene.mesh import Mesh
 
 ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
@@ -117,7 +118,7 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
     corners: list[NDArray[np.float64]] = []
     first: dict[int, int] = {}
     count = 0
-    skin_m = common_skin([float(np.linalg.norm(np.ptp(body.mesh.vertices_m, axis=0))) for body in bodies])
+    skin_m = skin_of(*(body.mesh for body in bodies))
     for row, body in zip(rows, bodies, strict=True):
         mesh = body.mesh
         key = id(mesh)
@@ -147,12 +148,13 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
     )
 
 
-def common_skin(diagonals_m: Sequence[float]) -> float:
-    """One skin for all bodies [m], or a proxy that glides over one would catch on the overlap of another.
+def skin_of(*meshes: "Mesh") -> float:
+    """One skin for all meshes of a scene [m], or a proxy that glides over one would catch on the overlap of another.
 
     As fine as the smallest body asks for, unless the largest is so much larger that float32 would not hold it.
     """
-    return max(SKIN_RATIO * min(diagonals_m), SKIN_RATIO_MIN * max(diagonals_m))
+    sizes_m = {id(mesh): float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0))) for mesh in meshes}.values()
+    return max(SKIN_RATIO * min(sizes_m), SKIN_RATIO_MIN * max(sizes_m))
 
 
 def records(count: int, dtype: np.dtype[Any]) -> Any:

@@ -4,19 +4,21 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.constants import EDGE_OVERLAP, SKIN_RATIO
+from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.embree import MITRE, Search, first_face, new_ray
+
+SKIN_M = 1e-6
 
 
 def shoot(mesh: trimesh.Trimesh, targets, start) -> np.ndarray:
     """Faces met by rays from `start` to each target and 1 mm beyond, −1 for a miss."""
-    search, ray = Search(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)), new_ray()
+    search, ray = Search(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), SKIN_M), new_ray()
     met = []
     for target in np.atleast_2d(targets):
         way = target - start
         length = np.linalg.norm(way)
         origin = tuple(map(float, start - search.center_m))
-        met.append(first_face(search.handle, ray, origin, tuple(map(float, way / length)), 0.0, float(length + 1e-3)))
+        met.append(first_face(search.handle, ray, origin, tuple(map(float, way / length)), float(length + 1e-3), 0))
     return np.array(met)
 
 
@@ -39,25 +41,24 @@ def test_no_ray_at_a_shared_edge_or_corner_is_missed(offset_m):
 
 
 def test_a_ray_that_ends_before_the_face_meets_nothing(triangle):
-    search, ray = Search(triangle.vertices, triangle.faces.astype(np.int32)), new_ray()
+    search, ray = Search(triangle.vertices, triangle.faces.astype(np.int32), SKIN_M), new_ray()
     origin = tuple(np.array([0.02, 0.02, 0.1]) - search.center_m)
-    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.0, 0.0999) == -1
-    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.0, 0.1001) == 0
+    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.0999, 0) == -1
+    assert first_face(search.handle, ray, origin, (0.0, 0.0, -1.0), 0.1001, 0) == 0
     assert ray[8] == pytest.approx(0.1)
 
 
 def test_measures_of_the_mesh():
     box = trimesh.creation.box(extents=(0.3, 0.4, 1.2))
     box.apply_translation((10, 0, 0))
-    search = Search(np.asarray(box.vertices), np.asarray(box.faces, np.int32))
+    search = Search(np.asarray(box.vertices), np.asarray(box.faces, np.int32), SKIN_M)
     np.testing.assert_allclose(search.center_m, (10, 0, 0))
     assert search.radius_m == pytest.approx(0.65)
-    assert search.skin_m == pytest.approx(1.3 * SKIN_RATIO)
 
 
 def test_vertices_that_no_face_uses_do_not_count(triangle):
     vertices = np.concatenate([triangle.vertices, [[1e3, 1e3, 1e3]]])
-    assert Search(vertices, np.array([[0, 1, 2]], np.int32)).radius_m < 0.1
+    assert Search(vertices, np.array([[0, 1, 2]], np.int32), SKIN_M).radius_m < 0.1
 
 
 def test_overlap_stays_below_the_skin():
@@ -67,7 +68,7 @@ def test_overlap_stays_below_the_skin():
 
 def test_faces_reach_over_a_crack(triangle):
     """Half a skin past its edge a face is still met; a skin past it is not."""
-    skin = SKIN_RATIO * 0.1 * np.sqrt(2)
+    skin = SKIN_M
     inside, beyond = [0.03, -0.4 * skin, 0.0], [0.03, -skin, 0.0]
     up = np.array([0.0, 0.0, 0.1])
     assert shoot(triangle, inside, inside + up).tolist() == [0]
