@@ -102,4 +102,4 @@ def record(subdivisions: int, tick_count: int, file: str) -> None:
         if renderer.run(path[k : k + 1]).touching[0]:
             kept += noted
             ticks += 1
-    np.savez(file, rays=np.array(kept).reshape(-1, 8), ticks=ticks)
+    np.savez(file, rays=np.array(kept).reshape(-1, 7), ticks=ticks)

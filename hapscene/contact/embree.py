@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import carray, cfunc, types
+from numba import carray, cfunc, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP
@@ -108,8 +108,9 @@ def _filter() -> Any:
     if INTERPRETED:
         floats = ctypes.POINTER(ctypes.c_float)
         return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
+    pointer: Any = types.CPointer
     with cache_folder():
-        return cfunc(types.void(types.CPointer(types.CPointer(types.float32))), cache=True)(_let_backs_pass)
+        return cfunc(types.void(pointer(pointer(types.float32))), cache=True)(_let_backs_pass)
 
 
 def fronts_only() -> NDArray[np.uint64]:

@@ -7,6 +7,7 @@ from hapscene.bench.crowd import SPACING_M, grid
 from hapscene.bench.instance import InstanceScene
 from hapscene.bench.ray import recorded_rays, time_rays
 from hapscene.contact.embree import Search, first_face, new_ray
+from hapscene.contact.world import skin_of
 
 
 def test_grid_starts_at_the_origin_and_keeps_its_distance() -> None:
@@ -19,14 +20,14 @@ def test_grid_starts_at_the_origin_and_keeps_its_distance() -> None:
 
 def test_instances_name_the_same_face_and_follow_a_move() -> None:
     mesh = sphere(2)
-    search = Search(mesh.vertices_m, mesh.faces)
+    search = Search(mesh.vertices_m, mesh.faces, skin_of(mesh))
     instances = InstanceScene(search, grid(10))
     direction = (0.0, 0.6, -0.8)
-    alone = first_face(search.handle, new_ray(), (0.01, -0.06, 0.08), direction, 0.0, 1.0)
+    alone = first_face(search.handle, new_ray(), (0.01, -0.06, 0.08), direction, 1.0, 0)
     assert alone >= 0
-    assert first_face(instances.handle, new_ray(), (0.01, -0.06, 0.08), direction, 0.0, 1.0) == alone
+    assert first_face(instances.handle, new_ray(), (0.01, -0.06, 0.08), direction, 1.0, 0) == alone
     instances.move(np.array([0]), np.array([[0.0, 0.0, 5.0]]))
-    assert first_face(instances.handle, new_ray(), (0.01, -0.06, 5.08), direction, 0.0, 1.0) == alone
+    assert first_face(instances.handle, new_ray(), (0.01, -0.06, 5.08), direction, 1.0, 0) == alone
 
 
 def test_rays_are_noted_from_the_interpreted_tick() -> None:
@@ -36,4 +37,4 @@ def test_rays_are_noted_from_the_interpreted_tick() -> None:
     assert ticks <= len(rays)
     assert np.allclose(np.linalg.norm(rays[:, 3:6], axis=1), 1.0)
     mesh = sphere(1)
-    assert time_rays(Search(mesh.vertices_m, mesh.faces).handle, rays, 1) > 0.0
+    assert time_rays(Search(mesh.vertices_m, mesh.faces, skin_of(mesh)).handle, rays, 1) > 0.0
