@@ -14,7 +14,9 @@
 | `friction`, `stiffness` | fit the friction coefficients and the stiffness |
 | `swatch_fit` | the above in order: `fit` |
 | `synthesis` | plays a swatch along force and speed: `synthesize` |
-| `metric` | how near a model is to a recording |
+| `metric`, `metric_residual`, `metric_vibrotactile` | how near a model is to a recording |
+| `report`, `report_*` | a page about a swatch: spectra, order, residual, friction, taps |
+| `compare`, `compare_*` | how different two surfaces feel, in what a person can tell |
 | `hatt`, `hatt_file`, `hatt_tap`, `hatt_batch`, `arma`, `xml_source` | files of the Penn Haptic Texture Toolkit |
 | `hjif` | MPEG haptics files |
 | `record`, `record_port`, `record_protocol`, `record_meter` | record from a probe on a serial port |
