@@ -108,6 +108,8 @@ def _normalised(texture: Texture, pieces: Pieces) -> tuple[Array, Array]:
     a, variance = texture.models(pieces.force_N, pieces.speed_m_s)
     power = texture.power(pieces.force_N, pieces.speed_m_s)
     signal = pieces.acceleration_m_s2
+    sounding = power > 0.0  # a model that finds a piece silent says nothing of its noise
+    a, variance, power, signal = a[sounding], variance[sounding], power[sounding], signal[sounding]
     residual = np.stack([lfilter(filter_a, [1.0], row) for filter_a, row in zip(a, signal, strict=True)])
     part = slice(min(texture.order, signal.shape[1] // 2), None)
     return residual[:, part] / np.sqrt(variance)[:, None], signal[:, part] / np.sqrt(power)[:, None]

@@ -15,6 +15,9 @@ from hapscene.surface.texture import Texture
 
 Array = NDArray[np.float64]
 
+POWER_LEAST: Final = 0.1
+"""Least share of its own pieces' power that a model is given [1]: silence is at no force or no speed alone."""
+
 PIECE_S: Final = 0.1
 """Length of the pieces that a recording is cut into [s]: over one, force and speed of a hand are nearly constant."""
 
@@ -212,8 +215,8 @@ def _group_autocorrelation(pieces: Pieces, rate_Hz: float, order: int) -> Array:
 
 
 def _with_power(texture: Texture, pieces: Pieces) -> Texture:
-    """The texture with the powers of its sounding models fitted to those of the pieces."""
-    from scipy.optimize import nnls
+    """The texture with the powers of its sounding models fitted to those of the pieces; none is silenced."""
+    from scipy.optimize import lsq_linear
 
     power = np.mean(pieces.acceleration_m_s2**2, axis=1)
     corner, weight = texture.locate(pieces.force_N, pieces.speed_m_s)
@@ -224,7 +227,8 @@ def _with_power(texture: Texture, pieces: Pieces) -> Texture:
     # A weak pull towards the cluster's own power decides where the pieces do not (a corner that none is near).
     pull = 0.1 * np.sqrt(len(pieces) / len(sounding))
     matrix = np.vstack([share[:, sounding], pull * np.eye(len(sounding))])
-    fitted, _ = nnls(matrix, np.concatenate([power, pull * before]))
+    target = np.concatenate([power, pull * before])
+    fitted = lsq_linear(matrix, target, bounds=(POWER_LEAST * before, np.inf)).x
     fitted *= power.sum() / (share[:, sounding] @ fitted).sum()
     variance = texture.variance_m2_s4.copy()
     variance[sounding] *= fitted / before

@@ -65,4 +65,17 @@ def triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
     corner = np.stack([x, y], axis=1)[triangles]
     side = corner[:, 1:] - corner[:, :1]
     area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
-    return np.asarray(triangles[area > 1e-6], dtype=np.int32)
+    return _opened(np.asarray(triangles[area > 1e-6], dtype=np.int32), np.minimum(x, y) == 0.0)
+
+
+def _opened(triangles: NDArray[np.int32], silent: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """No triangle has three silent corners: one at the origin is joined to what sounds beyond it instead."""
+    opened = [list(map(int, corners)) for corners in triangles]
+    for dead in [corners for corners in opened if silent[corners].all()]:
+        for other in opened:
+            edge = [corner for corner in dead if corner in other]
+            if other is not dead and len(edge) == 2 and not silent[other].all():
+                (origin,), (beyond,) = set(dead) - set(edge), set(other) - set(edge)
+                dead[:], other[:] = [origin, edge[0], beyond], [origin, beyond, edge[1]]
+                break
+    return np.asarray(opened, dtype=np.int32)
