@@ -168,7 +168,8 @@ class Texture:
         place = np.stack([force, speed, np.ones_like(force)])
         weight = self._inverse @ place  # (t, 3, n)
         best = np.argmax(weight.min(axis=1), axis=0)  # the triangle that holds the place, or the nearest one
-        inside = np.maximum(weight[best, :, np.arange(len(best))], 0.0)
+        inside = weight[best, :, np.arange(len(best))]
+        inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is silent to the bit
         return self.triangles[best], inside / inside.sum(axis=1, keepdims=True)
 
     def power(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> Array:
