@@ -195,7 +195,7 @@ def _accuracy(sheet: Sheet, picture: dict[str, str]) -> str:
     )
     said = f"""The direction of the force is off the sphere's normal by as much as the facets are: a finer mesh buys
         accuracy, at the price of time. Off the facets the proxy is by rounding; where it crosses an edge, for a tick,
-        by up to its skin (1e-5 of the mesh's diagonal) times the sine of the edge's angle. Others at 20 k triangles
+        by up to its skin (5e-6 of the mesh's diagonal) times the sine of the edge's angle. Others at 20 k triangles
         ({CITED}): {others}."""
     return f"""## Accuracy against time
 ![Direction error and gap against contact time]({picture["accuracy"]})

@@ -38,6 +38,8 @@ class Result:
     skipped: list[Entry] = field(default_factory=list)
     """done by an earlier run"""
     failed: list[Entry] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """what is to be said of recordings that were fitted, as missing samples that were bridged"""
     stopped: bool = False
     """ended by the user with recordings left"""
 
@@ -209,6 +211,8 @@ class _Batch:
         task.entry.output_sha256 = hashlib.sha256(content).hexdigest()
         task.entry.status, task.entry.reason, task.entry.settings = "ok", "", task.settings
         self.result.fitted.append(task.entry)
+        if outcome.note:
+            self.result.notes.append(f"{task.item.path}: {outcome.note}")
         self._after(self.result, task.entry)
 
     def _bereave(self) -> None:

@@ -37,6 +37,8 @@ class Outcome:
     swatch: str | None
     reason: str
     duration_s: float
+    note: str = ""
+    """what is to be said of a recording that was fitted"""
 
 
 def fit_job(job: Job) -> Outcome:
@@ -50,7 +52,8 @@ def fit_job(job: Job) -> Outcome:
     try:
         content = read_content(Path(job.path)) if job.content is None else job.content
         sha256 = hashlib.sha256(content).hexdigest()
-        return Outcome(sha256, _swatch(job, content), "", time.monotonic() - start_s)
+        swatch, note = _swatch(job, content)
+        return Outcome(sha256, swatch, "", time.monotonic() - start_s, note)
     except HapsceneError as error:
         reason = str(error)
     except OSError as error:
@@ -62,12 +65,15 @@ def fit_job(job: Job) -> Outcome:
     return Outcome(sha256, None, " ".join(reason.split()), time.monotonic() - start_s)
 
 
-def _swatch(job: Job, content: bytes) -> str:
-    """The text of the swatch's file, of that very content: the file may change meanwhile, or be on another machine."""
+def _swatch(job: Job, content: bytes) -> tuple[str, str]:
+    """The text of the swatch's file, and what is to be said of it.
+
+    Of that very content: the file may change meanwhile, or be on another machine.
+    """
     import tempfile
 
     from hapscene import __version__
-    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.recording_file import bridged_note, read_surface_recording
     from hapscene.capture.swatch_fit import fit_parts, prepare
     from hapscene.errors import CaptureError
     from hapscene.surface.swatch_file import swatch_to_json
@@ -78,14 +84,14 @@ def _swatch(job: Job, content: bytes) -> str:
         copy = Path(folder) / f"recording{Path(job.path).suffix}"
         copy.write_bytes(content)
         try:
-            recording = load_surface_recording(copy, **job.reading)
+            recording = read_surface_recording(copy, **job.reading)
         except CaptureError as error:
             raise CaptureError(str(error).replace(str(copy), job.path)) from None
     try:
         swatch = fit_parts([prepare(recording)], job.name, **job.fitting)
     except CaptureError as error:
         raise CaptureError(f"{job.path}: {error}") from None
-    return swatch_to_json(swatch)
+    return swatch_to_json(swatch), bridged_note(recording)
 
 
 def read_content(path: Path) -> bytes:

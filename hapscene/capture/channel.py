@@ -24,6 +24,10 @@ ASSUMED_SPEED_M_S: Final = 0.1
 """Slip speed that a recording without one is taken to have [m/s]: that of a slow stroke over a plate."""
 
 
+ACCELERATION_MAX_M_S2: Final = 1e6
+"""Largest acceleration of a tool that is believed [m/s²]: shock sensors end at a tenth of it."""
+
+
 @dataclass(frozen=True)
 class Channels:
     """A cleaned recording: n samples of each stream at one rate."""
@@ -52,11 +56,20 @@ def clean(
     Depth grows into the surface; it is negative above it.
 
     Raises:
-        CaptureError: too short, too slow, silent, not finite, or streams of different length.
+        CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
+            streams of different length.
     """
+    if np.ndim(rate_Hz) != 0 or np.asarray(rate_Hz).dtype.kind not in "iuf":
+        raise CaptureError(f"rate_Hz must be a number, is {rate_Hz!r}")
     if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
         raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
     acceleration = _stream("acceleration_m_s2", acceleration_m_s2, None)
+    beyond = np.flatnonzero(np.abs(acceleration) > ACCELERATION_MAX_M_S2)
+    if len(beyond):
+        raise CaptureError(
+            f"acceleration_m_s2: sample {beyond[0]} is {acceleration[beyond[0]]:.3g} m/s², at most "
+            f"{ACCELERATION_MAX_M_S2:g} is believed: its unit is likely wrong"
+        )
     count = len(acceleration)
     if count < DURATION_MIN_S * rate_Hz:
         raise CaptureError(
@@ -111,9 +124,12 @@ def high_pass_gain(size: int, rate_Hz: float) -> Array:
 def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
     """One stream as (n,) float64; a single number is spread over the recording."""
     try:
-        array = np.asarray(values, dtype=np.float64)
+        given = np.asarray(values)
     except (TypeError, ValueError):
         raise CaptureError(f"{name} must be a list of numbers") from None
+    if given.dtype.kind not in "iuf":  # as float64 complex numbers would lose a part, and text might pass
+        raise CaptureError(f"{name} must be a list of real numbers, is of {given.dtype}")
+    array = given.astype(np.float64)
     if array.ndim == 0 and count is not None:
         array = np.full(count, float(array))
     if array.ndim != 1:

@@ -5,8 +5,9 @@ What a file does not say is asked for: the message names the argument, and the o
 
 import os
 import re
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -43,6 +44,10 @@ UNEVEN_MAX: Final = 0.1
 """Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
 
 
+class BridgedWarning(UserWarning):
+    """Samples were missing in a recording, and were put on straight lines between their neighbours."""
+
+
 @dataclass(frozen=True)
 class SurfaceRecording:
     """The streams of a file in SI units, (n,) each; None for those that it does not have.
@@ -56,6 +61,8 @@ class SurfaceRecording:
     speed_m_s: Array | None
     tangential_force_N: Array | None
     depth_m: Array | None = None
+    bridged: Mapping[str, int] = field(default_factory=dict)
+    """how many missing samples of a column were put on straight lines"""
 
 
 def load_surface_recording(
@@ -70,12 +77,39 @@ def load_surface_recording(
         path: the file. In text of one column, and in a WAV file of one or three channels, that is the acceleration.
         rate_Hz: sample rate, where the file does not say it.
         columns: which column holds which quantity of `UNITS`, as {"acceleration": "accel"}; by default the column of
-            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}.
+            that name. Axes are joined by "+", as {"acceleration": "ax+ay+az"}, or named one by one, as
+            {"acceleration_x": "ax", "acceleration_y": "ay", "acceleration_z": "az"}.
         units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}. A number before it
             scales: "98 m/s2" for a WAV file whose full scale is 98 m/s².
 
     Raises:
         CaptureError: no rate or unit given; a file that is missing, too large or not of numbers; an unknown column.
+
+    Warns:
+        BridgedWarning: some samples are missing, at most 1 % of a column; they are put on straight lines.
+    """
+    recording = read_surface_recording(path, rate_Hz, columns, units)
+    if recording.bridged:
+        warnings.warn(f"{path}: {bridged_note(recording)}", BridgedWarning, stacklevel=2)
+    return recording
+
+
+def bridged_note(recording: SurfaceRecording) -> str:
+    """How many samples of which columns were missing, in words; empty where none was."""
+    said = ", ".join(f"{count} of {name}" for name, count in recording.bridged.items())
+    return f"missing samples bridged by straight lines: {said}" if said else ""
+
+
+def read_surface_recording(
+    path: str | os.PathLike[str],
+    rate_Hz: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> SurfaceRecording:
+    """As `load_surface_recording`, without its warning: `bridged` of the recording says the same.
+
+    Raises:
+        CaptureError: as there.
     """
     file = Path(path)
     source = read_source(file)
@@ -85,7 +119,9 @@ def load_surface_recording(
         scale = _scale(file, quantity, names, dict(units or {}), source.units)
         streams[quantity] = scale * np.stack([source.columns[name] for name in names])
     rate = _rate(file, rate_Hz, source, streams.pop("time", None))
-    return _assembled(rate, streams)
+    used = [name for names in chosen.values() for name in names]
+    bridged = {name: source.bridged[name] for name in used if name in source.bridged}
+    return replace(_assembled(rate, streams), bridged=bridged)
 
 
 def _assembled(rate_Hz: float, streams: Mapping[str, Array]) -> SurfaceRecording:
@@ -121,7 +157,7 @@ def _rate(file: Path, given_Hz: float | None, source: Source, time_s: Array | No
 def _choose(file: Path, names: list[str], columns: dict[str, str]) -> dict[str, list[str]]:
     """Quantity to columns, for the quantities that the file has."""
     chosen: dict[str, list[str]] = {}
-    for quantity, column in columns.items():
+    for quantity, column in _joined(file, columns).items():
         if quantity not in UNITS:
             raise CaptureError(f"{file}: no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
         parts = [column] if column in names else [part.strip() for part in column.split("+")]
@@ -140,11 +176,40 @@ def _choose(file: Path, names: list[str], columns: dict[str, str]) -> dict[str, 
     if "acceleration" not in chosen and numbered:
         chosen["acceleration"] = names
     if "acceleration" not in chosen:
+        example = _likely(names, chosen)
         raise CaptureError(
             f'{file}: no column "acceleration"; there are: {", ".join(names)}: '
-            f'give columns={{"acceleration": "{names[0]}"}} (--columns acceleration={names[0]})'
+            f'give columns={{"acceleration": "{example}"}} (--columns acceleration={example})'
         )
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
+
+
+def _joined(file: Path, columns: Mapping[str, str]) -> dict[str, str]:
+    """Columns as given, those of axes, as acceleration_x, joined by "+" under their quantity."""
+    joined: dict[str, str] = {}
+    axes: dict[str, dict[str, str]] = {}
+    for key, column in columns.items():
+        quantity, _, axis = key.rpartition("_")
+        if quantity in VECTORS and axis in AXES:
+            axes.setdefault(quantity, {})[axis] = column
+        else:
+            joined[key] = column
+    for quantity, parts in axes.items():
+        if quantity in joined:
+            raise CaptureError(f"{file}: columns name both {quantity} and {quantity}_{min(parts)}: give one of them")
+        joined[quantity] = "+".join(parts[axis] for axis in AXES if axis in parts)
+    return joined
+
+
+def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
+    """The column that most likely is the acceleration: of those that are nothing else, one that begins with it."""
+    taken = {name for parts in chosen.values() for name in parts}
+    free = [name for name in names if name not in taken] or ["COLUMN"]
+    for start in ("acc", "a"):
+        for name in free:
+            if name.casefold().startswith(start):
+                return name
+    return free[0]
 
 
 def _scale(file: Path, quantity: str, names: list[str], given: dict[str, str], own: Mapping[str, str]) -> float:

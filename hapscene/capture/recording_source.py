@@ -39,6 +39,8 @@ class Source:
     columns: Mapping[str, Array]
     rate_Hz: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    bridged: Mapping[str, int] = field(default_factory=dict)
+    """how many missing samples of a stream were put on straight lines; streams without any are left out"""
 
 
 def read_source(file: Path) -> Source:
@@ -83,8 +85,10 @@ def _text(file: Path) -> Source:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "no data", which is told below
             table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8-sig")
-    except (ValueError, UnicodeDecodeError) as error:
-        raise CaptureError(f"{file}: not a table of numbers: {error}") from None
+    except UnicodeDecodeError:
+        raise CaptureError(f"{file}: not a text file") from None
+    except ValueError:
+        raise CaptureError(f"{file}: not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
     if len(table) == 0 or table.shape[1] != len(names):
         raise CaptureError(f"{file}: {len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
     if not header:
@@ -92,6 +96,22 @@ def _text(file: Path) -> Source:
     if len(set(names)) < len(names):
         raise CaptureError(f"{file}: two columns have one name: {', '.join(names)}")
     return Source(dict(zip(names, table.T.copy(), strict=True)))
+
+
+def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
+    """The first line that is not `count` numbers, and why."""
+    with file.open(encoding="utf-8-sig", errors="replace") as f:
+        for number, line in enumerate(f, 1):
+            text = line.split("#", 1)[0].strip("\r\n")
+            if number <= skip or not text.strip():
+                continue
+            cells = [cell.strip() for cell in text.split(delimiter)]
+            if len(cells) != count:
+                return f"line {number}: {count} columns expected, {len(cells)} found"
+            for column, cell in enumerate(cells, 1):
+                if not _is_number(cell):
+                    return f"line {number}: a number expected in column {column}, found {cell[:40]!r}"
+    return f"{count} numbers a line expected"
 
 
 def _wav(file: Path) -> Source:
@@ -140,8 +160,8 @@ def _record(file: Path) -> Source:
     from hapscene.capture.record_file import load_record
 
     record = load_record(file)
-    columns = {name: _bridged(file, name, stream) for name, stream in record.streams.items()}
-    return Source(columns, record.rate_Hz, record.units)
+    columns, bridged = _bridged(file, record.streams)
+    return Source(columns, record.rate_Hz, record.units, bridged)
 
 
 def _named(file: Path, arrays: Mapping[str, Any]) -> Source:
@@ -156,12 +176,13 @@ def _named(file: Path, arrays: Mapping[str, Any]) -> Source:
         if rows.ndim == 2 and rows.shape[1] == 1:
             rows = rows[:, 0]
         if rows.ndim == 1:
-            columns[name] = _bridged(file, name, rows)
+            columns[name] = rows
         elif rows.ndim == 2 and rows.shape[1] == 3:
             parts = zip(AXES, rows.T, strict=True)
-            columns |= {f"{name}_{axis}": _bridged(file, name, part.copy()) for axis, part in parts}
+            columns |= {f"{name}_{axis}": part.copy() for axis, part in parts}
+    whole, bridged = _bridged(file, columns)
     rate = arrays.get("rate_Hz")
-    return Source(columns, None if rate is None else _rate(file, rate), _units(arrays.get("units")))
+    return Source(whole, None if rate is None else _rate(file, rate), _units(arrays.get("units")), bridged)
 
 
 def _rate(file: Path, value: Any) -> float:
@@ -179,18 +200,24 @@ def _units(value: Any) -> dict[str, str]:
     return {pair[0]: pair[1] for pair in pairs if len(pair) == 2}
 
 
-def _bridged(file: Path, name: str, stream: Array) -> Array:
-    """The stream with samples that are NaN, dropped by the probe, put on a straight line."""
-    missing = np.isnan(stream)
-    if not missing.any():
-        return stream
-    share = float(missing.mean())
-    if share > MISSING_MAX:
-        raise CaptureError(
-            f"{file}: {name}: {100 * share:.1f} % of the samples are missing, at most {100 * MISSING_MAX:g} % may be"
-        )
-    index = np.arange(len(stream))
-    return np.where(missing, np.interp(index, index[~missing], stream[~missing]), stream)
+def _bridged(file: Path, streams: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, int]]:
+    """The streams with samples that are NaN, dropped by the probe, put on straight lines; and how many of which."""
+    whole: dict[str, Array] = {}
+    count: dict[str, int] = {}
+    for name, stream in streams.items():
+        missing = np.isnan(stream)
+        share = float(missing.mean()) if len(stream) else 0.0
+        if share > MISSING_MAX:
+            raise CaptureError(
+                f"{file}: {name}: {100 * share:.1f} % of the samples are missing, "
+                f"at most {100 * MISSING_MAX:g} % may be"
+            )
+        whole[name] = stream
+        if share > 0.0:
+            index = np.arange(len(stream))
+            whole[name] = np.where(missing, np.interp(index, index[~missing], stream[~missing]), stream)
+            count[name] = int(missing.sum())
+    return whole, count
 
 
 def _numbered(count: int) -> list[str]:

@@ -1,13 +1,14 @@
 """A swatch from recordings of a tool on a surface: the main entry of `hapscene.capture`."""
 
 from collections.abc import Sequence
-from typing import Final, Literal
+from dataclasses import replace
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.channel import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Channels, clean
-from hapscene.capture.excitation import fit_excitation
+from hapscene.capture.excitation import _normalised, fit_excitation, quantile_knots
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order import search_order
 from hapscene.capture.recording_file import SurfaceRecording
@@ -22,6 +23,9 @@ from hapscene.surface.texture import Texture
 
 Part = tuple[Channels, Segmentation]
 """A recording, cleaned, and its states."""
+
+EXCITATIONS: Final = ("auto", "gaussian", "measured")
+"""Names of the noises that may drive a texture."""
 
 STATIONARY_PIECES: Final = 5.0
 """Median length of the stationary stretches, in pieces of `PIECE_S`, from which the texture's pieces are cut at their
@@ -40,6 +44,7 @@ def fit(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
+    excitation: str = "auto",
 ) -> Swatch:
     """The swatch of a recording of a tool on a surface.
 
@@ -54,6 +59,8 @@ def fit(
         model_count: models over force and speed, or "auto": as many as hold on held-out data.
         interpolation: how the texture blends its models, see `hapscene.surface.blend`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
+        excitation: the noise that drives the texture: "gaussian", "measured" (distributed as the residual), or "auto":
+            the one that comes nearer on held-out data (`hapscene.capture.excitation`).
 
     Returns:
         A swatch with what the recording holds: texture where the tool slides, taps where it strikes, friction,
@@ -63,7 +70,7 @@ def fit(
         CaptureError: from such streams nothing can be fitted; the text says why.
     """
     channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
-    return fit_parts([(channels, segment(channels))], name, order, model_count, interpolation)
+    return fit_parts([(channels, segment(channels))], name, order, model_count, interpolation, excitation)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -89,6 +96,7 @@ def fit_parts(
     order: int | Literal["auto"] = "auto",
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
+    excitation: str = "auto",
 ) -> Swatch:
     """The swatch of recordings of one surface, pooled; as `fit`.
 
@@ -99,6 +107,9 @@ def fit_parts(
     if len(rates) != 1:
         said = ", ".join(f"{rate:g}" for rate in sorted(rates)) or "none"
         raise CaptureError(f"recordings of one surface must have one rate, these have {said} Hz: resample them")
+    if excitation not in EXCITATIONS:
+        raise CaptureError(f"excitation must be one of {', '.join(EXCITATIONS)}, is {excitation!r}")
+    order, model_count = _whole(order), _whole(model_count)
     if order != "auto" and (type(order) is not int or not 1 <= order <= min(ORDER_MAX, PIECE_S * min(rates) / 2)):
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
     friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
@@ -115,7 +126,7 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture = _texture(parts, order, model_count, interpolation)
+        texture = _texture(parts, order, model_count, interpolation, excitation)
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
         if wrong or (taps.taps is None and "stiffness_N_m" in absent):
@@ -143,6 +154,7 @@ def _texture(
     order: int | Literal["auto"],
     model_count: int | Literal["auto"],
     interpolation: str,
+    excitation: str,
 ) -> Texture:
     """The texture of all that slides."""
     rate = parts[0][0].rate_Hz
@@ -157,7 +169,17 @@ def _texture(
         model_count = choose_model_count(pieces, rate, order)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
-    return fit_excitation(fit_texture(pieces, rate, order, model_count, interpolation), pieces)
+    texture = fit_texture(pieces, rate, order, model_count, interpolation)
+    if excitation == "gaussian":
+        return texture
+    if excitation == "measured":
+        return replace(texture, excitation=quantile_knots(_normalised(texture, pieces)[0].ravel()))
+    return fit_excitation(texture, pieces)
+
+
+def _whole(value: Any) -> Any:
+    """Whole numbers of NumPy as Python's own; all else as it is."""
+    return int(value) if isinstance(value, np.integer) else value
 
 
 def _pieces(parts: Sequence[Part]) -> Pieces:

@@ -4,6 +4,7 @@ The same lattice and the same noise as the renderer's effect `lpc_texture` (`hap
 are those of the texture itself, there they come from a table on a grid.
 """
 
+from numbers import Integral
 from typing import Final
 
 import numpy as np
@@ -35,8 +36,10 @@ def synthesize(
     `BLOCK_S`. Without `rate_Hz` the texture's own rate is meant. The same seed gives the same samples.
 
     Raises:
-        CaptureError: the swatch has no texture, or the two series differ in length.
+        CaptureError: the swatch has no texture, the two series differ in length, or the seed is none.
     """
+    if not isinstance(seed, Integral) or seed < 0:
+        raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(slip_m_s, dtype=np.float64)
@@ -48,7 +51,7 @@ def synthesize(
     texture = swatch.texture if rate_Hz is None else swatch.texture.resampled(rate_Hz)
     block = max(1, round(BLOCK_S * texture.rate_Hz))
     middle = np.minimum(np.arange(0, len(force), block) + block // 2, len(force) - 1)
-    state, rng = np.zeros((3, texture.order + 1)), seeded_state(seed, "synthesize")
+    state, rng = np.zeros((3, texture.order + 1)), seeded_state(int(seed), "synthesize")
     last = 0.0
     for start in range(0, len(middle), _PART):
         part = middle[start : start + _PART]

@@ -5,6 +5,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Final
 
+from hapscene.command.fit_option import add_fit_options, fit_options
 from hapscene.command.recording_option import add_recording_options, recording_options
 from hapscene.command.word import add_command
 
@@ -43,7 +44,7 @@ def add_batch(commands: Any) -> None:
         "units",
     )
     command.add_argument("--out", required=True, metavar="DIR", help="folder to write into")
-    command.add_argument("--order", type=_order, default="auto", help="of the texture models (default auto)")
+    add_fit_options(command)
     command.add_argument("--jobs", type=_jobs, metavar="N", help="processes here (default: one per core)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
     add_recording_options(command)
@@ -72,7 +73,7 @@ def _batch(options: argparse.Namespace) -> int:
                 items,
                 options.out,
                 recording_options(options),
-                {"order": options.order},
+                fit_options(options),
                 options.jobs,
                 options.scheduler,
                 asked,
@@ -87,6 +88,8 @@ def _batch(options: argparse.Namespace) -> int:
     print(f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed")
     for entry in result.failed:
         print(f"  {entry.reason}")
+    for note in result.notes:
+        print(f"note: {note}")
     print(f"made:\n  {options.out}: swatches and manifest.json")
     if result.stopped:
         left = len(items) - result.count
@@ -140,15 +143,6 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
-
-
-def _order(text: str) -> int | str:
-    if text == "auto":
-        return text
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError('an order is "auto" or a whole number, 1 or more')
-    return value
 
 
 def _jobs(text: str) -> int:

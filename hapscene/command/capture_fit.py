@@ -2,11 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
+from hapscene.command.fit_option import add_fit_options, fit_options
 from hapscene.command.recording_option import add_recording_options, recording_options
 from hapscene.command.word import add_command, name_made
-from hapscene.constants import ORDER_MAX
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -29,13 +29,7 @@ def add_capture_fit(commands: Any) -> None:
     )  # fmt: skip
     command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
     command.add_argument("-o", "--out", metavar="SWATCH", required=True, help="the .swatch file to write")
-    command.add_argument(
-        "--order",
-        type=_order,
-        default="auto",
-        metavar="N",
-        help="of the texture's models (default: auto, held-out data)",
-    )
+    add_fit_options(command)
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
     add_recording_options(command)
 
@@ -70,7 +64,7 @@ def _fit(options: argparse.Namespace) -> int:
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
         made.append(Path(options.plot))
     speak("fitting\n")
-    swatch = fit_parts(parts, options.name or Path(options.out).stem, options.order)
+    swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
     files = ", ".join(Path(path).name for path in options.recordings)
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
@@ -82,12 +76,12 @@ def _fit(options: argparse.Namespace) -> int:
 
 def summary(swatch: "Swatch") -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
-    import numpy as np
+    from hapscene.surface.portrait import sounding
 
     lines = [f"{swatch.name}:"]
     texture, taps = swatch.texture, swatch.taps
     if texture is not None:
-        count = int(np.count_nonzero(texture.variance_m2_s4))
+        count = sounding(texture)
         lines.append(
             f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
             f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
@@ -116,12 +110,3 @@ def _number(swatch: "Swatch", name: str, form: str) -> str:
 
 def _interval(pair: tuple[float, float] | None, form: str) -> str:
     return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
-
-
-def _order(text: str) -> int | Literal["auto"]:
-    if text == "auto":
-        return "auto"
-    value = int(text) if text.isdecimal() else 0
-    if not 1 <= value <= ORDER_MAX:
-        raise argparse.ArgumentTypeError(f'an order is "auto" or a whole number from 1 to {ORDER_MAX}')
-    return value

@@ -25,12 +25,14 @@ def search(entries: Iterable[Entry], terms: Iterable[str]) -> list[Entry]:
     on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
 
     Raises:
-        SwatchError: a bound on an unknown figure, or one that is no number.
+        SwatchError: a malformed bound, one on an unknown figure, or one that is no number.
     """
     found = list(entries)
     known = {key for entry in found for key in entry.figures} | set(_SHORT)
     for term in terms:
         bound = _BOUND.fullmatch(term.strip())
+        if bound is None and re.search("[<>]", term):
+            raise SwatchError(f"{term!r}: a malformed bound: expected a figure, a sign and a number, as friction<0.4")
         if bound is None:
             found = [entry for entry in found if term.casefold() in _text(entry)]
             continue

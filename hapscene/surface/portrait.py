@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
 FORCE_N: Final = 1.0
 """Normal force that roughness is told at [N]: a light stroke."""
@@ -45,12 +46,17 @@ def figures(swatch: Swatch) -> dict[str, float]:
     texture = swatch.texture
     if texture is not None:
         found["roughness_m_s2"] = float(np.sqrt(texture.power([FORCE_N], [SPEED_M_S])[0]))
-        found |= {"rate_Hz": texture.rate_Hz, "order": float(texture.order), "models": float(len(texture.force_N))}
+        found |= {"rate_Hz": texture.rate_Hz, "order": float(texture.order), "models": float(sounding(texture))}
         found |= {"force_max_N": texture.force_max_N, "speed_max_m_s": texture.speed_max_m_s}
     if swatch.taps is not None:
         tap = swatch.taps.at(TAP_M_S)
         found |= {"tap_m_s2": tap.amplitude_m_s2, "tap_Hz": tap.frequency_Hz}
     return found
+
+
+def sounding(texture: Texture) -> int:
+    """How many models of a texture sound; the silent ones on its two axes only close it."""
+    return int(np.count_nonzero(texture.variance_m2_s4))
 
 
 def words(numbers: dict[str, float]) -> list[str]:
@@ -77,7 +83,8 @@ def lines(swatch: Swatch) -> list[str]:
     else:
         at_N, at_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
         told.append(_line("roughness", f"{found['roughness_m_s2']:.3g} m/s² rms at {at_N:.3g} N and {at_m_s:.3g} m/s"))
-        size = f"{len(texture.force_N)} models of order {texture.order} at {texture.rate_Hz:g} Hz"
+        count = sounding(texture)
+        size = f"{count} model{'s' if count != 1 else ''} of order {texture.order} at {texture.rate_Hz:g} Hz"
         reach = f"to {texture.force_max_N:.3g} N and {texture.speed_max_m_s:.3g} m/s"
         told.append(_line("texture", f"{size}, {reach}, blended as {texture.interpolation!r}"))
     if taps is None:

@@ -28,6 +28,7 @@ from hapscene.surface.swatch_file import load_swatch
 
 READING = {"rate_Hz": 1000.0, "units": {"acceleration": "m/s2"}}
 FITTING = {"order": 3}
+CHOSEN = {"interpolation": "lsf", "excitation": "auto"}  # by the command, where nothing is said
 WORDS = ["--rate", "1000", "--units", "acceleration=m/s2", "--order", "3"]
 
 
@@ -178,7 +179,7 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
     assert code == 130 and told.endswith("recordings left; run the same again to go on\n") and told.count("\n") == 1
     done = Counter(statuses(out).values())
     assert done["failed"] == 0 and 7 <= done["ok"] == len(list(out.glob("*.swatch"))) < 12
-    last = fit_batch(items, out, READING | {"columns": {}}, FITTING, jobs=2)
+    last = fit_batch(items, out, READING | {"columns": {}}, FITTING | CHOSEN, jobs=2)
     assert len(last.skipped) == done["ok"] and len(last.fitted) == 12 - done["ok"]
     check_whole(items, out)
 
@@ -286,3 +287,15 @@ def test_a_manifest_that_cannot_be_read_is_told(tmp_path: Path, text: str, messa
 def test_no_recordings_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "batch", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err == "hapscene: no recordings: name files or folders, or --list files.csv\n"
+
+
+def test_bridged_samples_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stream = np.random.default_rng(0).standard_normal(1500)
+    stream[7] = np.nan
+    np.savez(tmp_path / "oak.npz", acceleration=stream)
+    words = ["capture", "batch", str(tmp_path / "oak.npz"), "--out", str(tmp_path / "out"), "--jobs", "1", *WORDS]
+    assert main([*words, "--interpolation", "direct", "--excitation", "gaussian"]) == 0
+    assert "oak.npz: missing samples bridged by straight lines: 1 of acceleration" in capsys.readouterr().out
+    assert load_swatch(tmp_path / "out" / "oak.swatch").texture.interpolation == "direct"
+    assert main(words) == 0
+    assert "1 fitted, 0 done before" in capsys.readouterr().out

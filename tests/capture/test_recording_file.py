@@ -8,6 +8,7 @@ from scipy.io import savemat, wavfile
 
 from hapscene.capture import load_surface_recording
 from hapscene.capture.axis import one_axis
+from hapscene.capture.recording_file import BridgedWarning
 from hapscene.errors import CaptureError
 
 CSV = "speed,force,accel,friction\n100,2,1,0.5\n200,1,-1,0.25\n"
@@ -56,8 +57,11 @@ def test_one_value_a_line(tmp_path: Path) -> None:
         ("1,2\n3,4\n", {"columns": None}, r"no column \"acceleration\"; there are: 1, 2.*--columns acceleration=1"),
         ("accel,accel\n1,2\n", {}, "two columns have one name"),
         ("accel\n", {}, "columns expected"),
-        ("accel\n1\nx\n", {}, "not a table of numbers"),
-        ("accel,force\n1,2\n3\n", {}, "not a table of numbers"),
+        ("accel\n1\nx\n", {}, "not a table of numbers: line 3: a number expected in column 1, found 'x'$"),
+        ("# of oak\naccel,force\n1,2\n\n3\n", {}, "not a table of numbers: line 5: 2 columns expected, 1 found$"),
+        ("speed,a_m,acc\n1,2,3\n", {"columns": None}, r"--columns acceleration=acc\)"),
+        ("speed,b,a_m\n1,2,3\n", {"columns": None}, r"--columns acceleration=a_m\)"),
+        (CSV, {"columns": COLUMNS | {"acceleration_x": "accel"}}, "both acceleration and acceleration_x"),
         ("accel,force\n1\n3\n", {}, "2 columns expected, 1 found"),
         (b"\xff\xfe\x00\x81", {}, "not a text file"),
     ],
@@ -154,7 +158,8 @@ def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None
     stream = np.arange(1000.0)
     stream[500:505] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0, units=np.array(["acceleration=m/s2"]))
-    recording = load_surface_recording(tmp_path / "r.npz")
+    with pytest.warns(BridgedWarning):
+        recording = load_surface_recording(tmp_path / "r.npz")
     np.testing.assert_allclose(recording.acceleration_m_s2, np.arange(1000.0))
     stream[:100] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0)
@@ -180,3 +185,23 @@ def test_no_pickle_is_opened_and_no_text_taken_for_a_stream(tmp_path: Path) -> N
     np.savez(tmp_path / "r.npz", acceleration=np.ones(5), force=np.ones(6))
     with pytest.raises(CaptureError, match="different length"):
         load_surface_recording(tmp_path / "r.npz", 1000.0)
+
+
+def test_missing_samples_are_bridged_and_told(tmp_path: Path) -> None:
+    path, stream = tmp_path / "oak.npz", np.arange(1000.0)
+    stream[[3, 500]] = np.nan
+    np.savez(path, acceleration=stream, force=np.ones(1000), other=stream, rate_Hz=1000.0)
+    with pytest.warns(BridgedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
+        recording = load_surface_recording(path, units={"acceleration": "m/s2", "force": "N"})
+    assert np.array_equal(recording.acceleration_m_s2, np.arange(1000.0))
+    assert recording.bridged == {"acceleration": 2}
+
+
+def test_axes_may_be_named_one_by_one(tmp_path: Path) -> None:
+    path = tmp_path / "oak.npz"
+    np.savez(path, ax=NOISE[0], ay=NOISE[1], az=NOISE[2])
+    given = {"acceleration_z": "az", "acceleration_x": "ax", "acceleration_y": "ay"}
+    units = {"acceleration": "m/s2"}
+    one = load_surface_recording(path, 1000.0, given, units)
+    other = load_surface_recording(path, 1000.0, {"acceleration": "ax+ay+az"}, units)
+    assert np.array_equal(one.acceleration_m_s2, other.acceleration_m_s2)

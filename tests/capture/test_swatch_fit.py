@@ -87,3 +87,29 @@ def test_changes_are_found_in_a_recording_longer_than_a_window():
     found = np.array(change_points(signal, rate)) / rate
     assert len(found) == len(lengths) - 1
     np.testing.assert_allclose(found, np.cumsum(lengths)[:-1], atol=0.02)
+
+
+NOISE = np.random.default_rng(0).standard_normal(2000)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "options", "message"),
+    [
+        (NOISE, {"rate_Hz": "1000"}, "rate_Hz must be a number, is '1000'"),
+        (NOISE, {"rate_Hz": None}, "rate_Hz must be a number"),
+        (NOISE + 1j, {}, "acceleration_m_s2 must be a list of real numbers, is of complex128"),
+        (NOISE.astype(object), {}, "real numbers, is of object"),
+        (["1", "2"], {}, "real numbers"),
+        (1e7 * NOISE, {}, "its unit is likely wrong"),
+        (NOISE, {"excitation": "pink"}, "excitation must be one of auto, gaussian, measured, is 'pink'"),
+    ],
+)
+def test_what_is_no_acceleration_is_told(acceleration, options, message):
+    with pytest.raises(CaptureError, match=message):
+        fit(acceleration, **{"rate_Hz": 1000.0} | options)
+
+
+def test_numbers_of_numpy_and_the_noise():
+    swatch = fit(NOISE, np.int64(1000), order=np.int64(3), model_count=np.int32(1), excitation="measured")
+    assert swatch.texture.order == 3 and len(swatch.texture.excitation) > 0
+    assert len(fit(NOISE, 1000, order=3, excitation="gaussian").texture.excitation) == 0

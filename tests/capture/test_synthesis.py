@@ -149,3 +149,9 @@ def test_silence_and_refusals() -> None:
         synthesize(PLAIN, [1.0], [1.0])
     with pytest.raises(CaptureError, match="one shape"):
         synthesize(wood, [1.0], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("seed", [-1, None, 0.5])
+def test_a_seed_that_is_none_is_told(seed: object) -> None:
+    with pytest.raises(CaptureError, match="seed must be a whole number, 0 or more"):
+        synthesize(SWATCHES[0], [1.0], [0.1], seed=seed)  # type: ignore[arg-type]

@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapscene.capture import swatch_fit
+from hapscene.command import fit_option
 from hapscene.command.capture_fit import add_capture_fit
+from hapscene.constants import EXCITATION_KNOTS
 from hapscene.errors import CaptureError, SwatchError
+from hapscene.surface import blend
+from hapscene.surface.portrait import lines, sounding
 from hapscene.surface.swatch_file import load_swatch
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"
@@ -65,7 +70,7 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
         run(path, "-o", out, *given)
     with pytest.raises(CaptureError, match="--units acceleration=m/s2"):
         run(path, "-o", out, "--rate", "2000", "--columns", "acceleration=accel")
-    with pytest.raises(CaptureError, match="--columns acceleration=speed"):
+    with pytest.raises(CaptureError, match="--columns acceleration=accel"):
         run(path, "-o", out, "--rate", "2000", "--units", UNITS)
     with pytest.raises(CaptureError, match=r"a\.csv: .*at least 0\.5 s"):
         run(str(write(tmp_path / "a.csv", count=100)), "-o", out, "--rate", "2000", *given)
@@ -74,3 +79,22 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
     with pytest.raises(SystemExit):
         run(path, "-o", out, "--order", "0")
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = str(write(tmp_path / "a.csv")), tmp_path / "oak.swatch"
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    for excitation, knots in {"gaussian": 0, "measured": EXCITATION_KNOTS}.items():
+        run(path, "-o", str(out), *options, "--interpolation", "direct", "--excitation", excitation)
+        texture = load_swatch(out).texture
+        assert texture is not None
+        assert texture.interpolation == "direct" and len(texture.excitation) == knots
+    said = next(line for line in capsys.readouterr().out.splitlines() if "texture:" in line)
+    count = sounding(texture)
+    assert f"{count} model" in said
+    assert f"{count} model{'s' if count != 1 else ''} of order 4" in "\n".join(lines(load_swatch(out)))
+
+
+def test_the_choices_are_those_of_the_fit() -> None:
+    assert fit_option.INTERPOLATIONS == blend.INTERPOLATIONS
+    assert fit_option.EXCITATIONS == swatch_fit.EXCITATIONS

@@ -154,6 +154,9 @@ def test_search_by_words_and_bounds() -> None:
         search(entries, ["colour<3"])
     with pytest.raises(SwatchError, match="expected a number after <"):
         search(entries, ["friction<low"])
+    for term in ("friction<", "<0.4", "friction <> 2 3"):
+        with pytest.raises(SwatchError, match="a malformed bound"):
+            search(entries, [term])
 
 
 def test_words_follow_the_figures() -> None:
@@ -186,6 +189,7 @@ def test_the_commands(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         ("add", str(tmp_path / "none.swatch")): "none.swatch: cannot be read",
         ("add", "a.swatch", "b.swatch", "--name", "x"): "--name is for a single file",
         ("show", "oka"): "no swatch 'oka'",
+        ("search", "friction<"): "malformed bound",
     }.items():
         assert cli.main(["swatch", *arguments]) == 2
         assert message in capsys.readouterr().err
