@@ -56,7 +56,7 @@ def fit_excitation(texture: Texture, pieces: Pieces) -> Texture:
 def choose_excitation(texture: Texture, pieces: Pieces) -> ExcitationChoice:
     """Fit the noise to each half of the pieces and judge it by the other; take it of all of them where it is nearer."""
     middle = len(pieces) // 2
-    residual, output = _normalised(texture, pieces)
+    residual, output = normalised(texture, pieces)
     if middle == 0:
         return ExcitationChoice(_kurtosis(residual), 0.0, 0.0, 0.0, 0.0, np.empty(0))
     halves = (slice(0, middle), slice(middle, None))
@@ -101,7 +101,7 @@ def wasserstein(first: Array, second: Array) -> float:
     return float(np.mean(np.abs(np.quantile(first, level) - np.quantile(second, level))))
 
 
-def _normalised(texture: Texture, pieces: Pieces) -> tuple[Array, Array]:
+def normalised(texture: Texture, pieces: Pieces) -> tuple[Array, Array]:
     """Residual and output of the pieces (k, n−p), each over its model's level."""
     from scipy.signal import lfilter
 

@@ -296,6 +296,7 @@ def test_bridged_samples_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     words = ["capture", "batch", str(tmp_path / "oak.npz"), "--out", str(tmp_path / "out"), "--jobs", "1", *WORDS]
     assert main([*words, "--interpolation", "direct", "--excitation", "gaussian"]) == 0
     assert "oak.npz: missing samples bridged by straight lines: 1 of acceleration" in capsys.readouterr().out
-    assert load_swatch(tmp_path / "out" / "oak.swatch").texture.interpolation == "direct"
+    texture = load_swatch(tmp_path / "out" / "oak.swatch").texture
+    assert texture is not None and texture.interpolation == "direct"
     assert main(words) == 0
     assert "1 fitted, 0 done before" in capsys.readouterr().out

@@ -90,6 +90,7 @@ def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.
         assert texture is not None
         assert texture.interpolation == "direct" and len(texture.excitation) == knots
     said = next(line for line in capsys.readouterr().out.splitlines() if "texture:" in line)
+    assert texture is not None
     count = sounding(texture)
     assert f"{count} model" in said
     assert f"{count} model{'s' if count != 1 else ''} of order 4" in "\n".join(lines(load_swatch(out)))
