@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.channel import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Channels, clean
-from hapscene.capture.excitation import normalised, fit_excitation, quantile_knots
+from hapscene.capture.excitation import fit_excitation, normalised, quantile_knots
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order import search_order
 from hapscene.capture.recording_file import SurfaceRecording

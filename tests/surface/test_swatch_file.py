@@ -136,7 +136,8 @@ BAD = {
     "taps shape": (edit(("taps", "decay_1_s"), [1.0]), "decay_1_s must have shape"),
     "waves shape": (edit(("taps", "wave_m_s2"), [[1.0]]), "wave_m_s2 must have shape"),
     "waves without rate": (
-        edit(("taps",), {k: [1.0] for k in TAP_ROWS} | {"wave_m_s2": [[1.0]]}), r"'taps\.wave_rate_Hz' is missing"
+        edit(("taps",), {k: [1.0] for k in TAP_ROWS} | {"wave_m_s2": [[1.0]]}),
+        r"'taps\.wave_rate_Hz' is missing",
     ),
     "interval": (edit(("intervals", "stiffness_N_m"), [2.0, 1.0]), r"intervals\.stiffness_N_m must be two numbers"),
     "interval of one": (edit(("intervals", "stiffness_N_m"), [2.0]), "must be two numbers"),
