@@ -11,7 +11,7 @@ from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball, records
 from hapscene.device.limit import IDEAL, Limits
-from hapscene.errors import HapsceneError, PathError, SceneError, no_such
+from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
 from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
 from hapscene.scene.body import RIGID_TOLERANCE
@@ -82,6 +82,10 @@ class Renderer:
         self.a_rate_Hz = float(a_rate_Hz)
         self.block = _block(self.tick_s, self.a_rate_Hz)
         self.seed = seed
+        if isinstance(effects, str):
+            raise EffectError(f"effects are a list of names, as [{effects!r}]")
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise HapsceneError(f"a seed is a whole number, 0 or more, not {seed!r}")
         self._effects = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._body_names = tuple(body.name for body in scene.bodies)
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
@@ -105,7 +109,7 @@ class Renderer:
         Raises:
             PathError: a position that is not three finite numbers.
         """
-        p = _positions(np.asarray(p_WT, np.float64).reshape(1, -1))[0]
+        p = _positions(_numbers(p_WT).reshape(1, -1))[0]
         surface = self._surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
@@ -133,8 +137,12 @@ class Renderer:
         Returns:
             Command, whose arrays are the caller's to keep.
         """
-        p = np.array(p_WT, np.float64).reshape(1, 3)
+        p = _numbers(p_WT).reshape(1, -1)
+        if p.shape != (1, 3):
+            raise PathError(f"a position is three numbers in metres; it has {p.size}")
         if not self._started:
+            if not np.isfinite(p).all():
+                return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
             self.reset(p[0])
         if poses:
             moving, X_WB = self._poses({name: np.asarray(X)[None] for name, X in poses.items()}, 1)
@@ -157,7 +165,7 @@ class Renderer:
         """
         from hapscene.recording import Recording
 
-        path = _positions(np.ascontiguousarray(p_WT, np.float64))
+        path = _positions(np.ascontiguousarray(_numbers(p_WT)))
         n = len(path)
         moving, X_WB = self._poses(poses or {}, n)
         if not self._started:
@@ -207,7 +215,7 @@ class Renderer:
         for m, (name, given) in enumerate(poses.items()):
             if name not in self._body_names:
                 raise SceneError(no_such("body", name, self._body_names))
-            X = np.asarray(given, np.float64)
+            X = _numbers(given)
             if X.shape != (count, 4, 4):
                 raise SceneError(
                     f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
@@ -219,8 +227,8 @@ class Renderer:
 
 def _block(tick_s: float, a_rate_Hz: float) -> int:
     """Acceleration samples in a tick."""
-    if not (tick_s > 0.0 and a_rate_Hz > 0.0):
-        raise HapsceneError(f"tick_s and a_rate_Hz must be above 0, are {tick_s} and {a_rate_Hz}")
+    if not (0.0 < tick_s < np.inf and 0.0 < a_rate_Hz < np.inf):
+        raise HapsceneError(f"tick_s and a_rate_Hz must be finite and above 0, are {tick_s} and {a_rate_Hz}")
     exact = tick_s * a_rate_Hz
     block = round(exact)
     if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
@@ -229,6 +237,14 @@ def _block(tick_s: float, a_rate_Hz: float) -> int:
             f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
         )
     return block
+
+
+def _numbers(values: ArrayLike) -> NDArray[np.float64]:
+    """An array of float64, or a readable error."""
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError):
+        raise PathError(f"positions and poses are arrays of numbers, not {type(values).__name__}") from None
 
 
 def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -246,6 +262,7 @@ def _rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     R = X_WB[:, :3, :3]
     with np.errstate(invalid="ignore"):
         ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
+    ok &= (np.abs(X_WB[:, 3] - (0.0, 0.0, 0.0, 1.0)) < RIGID_TOLERANCE).all(axis=1)
     ok &= (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < RIGID_TOLERANCE).all(axis=(1, 2))
     if not ok.all():
         raise SceneError(

@@ -283,3 +283,31 @@ def test_instances_are_touched_where_they_are():
         recording = renderer.run([[0.2 * i, 0.001, 0.01 * i - 0.002]])
         assert recording.body.tolist() == [i]
         np.testing.assert_allclose(recording.p_WP_m, [[0.2 * i, 0.001, 0.01 * i]], atol=1e-12)
+
+
+def test_a_first_position_that_is_not_finite_is_flagged_and_waited_out():
+    renderer = hapscene.Renderer(flat_scene())
+    command = renderer.step([np.nan, 0.0, 0.0])
+    assert command.flags == hapscene.Flag.TOOL_NOT_FINITE and not command.f_W_N.any()
+    assert renderer.step([0.0, 0.0, 0.05]).flags == 0
+
+
+def flat_scene() -> hapscene.Scene:
+    import trimesh
+
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="box", unit="m")
+    return scene
+
+
+def test_a_pose_with_a_last_row_of_its_own_is_refused():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 3] = 7.0
+    with pytest.raises(hapscene.HapsceneError, match="tick 0 is not a rotation"):
+        hapscene.Renderer(flat_scene()).run(np.zeros((3, 3)), poses={"box": poses})
+
+
+@pytest.mark.parametrize("keys", [{"seed": -1}, {"seed": 1.5}, {"effects": "wall"}, {"a_rate_Hz": np.inf}])
+def test_bad_arguments_are_refused_in_words(keys):
+    with pytest.raises(hapscene.HapsceneError):
+        hapscene.Renderer(flat_scene(), **keys)

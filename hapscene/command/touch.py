@@ -4,8 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import add_command, name_made, rate, seed
+from hapscene.command.word import add_command, folder, name_made, rate, seed
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.errors import EffectError
 
 
 def add_touch(commands: Any) -> None:
@@ -23,7 +24,7 @@ def add_touch(commands: Any) -> None:
         metavar="CSV",
         help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above",
     )
-    command.add_argument("--out", required=True, metavar="DIR", help="folder to write into")
+    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
     command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
     command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
@@ -44,6 +45,8 @@ def _touch(options: argparse.Namespace) -> int:
     from hapscene.touch import open_scene, speak, touch
 
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
+    if effects == []:
+        raise EffectError("--effects names none; `hapscene plugins` lists them")
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
     speak(f"loading {options.scene}\n")
     scene = open_scene(options.scene, options.unit, options.swatch, options.two_sided)
@@ -76,7 +79,7 @@ def add_demo(commands: Any) -> None:
         "touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes",
         "hapscene demo",
     )
-    command.add_argument("--out", default="out/demo", metavar="DIR", help="folder to write into (default out/demo)")
+    command.add_argument("--out", default="out/demo", type=folder, metavar="DIR", help="folder (default out/demo)")
 
 
 def _demo(options: argparse.Namespace) -> int:

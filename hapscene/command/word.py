@@ -20,6 +20,13 @@ def add_command(commands: Any, name: str, function: Any, summary: str, *examples
     return command
 
 
+def folder(text: str) -> str:
+    """A folder to write into: its name may not be empty."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("a folder needs a name")
+    return text
+
+
 def seed(text: str) -> int:
     """A seed: a whole number, 0 or more."""
     value = int(text)

@@ -209,6 +209,8 @@ def _vertices(body: Anatomy) -> list[Finding]:
 
 def _crossings(mesh: Mesh, body: Anatomy) -> list[Finding]:
     faces = np.flatnonzero(body.kept & ~body.flat)
+    if len(faces) == 0:
+        return []
     found = crossings(mesh.triangles_m[faces], CROSSING_SKINS * _skin_m(mesh))
     findings = []
     for kind, pairs in (("self_intersections", found.crossing), ("overlapping_faces", found.lying)):

@@ -66,6 +66,8 @@ def save_scene(scene: Scene, path: Path) -> None:
                 "paint": _runs(body.face_swatch),
             }
         )
+    if len(bodies) > BODY_MAX:
+        raise SceneError(f"{path}: {len(bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
     content = {
         "format": FORMAT,
         "version": VERSION,

@@ -39,6 +39,7 @@ class Scene:
         # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
         self._loaded: dict[tuple[Path, str | None], Mesh] = {}
+        self._names: set[str] = set()
 
     def add(
         self,
@@ -172,7 +173,9 @@ class Scene:
         return self._loaded[key]
 
     def _name(self, name: str | None, mesh: Mesh) -> str:
-        taken = {body.name for body in self.bodies}
+        if len(self._names) != len(self.bodies):
+            self._names = {body.name for body in self.bodies}
+        taken = self._names
         if name is not None:
             if not isinstance(name, str) or not name.strip() or not name.isprintable():
                 raise SceneError(f"a body's name is a printable text, not {name!r}")

@@ -104,6 +104,8 @@ def _cosine_roots(c: Array) -> Array:
         return np.empty(0)
     series = np.concatenate([c[n : n + 1], 2.0 * c[n + 1 :]])
     x = np.polynomial.chebyshev.chebroots(series)
+    if len(x) != n:
+        raise SwatchError("a model's line spectral frequencies cannot be told apart: it is at the edge of stability")
     theta = np.sort(np.arccos(np.clip(x.real, -1.0, 1.0)))
     k = np.arange(n + 1)
     for _ in range(2):

@@ -1,0 +1,26 @@
+"""What the README shows works as it stands there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_ten_lines_run_as_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(r"## Ten lines of Python\n```python\n(.*?)```", text, re.DOTALL)
+    assert found is not None
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    exec(found.group(1), names)
+    assert names["recording"].touching.any()  # type: ignore[attr-defined]
+    assert names["command"].flags == 0  # type: ignore[attr-defined]
+
+
+def test_files_that_it_links_to_are_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)#]+)\)", text)
+    assert len(links) > 5
+    assert [link for link in links if "://" not in link and not (ROOT / link).exists()] == []
