@@ -35,7 +35,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         _slide(touch, memory, slip, v_rel, n)
     else:
         p_WP = p_WT
-        _leave(touch, memory, v)
+        _leave(touch)
     touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
@@ -114,7 +114,7 @@ def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> N
 
 
 @native
-def _leave(touch: Any, memory: Any, v: Vector) -> None:
+def _leave(touch: Any) -> None:
     """In the air: no depth, no force, no slip; normal and swatch stay those of the last contact."""
     touch.body, touch.face = -1, -1
     touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0

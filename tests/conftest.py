@@ -3,8 +3,12 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+settings.register_profile("fixed", derandomize=True)  # the same examples everywhere
+settings.load_profile("fixed")
 
 
 @pytest.fixture(scope="session")

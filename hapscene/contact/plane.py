@@ -84,6 +84,9 @@ def _two(proxy: Any, count: int, slack: float) -> bool:
                 continue
             a = (r[i] - g * r[j]) / sine2
             b = (r[j] - g * r[i]) / sine2
+            u, v = r[i] - a - g * b, r[j] - g * a - b  # what is left: planes that nearly face each other need it
+            a += (u - g * v) / sine2
+            b += (v - g * u) / sine2
             if a < 0.0 or b < 0.0:
                 continue
             allowed = True
@@ -108,9 +111,10 @@ def _three(proxy: Any, count: int, slack: float) -> bool:
                 det = 1.0 + 2.0 * p * q * s - p * p - q * q - s * s
                 if det < PARALLEL:
                     continue
-                a = (r[i] * (1.0 - s * s) + r[j] * (q * s - p) + r[k] * (p * s - q)) / det
-                b = (r[i] * (q * s - p) + r[j] * (1.0 - q * q) + r[k] * (p * q - s)) / det
-                c = (r[i] * (p * s - q) + r[j] * (p * q - s) + r[k] * (1.0 - p * p)) / det
+                a, b, c = _cramer(p, q, s, det, r[i], r[j], r[k])
+                u, v, w = r[i] - a - p * b - q * c, r[j] - p * a - b - s * c, r[k] - q * a - s * b - c
+                u, v, w = _cramer(p, q, s, det, u, v, w)
+                a, b, c = a + u, b + v, c + w
                 if a < 0.0 or b < 0.0 or c < 0.0:
                     continue
                 allowed = True
@@ -125,3 +129,13 @@ def _three(proxy: Any, count: int, slack: float) -> bool:
                     proxy.push_m[k] = c
                     return True
     return False
+
+
+@native
+def _cramer(p: float, q: float, s: float, det: float, x: float, y: float, z: float) -> Vector:
+    """Solve the Gram matrix [[1, p, q], [p, 1, s], [q, s, 1]] for (x, y, z)."""
+    return (
+        (x * (1.0 - s * s) + y * (q * s - p) + z * (p * s - q)) / det,
+        (x * (q * s - p) + y * (1.0 - q * q) + z * (p * q - s)) / det,
+        (x * (p * s - q) + y * (p * q - s) + z * (1.0 - p * p)) / det,
+    )

@@ -159,6 +159,8 @@ def _carry(world: Any, carried_W: Vector) -> None:
         body = world.bodies[index]
         if index == rests_on or not (carried or body.moved == 1):
             continue
+        if proxy.count == 4:  # a tick that did not settle may leave four
+            forget_oldest(proxy)
         start = to_body_before(body, before)
         goal = to_body(body, p)
         stop = cast_body(world, index, start, goal, 2.0)
@@ -167,8 +169,6 @@ def _carry(world: Any, carried_W: Vector) -> None:
             found, p = nearest(proxy, carried_W, 1.0)
             if not found:
                 p = to_world(body, along(start, stop, sub(goal, start)))
-            if proxy.count == 4:
-                forget_oldest(proxy)
     for i in range(3):
         proxy.p_W_m[i] = p[i]
 

@@ -59,3 +59,25 @@ def test_records_are_zero_and_have_their_fields_as_attributes():
     assert rows[1].skin_m == 0.0
     rows[1].p_WB_m[2] = 3.0
     assert rows.p_WB_m[1, 2] == 3.0
+
+
+def test_a_body_that_pushes_never_overfills_the_planes(world):
+    """Four planes may be left by a tick that did not settle: a pushing body makes room before it adds its own."""
+    from hapscene.contact.hold import copy_plane
+    from hapscene.contact.proxy import _carry, move
+    from hapscene.contact.world import place_ball
+
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
+    ball.apply_translation((0.1, 0.0, 0.02))
+    w = world(trimesh.creation.box((0.1, 0.1, 0.02)), ball, at=(0.0, 0.0, 0.02))
+    move(w, (0.0, 0.0, 0.005))
+    proxy, pusher = w.proxy[0], w.bodies[1]
+    assert proxy.count == 1
+    for slot in (1, 2, 3):
+        copy_plane(proxy, 0, slot)
+    proxy.count = 4
+    pusher.moved, pusher.p_WB_m = 1, (-0.09, 0.0, 0.0)
+    place_ball(pusher, w.ball_W_m[1])
+    w.near[:2], proxy.near_count = (0, 1), 2
+    _carry(w, tuple(map(float, proxy.p_W_m)))
+    assert proxy.count == 4 and proxy.body[3] == 1
