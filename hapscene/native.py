@@ -1,12 +1,14 @@
 """Compiled functions: numba with the project's options, and a cache on disk that knows when the code has changed.
 
 Numba's own cache looks only at the file of the function itself: change a function that another file calls, and the
-caller goes on with the old one. Here the cache lies in a folder named after a digest of all of hapscene's sources.
+caller goes on with the old one. Here the cache lies in a folder named after a digest of the file and of all of
+hapscene's sources that it imports, directly or through others.
 With NUMBA_DISABLE_JIT=1 the same functions run interpreted.
 """
 
 import hashlib
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +24,9 @@ _OPTIONS: Final = {"nogil": True, "error_model": "numpy", "_nrt": False}
 INTERPRETED: Final = bool(vars(config)["DISABLE_JIT"])
 """True under NUMBA_DISABLE_JIT=1."""
 
+_HERE: Final = Path(__file__).parent
+_IMPORT: Final = re.compile(rb"^\s*from hapscene\.([\w.]+) import", re.MULTILINE)
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = njit  # numba types its options by name, not as a dictionary
@@ -31,14 +36,14 @@ _KEPT_S: Final = 30 * 24 * 3600.0
 
 def native(function: Function) -> Function:
     """Decorator: compile without the GIL, with NumPy's rules for division by zero, cached on disk."""
-    with cache_folder():
+    with cache_folder(function):
         compiled: Function = _njit(cache=True, **_OPTIONS)(function)
     return compiled
 
 
 def native_for(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile at once for one signature; cached where the function's source is a file."""
-    with cache_folder():
+    with cache_folder(function):
         try:
             return _njit(signature, cache=True, **_OPTIONS)(function)
         except RuntimeError:  # no file to keep a cache beside: a notebook, an exec
@@ -46,10 +51,10 @@ def native_for(signature: Any, function: Callable[..., Any]) -> Any:
 
 
 @contextmanager
-def cache_folder() -> Iterator[None]:
+def cache_folder(function: Callable[..., Any]) -> Iterator[None]:
     """Have numba keep what is compiled meanwhile in this version's folder; other packages' caches stay as they are."""
     before = vars(config)["CACHE_DIR"]
-    vars(config)["CACHE_DIR"] = _folder(before)
+    vars(config)["CACHE_DIR"] = _folder(before, function.__code__.co_filename)
     try:
         yield
     finally:
@@ -57,13 +62,12 @@ def cache_folder() -> Iterator[None]:
 
 
 @cache
-def _folder(chosen: str) -> str:
-    """The folder for this version of the sources; under the one that NUMBA_CACHE_DIR names, where it does."""
+def _folder(chosen: str, source: str) -> str:
+    """The folder for what the file `source` compiles; under the one that NUMBA_CACHE_DIR names, where it does."""
     digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for source in sorted(here.rglob("*.py")):
-        digest.update(source.relative_to(here).as_posix().encode())
-        digest.update(source.read_bytes())
+    for file in sorted(_sources(source)):
+        digest.update(file.name.encode())
+        digest.update(_text(file))
     root = Path(chosen) / "hapscene" if chosen else user_cache_path("hapscene", appauthor=False)
     folder = root / digest.hexdigest()[:16]
     if not folder.is_dir():
@@ -74,6 +78,25 @@ def _folder(chosen: str) -> str:
     except OSError:
         return chosen  # no place to write: numba's own choice
     return str(folder)
+
+
+def _sources(source: str) -> set[Path]:
+    """A file and all of hapscene's modules that it imports, directly or through others."""
+    found: set[Path] = set()
+    waiting = [Path(source)]
+    while waiting:
+        file = waiting.pop()
+        if file not in found and file.is_file():
+            found.add(file)
+            for name in _IMPORT.findall(_text(file)):
+                module = _HERE.joinpath(*name.decode().split("."))
+                waiting += [module.with_suffix(".py"), module / "__init__.py"]
+    return found
+
+
+@cache
+def _text(file: Path) -> bytes:
+    return file.read_bytes()
 
 
 def _remove_old(root: Path) -> None:

@@ -109,7 +109,7 @@ def _filter() -> Any:
         floats = ctypes.POINTER(ctypes.c_float)
         return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
     pointer: Any = types.CPointer
-    with cache_folder():
+    with cache_folder(_let_backs_pass):
         return cfunc(types.void(pointer(pointer(types.float32))), cache=True)(_let_backs_pass)
 
 
