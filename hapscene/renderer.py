@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, BLOCK_MAX, TICK_S
+from hapscene.argument import block_of, numbers, positions, rigid
+from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball, records
@@ -14,9 +15,8 @@ from hapscene.device.limit import IDEAL, Limits
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
 from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
-from hapscene.scene.body import RIGID_TOLERANCE
 from hapscene.surface.registry import load_effect
-from hapscene.surface.stage import build_surface, clear_states
+from hapscene.surface.stage import build_surface, clear_states, tune_surface
 from hapscene.tick import play
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
 
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)))
-_WHOLE: Final = 1e-6
 _FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
 
 
@@ -60,6 +59,7 @@ class Renderer:
     Attributes:
         tick_s, a_rate_Hz, seed: as given.
         block: acceleration samples in a tick.
+        world, surface: what the compiled tick reads and writes; for those who drive it themselves.
 
     Raises:
         SceneError: a scene without bodies.
@@ -80,7 +80,7 @@ class Renderer:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
         self.tick_s = float(tick_s)
         self.a_rate_Hz = float(a_rate_Hz)
-        self.block = _block(self.tick_s, self.a_rate_Hz)
+        self.block = block_of(self.tick_s, self.a_rate_Hz)
         self.seed = seed
         if isinstance(effects, str):
             raise EffectError(f"effects are a list of names, as [{effects!r}]")
@@ -91,13 +91,13 @@ class Renderer:
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._searches: dict[int, Search] = {}  # owns the search structures whose addresses the world holds
         self._meshes = [body.mesh for body in scene.bodies]  # keeps the keys of _searches alive
-        self._world = build_world(scene.bodies, self._searches)
-        self._surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, limits or IDEAL)
+        self.world = build_world(scene.bodies, self._searches)
+        self.surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, limits or IDEAL)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"]  # views: a look-up by name costs a microsecond a step
-        self._play = _entry(play, self._world, self._surface, self._row, self._samples)
+        self._play = _entry(play, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 
@@ -109,8 +109,8 @@ class Renderer:
         Raises:
             PathError: a position that is not three finite numbers.
         """
-        p = _positions(_numbers(p_WT).reshape(1, -1))[0]
-        surface = self._surface
+        p = positions(numbers(p_WT).reshape(1, -1))[0]
+        surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
         keep = {name: touch[name].copy() for name in ("tick_s", "rate_Hz", "block")}
@@ -122,11 +122,26 @@ class Renderer:
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = p
         memory["fresh"] = 1
-        for body in self._world.bodies:
+        for body in self.world.bodies:
             body.moved = 0
-        put(self._world, (p[0], p[1], p[2]))
+        put(self.world, (p[0], p[1], p[2]))
         self._started = True
         self._ticks = 0
+
+    def tune(self, swatch: str, **numbers: float) -> None:
+        """Change numbers of a swatch while it is felt, from the next tick on: `tune("oak", stiffness_N_m=300.0)`.
+
+        Args:
+            swatch: its name.
+            numbers: `stiffness_N_m`, and parameters of the effects by name.
+
+        Raises:
+            SceneError: no such swatch in the scene.
+            EffectError: no effect has such a parameter, or it may not have this value.
+        """
+        if swatch not in self._swatch_names:
+            raise SceneError(no_such("swatch", swatch, self._swatch_names))
+        tune_surface(self.surface, self._effects, self._swatch_names.index(swatch), numbers)
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
         """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.
@@ -137,7 +152,7 @@ class Renderer:
         Returns:
             Command, whose arrays are the caller's to keep.
         """
-        p = _numbers(p_WT).reshape(1, -1)
+        p = numbers(p_WT).reshape(1, -1)
         if p.shape != (1, 3):
             raise PathError(f"a position is three numbers in metres; it has {p.size}")
         if not self._started:
@@ -146,10 +161,10 @@ class Renderer:
             self.reset(p[0])
         if poses:
             moving, X_WB = self._poses({name: np.asarray(X)[None] for name, X in poses.items()}, 1)
-            self._play(self._world, self._surface, p, moving, X_WB, self._row, self._samples)
+            self._play(self.world, self.surface, p, moving, X_WB, self._row, self._samples)
             self._settle_bodies(moving)
         else:
-            self._play(self._world, self._surface, p, *_STILL, self._row, self._samples)
+            self._play(self.world, self.surface, p, *_STILL, self._row, self._samples)
         self._ticks += 1
         f_W_N, flags = self._out
         return Command(f_W_N.copy(), self._samples[0].copy(), _FLAGS[flags.item()])
@@ -163,17 +178,22 @@ class Renderer:
             PathError: a path that is empty, of another shape, or not finite.
             SceneError: poses for an unknown body, of another length, or not rigid.
         """
-        from hapscene.recording import Recording
-
-        path = _positions(np.ascontiguousarray(_numbers(p_WT)))
+        path = positions(np.ascontiguousarray(numbers(p_WT)))
         n = len(path)
         moving, X_WB = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
-        self._play(self._world, self._surface, path, moving, X_WB, rows, a_m_s2)
+        self._play(self.world, self.surface, path, moving, X_WB, rows, a_m_s2)
         self._settle_bodies(moving)
+        return self.recording(rows, a_m_s2)
+
+    def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":
+        """The next ticks, from their rows (n,) ROW and samples (n, block): for those who drive the tick themselves."""
+        from hapscene.recording import Recording
+
+        n = len(rows)
         t_s = np.asarray((self._ticks + np.arange(n)) * self.tick_s, np.float64)
         self._ticks += n
         return Recording(
@@ -203,10 +223,10 @@ class Renderer:
     def _settle_bodies(self, moving: NDArray[np.int64]) -> None:
         """After the last given pose a body stands still."""
         for index in moving:
-            body = self._world.bodies[index]
+            body = self.world.bodies[index]
             body.moved = 0
             body.was_R_WB, body.was_p_WB_m = body.R_WB, body.p_WB_m
-            place_ball(body, self._world.ball_W_m[index])
+            place_ball(body, self.world.ball_W_m[index])
 
     def _poses(self, poses: Mapping[str, ArrayLike], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Indices of the moving bodies (m,) and their poses (count, m, 4, 4)."""
@@ -215,60 +235,14 @@ class Renderer:
         for m, (name, given) in enumerate(poses.items()):
             if name not in self._body_names:
                 raise SceneError(no_such("body", name, self._body_names))
-            X = _numbers(given)
+            X = numbers(given)
             if X.shape != (count, 4, 4):
                 raise SceneError(
                     f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
                 )
             moving[m] = self._body_names.index(name)
-            X_WB[:, m] = _rigid(X, name)
+            X_WB[:, m] = rigid(X, name)
         return moving, X_WB
-
-
-def _block(tick_s: float, a_rate_Hz: float) -> int:
-    """Acceleration samples in a tick."""
-    if not (0.0 < tick_s < np.inf and 0.0 < a_rate_Hz < np.inf):
-        raise HapsceneError(f"tick_s and a_rate_Hz must be finite and above 0, are {tick_s} and {a_rate_Hz}")
-    exact = tick_s * a_rate_Hz
-    block = round(exact)
-    if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
-        raise HapsceneError(
-            f"a tick of {tick_s:g} s holds {exact:g} samples at a_rate_Hz={a_rate_Hz:g}; it must be a whole number "
-            f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
-        )
-    return block
-
-
-def _numbers(values: ArrayLike) -> NDArray[np.float64]:
-    """An array of float64, or a readable error."""
-    try:
-        return np.array(values, np.float64)
-    except (TypeError, ValueError):
-        raise PathError(f"positions and poses are arrays of numbers, not {type(values).__name__}") from None
-
-
-def _positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A path (n, 3), checked."""
-    if p_WT.ndim != 2 or p_WT.shape[1] != 3 or len(p_WT) == 0:
-        raise PathError(f"a path must be (n, 3) positions in metres, n ≥ 1; it is {p_WT.shape}")
-    bad = ~np.isfinite(p_WT).all(axis=1)
-    if bad.any():
-        raise PathError(f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}")
-    return p_WT
-
-
-def _rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """Poses (n, 4, 4), checked: each a rotation and a translation."""
-    R = X_WB[:, :3, :3]
-    with np.errstate(invalid="ignore"):
-        ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
-    ok &= (np.abs(X_WB[:, 3] - (0.0, 0.0, 0.0, 1.0)) < RIGID_TOLERANCE).all(axis=1)
-    ok &= (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < RIGID_TOLERANCE).all(axis=(1, 2))
-    if not ok.all():
-        raise SceneError(
-            f"poses of body {name!r}: the one of tick {int(ok.argmin())} is not a rotation and a translation"
-        )
-    return X_WB
 
 
 def _entry(function: Any, *arguments: Any) -> Any:

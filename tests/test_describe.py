@@ -27,7 +27,7 @@ def told(renderer, path, poses=None) -> np.ndarray:
     rows = []
     for k, p in enumerate(path):
         renderer.step(p, poses={name: X[k] for name, X in (poses or {}).items()})
-        rows.append(renderer._surface.touch[0].copy())
+        rows.append(renderer.surface.touch[0].copy())
     return np.array(rows)
 
 

@@ -78,7 +78,7 @@ def _measure_moving(
         contact.append(renderer.run(part, poses=poses).contact_ns)
     sheet.add_spread(name, "contact, a tenth moving", np.min(contact[1:], axis=0), "µs", 1e-3)
     placed = [
-        _place_all(renderer._world, renderer._surface, moving, X_WB, new_clock()) / len(part) for _ in range(repeats)
+        _place_all(renderer.world, renderer.surface, moving, X_WB, new_clock()) / len(part) for _ in range(repeats)
     ]
     sheet.add(name, "placing the moving bodies", 1e-3 * min(placed), "µs")
     times = np.array([instances.move(moving, X[:, :3, 3]) for X in X_WB[:200]])

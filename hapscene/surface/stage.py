@@ -1,6 +1,7 @@
 """How the scene feels, as the compiled tick reads it: swatches, effects, parameters and memory in flat arrays."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 from hapscene.clock import new_clock
 from hapscene.contact.world import records
 from hapscene.device.limit import Limits
-from hapscene.errors import EffectError
+from hapscene.errors import EffectError, no_such
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.compile import compile_effect
-from hapscene.surface.effect import Effect
+from hapscene.surface.effect import Effect, Param
 from hapscene.surface.random import seeded_state
 
 if TYPE_CHECKING:
@@ -101,6 +102,30 @@ def build_surface(
     return surface
 
 
+def tune_surface(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Mapping[str, float]) -> None:
+    """Change the stiffness of a swatch, or parameters of effects on it by name.
+
+    Raises:
+        EffectError: a name that nothing has, or a value outside its limits. Then nothing is changed.
+    """
+    changes: list[tuple[Any, Any, float]] = []
+    for name, value in numbers.items():
+        if name == "stiffness_N_m":
+            if not 0.0 <= value < math.inf:
+                raise EffectError(f"stiffness_N_m must be finite and not negative, is {value:g} N/m")
+            changes.append((surface.stiffness_N_m, swatch, value))
+        holders = [(e, param) for e, effect in enumerate(effects) for param in effect.params if param.name == name]
+        if not holders and name != "stiffness_N_m":
+            known = {param.name for effect in effects for param in effect.params} | {"stiffness_N_m"}
+            raise EffectError(no_such("parameter", name, known))
+        for e, param in holders:
+            _check_range(effects[e], param, value)
+            dtype, start = effects[e].param_dtype, surface.param_start[swatch, e]
+            changes.append((surface.params[start : start + dtype.itemsize].view(dtype), name, value))
+    for target, key, value in changes:
+        target[key] = value
+
+
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
     """Zero the effects' memory, unmute them, and seed their random numbers anew."""
     surface.states[:] = 0
@@ -117,13 +142,17 @@ def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
     row = np.zeros(1, effect.param_dtype)
     for param in effect.params:
         value = swatch.parameter(effect.name, param.name, param.default)
-        if not param.minimum <= value <= param.maximum:
-            raise EffectError(
-                f"swatch {swatch.name!r}: {param.name} of effect {effect.name!r} is {value:g} {param.unit}; "
-                f"it must lie between {param.minimum:g} and {param.maximum:g}"
-            )
+        _check_range(effect, param, value, f"swatch {swatch.name!r}: ")
         row[param.name] = value
     return row.view(np.uint8)
+
+
+def _check_range(effect: Effect, param: Param, value: float, where: str = "") -> None:
+    if not param.minimum <= value <= param.maximum:
+        raise EffectError(
+            f"{where}{param.name} of effect {effect.name!r} is {value:g} {param.unit}; "
+            f"it must lie between {param.minimum:g} and {param.maximum:g}"
+        )
 
 
 def _table(effect: Effect, swatch: "Swatch", a_rate_Hz: float) -> NDArray[np.float64]:
