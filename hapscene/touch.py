@@ -1,14 +1,8 @@
 """The main job: touch a scene along a path; write what was felt as numbers, plots, a picture and sound."""
 
-import json
-import platform
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,20 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.errors import SceneError, ViewError
+from hapscene.errors import SceneError
 from hapscene.output import whole_folder
-from hapscene.recording import Recording
-from hapscene.records import Flag
+from hapscene.touch_file import MADE, step, write_touch
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
+    from hapscene.twin import Intent, Twin
 
-MADE: Final = ("touch.npz", "touch.csv", "summary.json", "plots.png", "scene.png", "feel.wav")
-"""What the job writes, in the order it is named."""
-
-SUMMARY_VERSION: Final = 1
-
-_PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh", "matplotlib", "pyrender2")
+MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
+"""What a touch in closed loop writes."""
 
 
 def open_scene(
@@ -99,120 +89,71 @@ def touch(
     from hapscene.renderer import EFFECTS, Renderer
 
     with whole_folder(out, ours=MADE) as folder:
-        with _step(say, f"readying {_counted(scene)}"):
+        with step(say, f"readying {_counted(scene)}"):
             names = EFFECTS if effects is None else effects
             renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz)
-        with _step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
+        with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT)
         if t_s is not None:
             recording = replace(recording, t_s=t_s)
-        missing = _write(scene, recording, folder, title, with_picture, say)
+        missing = write_touch(scene, recording, folder, title, with_picture, say)
         made = sorted((file.name for file in folder.iterdir()), key=MADE.index)
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
     return [Path(out) / name for name in made]
 
 
-def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
-    """The content of summary.json: how long, how much contact, how fast, what went wrong, which versions."""
-    touching = recording.touching
-    names = {
-        "bodies": (recording.body, recording.body_names),
-        "swatches": (recording.swatch, recording.swatch_names),
-    }
-    return {
-        "format_version": SUMMARY_VERSION,
-        "scene": title,
-        "ticks": len(recording),
-        "ticks_in_contact": int(np.count_nonzero(touching)),
-        **{
-            f"ticks_on_{what}": {name: int(np.count_nonzero(touching & (index == i))) for i, name in enumerate(known)}
-            for what, (index, known) in names.items()
-        },
-        "a_rate_Hz": recording.a_rate_Hz,
-        "a_samples_per_tick": recording.a_m_s2.shape[1],
-        "effects": list(recording.effects),
-        "seed": recording.seed,
-        "time_per_tick_us": {
-            "whole": _spread_us(recording.tick_ns),
-            "contact": _spread_us(recording.contact_ns),
-        },
-        "flags": {str(flag.name): int(np.count_nonzero(recording.flags & flag)) for flag in Flag},
-        "depth_max_m": float(recording.depth_m.max(initial=0.0)),
-        "force_max_N": float(np.linalg.norm(recording.f_W_N, axis=1).max(initial=0.0)),
-        "acceleration_max_m_s2": float(np.abs(recording.a_m_s2).max(initial=0.0)),
-        **more,
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
-
-
-def _write(
+def touch_by_hand(
     scene: "Scene",
-    recording: Recording,
-    folder: Path,
-    title: str,
-    with_picture: bool,
-    say: Callable[[str], None],
-) -> dict[str, str]:
-    """Write every file into `folder`; return what is missing, and why."""
-    from hapscene.view.palette import albedo_colours
-    from hapscene.view.picture import write_picture
-    from hapscene.view.plot import write_plot
-    from hapscene.view.sound import write_sound
+    out: str | Path,
+    intent: "Intent",
+    ready: Callable[[], "Twin"],
+    *,
+    title: str = "",
+    with_picture: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+    **told: Any,
+) -> list[Path]:
+    """Touch a scene in closed loop, contact forces moving the tool; write `MADE_BY_HAND` into a folder, or nothing.
 
-    missing: dict[str, str] = {}
-    with ThreadPoolExecutor(1) as beside:  # the picture is drawn by another process meanwhile
-        picture = beside.submit(write_picture, scene, recording, folder / "scene.png") if with_picture else None
-        with _step(say, "writing touch.npz, touch.csv, feel.wav"):
-            recording.save(folder / "touch.npz")
-            recording.save_csv(folder / "touch.csv")
-            full_scale_m_s2 = write_sound(recording, folder / "feel.wav")
-        with _step(say, "plotting plots.png"):
-            heading = f"{title}: {len(recording)} ticks, {np.count_nonzero(recording.touching)} in contact"
-            write_plot(recording, folder / "plots.png", heading, albedo_colours(scene.swatches))
-        if picture is not None:
-            with _step(say, "drawing scene.png"):
-                try:
-                    picture.result()
-                except ViewError as error:
-                    missing["scene.png"] = str(error)
-    more = {"feel_wav_full_scale_m_s2": full_scale_m_s2, "missing": missing}
-    text = json.dumps(summarise(recording, title, **more), indent=2, ensure_ascii=False, allow_nan=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    return missing
+    Args:
+        scene, out, title, with_picture, say: as `touch` has them.
+        intent: what the hand means to do.
+        ready: makes the twin.
+        told: goes into the summary's `hand`.
 
+    Returns:
+        The files written.
 
-@contextmanager
-def _step(say: Callable[[str], None], what: str) -> Iterator[None]:
-    """Say what is being done, and how long it took."""
-    say(f"{what} … ")
-    start_s = time.perf_counter()
-    try:
-        yield
-    except BaseException:
-        say("\n")
-        raise
-    say(f"{time.perf_counter() - start_s:.2f} s\n")
+    Raises:
+        HapsceneError: what the twin refuses.
+        OSError: the folder cannot be written.
+    """
+    from hapscene.twin.feel import summarise_feel
+    from hapscene.view.hand_plot import write_hand_plot
+
+    with whole_folder(out, ours=MADE_BY_HAND) as folder:
+        with step(say, f"readying {_counted(scene)}"):
+            twin = ready()
+        with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
+            feel = twin.run(intent)
+        hand = {**told, **summarise_feel(feel)}
+        missing = write_touch(
+            scene, feel.recording, folder, title, with_picture, say, a_heard_m_s2=feel.a_handle_m_s2, hand=hand
+        )
+        with step(say, "writing hand.npz, hand.png"):
+            feel.save(folder / "hand.npz")
+            write_hand_plot(feel, folder / "hand.png", title)
+        made = sorted((file.name for file in folder.iterdir()), key=MADE_BY_HAND.index)
+    for name, reason in missing.items():
+        say(f"without {name}: {reason}\n")
+    return [Path(out) / name for name in made]
 
 
 def _counted(scene: "Scene") -> str:
     body_count = len(scene.bodies)
     face_count = sum(len(body.mesh.faces) for body in scene.bodies)
     return f"{body_count} {'body' if body_count == 1 else 'bodies'} of {face_count:,} faces"
-
-
-def _spread_us(time_ns: NDArray[np.int64]) -> dict[str, float]:
-    """Median, p99, p99.9 and maximum of times [µs]."""
-    points = np.percentile(time_ns, (50, 99, 99.9, 100)) / 1e3
-    return {name: round(float(us), 3) for name, us in zip(("median", "p99", "p99_9", "max"), points, strict=True)}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def speak(text: str) -> None:

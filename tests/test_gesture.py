@@ -5,10 +5,11 @@ import pytest
 import trimesh
 
 from hapscene.errors import PathError
-from hapscene.gesture import DEPTH_M, HOVER_M, Hand, View, explore, look_from_above
+from hapscene.gesture import DEPTH_M, HOVER_M, Hand, explore
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.region import PlaneSide
 from hapscene.scene.scene import Scene
+from hapscene.sight import View, look_from_above
 from hapscene.surface.swatch import Swatch
 
 TICK_S = 1e-3

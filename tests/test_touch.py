@@ -13,7 +13,8 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import MADE, open_scene, summarise, touch
+from hapscene.touch import open_scene, touch
+from hapscene.touch_file import MADE, summarise
 
 
 @pytest.fixture(scope="module")

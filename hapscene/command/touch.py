@@ -2,11 +2,14 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hapscene.command.word import add_command, folder, name_made, rate, seed
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.errors import EffectError
+from hapscene.errors import EffectError, PathError
+
+HAND_DEFAULTS: Final = {"grip": "light", "device": "omni", "compensator": "adaptive", "delay": 0}
+"""Options of a touch in closed loop."""
 
 
 def add_touch(commands: Any) -> None:
@@ -17,6 +20,7 @@ def add_touch(commands: Any) -> None:
         "touch a scene or a mesh along a path, and write what was felt",
         "hapscene touch demo.scene.json --path hand.csv --out out/touch",
         "hapscene touch bunny.ply --unit m --swatch wood --out out/bunny",
+        "hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke",
     )
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a mesh file")
     command.add_argument(
@@ -37,6 +41,22 @@ def add_touch(commands: Any) -> None:
         metavar="HZ",
         help=f"of the acceleration channel (default {ACCELERATION_RATE_HZ:g})",
     )
+    closed = command.add_argument_group(
+        "in closed loop", "a hand that holds a simulated device, so that contact forces move the tool"
+    )
+    closed.add_argument(
+        "--hand",
+        metavar="GESTURE",
+        help="tap, press, stroke, circle, scrub, hesitate, let-go, grip-firmly, explore; or follow, along --path",
+    )
+    closed.add_argument("--grip", help="light (default), medium or firm")
+    closed.add_argument("--device", help="what the hand holds: omni (default), phantom-1.0, premium-1.5 or ideal")
+    closed.add_argument(
+        "--compensator",
+        metavar="NAME",
+        help="what drives the voice coil in the handle: adaptive (default), flat, inverse, naive, none",
+    )
+    closed.add_argument("--delay", type=int, metavar="TICKS", help="of the force (default 0)")
     command.add_argument("--no-picture", action="store_true", help="leave scene.png out")
 
 
@@ -47,9 +67,12 @@ def _touch(options: argparse.Namespace) -> int:
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
+    _check_hand(options)
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
     speak(f"loading {options.scene}\n")
     scene = open_scene(options.scene, options.unit, options.swatch, options.two_sided)
+    if options.hand is not None:
+        return _touch_by_hand(options, scene, effects, p_WT)
     if p_WT is None:
         from hapscene.gesture import explore
 
@@ -66,6 +89,58 @@ def _touch(options: argparse.Namespace) -> int:
         title=Path(options.scene).name,
         with_picture=not options.no_picture,
         say=speak,
+    )
+    name_made(made)
+    return 0
+
+
+def _check_hand(options: argparse.Namespace) -> None:
+    """Options of a hand go with --hand, and a path with the hand that follows it."""
+    if options.hand is None:
+        for option in HAND_DEFAULTS:
+            if getattr(options, option) is not None:
+                raise PathError(f"--{option} is for a touch in closed loop; add --hand, as in --hand stroke")
+    elif options.hand == "follow" and options.path is None:
+        raise PathError("--hand follow needs the path to follow: --path hand.csv")
+    elif options.hand != "follow" and options.path is not None:
+        raise PathError(f"--hand {options.hand} makes its own path; leave --path out, or say --hand follow")
+    for option, value in HAND_DEFAULTS.items():
+        if getattr(options, option) is None:
+            setattr(options, option, value)
+
+
+def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
+    from hapscene.device.model import device_named
+    from hapscene.handle import Plant
+    from hapscene.renderer import EFFECTS
+    from hapscene.touch import speak, touch_by_hand
+    from hapscene.twin import Intent, Twin
+    from hapscene.twin.gesture import act
+
+    device = device_named(options.device)
+    intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+
+    def ready() -> Twin:
+        return Twin(
+            scene,
+            device,
+            effects=effects or EFFECTS,
+            seed=options.seed,
+            a_rate_Hz=options.rate,
+            delay_ticks=options.delay,
+            handle=Plant(),
+            compensator=options.compensator,
+        )
+
+    made = touch_by_hand(
+        scene,
+        options.out,
+        intent,
+        ready,
+        title=f"{Path(options.scene).name}: {options.hand}, {options.grip} grip, {options.device}",
+        with_picture=not options.no_picture,
+        say=speak,
+        **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
     name_made(made)
     return 0

@@ -4,19 +4,23 @@
     tick       the real one                                             tick.py
     wait       the force goes out `delay` ticks later
     hold       it, until the next tick                                  device/
-    move       device, hand and handle, a sample of the acceleration channel at a time
+    move       device, hand and handle, a sample of the channel a time  device/ handle/
 
-The force of a tick is computed from the position read at its start, and held over it (at no delay).
+The force of a tick is computed from the position read at its start, and held over it (at no delay). What the handle's
+actuator moves is added to what the device's own dynamics move: both are linear, and the encoders see the sum.
 """
 
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.geometry import Vector
+from hapscene.device.arm import advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
 from hapscene.device.hand import pull
-from hapscene.device.point import advance_point, hold_point, read_point
+from hapscene.handle.loop import vibrate
+from hapscene.handle.motion import grip_handle
 from hapscene.native import native
 from hapscene.tick import tick
 
@@ -24,11 +28,15 @@ DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
 
 
-class Plant(NamedTuple):
+class Body(NamedTuple):
     """What the tick's commands act on."""
 
-    point: Any  # (1,) POINT
-    hand: Any  # (1,) HAND
+    arm: Any  # device and hand
+    handle: Any  # (1,) HANDLE
+    has_handle: int
+    axis_W: NDArray[np.float64]  # (3,) unit vector along the handle
+    shift_m: NDArray[np.float64]  # (1,) displacement of the handle by its actuator
+    quantum_m: float  # the encoders' step, in which the displacement is seen
     wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) forces on their way
     ticks: NDArray[np.int64]  # (1,) so far
     delay: int
@@ -38,7 +46,7 @@ class Plant(NamedTuple):
 def live(
     world: Any,
     surface: Any,
-    plant: Any,
+    body: Any,
     target_W_m: NDArray[np.float64],
     grip: NDArray[np.float64],
     push_W_N: NDArray[np.float64],
@@ -48,37 +56,48 @@ def live(
     a_handle_m_s2: NDArray[np.float64],
 ) -> None:
     """n ticks of an `Intent`. Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block)."""
-    n = len(target_W_m)
-    touch, hand = surface.touch[0], plant.hand[0]
+    touch, arm = surface.touch[0], body.arm
     h_s = touch.tick_s / touch.block
-    for k in range(n):
-        x, y, z = read(plant)
+    for k in range(len(target_W_m)):
+        x, y, z = _read(body)
         tick(world, surface, x, y, z, rows[k], a_m_s2[k])
-        _intend(hand, target_W_m, grip, push_W_N, k, touch.tick_s)
-        _send(plant, rows[k].f_W_N, felt[k])
-        _note(plant, felt[k])
+        _intend(body, target_W_m, grip, push_W_N, k, touch.tick_s)
+        _send(body, rows[k].f_W_N, felt[k])
+        _note(arm, felt[k])
         for i in range(touch.block):
-            a_handle_m_s2[k, i] = a_m_s2[k, i]
-            advance(plant, h_s)
-        _close(plant, felt[k])
+            a_handle_m_s2[k, i] = _shake(body, a_m_s2[k, i], felt[k])
+            advance_arm(arm, h_s)
+        _close(arm, felt[k])
 
 
 @native
-def read(plant: Any) -> Vector:
-    """The tool's position as the encoders have it, in W [m]."""
-    return read_point(plant.point[0])
+def _read(body: Any) -> Vector:
+    """The tool as the encoders have it, in W [m]: the arm's tip, moved by the handle's actuator."""
+    x, y, z = read_arm(body.arm)
+    shift, axis = body.shift_m[0], body.axis_W
+    if body.quantum_m > 0.0:
+        shift = body.quantum_m * math.floor(shift / body.quantum_m + 0.5)
+    return x + shift * axis[0], y + shift * axis[1], z + shift * axis[2]
 
 
 @native
-def advance(plant: Any, h_s: float) -> None:
-    """Move device and hand on by `h_s`."""
-    advance_point(plant.point[0], plant.hand[0], h_s)
+def _shake(body: Any, desired_m_s2: float, felt: Any) -> float:
+    """One sample of the handle. Without one the acceleration is as desired, and moves nothing."""
+    if body.has_handle == 0:
+        return desired_m_s2
+    acceleration, shift, force = vibrate(body.handle[0], desired_m_s2)
+    body.shift_m[0] = shift
+    felt.f_coil_N = max(felt.f_coil_N, abs(force))
+    return acceleration
 
 
 @native
-def _intend(hand: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
+def _intend(body: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
     """The hand's intention for a tick: its target moves straight to that of the next."""
+    hand = body.arm.hand[0]
     after = min(k + 1, len(target) - 1)
+    if body.has_handle == 1 and (k == 0 or hand.k_N_m != grip[k, 0] or hand.b_Ns_m != grip[k, 1]):
+        grip_handle(body.handle[0], grip[k, 0], grip[k, 1])
     hand.k_N_m, hand.b_Ns_m, hand.mass_kg = grip[k, 0], grip[k, 1], grip[k, 2]
     for i in range(3):
         hand.target_m[i] = target[k, i]
@@ -87,32 +106,35 @@ def _intend(hand: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float)
 
 
 @native
-def _send(plant: Any, f_N: Any, felt: Any) -> None:
+def _send(body: Any, f_N: Any, felt: Any) -> None:
     """Put a force on its way; hold the one that arrives."""
-    k = plant.ticks[0]
-    enter, leave = k % DELAY_MAX, (k - plant.delay) % DELAY_MAX
+    k = body.ticks[0]
+    enter, leave = k % DELAY_MAX, (k - body.delay) % DELAY_MAX
     for i in range(3):
-        plant.wait_N[enter, i] = f_N[i]
+        body.wait_N[enter, i] = f_N[i]
     for i in range(3):
-        felt.f_motor_W_N[i] = plant.wait_N[leave, i] if k >= plant.delay else 0.0
-    hold_point(plant.point[0], felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2])
-    plant.ticks[0] = k + 1
+        felt.f_motor_W_N[i] = body.wait_N[leave, i] if k >= body.delay else 0.0
+    drive_arm(body.arm, (felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2]))
+    body.ticks[0] = k + 1
 
 
 @native
-def _note(plant: Any, felt: Any) -> None:
+def _note(arm: Any, felt: Any) -> None:
     """The tick's start as it truly is."""
-    point, hand = plant.point[0], plant.hand[0]
+    p, v = find_tip(arm), find_tip_velocity(arm)
     for i in range(3):
-        felt.p_W_m[i] = point.x_m[i]
-        felt.v_W_m_s[i] = point.v_m_s[i]
-        felt.f_hand_W_N[i] = pull(hand, i, point.x_m[i], point.v_m_s[i])
+        felt.p_W_m[i], felt.v_W_m_s[i] = p[i], v[i]
+        felt.f_hand_W_N[i] = pull(arm.hand[0], i, p[i], v[i])
 
 
 @native
-def _close(plant: Any, felt: Any) -> None:
-    """The work of the motors: exact, since their force is held."""
+def _close(arm: Any, felt: Any) -> None:
+    """Work at the tip: exact for a point mass, whose motors' force is held."""
+    p = find_tip(arm)
     work = 0.0
     for i in range(3):
-        work += felt.f_motor_W_N[i] * (plant.point[0].x_m[i] - felt.p_W_m[i])
+        work += felt.f_motor_W_N[i] * (p[i] - felt.p_W_m[i])
     felt.work_J = work
+    if arm.is_omni == 1:
+        felt.trouble = arm.omni[0].trouble
+        felt.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])

@@ -9,15 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.argument import numbers, positions
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.world import records
-from hapscene.device.hand import HAND
+from hapscene.device.arm import new_arm
 from hapscene.device.limit import Limits
+from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.handle.loop import HANDLE, new_handle
+from hapscene.handle.plant import Plant
 from hapscene.records import ROW
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.twin.feel import FELT, Feel
 from hapscene.twin.intent import Intent
-from hapscene.twin.loop import DELAY_MAX, Plant, live
+from hapscene.twin.loop import DELAY_MAX, Body, live
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -30,6 +33,10 @@ class Twin:
     Args:
         scene: what is there.
         device: what the hand holds.
+        handle: the haptography handle on it; None for a device that plays accelerations as they are.
+        compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
+        nominal: the handle that the compensator takes it for; else the same.
+        X_WD: (4, 4) where an Omni stands in W; else its workspace is centred on the first intention.
         effects, seed, tick_s, a_rate_Hz, limits: as `Renderer` has them.
         delay_ticks: how many ticks later a force goes out: 0 for a loop that writes in the tick in which it read.
 
@@ -43,32 +50,56 @@ class Twin:
     def __init__(
         self,
         scene: "Scene",
-        device: PointMass,
+        device: PointMass | Omni,
         effects: "Sequence[str | Effect]" = EFFECTS,
         seed: int = 0,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         limits: Limits | None = None,
         delay_ticks: int = 0,
+        handle: Plant | None = None,
+        compensator: str = "adaptive",
+        nominal: Plant | None = None,
+        X_WD: ArrayLike | None = None,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX:
             raise HapsceneError(f"delay_ticks must be 0 to {DELAY_MAX - 1}, is {delay_ticks}")
         self.device = device
         self.renderer = Renderer(scene, effects, seed, tick_s, a_rate_Hz, limits)
+        self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
+        self.X_WD = X_WD
+        self._seed = seed
         self._delay = delay_ticks
-        self._plant: Any = None
+        self._body: Any = None
 
     def reset(self, p_WT: ArrayLike, v_WT_m_s: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Start anew, the tool at `p_WT` (3,) [m] with a velocity (3,), no force on its way.
+        """Start anew, the tool at `p_WT` (3,) [m], no force on its way; a point mass with a velocity (3,).
 
         Raises:
             PathError: not three finite numbers.
+            HapsceneError: a place out of the device's reach.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
-        point = self.device.record(p)
-        point.v_m_s = numbers(v_WT_m_s)
-        wait_N, ticks = np.zeros((DELAY_MAX, 3)), np.zeros(1, np.int64)
-        self._plant = Plant(point, records(1, HAND), wait_N, ticks, self._delay)
+        v = positions(numbers(v_WT_m_s).reshape(1, -1))[0]
+        arm = new_arm(self.device, p, self.X_WD)
+        arm.point.v_m_s = v
+        if self.handle is None:
+            handle = records(1, HANDLE)
+        else:
+            handle = new_handle(
+                self.handle, self.nominal or self.handle, self.compensator, self.renderer.a_rate_Hz, self._seed
+            )
+        self._body = Body(
+            arm=arm,
+            handle=handle,
+            has_handle=int(self.handle is not None),
+            axis_W=np.array([0.0, 0.0, 1.0]),
+            shift_m=np.zeros(1),
+            quantum_m=self.device.quantum_m if isinstance(self.device, PointMass) else self.device.resolution_m,
+            wait_N=np.zeros((DELAY_MAX, 3)),
+            ticks=np.zeros(1, np.int64),
+            delay=self._delay,
+        )
         self.renderer.reset(p)
 
     def run(self, intent: Intent) -> Feel:
@@ -76,13 +107,15 @@ class Twin:
 
         Goes on from where the last one ended; the first starts at rest at the intention's first target.
         """
-        if self._plant is None:
+        if self._body is None:
+            if self.X_WD is None and isinstance(self.device, Omni):
+                self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
             self.reset(intent.target_W_m[0])
         n, renderer = len(intent), self.renderer
         rows, felt = records(n, ROW), records(n, FELT)
         a_m_s2, a_handle_m_s2 = np.zeros((n, renderer.block)), np.zeros((n, renderer.block))
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        live(renderer.world, renderer.surface, self._plant, *hand, rows, a_m_s2, felt, a_handle_m_s2)
+        live(renderer.world, renderer.surface, self._body, *hand, rows, a_m_s2, felt, a_handle_m_s2)
         return Feel(
             recording=renderer.recording(rows, a_m_s2),
             p_W_m=_column(felt, "p_W_m"),
@@ -92,6 +125,10 @@ class Twin:
             f_hand_W_N=_column(felt, "f_hand_W_N"),
             work_J=_column(felt, "work_J"),
             a_handle_m_s2=a_handle_m_s2,
+            latency_s=0.0 if self.handle is None else float(self._body.handle.delay[0] / renderer.a_rate_Hz),
+            f_coil_N=_column(felt, "f_coil_N"),
+            heat=_column(felt, "heat"),
+            trouble=np.ascontiguousarray(felt["trouble"]),
         )
 
 

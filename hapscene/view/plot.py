@@ -51,7 +51,7 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with rc_context(cast(Any, _STYLE)):  # its type lists every key by name
+    with rc_context(cast(Any, STYLE)):  # its type lists every key by name
         figure = Figure(figsize=(13, 9.5), layout="constrained")
         FigureCanvasAgg(figure)
         # legends and the colour bar have a column of their own, so they hide no data
@@ -65,7 +65,7 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
         _draw_acceleration(axes[3], recording)
         _draw_spectrogram(axes[4], figure.add_subplot(grid[4, 1]), recording)
         for ax in axes[1:4]:
-            _shade(ax, recording)
+            shade(ax, recording)
             ax.grid(axis="y", color="#D8D8D8", linewidth=0.6)
             ax.set_axisbelow(True)
         for ax in axes[:4]:
@@ -76,7 +76,7 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
     return figure
 
 
-_STYLE: Final[dict[str, Any]] = {
+STYLE: Final[dict[str, Any]] = {
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "axes.spines.right": False,
@@ -102,7 +102,7 @@ def _draw_swatches(ax: "Axes", recording: Recording, colours: Sequence[str]) -> 
     for side in ("left", "bottom"):
         ax.spines[side].set_visible(False)
     ax.tick_params(bottom=False)
-    _legend(ax)
+    legend_above(ax)
 
 
 def _draw_force(ax: "Axes", recording: Recording) -> None:
@@ -112,7 +112,7 @@ def _draw_force(ax: "Axes", recording: Recording) -> None:
     for axis, colour in enumerate(("vermilion", "green", "blue")):
         ax.plot(t_s, f_W_N[:, axis], color=OKABE_ITO[colour], linewidth=1.0, label="xyz"[axis])
     ax.set_ylabel("force [N]")
-    _legend(ax)
+    legend_above(ax)
 
 
 def _draw_depth(ax: "Axes", recording: Recording) -> None:
@@ -124,7 +124,7 @@ def _draw_depth(ax: "Axes", recording: Recording) -> None:
 
 def _draw_acceleration(ax: "Axes", recording: Recording) -> None:
     """The acceleration samples, every peak kept."""
-    t_s, low, high = _envelope(recording.a_t_s, recording.a_m_s2.ravel())
+    t_s, low, high = envelope(recording.a_t_s, recording.a_m_s2.ravel())
     colour = OKABE_ITO["vermilion"]
     ax.fill_between(t_s, low, high, facecolor=colour, edgecolor=colour, linewidth=0.5)
     if not recording.a_m_s2.any():
@@ -167,7 +167,7 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
 
 
-def _legend(ax: "Axes") -> None:
+def legend_above(ax: "Axes") -> None:
     """The legend in one line over the plot."""
     handles, names = ax.get_legend_handles_labels()
     if handles:
@@ -182,7 +182,7 @@ def _legend(ax: "Axes") -> None:
         )
 
 
-def _shade(ax: "Axes", recording: Recording) -> None:
+def shade(ax: "Axes", recording: Recording) -> None:
     """Grey behind the plot while the tool touches."""
     spans = _spans(recording.touching, recording)
     if spans:
@@ -201,7 +201,7 @@ def _tick_s(recording: Recording) -> float:
     return float(recording.a_m_s2.shape[1] / recording.a_rate_Hz)
 
 
-def _envelope(
+def envelope(
     t_s: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Reduce a signal to `COLUMN_COUNT` columns: their times, least and greatest values."""

@@ -10,7 +10,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from hapscene.recording import Recording
-from hapscene.view.plot import _envelope, draw_plot, write_plot
+from hapscene.view.plot import envelope, draw_plot, write_plot
 
 
 def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
@@ -56,7 +56,7 @@ def test_spectrogram_is_brightest_where_the_sine_is(recording: Recording) -> Non
 def test_no_peak_is_lost() -> None:
     values = np.zeros(100_000)
     values[12_345], values[77_777] = 9.0, -7.0
-    _, low, high = _envelope(np.arange(100_000.0), values)
+    _, low, high = envelope(np.arange(100_000.0), values)
     assert len(low) <= 2001
     assert high.max() == 9.0 and low.min() == -7.0
 

@@ -1,0 +1,1 @@
+"""The haptography handle: its plant, the compensators that drive it, and how well they do."""

@@ -1,0 +1,58 @@
+"""The compensators that one may choose between."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from hapscene.errors import HandleError, no_such
+from hapscene.handle.basis import BUTTERWORTH, CRITICAL
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """How a force is made of the desired acceleration.
+
+    Attributes:
+        says: in a few words.
+        mass_only: F = m_h a, no filter.
+        corner_Hz: f₀ of the denominator D(s).
+        damping: d₁, d₂ of D(s).
+        leads: whether the amplifier's lag is made up for.
+        adapts: whether θ is learnt from the accelerometer.
+        force_share: share of the force limit that the anticipated force may use [1].
+    """
+
+    says: str
+    mass_only: bool = False
+    corner_Hz: float = 5.0
+    damping: tuple[float, float] = CRITICAL
+    leads: bool = False
+    adapts: bool = False
+    force_share: float = 1.0
+
+
+FLAT_HZ: Final = 10.0
+"""Corner of the flat inverses [Hz]: 0.8 % are lost at 20 Hz, where (s + ω₀)⁴ would lose half; a tap takes a fortieth of
+the travel that it takes at 5 Hz."""
+
+COMPENSATORS: Final[Mapping[str, Compensator]] = {
+    "none": Compensator("no force: the base line, an error of 1", mass_only=True),
+    "naive": Compensator("F = m_h a", mass_only=True),
+    "inverse": Compensator("den(s)/(m_c (s + ω₀)⁴), f₀ = 5 Hz"),
+    "flat": Compensator("den(s)/(m_c D(s)), D of Butterworth", False, FLAT_HZ, BUTTERWORTH, True),
+    "adaptive": Compensator(
+        "the same, learnt from the accelerometer", False, FLAT_HZ, BUTTERWORTH, True, True, force_share=0.75
+    ),
+}
+"""By name. `adaptive` may find a mass a third above the nominal, and needs as much more force: hence its share."""
+
+
+def find_compensator(name: str) -> Compensator:
+    """The compensator of that name.
+
+    Raises:
+        HandleError: there is none.
+    """
+    if name not in COMPENSATORS:
+        raise HandleError(no_such("compensator", str(name), COMPENSATORS))
+    return COMPENSATORS[name]

@@ -1,0 +1,252 @@
+"""From frequency responses in several grips to the handle's parameters: m_h first, then the rest, with intervals.
+
+One grip does not do: eq. 8 over m_c is s⁴ over a polynomial of five coefficients, and they hang on six parameters. Each
+further grip brings two parameters, k_u and b_u, and four new coefficients. So grips that differ are what tells the
+coil's mass from its spring; how well is seen in the intervals, and where the answer is no, it is said.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import HandleError
+from hapscene.handle.identification import HAND, OWN, Grip, Identification, Interval
+from hapscene.handle.lag import sampled_response
+from hapscene.handle.loop import ACCELEROMETER_HZ
+from hapscene.handle.plant import Plant
+from hapscene.handle.response import Response
+
+Array = NDArray[np.float64]
+
+GRIP_MAX: Final = 20
+"""Most grips of an identification [count]."""
+
+PRIOR: Final = 2.0
+"""Standard deviation of each parameter's logarithm about the guess, before anything is measured [1]: a factor of seven
+either way. Keeps the search finite where the grips do not differ; moves a parameter that is known to 1 % by 1/40,000 of
+what it was off."""
+
+KNOWN: Final = 0.25
+"""Largest standard deviation of a logarithm at which a parameter counts as known [1]: its interval spans 1 to 2.7."""
+
+SMOOTH: Final = 9
+"""Bands over which the noise is averaged to weigh them [count]: each alone has few degrees of freedom, and what happens
+to look quiet would be weighed too much."""
+
+NORMAL_95: Final = 1.959964
+"""Reach of a 95 % interval, in standard deviations [1]."""
+
+_DELAY_S: Final = 1e-4
+"""Unit of the time constants in the search [s]."""
+
+_STEP: Final = 1e-6
+"""Step of the differences in the search [1], of logarithms and of time constants in their unit."""
+
+
+def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
+    """First estimate of m_h [kg]: |F/A| in the octave in which it is flattest over all grips; and that octave [Hz].
+
+    At high frequency |A/F| → 1/m_h. Below, spring and hand bend it, above, amplifier and accelerometer; the flattest
+    octave lies between. What bend is left there, about 1 %, the fit of the whole model takes out.
+    """
+    best: tuple[float, float, Interval] | None = None
+    lowest = max(response.frequency_Hz[0] for response in responses)
+    highest = min(response.frequency_Hz[-1] for response in responses)
+    for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50):
+        parts = []
+        for response in responses:
+            within = (response.frequency_Hz >= low) & (response.frequency_Hz <= 2.0 * low)
+            parts.append(np.log(np.abs(response.response[within])))
+        level = np.concatenate(parts)
+        if len(level) >= 3 and (best is None or level.std() < best[0]):
+            best = float(level.std()), float(np.exp(-level.mean())), (float(low), float(2.0 * low))
+    if best is None:
+        raise HandleError("the responses share no octave in which the mass of the handle could be seen")
+    return best[1], best[2]
+
+
+def identify(
+    responses: Sequence[Response],
+    rate_Hz: float,
+    names: Sequence[str],
+    guess: Plant | None = None,
+    accelerometer_Hz: float = ACCELEROMETER_HZ,
+    name: str = "handle",
+    provenance: str = "",
+) -> Identification:
+    """Fit eq. 8, with what stands before and after it, to the responses of several grips.
+
+    m_c, k_s, b_s, m_h, the amplifier's pole and a delay are common to all; k_u and b_u are each grip's own. The sum of
+    |h − model|²/s² over all bands is made least (Levenberg–Marquardt in a trust region), s from the coherence. Intervals
+    are at 95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains.
+
+    Args:
+        responses: of each grip; two or more that differ tell all parameters.
+        rate_Hz: of the samples that they were estimated from.
+        names: of the grips.
+        guess: where the search begins, and whose limits are kept; `Plant()` unless given.
+        accelerometer_Hz: the accelerometer's pole, from its data sheet. It is taken as known, for an accelerometer that
+            is slower than believed and a handle that is heavier look alike.
+        name: of the handle.
+        provenance: where the responses come from.
+
+    Raises:
+        HandleError: no grip, more than `GRIP_MAX`, or responses that no handle of this kind has.
+    """
+    if not 1 <= len(responses) <= GRIP_MAX or len(names) != len(responses):
+        raise HandleError(f"1 to {GRIP_MAX} grips, each with a name, can be identified together; got {len(responses)}")
+    fit = _Fit(responses, rate_Hz, Plant() if guess is None else guess, accelerometer_Hz)
+    x, deviation, misfit = fit.solve()
+    x[4] = abs(x[4])
+    mass_kg, octave_Hz = fit.asymptote
+    intervals, absent = _judged(OWN, x[:4], deviation[:4], _reason(len(responses)))
+    amplifier_Hz = _amplifier(x[4], deviation[4], fit.guess.amplifier_Hz, intervals, absent)
+    grips = []
+    for i, (response, label) in enumerate(zip(responses, names, strict=True)):
+        own = slice(6 + 2 * i, 8 + 2 * i)
+        known, unknown = _judged(HAND, x[own], deviation[own], _reason(len(responses)))
+        least = float(response.coherence.min())
+        median = float(np.median(response.coherence))
+        grips.append(Grip(label, float(np.exp(x[own][0])), float(np.exp(x[own][1])), median, least, known, unknown))
+    hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
+    return Identification(
+        name=name,
+        plant=replace(fit.plant(x, hand), amplifier_Hz=amplifier_Hz),
+        grips=tuple(grips),
+        intervals=intervals,
+        absent=absent,
+        asymptote_kg=mass_kg,
+        asymptote_Hz=octave_Hz,
+        delay_s=float((x[5] - x[4]) * _DELAY_S),
+        accelerometer_Hz=accelerometer_Hz,
+        rate_Hz=rate_Hz,
+        band_Hz=(float(responses[0].frequency_Hz[0]), float(responses[0].frequency_Hz[-1])),
+        misfit=misfit,
+        provenance=provenance,
+    )
+
+
+class _Fit:
+    """The least squares. x holds ln m_c, ln k_s, ln b_s, ln m_h, the amplifier's time constant τ, delay + τ, and of
+    each grip ln k_u, ln b_u. A slower amplifier and a longer delay look alike at first order: their sum does not."""
+
+    def __init__(self, responses: Sequence[Response], rate_Hz: float, guess: Plant, accelerometer_Hz: float) -> None:
+        self.responses, self.rate_Hz, self.guess = responses, rate_Hz, guess
+        self.accelerometer_s = 1.0 / (2.0 * np.pi * accelerometer_Hz)
+        self.asymptote = asymptote(responses)
+        self.weight = [1.0 / _smoothed(response) for response in responses]
+
+    def plant(self, x: Array, hand: Array) -> Plant:
+        """The plant of common parameters x and a hand (k_u, b_u)."""
+        own = dict(zip(OWN, np.exp(x[:4]), strict=True))
+        return replace(self.guess, **own, **dict(zip(HAND, hand, strict=True)))
+
+    def model(self, x: Array, grip: int) -> NDArray[np.complex128]:
+        """The response (k,) of a grip, averaged over each band."""
+        response = self.responses[grip]
+        plant = self.plant(x, np.exp(x[6 + 2 * grip : 8 + 2 * grip]))
+        at_Hz = response.frequency_Hz + np.array([[-1.0], [1.0]]) * response.spread_Hz
+        tau = abs(x[4]) * _DELAY_S  # the search knows no bounds
+        delay_s = x[5] * _DELAY_S - tau
+        both = sampled_response(plant, at_Hz, self.rate_Hz, tau, self.accelerometer_s, delay_s)
+        return np.asarray(both.mean(axis=0))
+
+    def residual(self, x: Array) -> Array:
+        """What the model leaves, over its standard deviation, real and imaginary parts; then the prior."""
+        parts = [
+            (response.response - self.model(x, i)) * weight
+            for i, (response, weight) in enumerate(zip(self.responses, self.weight, strict=True))
+        ]
+        left = np.concatenate(parts)
+        return np.concatenate([left.real, left.imag, (self._logs(x) - self._logs(self.start)) / PRIOR])
+
+    def slope(self, x: Array) -> Array:
+        """Jacobian of the residual, by differences; a grip's hand moves only its own response."""
+        count = sum(len(response.frequency_Hz) for response in self.responses)
+        slope = np.zeros((2 * count + len(x) - 2, len(x)))
+        row = 0
+        for i, weight in enumerate(self.weight):
+            here, rows = self.model(x, i), slice(row, row + len(weight))
+            for column in (*range(6), 6 + 2 * i, 7 + 2 * i):
+                moved = x.copy()
+                moved[column] += _STEP
+                left = (here - self.model(moved, i)) / _STEP * weight
+                slope[rows, column] = left.real
+                slope[count + rows.start : count + rows.stop, column] = left.imag
+            row += len(weight)
+        slope[2 * count + np.arange(len(x) - 2), np.delete(np.arange(len(x)), (4, 5))] = 1.0 / PRIOR
+        return slope
+
+    def solve(self) -> tuple[Array, Array, float]:
+        """Best x, the standard deviation of each, and the misfit [1]."""
+        from scipy.optimize import least_squares
+
+        starts = [self._start(firmness) for firmness in (0.25, 1.0, 4.0)]
+        self.start = starts[1]
+        self.start = min(starts, key=lambda start: float(np.sum(self.residual(start) ** 2)))
+        found = least_squares(self.residual, self.start, self.slope, method="lm", x_scale="jac", max_nfev=200)
+        count = 2 * sum(len(response.frequency_Hz) for response in self.responses)
+        if count <= len(found.x):
+            raise HandleError(f"{count // 2} bands are too few to identify {len(found.x)} numbers from")
+        squares = float(np.sum(found.fun[:count] ** 2)) / (count - len(found.x))
+        covariance = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True) * max(1.0, squares)
+        return found.x, np.sqrt(np.diag(covariance)), float(np.sqrt(squares))
+
+    def _start(self, firmness: float) -> Array:
+        """The guess, all of it made heavier or lighter until its m_h is the asymptote's; the grips from light to firm."""
+        guess, scale = self.guess, self.asymptote[0] / self.guess.m_h_kg
+        own = np.array([getattr(guess, name) for name in OWN]) * scale
+        tau = 1.0 / (2.0 * np.pi * guess.amplifier_Hz) / _DELAY_S
+        hands = np.array([guess.k_u_N_m, guess.b_u_Ns_m]) * scale * np.ones((len(self.responses), 1))
+        hands[:, 0] *= firmness
+        return np.concatenate([np.log(np.maximum(own, 1e-9)), [tau, tau], np.log(np.maximum(hands, 1e-9)).ravel()])
+
+    @staticmethod
+    def _logs(x: Array) -> Array:
+        return np.delete(x, (4, 5))
+
+
+def _smoothed(response: Response) -> Array:
+    """Standard deviation (k,) of real and imaginary part, the noise in it averaged over neighbouring bands."""
+    reach = min(SMOOTH, len(response.deviation))
+    sums = [
+        np.convolve(values, np.ones(reach), "same")
+        for values in (response.deviation**2 * response.force_power * response.freedom, response.freedom)
+    ]
+    return np.asarray(np.sqrt(sums[0] / sums[1] / response.force_power))
+
+
+def _judged(
+    names: Sequence[str], logs: Array, deviation: Array, reason: str
+) -> tuple[dict[str, Interval], dict[str, str]]:
+    """Intervals of parameters that are known, and why the others are not."""
+    intervals: dict[str, Interval] = {}
+    absent: dict[str, str] = {}
+    for name, log, s in zip(names, logs, deviation, strict=True):
+        if s <= KNOWN:
+            intervals[name] = (float(np.exp(log - NORMAL_95 * s)), float(np.exp(log + NORMAL_95 * s)))
+        else:
+            absent[name] = reason
+    return intervals, absent
+
+
+def _reason(count: int) -> str:
+    """Why a parameter is not known."""
+    if count == 1:
+        return "one grip cannot tell it from the others: play two or more that differ"
+    return "the grips differ too little, or noise covers what tells it from the others"
+
+
+def _amplifier(
+    tau: float, deviation: float, guess_Hz: float, intervals: dict[str, Interval], absent: dict[str, str]
+) -> float:
+    """The amplifier's bandwidth [Hz], its interval or the reason for none."""
+    low, high = ((tau + sign * NORMAL_95 * deviation) * _DELAY_S for sign in (-1.0, 1.0))
+    if low > 0.0:
+        intervals["amplifier_Hz"] = (float(0.5 / (np.pi * high)), float(0.5 / (np.pi * low)))
+        return float(0.5 / (np.pi * tau * _DELAY_S))
+    absent["amplifier_Hz"] = f"too fast to be seen: above {0.5 / (np.pi * high):.3g} Hz, {guess_Hz:g} Hz is assumed"
+    return guess_Hz
