@@ -1,0 +1,105 @@
+"""The closed loop: it is the real tick, and it obeys mechanics."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hapscene.device.hand import GRIPS
+from hapscene.device.omni import Omni, stand
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError, PathError
+from hapscene.handle.plant import Plant
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+from hapscene.twin import Intent, Twin
+from hapscene.twin.gesture import GESTURES, PRESS_N, act
+
+TICK_S = 1e-3
+MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
+
+
+def test_it_is_the_renderers_own_tick(plate: Scene) -> None:
+    twin = Twin(plate, MASS)
+    feel = twin.run(act("stroke", plate, TICK_S))
+    again = Renderer(plate).run(feel.recording.p_WT_m)
+    assert feel.recording.touching.any()
+    for name in ("p_WP_m", "f_W_N", "a_m_s2", "flags", "slip_m_s"):
+        assert np.array_equal(getattr(again, name), getattr(feel.recording, name)), name
+
+
+def test_a_push_rests_where_the_spring_carries_it(plate: Scene) -> None:
+    twin = Twin(plate, PointMass(0.045, 2.0), effects=["wall"])
+    twin.reset((0.0, 0.0, 0.0))
+    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 2000, "none", (0.0, 0.0, -1.0)))
+    assert feel.p_W_m[-1, 2] == pytest.approx(-1.0 / 500.0, rel=1e-6)
+    assert feel.rest_m_s < 1e-6
+
+
+def test_force_goes_out_after_the_delay(plate: Scene) -> None:
+    twin = Twin(plate, MASS, delay_ticks=3)
+    twin.reset((0.0, 0.0, -0.001))
+    feel = twin.run(Intent.hold((0.0, 0.0, -0.002), 50))
+    assert np.array_equal(feel.f_motor_W_N[3:], feel.recording.f_W_N[:-3])
+    assert not feel.f_motor_W_N[:3].any()
+
+
+def test_work_of_the_motors_is_what_the_free_mass_gains(plate_of: Callable[..., Scene]) -> None:
+    twin = Twin(plate_of(1000.0), PointMass(0.045), effects=["wall"])
+    twin.reset((0.0, 0.0, 0.001), (0.0, 0.0, -0.2))
+    feel = twin.run(Intent.hold((0.0, 0.0, 0.0), 200, "none"))
+    kinetic_J = 0.5 * 0.045 * (feel.v_W_m_s**2).sum(axis=1)
+    assert feel.work_J[:-1].cumsum() == pytest.approx(kinetic_J[1:] - kinetic_J[0], abs=1e-12)
+    assert kinetic_J[-1] > kinetic_J[0]  # a sampled spring gives energy (W8)
+
+
+def test_the_same_seed_gives_the_same_bits_and_run_goes_on_where_it_was(plate: Scene) -> None:
+    intent = act("tap", plate, TICK_S)
+    X_WD = stand((0.0, 0.0, 0.01))
+    first = Twin(plate, Omni(), handle=Plant(), seed=3, X_WD=X_WD).run(intent)
+    twin = Twin(plate, Omni(), handle=Plant(), seed=3, X_WD=X_WD)
+    half = len(intent) // 2
+    parts = [
+        Intent(intent.target_W_m[a:b], intent.grip[a:b], intent.push_W_N[a:b]) for a, b in ((0, half), (half, None))
+    ]
+    second = [twin.run(part) for part in parts]
+    joined = np.concatenate([feel.a_handle_m_s2 for feel in second])
+    assert first.a_handle_m_s2.any()
+    # the target's speed over the seam is not known to the first half: one tick differs in it, no more than that
+    assert np.abs(joined - first.a_handle_m_s2).max() < 1e-3 * np.abs(first.a_handle_m_s2).max()
+
+
+@pytest.mark.parametrize("device", [MASS, Omni()], ids=["point", "omni"])
+def test_a_press_presses_as_hard_as_it_says(plate: Scene, device: PointMass | Omni) -> None:
+    feel = Twin(plate, device).run(act("press", plate, TICK_S, "medium"))
+    held_N = np.median(np.linalg.norm(feel.f_hand_W_N, axis=1)[feel.recording.touching])
+    hand_N_m, wall_N_m = GRIPS["medium"].k_N_m, 500.0  # springs in a row: the wall gives way too
+    assert held_N == pytest.approx(PRESS_N * wall_N_m / (hand_N_m + wall_N_m), rel=0.1)
+    assert feel.rest_m_s < 5e-3
+
+
+@pytest.mark.parametrize("name", GESTURES)
+def test_every_gesture_touches_and_stays_finite(plate: Scene, name: str) -> None:
+    feel = Twin(plate, Omni(), handle=Plant()).run(act(name, plate, TICK_S, "medium"))
+    assert feel.recording.touching.any()
+    assert np.isfinite(feel.p_W_m).all() and np.isfinite(feel.a_handle_m_s2).all()
+    assert not feel.recording.flags.any()
+
+
+def test_who_lets_go_pulls_no_more(plate: Scene) -> None:
+    intent = act("let-go", plate, TICK_S)
+    feel = Twin(plate, MASS).run(intent)
+    free = intent.grip[:, 0] == 0.0
+    assert free.any() and not feel.f_hand_W_N[free].any()
+    assert feel.p_W_m[free, 2].max() > feel.p_W_m[~free, 2].min()  # the wall throws it out
+
+
+def test_wrong_input_is_answered(plate: Scene) -> None:
+    with pytest.raises(PathError, match="no gesture 'wave'"):
+        act("wave", plate, TICK_S)
+    with pytest.raises(PathError, match="choose light, medium or firm"):
+        act("tap", plate, TICK_S, "none")
+    with pytest.raises(HapsceneError, match="delay_ticks must be 0 to"):
+        Twin(plate, MASS, delay_ticks=-1)
+    with pytest.raises(PathError, match="finite numbers"):
+        Intent.along([[0.0, 0.0, np.nan]])
