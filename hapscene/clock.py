@@ -16,10 +16,17 @@ _MONOTONIC = 6 if sys.platform == "darwin" else 1
 now_ns: Any
 """`now_ns(clock)`: nanoseconds of the monotonic clock; `clock` is a buffer from `new_clock`."""
 
+sleep_ns: Any
+"""`sleep_ns(clock, span_ns)`: sleep for so long, without the GIL. It wakes late, never early by more than a scheduler's
+grain; who needs the instant looks at the clock again."""
+
 if INTERPRETED:
 
     def now_ns(clock: NDArray[np.int64]) -> int:
         return time.perf_counter_ns()
+
+    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+        time.sleep(span_ns * 1e-9)
 
 elif sys.platform == "win32":
     _query: Any = types.ExternalFunction("QueryPerformanceCounter", types.int32(types.uintp))
@@ -29,6 +36,12 @@ elif sys.platform == "win32":
         _query(clock.ctypes.data)
         return int(clock[0] * 1_000_000_000 // clock[2])
 
+    _sleep: Any = types.ExternalFunction("Sleep", types.void(types.uint32))
+
+    @native
+    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+        _sleep(np.uint32(span_ns // 1_000_000))
+
 else:
     _gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
 
@@ -36,6 +49,13 @@ else:
     def now_ns(clock: NDArray[np.int64]) -> int:
         _gettime(np.int32(_MONOTONIC), clock.ctypes.data)
         return int(clock[0] * 1_000_000_000 + clock[1])
+
+    _nanosleep: Any = types.ExternalFunction("nanosleep", types.int32(types.uintp, types.uintp))
+
+    @native
+    def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
+        clock[0], clock[1] = span_ns // 1_000_000_000, span_ns % 1_000_000_000
+        _nanosleep(clock.ctypes.data, 0)
 
 
 def new_clock() -> NDArray[np.int64]:

@@ -16,7 +16,7 @@ from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, n
 from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
 from hapscene.surface.registry import load_effect
-from hapscene.surface.stage import build_surface, clear_states, tune_surface
+from hapscene.surface.stage import Surface, build_surface, clear_states, tune_surface
 from hapscene.tick import play
 
 if TYPE_CHECKING:
@@ -92,7 +92,8 @@ class Renderer:
         self._searches: dict[int, Search] = {}  # owns the search structures whose addresses the world holds
         self._meshes = [body.mesh for body in scene.bodies]  # keeps the keys of _searches alive
         self.world = build_world(scene.bodies, self._searches)
-        self.surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, limits or IDEAL)
+        self._limits = limits or IDEAL
+        self.surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self._limits)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         row = self._row.view(np.ndarray)
@@ -142,6 +143,31 @@ class Renderer:
         if swatch not in self._swatch_names:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
         tune_surface(self.surface, self._effects, self._swatch_names.index(swatch), numbers)
+
+    def repaint(self, scene: "Scene") -> None:
+        """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
+
+        Raises:
+            SceneError: other bodies than the renderer was made with.
+            EffectError: a swatch that an effect refuses. Then nothing is changed.
+        """
+        self.take_surface(scene, self.prepare_surface(scene))
+
+    def prepare_surface(self, scene: "Scene") -> Surface:
+        """The slow half of `repaint`: what `take_surface` takes, while ticks go on in another thread."""
+        shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
+        if shapes != [(name, len(mesh.faces)) for name, mesh in zip(self._body_names, self._meshes, strict=True)]:
+            raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
+        return build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self._limits)
+
+    def take_surface(self, scene: "Scene", surface: Surface) -> None:
+        """The quick half of `repaint`, between two ticks."""
+        old = self.surface
+        for name in ("touch", "memory", "states", "muted"):
+            getattr(surface, name)[:] = getattr(old, name)
+        surface.touch["swatch"] = -1  # another one, or the same by another number
+        self.surface = surface
+        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
         """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.

@@ -1,7 +1,7 @@
 """Gestures of a hand on a scene, as intentions: where it aims, how deep, and how firmly it holds.
 
-A hand presses by aiming below the surface: with a grip of k [N/m] it aims F/k deep to press with F on what does not give
-way, so that a light grip aims deep and yields, and a firm one aims shallow and insists.
+A hand presses by aiming below the surface: with a grip of k [N/m] it aims F/k deep to press with F on what does not
+give way, so that a light grip aims deep and yields, and a firm one aims shallow and insists.
 """
 
 from collections.abc import Callable

@@ -56,18 +56,33 @@ def live(
     a_handle_m_s2: NDArray[np.float64],
 ) -> None:
     """n ticks of an `Intent`. Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block)."""
+    tick_s = surface.touch[0].tick_s
+    for k in range(len(target_W_m)):
+        _intend(body, target_W_m, grip, push_W_N, k, tick_s)
+        beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
+
+
+@native
+def beat(
+    world: Any,
+    surface: Any,
+    body: Any,
+    row: Any,
+    a_m_s2: NDArray[np.float64],
+    felt: Any,
+    a_handle_m_s2: NDArray[np.float64],
+) -> None:
+    """One tick of the closed loop, the hand's intention being set."""
     touch, arm = surface.touch[0], body.arm
     h_s = touch.tick_s / touch.block
-    for k in range(len(target_W_m)):
-        x, y, z = _read(body)
-        tick(world, surface, x, y, z, rows[k], a_m_s2[k])
-        _intend(body, target_W_m, grip, push_W_N, k, touch.tick_s)
-        _send(body, rows[k].f_W_N, felt[k])
-        _note(arm, felt[k])
-        for i in range(touch.block):
-            a_handle_m_s2[k, i] = _shake(body, a_m_s2[k, i], felt[k])
-            advance_arm(arm, h_s)
-        _close(arm, felt[k])
+    x, y, z = _read(body)
+    tick(world, surface, x, y, z, row, a_m_s2)
+    _send(body, row.f_W_N, felt)
+    _note(arm, felt)
+    for i in range(touch.block):
+        a_handle_m_s2[i] = _shake(body, a_m_s2[i], felt)
+        advance_arm(arm, h_s)
+    _close(arm, felt)
 
 
 @native
@@ -96,13 +111,20 @@ def _intend(body: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float)
     """The hand's intention for a tick: its target moves straight to that of the next."""
     hand = body.arm.hand[0]
     after = min(k + 1, len(target) - 1)
-    if body.has_handle == 1 and (k == 0 or hand.k_N_m != grip[k, 0] or hand.b_Ns_m != grip[k, 1]):
-        grip_handle(body.handle[0], grip[k, 0], grip[k, 1])
-    hand.k_N_m, hand.b_Ns_m, hand.mass_kg = grip[k, 0], grip[k, 1], grip[k, 2]
+    take_grip(body, grip[k, 0], grip[k, 1], grip[k, 2])
     for i in range(3):
         hand.target_m[i] = target[k, i]
         hand.target_m_s[i] = (target[after, i] - target[k, i]) / tick_s
         hand.push_N[i] = push[k, i]
+
+
+@native
+def take_grip(body: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
+    """Hold the tool, and the handle on it, as firmly as that from now on."""
+    hand = body.arm.hand[0]
+    if body.has_handle == 1 and (body.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
+        grip_handle(body.handle[0], k_N_m, b_Ns_m)
+    hand.k_N_m, hand.b_Ns_m, hand.mass_kg = k_N_m, b_Ns_m, mass_kg
 
 
 @native

@@ -42,6 +42,7 @@ class Twin:
 
     Attributes:
         renderer: the renderer in the loop; `tune` it as you like.
+        body: what the compiled loop acts on; None before the first `reset` or `run`.
 
     Raises:
         HapsceneError: a delay out of range, or what `Renderer` refuses.
@@ -70,7 +71,7 @@ class Twin:
         self.X_WD = X_WD
         self._seed = seed
         self._delay = delay_ticks
-        self._body: Any = None
+        self.body: Any = None
 
     def reset(self, p_WT: ArrayLike, v_WT_m_s: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Start anew, the tool at `p_WT` (3,) [m], no force on its way; a point mass with a velocity (3,).
@@ -89,7 +90,7 @@ class Twin:
             handle = new_handle(
                 self.handle, self.nominal or self.handle, self.compensator, self.renderer.a_rate_Hz, self._seed
             )
-        self._body = Body(
+        self.body = Body(
             arm=arm,
             handle=handle,
             has_handle=int(self.handle is not None),
@@ -107,7 +108,7 @@ class Twin:
 
         Goes on from where the last one ended; the first starts at rest at the intention's first target.
         """
-        if self._body is None:
+        if self.body is None:
             if self.X_WD is None and isinstance(self.device, Omni):
                 self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
             self.reset(intent.target_W_m[0])
@@ -115,7 +116,7 @@ class Twin:
         rows, felt = records(n, ROW), records(n, FELT)
         a_m_s2, a_handle_m_s2 = np.zeros((n, renderer.block)), np.zeros((n, renderer.block))
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        live(renderer.world, renderer.surface, self._body, *hand, rows, a_m_s2, felt, a_handle_m_s2)
+        live(renderer.world, renderer.surface, self.body, *hand, rows, a_m_s2, felt, a_handle_m_s2)
         return Feel(
             recording=renderer.recording(rows, a_m_s2),
             p_W_m=_column(felt, "p_W_m"),
@@ -125,7 +126,7 @@ class Twin:
             f_hand_W_N=_column(felt, "f_hand_W_N"),
             work_J=_column(felt, "work_J"),
             a_handle_m_s2=a_handle_m_s2,
-            latency_s=0.0 if self.handle is None else float(self._body.handle.delay[0] / renderer.a_rate_Hz),
+            latency_s=0.0 if self.handle is None else float(self.body.handle.delay[0] / renderer.a_rate_Hz),
             f_coil_N=_column(felt, "f_coil_N"),
             heat=_column(felt, "heat"),
             trouble=np.ascontiguousarray(felt["trouble"]),

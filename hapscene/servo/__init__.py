@@ -1,0 +1,11 @@
+"""The tick in a process of its own: no viewer, plot or garbage collection of the application makes it late.
+
+from hapscene.servo import Servo
+with Servo(scene, device) as servo:
+    servo.aim((0.0, 0.0, -0.002))
+    servo.state().f_W_N
+"""
+
+from hapscene.servo.servo import Servo, State
+
+__all__ = ["Servo", "State"]

@@ -1,0 +1,272 @@
+"""The servo as the application sees it: a hand to aim, swatches to tune, and what was felt."""
+
+import math
+import multiprocessing
+from collections.abc import Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.argument import block_of, numbers, positions
+from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.device.hand import Grip, grip_named
+from hapscene.errors import HapsceneError
+from hapscene.records import Flag
+from hapscene.servo.channel import Channel, open_channel, percentile_us
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+RING_S: Final = 8.0
+"""How much of the past the flight recorder holds [s]: a page that hangs for some seconds loses nothing."""
+
+START_S: Final = 300.0
+"""How long the process may take to be ready [s]: on its first run ever it compiles, which may take half a minute."""
+
+ANSWER_S: Final = 20.0
+"""How long it may take to answer [s]."""
+
+
+class State(NamedTuple):
+    """The newest tick.
+
+    Attributes:
+        tick: its number, from 0; −1 before the first.
+        p_WT_m, p_WP_m, nhat_W, f_W_N: (3,) tool as the encoders have it, proxy, normal, force on the hand.
+        target_W_m: (3,) where the hand means the tool to be.
+        depth_m, slip_m_s: as in `Recording`.
+        touching: whether the tool is inside a surface.
+        body, face, swatch: what is touched; −1 in the air.
+        flags: what went wrong or was limited.
+    """
+
+    tick: int
+    p_WT_m: NDArray[np.float64]
+    p_WP_m: NDArray[np.float64]
+    nhat_W: NDArray[np.float64]
+    f_W_N: NDArray[np.float64]
+    depth_m: float
+    slip_m_s: float
+    touching: bool
+    body: int
+    face: int
+    swatch: int
+    flags: Flag
+
+
+class Felt(NamedTuple):
+    """What was felt over n ticks that followed one another.
+
+    Attributes:
+        first: number of the first tick.
+        rows: (n,) ROW, copied.
+        a_m_s2, a_handle_m_s2: (n, block) accelerations asked for, and of the handle.
+    """
+
+    first: int
+    rows: Any
+    a_m_s2: NDArray[np.float64]
+    a_handle_m_s2: NDArray[np.float64]
+
+
+class Lateness(NamedTuple):
+    """How late ticks began and how long they took, upper bounds within a factor of two [µs]; ticks left out."""
+
+    late_median_us: float
+    late_p99_us: float
+    busy_median_us: float
+    busy_p99_us: float
+    missed: int
+
+
+class Servo:
+    """The tick in real time, in a process of its own, with a simulated hand and device.
+
+    Args:
+        scene: what is there.
+        device: what the hand holds.
+        tick_s, a_rate_Hz: as `Renderer` has them.
+        made: more arguments of `Twin`: effects, seed, limits, handle, compensator, X_WD.
+
+    Use it as a context: the process starts on entry and ends on exit, and with the application, however that ends.
+
+    Raises:
+        HapsceneError: on entry, what `Twin` refuses; later, where the process has ended.
+    """
+
+    def __init__(
+        self,
+        scene: "Scene",
+        device: Any,
+        tick_s: float = TICK_S,
+        a_rate_Hz: float = ACCELERATION_RATE_HZ,
+        **made: Any,
+    ) -> None:
+        self.tick_s, self.a_rate_Hz = tick_s, a_rate_Hz
+        self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
+        self._length = max(math.ceil(RING_S / tick_s), 2)
+        self._opened: Channel | None = open_channel(self._length, block_of(tick_s, a_rate_Hz))
+        self._process: Any = None
+        self._wire: Any = None
+
+    def __enter__(self) -> "Servo":
+        from hapscene.servo.process import run
+
+        context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
+        self._wire, theirs = context.Pipe()
+        arguments = (theirs, self._channel.memory.name, self._length, self._made)
+        self._process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
+        try:
+            self._process.start()
+            theirs.close()
+            self._answer(START_S)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process, kindly if it listens, and give its memory back. Once is enough; twice does no harm."""
+        if self._opened is None:
+            return
+        if self._process is not None:
+            try:
+                self._wire.send(("stop", ()))
+                self._process.join(ANSWER_S)
+            except (OSError, ValueError):
+                pass
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._wire.close()
+        self._opened.close(unlink=True)
+        self._opened = None
+
+    @property
+    def _channel(self) -> Channel:
+        if self._opened is None:
+            raise HapsceneError("this servo is closed; make a new one")
+        return self._opened
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.is_alive()
+
+    def start(self, p_WT_m: ArrayLike, grip: str | Grip = "light") -> None:
+        """Start to touch, the tool at rest at `p_WT_m` (3,) [m], the hand aiming there.
+
+        Raises:
+            PathError: not three finite numbers.
+            HapsceneError: out of the device's reach.
+        """
+        p = positions(numbers(p_WT_m).reshape(1, -1))[0]
+        self.aim(p, grip)
+        self._order("start", tuple(p.tolist()))
+
+    def rest(self) -> None:
+        """Stop to touch: no ticks until the next `start`."""
+        self._order("rest")
+
+    def aim(self, p_W_m: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Have the hand mean the tool to be at `p_W_m` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
+
+        Raises:
+            PathError: not three finite numbers.
+            HapsceneError: no such grip.
+        """
+        p = positions(numbers(p_W_m).reshape(1, -1))[0]
+        push = positions(numbers(push_W_N).reshape(1, -1))[0]
+        held = grip_named(grip) if isinstance(grip, str) else grip
+        channel = self._channel.channel[0]
+        channel.aim_count += 1
+        channel.aim_W_m, channel.grip, channel.push_W_N = p, held.row(), push
+        channel.aim_count += 1
+
+    def tune(self, swatch: str, **numbers: float) -> None:
+        """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
+        self._order("tune", swatch, numbers)
+
+    def repaint(self, scene: "Scene") -> None:
+        """Feel another painting of the same bodies from now on: their swatches and face by face which.
+
+        Raises:
+            SceneError: other bodies.
+        """
+        self._order("repaint", scene)
+
+    def state(self) -> State:
+        """The newest complete tick."""
+        channel = self._channel.channel[0]
+        while True:
+            done = int(channel.done)
+            row = self._channel.rows[(done - 1) % self._length].copy()
+            if int(channel.done) < done + self._length - 1:
+                break
+        return State(
+            tick=done - 1,
+            p_WT_m=row["p_WT_m"].copy(),
+            p_WP_m=row["p_WP_m"].copy(),
+            nhat_W=row["nhat_W"].copy(),
+            f_W_N=row["f_W_N"].copy(),
+            depth_m=float(row["depth_m"]),
+            slip_m_s=float(row["slip_m_s"]),
+            touching=bool(row["touching"]),
+            body=int(row["body"]),
+            face=int(row["face"]),
+            swatch=int(row["swatch"]),
+            flags=Flag(int(row["flags"])),
+        )
+
+    def read(self, since: int = 0) -> Felt:
+        """What was felt from tick `since` on, or from as far back as the flight recorder reaches."""
+        done = int(self._channel.channel[0].done)
+        first = max(since, done - self._length, 0)
+        slots = np.arange(first, max(done, first)) % self._length
+        taken = [part[slots] for part in (self._channel.rows, self._channel.a_m_s2, self._channel.a_handle_m_s2)]
+        over = max(int(self._channel.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
+        return Felt(first + over, *(part[over:] for part in taken))
+
+    def lateness(self) -> Lateness:
+        """How well the loop keeps time, since the process started."""
+        channel = self._channel.channel[0]
+        late, busy = channel.late.copy(), channel.busy.copy()
+        return Lateness(
+            late_median_us=percentile_us(late, 0.5),
+            late_p99_us=percentile_us(late, 0.99),
+            busy_median_us=percentile_us(busy, 0.5),
+            busy_p99_us=percentile_us(busy, 0.99),
+            missed=int(channel.missed),
+        )
+
+    def _order(self, order: str, *arguments: Any) -> Any:
+        """Send an order; return its result."""
+        if self._opened is None or self._process is None:
+            raise HapsceneError("this servo does not run; use it as a context: with Servo(…) as servo")
+        try:
+            self._wire.send((order, arguments))
+        except (OSError, ValueError):
+            raise HapsceneError(self._gone()) from None
+        return self._answer(ANSWER_S)
+
+    def _answer(self, patience_s: float) -> Any:
+        try:
+            if not self._wire.poll(patience_s):
+                raise HapsceneError(f"the servo's process did not answer within {patience_s:g} s")
+            error, result = self._wire.recv()
+        except (EOFError, OSError):
+            raise HapsceneError(self._gone()) from None
+        if error is not None:
+            raise HapsceneError(error)
+        return result
+
+    def _gone(self) -> str:
+        self._process.join(1.0)
+        return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
