@@ -38,7 +38,6 @@ from hapscene.device.omni_kinematics import (
     NOMINAL_LEVER_M,
     NOMINAL_RAD,
     SINGULAR,
-    forward,
     inverse,
     lever,
     leverage,
@@ -46,11 +45,24 @@ from hapscene.device.omni_kinematics import (
     tip,
     turns_at,
 )
+from hapscene.device.omni_place import checked_pose, out_of_reach, stand
 from hapscene.device.omni_record import OMNI, OmniFlag
 from hapscene.device.omni_step import STEP_MAX_S, step
 from hapscene.device.omni_tool import grip_in_D
 from hapscene.errors import HapsceneError
 from hapscene.native import native
+
+__all__ = [
+    "OMNI",
+    "Omni",
+    "OmniFlag",
+    "advance_omni",
+    "hold_omni",
+    "read_omni",
+    "stand",
+    "tip_omni",
+    "tip_velocity_omni",
+]
 
 WARM: Final = 0.9
 """Warmth of a motor from which its torque limit comes down, to be continuous at a warmth of 1 [1]. Closer to 1 the
@@ -133,10 +145,10 @@ class Omni:
         Raises:
             HapsceneError: `X_WD` is no pose, or the tip is out of the workspace.
         """
-        X = stand(p_WT_m) if X_WD is None else _pose(X_WD)
+        X = stand(p_WT_m) if X_WD is None else checked_pose(X_WD)
         p_DT_m = X[:3, :3].T @ (np.asarray(p_WT_m, float) - X[:3, 3])
         if not reachable(p_DT_m):
-            raise HapsceneError(_out_of_reach(p_WT_m, p_DT_m))
+            raise HapsceneError(out_of_reach(p_WT_m, p_DT_m))
         omni = np.zeros(1, OMNI).view(np.recarray)
         lever_m = np.array(NOMINAL_LEVER_M)
         omni.R_WD, omni.p_WD_m = X[:3, :3], X[:3, 3]
@@ -155,14 +167,6 @@ class Omni:
         """(3,) mass of tool and arm against each other, nominal posture."""
         arm_kg = apparent_mass(NOMINAL_RAD)
         return np.asarray(arm_kg * self.tool_kg / (arm_kg + self.tool_kg))
-
-
-def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
-    """X_WD (4, 4) of a device whose tip is at `p_WT_m` (3,) in the nominal posture; z of W is up, its user at −y."""
-    X = np.eye(4)
-    X[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
-    X[:3, 3] = np.asarray(p_WT_m, float) - X[:3, :3] @ forward(NOMINAL_RAD)
-    return X
 
 
 @native
@@ -289,24 +293,4 @@ def _place(omni: Any, p_DT: Vector) -> Vector:
         o[0] + R[0, 0] * p_DT[0] + R[0, 1] * p_DT[1] + R[0, 2] * p_DT[2],
         o[1] + R[1, 0] * p_DT[0] + R[1, 1] * p_DT[1] + R[1, 2] * p_DT[2],
         o[2] + R[2, 0] * p_DT[0] + R[2, 1] * p_DT[1] + R[2, 2] * p_DT[2],
-    )
-
-
-def _pose(X_WD: ArrayLike) -> NDArray[np.float64]:
-    """X_WD, checked."""
-    X = np.asarray(X_WD, float)
-    if X.shape != (4, 4) or not np.all(np.isfinite(X)):
-        raise HapsceneError(f"omni: X_WD must be a finite (4, 4) pose, has shape {X.shape}")
-    R = X[:3, :3]
-    if not np.allclose(R.T @ R, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
-        raise HapsceneError("omni: X_WD must be a pose: its upper left (3, 3) is no rotation")
-    return X
-
-
-def _out_of_reach(p_WT_m: Sequence[float], p_DT_m: NDArray[np.float64]) -> str:
-    middle = ", ".join(f"{v:.3f}" for v in forward(NOMINAL_RAD))
-    there = ", ".join(f"{v:.3f}" for v in p_DT_m)
-    return (
-        f"omni: p_WT_m {tuple(float(v) for v in p_WT_m)} is ({there}) m in the device's frame, out of its reach; "
-        f"the middle of its workspace is ({middle}) m, about which it reaches 80, 60, 35 mm along x, y, z"
     )

@@ -66,8 +66,8 @@ NOMINAL_LEVER_M: Final = (UPPER_M * math.cos(0.65) + FOREARM_M * math.sin(0.65),
 """Distance by which each joint moves the tip in the nominal posture [m/rad]."""
 
 SINGULAR: Final = 0.05
-"""Fraction of the nominal posture's |det J| below which a posture counts as singular [1]: there a motor's full torque
-gives over twenty times the force along one direction, or none along another."""
+"""Fraction of the nominal posture's det J below which a posture counts as singular [1]: a joint's lever on some
+direction is then a twentieth of what it was, and the encoders tell the tip a twentieth as well there."""
 
 Matrix = tuple[Vector, Vector, Vector]
 Turns = tuple[float, float, float, float, float, float]

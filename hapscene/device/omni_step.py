@@ -9,10 +9,11 @@ The integrator is a drift of half a step, a kick, and a drift of half a step (po
   the change over the last step;
 - dry friction is implicit in the speed after (`omni_friction`): a stopped joint has a speed of exactly 0.
 
-`STEP_MAX_S` is 0.1 ms, the period of the acceleration channel. The fastest mode, the tool on the structure, then turns
-by 0.057 rad a step. In a tap and a stroke on a wall of 500 N/m, friction and all, halving the step moves the tip by
-less than 1 µm and the wall's force by less than 1 % (tests/device/test_omni_step.py, where the figures are printed).
-An explicit Euler step would need to be thirty times finer.
+`STEP_MAX_S` is 0.1 ms, the period of the acceleration channel: the fastest mode, the tool on the structure, turns by
+0.057 rad in it. Where a hand taps and strokes a wall of 500 N/m, friction and all, halving the step moves the tip by
+less than 0.3 µm and the wall's force by less than 0.1 mN, with a light, a medium and a firm grip
+(tests/device/test_omni_step.py). With encoders that count, a count may fall into the next tick: that is the tick's
+doing, and stays below a count.
 """
 
 import math
@@ -45,7 +46,7 @@ STOP_NM_RAD: Final = 50.0
 stiffer would need a finer step and no scene would feel it."""
 
 STOP_NMS: Final = 0.3
-"""Damping of a stop, while it is driven in [N·m·s/rad]: about half the critical damping of the shoulder."""
+"""Damping of a stop, while it is driven in [N·m·s/rad]: 0.4 of the critical damping of the shoulder."""
 
 STOP_OVER_RAD: Final = 0.1
 """How far a stop gives at most [rad]. There a joint is stopped dead, whatever pushes."""
