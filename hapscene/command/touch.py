@@ -50,7 +50,7 @@ def add_touch(commands: Any) -> None:
         help="tap, press, stroke, circle, scrub, hesitate, let-go, grip-firmly, explore; or follow, along --path",
     )
     closed.add_argument("--grip", help="light (default), medium or firm")
-    closed.add_argument("--device", help="what the hand holds: omni (default), phantom-1.0, premium-1.5 or ideal")
+    closed.add_argument("--device", help="what the hand holds: omni (default), phantom-1.0 or premium-1.5")
     closed.add_argument(
         "--compensator",
         metavar="NAME",
@@ -110,7 +110,8 @@ def _check_hand(options: argparse.Namespace) -> None:
 
 
 def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
-    from hapscene.device.model import device_named
+    from hapscene.device.model import device_named, limits_of
+    from hapscene.device.omni import Omni
     from hapscene.handle import Plant
     from hapscene.renderer import EFFECTS
     from hapscene.touch import speak, touch_by_hand
@@ -118,15 +119,19 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     from hapscene.twin.gesture import act
 
     device = device_named(options.device)
+    held = Omni() if device.name == "omni" else device.point
+    if held is None:
+        raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
     intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
 
     def ready() -> Twin:
         return Twin(
             scene,
-            device,
+            held,
             effects=effects or EFFECTS,
             seed=options.seed,
             a_rate_Hz=options.rate,
+            limits=limits_of(device, TICK_S, options.delay),
             delay_ticks=options.delay,
             handle=Plant(),
             compensator=options.compensator,
