@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import BLOCK_MAX
+from hapscene.constants import BLOCK_MAX, REACH_MAX_M
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.scene.body import RIGID_TOLERANCE
 
@@ -42,6 +42,13 @@ def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
     bad = ~np.isfinite(p_WT).all(axis=1)
     if bad.any():
         raise PathError(f"the path has {bad.sum()} positions that are not finite, the first at row {bad.argmax()}")
+    far = np.abs(p_WT) > REACH_MAX_M
+    if far.any():
+        row, axis = np.argwhere(far)[0]
+        raise PathError(
+            f"the path is at {'xyz'[axis]} = {p_WT[row, axis]:g} m in row {row}; expected at most {REACH_MAX_M:g} m "
+            "(is it in mm?)"
+        )
     return p_WT
 
 
@@ -55,5 +62,11 @@ def rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     if not ok.all():
         raise SceneError(
             f"poses of body {name!r}: the one of tick {int(ok.argmin())} is not a rotation and a translation"
+        )
+    far = (np.abs(X_WB[:, :3, 3]) > REACH_MAX_M).any(axis=1)
+    if far.any():
+        raise SceneError(
+            f"poses of body {name!r}: the one of tick {int(far.argmax())} is more than {REACH_MAX_M:g} m away "
+            "(is it in mm?)"
         )
     return X_WB

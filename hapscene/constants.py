@@ -39,6 +39,10 @@ PASS_MAX: Final = 64
 straight through a body can send the proxy over more faces than this. Then it is left where it has got to, a skin off
 the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
 
+REACH_MAX_M: Final = 10_000.0
+"""Farthest that a position may be from the origin of its frame [m]: of the tool, of a body, of a mesh's vertex. Beyond
+it a float32 ray misses by a millimetre: such numbers are in another unit."""
+
 # --- description -----------------------------------------------------------------------------------------
 
 SLIP_CUTOFF_HZ: Final = 20.0
@@ -54,8 +58,9 @@ STIFFNESS_N_M: Final = 500.0
 DAMPING_NS_M: Final = 0.0
 """Damping of a surface whose swatch gives none [N·s/m]."""
 
-ORDER_MAX: Final = 256
-"""Highest order of a texture's AR models [count]. Sets the size of the filter's memory."""
+ORDER_MAX: Final = 576
+"""Highest order of a texture's AR models [count]: order 120 at 10 kHz (Culbertson, Unwin & Kuchenbecker 2014) resampled
+to 48 kHz. Sets the size of the filter's memory; smaller, what is resampled to an audio rate loses its resonances."""
 
 EXCITATION_SPAN: Final = 4.0
 """Gaussian deviates that a measured excitation is tabulated over, ± [standard deviations]. One sample in 16,000 lies

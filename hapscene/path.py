@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import REACH_MAX_M
 from hapscene.errors import PathError
 
 COLUMNS: Final = ("t", "x", "y", "z")
@@ -20,9 +21,6 @@ DURATION_MAX_S: Final = 3600.0
 
 GAP_MAX_S: Final = 10.0
 """Longest time between two rows [s]. What the hand did in a longer one, no interpolation can tell."""
-
-REACH_MAX_M: Final = 10_000.0
-"""Farthest position [m]. Beyond it a float32 ray misses by a millimetre: such a path is in another unit."""
 
 GRID_TOLERANCE_S: Final = 1e-9
 """A row this near to its tick is on it [s]: then the very numbers of the file are played."""

@@ -119,6 +119,11 @@ class Recording:
             if count and not -1 <= index.min() <= index.max() < len(names):
                 raise RecordingError(f"recording: {name} holds an index outside −1 … {len(names) - 1}")
 
+    def __repr__(self) -> str:
+        touching = int(np.count_nonzero(self.touching))
+        effects = ", ".join(self.effects) or "no effects"
+        return f"<Recording: {len(self):,} ticks, {touching:,} in contact; {effects}; a_rate_Hz={self.a_rate_Hz:g}>"
+
     def __len__(self) -> int:
         """Count of ticks."""
         return len(self.t_s)

@@ -173,6 +173,8 @@ def test_plugins_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> No
     assert main(["plugins"]) == 0
     said = capsys.readouterr().out
     assert "wall  (hapscene" in said and "damping_Ns_m" in said and "N·s/m" in said
+    assert "  parameter                default  unit     meaning\n" in said
+    assert "A swatch gives the parameters where it names them, and always the stiffness_N_m" in said
     assert main(["plugins", "--json"]) == 0
     listed = {item["name"]: item for item in json.loads(capsys.readouterr().out)}
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(listed)

@@ -54,6 +54,10 @@ def test_npz_round_trip_keeps_every_bit(tmp_path: Path) -> None:
     assert len(loaded) == 7
 
 
+def test_it_is_told_in_a_line() -> None:
+    assert repr(make_recording()) == "<Recording: 7 ticks, 4 in contact; wall, tap; a_rate_Hz=3000>"
+
+
 def test_npz_opens_without_hapscene(tmp_path: Path) -> None:
     make_recording().save(tmp_path / "touch.npz")
     with np.load(tmp_path / "touch.npz", allow_pickle=False) as archive:

@@ -137,6 +137,7 @@ def test_normal_force_is_stiffness_times_depth():
         (np.zeros((5, 2)), "(5, 2)"),
         ([[0, 0, 1], [0, np.nan, 1]], "row 1"),
         ([[0, 0, np.inf]], "row 0"),
+        ([[0, 0, 1], [0, -20_000, 1]], "at y = -20000 m in row 1; expected at most 10000 m (is it in mm?)"),
     ],
 )
 def test_bad_path(path, says):
@@ -162,6 +163,7 @@ STILL = np.tile(np.eye(4), (5, 1, 1))
         ("box", STILL * 2.0, "not a rotation"),
         ("box", STILL * np.array([-1, 1, 1, 1]), "not a rotation"),
         ("box", STILL * np.nan, "not a rotation"),
+        ("box", STILL + 1e5 * (np.arange(16).reshape(4, 4) == 3), "of tick 0 is more than 10000 m away"),
     ],
 )
 def test_bad_poses(name, poses, says):

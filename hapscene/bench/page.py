@@ -20,6 +20,7 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("harness of the effect calls", "harness", "four idle effects median", 0.3, "µs"),
     ("`run()` of a 10 s path, four effects, order 40", "tick, order 40", "run for 10 s of path", 0.15, "s"),
     ("`step()` from Python over the tick", "tick, order 40", "step over the tick median", 5.0, "µs"),
+    ("synthesis of 10 s at 10 kHz, order 40", "synthesis, order 40", "nine models for 10 s", 0.02, "s"),
     ("`import hapscene`", "start", "import hapscene", 0.5, "s"),
     ("load of 82 k triangles to the first tick, warm cache", "start", "sphere 82 k, load to first tick", 3.0, "s"),
 )
@@ -32,6 +33,8 @@ def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
     parts += [_accuracy(sheet, picture), _groove(sheet, picture)]
     if "texture" in picture:
         parts.append(_texture(sheet, picture))
+    if sheet.cases("synthesis, "):
+        parts.append(_synthesis(sheet))
     parts.append(_crowd(sheet, picture))
     with whole_file(path) as part:
         part.write_text("\n".join(parts), encoding="utf-8")
@@ -247,6 +250,26 @@ Log-spectral distance [dB], 20 to 1000 Hz, of a model of one half of a recording
 {table(head, rows)}
 "Its two halves" is the distance between the recording's own halves: below it no model is better.
 """
+
+
+def _synthesis(sheet: Sheet) -> str:
+    """How many times faster than real time a texture is made, beside SciPy."""
+    rows = []
+    for case in sheet.cases("synthesis, "):
+        name = case.removeprefix("synthesis, ")
+        swatch = (case, "order") in sheet
+        order = f"{sheet.number(case, 'order'):g}" if swatch else name.removeprefix("order ")
+        for what in ("swatch",) if swatch else ("one model", "nine models"):
+            times = [sheet.number(case, f"{method} for 10 s") for method in (what, "lfilter")]
+            rows.append((name if swatch else what, order, *(f"{10.0 / t:,.0f}" for t in times)))
+    head = ("swatch", "order", "`synthesize`, times real time", "`lfilter`, times real time")
+    said = """10 s at 10 kHz along a stroke through the swatch's forces and speeds, best of seven runs. `synthesize`
+        makes the noise, looks up and blends the models and filters; `scipy.signal.lfilter` only filters noise that is
+        there, with one fixed filter at a fixed level."""
+    return f"""## Synthesis
+{paragraph(said)}
+
+{table(head, rows)}"""
 
 
 def _crowd(sheet: Sheet, picture: dict[str, str]) -> str:

@@ -43,11 +43,20 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
         SwatchError: a file that is missing, too large, incomplete, or describes an unstable surface; the message names
             the file, the element and what was expected.
     """
+    return import_noted(models_xml, taps_xml)[0]
+
+
+def import_noted(
+    models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[str] | None = None
+) -> tuple[Swatch, str]:
+    """What `import_hatt` does; beside the swatch, what its models were turned into and the error of it, else ""."""
     path = Path(models_xml)
     models = read_models(path)
     taps = None if taps_xml is None else read_taps(taps_xml)
     notes = list(models.notes)
-    texture = _texture(path, models, notes)
+    texture, converted = _texture(path, models)
+    if converted:
+        notes.insert(0, converted)
     if models.friction is None:
         notes.insert(0, "mu is missing: friction is taken as 0")
     files = path.name if taps_xml is None else f"{path.name} and {Path(taps_xml).name}"
@@ -56,7 +65,7 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
     provenance = f"Imported from {files} (layout of the Penn Haptic Texture Toolkit)."
     friction = models.friction or 0.0
     try:
-        return Swatch(
+        swatch = Swatch(
             models.material,
             friction_static=friction,
             friction_dynamic=friction,
@@ -68,14 +77,15 @@ def import_hatt(models_xml: str | os.PathLike[str], taps_xml: str | os.PathLike[
         )
     except SwatchError as error:
         raise SwatchError(f"{path}: {error}") from None
+    return swatch, converted
 
 
-def _texture(path: Path, models: HattModels, notes: list[str]) -> Texture:
-    """The texture of the models; where they have zeros, one without."""
+def _texture(path: Path, models: HattModels) -> tuple[Texture, str]:
+    """The texture of the models; where they have zeros, one without, and what that cost."""
     try:
         if not models.ma_lsf_rad.shape[1]:
             excitation = models.gain**2 * models.variance_m2_s4
-            return Texture(
+            texture = Texture(
                 models.rate_Hz,
                 models.force_N,
                 models.speed_m_s,
@@ -84,19 +94,18 @@ def _texture(path: Path, models: HattModels, notes: list[str]) -> Texture:
                 excitation,
                 interpolation="hatt",
             )
+            return texture, ""
         from hapscene.capture.arma import as_texture
 
         made = as_texture(models)
     except SwatchError as error:
         raise SwatchError(f"{path}: {error}") from None
     zeros, poles = models.ma_lsf_rad.shape[1], models.ar_lsf_rad.shape[1]
-    notes.insert(
-        0,
+    return made.texture, (
         f"Models of {poles} poles and {zeros} zeros turned into {len(made.texture.force_N)} all-pole models of order "
         f"{made.texture.order}: the spectrum is {made.error_at_models_dB:.2g} dB off at most at the models, "
-        f"{made.error_rms_dB:.2g} dB rms and {made.error_max_dB:.2g} dB at most between them",
+        f"{made.error_rms_dB:.2g} dB rms and {made.error_max_dB:.2g} dB at most between them"
     )
-    return made.texture
 
 
 def export_hatt(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hapscene.capture.hatt import import_hatt
+from hapscene.capture.hatt import import_noted
 from hapscene.capture.xml_source import root_name
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
@@ -32,7 +32,7 @@ def import_many(
     Args:
         files: XML files and folders.
         folder: where the swatches go; made where it is missing.
-        say: told one line for each swatch.
+        say: told a line for each swatch, and a second one where models with zeros were turned into models without.
         outcome: filled in as the batch goes on, for a caller that may be interrupted; None for a new one.
 
     Raises:
@@ -52,13 +52,16 @@ def import_many(
             if path.name.casefold() in taken:
                 raise SwatchError(f"{models}: would be {path.name}, as {taken[path.name.casefold()]}: another folder?")
             taken[path.name.casefold()] = models
-            save_swatch(import_hatt(models, taps), path)
+            swatch, converted = import_noted(models, taps)
+            save_swatch(swatch, path)
         except HapsceneError as error:
             outcome.broken.append(str(error))
             say(f"{i}/{len(pairs)}  {models.name}: broken")
             continue
         outcome.made.append(path)
         say(f"{i}/{len(pairs)}  {models.name} → {path.name}")
+        if converted:
+            say(f"  {converted}")
     return outcome
 
 

@@ -8,8 +8,8 @@ slow to fast, with the peak and the frequency of each tap; how a transient dies 
 Amplitudes in the format are −1 to 1. What 1 stands for is the reference device's maximum amplitude, in m/s².
 
 Structure, names and bounds follow the JSON schemas of the MPEG group (MPEGGroup/HapticJSONSchemas at commit e3b9aa67)
-and the conformance checks of its reference software, which asks for more: timescale and syncs, whole numbers as limits
-and frequencies, a profile and level by name. Version "2023" is what the schema asks for.
+and the conformance checks of its reference software (at commit 73ffe9bb), which asks for more: timescale and syncs,
+whole numbers as limits and frequencies, a profile and level by name. Version "2023" is what the schema asks for.
 """
 
 import datetime

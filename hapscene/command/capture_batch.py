@@ -24,7 +24,7 @@ def add_batch(commands: Any) -> None:
     command = add_command(
         commands,
         "batch",
-        _batch,
+        run_batch,
         "fit a swatch to each of many recordings; run it again to go on where it was stopped",
         "hapscene capture batch recordings/ --out swatches --rate 10000 --units acceleration=m/s2,force=N,speed=m/s",
         "hapscene capture batch --list files.csv --out swatches --jobs 4",
@@ -37,25 +37,33 @@ def add_batch(commands: Any) -> None:
         "Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C."
     )
     command.add_argument("recordings", metavar="RECORDING", nargs="*", help="files, and folders of them")
+    command.add_argument("-o", "--out", required=True, metavar="DIR", help="folder to write into")
+    add_fit_options(command)
+    add_batch_options(command)
+    add_recording_options(command)
+
+
+def add_batch_options(command: argparse._ActionsContainer) -> None:
+    """Adds --list, --jobs and --scheduler."""
     command.add_argument(
         "--list",
         metavar="CSV",
         help="recordings from a list: a column recording (relative to the list), and where wanted name, rate, columns, "
         "units",
     )
-    command.add_argument("--out", required=True, metavar="DIR", help="folder to write into")
-    add_fit_options(command)
     command.add_argument("--jobs", type=_jobs, metavar="N", help="processes here (default: one per core)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
-    add_recording_options(command)
 
 
-def _batch(options: argparse.Namespace) -> int:
+def run_batch(options: argparse.Namespace) -> int:
+    """Fits a swatch to each recording, into the folder `options.out`; the exit code."""
     from hapscene.capture.batch import fit_batch
     from hapscene.capture.batch_input import gather, read_list
     from hapscene.capture.interrupt import interrupt_noted
     from hapscene.errors import CaptureError
 
+    if options.jobs is not None and options.scheduler is not None:
+        raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
     items = gather(options.recordings) + ([] if options.list is None else read_list(options.list))
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")

@@ -31,10 +31,15 @@ def _plugins(options: argparse.Namespace) -> int:
             print(f"  cannot be used: {item.error}")
             continue
         print(f"  {item.effect.summary}")
+        if item.effect.params:
+            print(f"  {'parameter':<24} {'default':<8} {'unit':<8} meaning")
         for param in item.effect.params:
             print(f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}")
     if not effects:
         print("no effect is installed: is hapscene itself installed?")
+        return 0
+    print("\nA swatch gives the parameters where it names them, and always the stiffness_N_m that all effects share;")
+    print("`hapscene swatch show NAME` tells them.")
     return 0
 
 

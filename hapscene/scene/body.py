@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.constants import REACH_MAX_M
 from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
 
@@ -31,12 +32,16 @@ class Body:
     two_sided: bool
     face_swatch: NDArray[np.int16]
 
+    def __repr__(self) -> str:
+        x, y, z = (f"{v:g}" for v in self.X_WB[:3, 3])
+        return f"<Body {self.name!r}: {len(self.mesh.faces):,} faces at ({x}, {y}, {z}) m>"
+
 
 def rigid(pose: ArrayLike | None, name: str) -> NDArray[np.float64]:
     """A pose (4, 4) float64, checked; the identity for None.
 
     Raises:
-        SceneError: the matrix is not finite, or scales, shears or mirrors.
+        SceneError: the matrix is not finite, or scales, shears, mirrors, or moves by more than `REACH_MAX_M`.
     """
     if pose is None:
         return np.eye(4)
@@ -55,5 +60,10 @@ def rigid(pose: ArrayLike | None, name: str) -> NDArray[np.float64]:
         raise SceneError(f"body {name!r}: the pose scales or shears; give a rotation, and scale the mesh by its unit")
     if np.linalg.det(R) < 0:
         raise SceneError(f"body {name!r}: the pose mirrors (determinant -1); give a rotation")
+    if np.abs(X[:3, 3]).max() > REACH_MAX_M:
+        place = ", ".join(f"{v:g}" for v in X[:3, 3])
+        raise SceneError(
+            f"body {name!r}: the pose is at ({place}) m; expected at most {REACH_MAX_M:g} m (is it in mm?)"
+        )
     X[3] = (0, 0, 0, 1)
     return X

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
 
 if TYPE_CHECKING:
@@ -57,8 +58,8 @@ class Mesh:
         unit: of the numbers in that file, a key of `UNIT_M`.
 
     Raises:
-        MeshError: an array has the wrong shape, a vertex is not finite, an index is out of range, there is
-        no face.
+        MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M`, an index is out
+        of range, there is no face.
     """
 
     vertices_m: NDArray[np.float64]
@@ -84,6 +85,10 @@ class Mesh:
             if np.shape(self.colour_rgb) != (len(faces), 3):
                 raise MeshError(f"{where}colour_rgb must have shape ({len(faces)}, 3)")
             _freeze(self, "colour_rgb", self.colour_rgb, np.uint8)
+
+    def __repr__(self) -> str:
+        where = f" of {self.path}" if self.path else ""
+        return f"<Mesh{where}: {len(self.vertices_m):,} vertices, {len(self.faces):,} faces, {self.diagonal_m:.3g} m>"
 
     @cached_property
     def digest(self) -> str:
@@ -217,6 +222,13 @@ def _check_values(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> No
     if not SIZE_M[0] <= diagonal <= SIZE_M[1]:
         raise MeshError(
             f"{where}{diagonal:.3g} m across; expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: is the unit right?"
+        )
+    far = np.abs(used) > REACH_MAX_M
+    if far.any():
+        at, axis = np.argwhere(far)[0]
+        raise MeshError(
+            f"{where}vertex {faces.ravel()[at]} is at {'xyz'[axis]} = {used[at, axis]:g} m; expected at most "
+            f"{REACH_MAX_M:g} m: is the unit right? If it is, move the mesh nearer to its origin"
         )
 
 

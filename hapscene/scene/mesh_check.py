@@ -50,12 +50,31 @@ def open_archive(content: bytes, where: str) -> zipfile.ZipFile:
 
 
 def _off(content: bytes, where: str) -> int:
-    """The second number after the first word is the count of faces."""
-    lines = (line.split(b"#")[0].split() for line in content[:10_000].splitlines())
-    words = [word for line in lines for word in line]
+    """After the word OFF come the counts of vertices and faces, then a line for each; how many faces.
+
+    Raises:
+        MeshError: a vertex that is not there, or not whole.
+    """
+    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(content.splitlines(), 1))
+    lines = ((i, words) for i, words in numbered if words)
+    number, words = next(lines, (1, []))
     if not words or not words[0].endswith(b"OFF"):
         raise MeshError(f"{where}: not a readable OFF file: its first word must be OFF")
-    return int(words[2]) if len(words) > 2 and words[2].isdigit() else 0
+    if not (words := words[1:]):
+        number, words = next(lines, (number + 1, []))
+    if len(words) < 2 or not (words[0].isdigit() and words[1].isdigit()):
+        raise MeshError(f"{where}, line {number}: expected the counts of vertices and faces after OFF")
+    count = int(words[0])
+    for vertex in range(count):
+        number, numbers = next(lines, (0, []))
+        if not number:
+            raise MeshError(f"{where}: the file is truncated: its header says {count:,} vertices, there are {vertex:,}")
+        if len(numbers) < 3:
+            found = b" ".join(numbers).decode("utf-8", errors="replace")[:60]
+            raise MeshError(
+                f"{where}, line {number}: expected three numbers for a vertex, found {found!r}; is the file truncated?"
+            )
+    return int(words[1])
 
 
 def _stl(content: bytes, where: str) -> None:

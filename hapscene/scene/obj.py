@@ -88,6 +88,14 @@ def _texture(reader: _Reader, words: list[str]) -> None:
         raise reader.fail(f"expected two numbers after 'vt', found {' '.join(words)[:60]!r}") from None
 
 
+def _normal(reader: _Reader, words: list[str]) -> None:
+    """Checked, not kept: the faces' own normals are felt. A file that was cut may end inside such a line."""
+    try:
+        _, _, _ = map(float, words[:3])
+    except ValueError:
+        raise reader.fail(f"expected three numbers after 'vn', found {' '.join(words)[:60]!r}") from None
+
+
 def _face(reader: _Reader, words: list[str]) -> None:
     if len(words) < 3:
         raise reader.fail(f"a face needs three corners or more, found {' '.join(words)[:60]!r}")
@@ -131,6 +139,7 @@ def _library(reader: _Reader, words: list[str]) -> None:
 _READ = {
     "v": _vertex,
     "vt": _texture,
+    "vn": _normal,
     "f": _face,
     "o": _named("object"),
     "g": _named("part"),

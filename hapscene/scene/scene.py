@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
-from hapscene.scene.anatomy import anatomy
+from hapscene.scene.anatomy import FLAT_RATIO, anatomy, height_of
 from hapscene.scene.body import Body, rigid
 from hapscene.scene.mesh import Mesh, load_mesh, warn
 from hapscene.scene.region import Region
@@ -68,14 +68,19 @@ class Scene:
             SwatchError: the swatch is unknown or broken.
 
         Warns:
-            MeshWarning: some faces are wound against their neighbours, and `two_sided` is off.
+            MeshWarning: no face has an area; or some are wound against their neighbours, and `two_sided` is off.
         """
         shape = self._mesh(mesh, unit)
         name = self._name(name, shape)
         body = Body(name, shape, rigid(pose, name), bool(two_sided), np.zeros(len(shape.faces), np.int16))
         if swatch is not None:
             body.face_swatch[:] = self.swatch_index(swatch)
-        if not body.two_sided and not any(b.mesh is shape and not b.two_sided for b in self.bodies):
+        if _is_flat(shape):
+            warn(
+                f"body {name!r}: none of its {len(shape.faces):,} faces has an area, so it can never be touched: is "
+                "its file complete, and not scaled flat?"
+            )
+        elif not body.two_sided and not any(b.mesh is shape and not b.two_sided for b in self.bodies):
             _warn_of_winding(body)
         self.bodies.append(body)
         return body
@@ -222,6 +227,13 @@ def _faces(body: Body, where: Any) -> NDArray[np.bool_]:
             raise SceneError(f"body {body.name!r}: no face {bad}; its faces are 0 to {count - 1}")
         mask[chosen] = True
     return mask
+
+
+def _is_flat(mesh: Mesh) -> bool:
+    """Whether no face has an area."""
+    # most often one of the first has, and the others need no look
+    parts = (mesh.faces[:1000], mesh.faces)
+    return not any((height_of(mesh.vertices_m[part]) > FLAT_RATIO * mesh.diagonal_m).any() for part in parts)
 
 
 def _warn_of_winding(body: Body) -> None:

@@ -18,6 +18,9 @@ from hapscene.native import native
 
 Array = NDArray[np.float64]
 
+STEP_MAX = 12
+"""Most Newton steps towards a root [count]. Four are the rule; a root that needs more lies beside another."""
+
 _LSF_BYTES = 1 << 24  # temporary memory of ar_from_lsf: longer stacks are worked off in parts
 
 
@@ -66,8 +69,9 @@ def _circle(order: int) -> tuple[Array, Array, Array, Array, Array]:
 def lsf_from_ar(a: ArrayLike) -> Array:
     """Line spectral frequencies (p,) [rad], ascending, of one stable filter `a` (p+1,), p ≥ 1.
 
-    P and Q, with their roots at ±1 divided out, are cosine sums, hence Chebyshev series in cos θ of half the order:
-    their roots are the eigenvalues of a colleague matrix (backward stable), polished by Newton steps in θ.
+    P and Q, with their roots at ±1 divided out, are cosine sums of half the order. A fine grid brackets their roots by
+    the changes of sign, Newton steps in θ find them. Where roots lie too close for the grid, the sums are taken as
+    Chebyshev series in cos θ, whose roots are the eigenvalues of a colleague matrix (backward stable, much slower).
 
     Raises:
         SwatchError: the filter is unstable, or so close to it that its roots cannot be told apart.
@@ -103,20 +107,53 @@ def _cosine_roots(c: Array) -> Array:
     if n == 0:
         return np.empty(0)
     series = np.concatenate([c[n : n + 1], 2.0 * c[n + 1 :]])
+    found = _bracketed_roots(series)
+    if found is not None:
+        return found
     x = np.polynomial.chebyshev.chebroots(series)
     if len(x) != n:
         raise SwatchError("a model's line spectral frequencies cannot be told apart: it is at the edge of stability")
     theta = np.sort(np.arccos(np.clip(x.real, -1.0, 1.0)))
-    k = np.arange(n + 1)
     for _ in range(2):
-        angle = theta[:, None] * k
-        value = np.cos(angle) @ series
-        slope = -np.sin(angle) @ (k * series)
+        value, slope = _cosine_sum(series, theta)
         step = np.divide(value, slope, out=np.zeros(n), where=slope != 0.0)
         gap = np.diff(theta, prepend=0.0, append=np.pi)
         reach = 0.25 * np.minimum(gap[:-1], gap[1:])  # a step may not pass a neighbour
         theta = theta - np.clip(step, -reach, reach)
     return theta
+
+
+def _cosine_sum(series: Array, theta: Array) -> tuple[Array, Array]:
+    """Σ series_k cos kθ at angles (n,), and its slope."""
+    k = np.arange(len(series))
+    angle = theta[:, None] * k
+    return np.cos(angle) @ series, -np.sin(angle) @ (k * series)
+
+
+def _bracketed_roots(series: Array) -> Array | None:
+    """The n roots in (0, π) of a sum of cosines (n+1,), by bracketed Newton steps; None where they cannot be told."""
+    n = len(series) - 1
+    half = np.concatenate([series[:1], 0.5 * series[1:]])
+    for cells in (8 * n, 64 * n):
+        value = np.fft.hfft(half, 2 * cells)[: cells + 1]
+        at = np.flatnonzero(np.signbit(value[1:]) != np.signbit(value[:-1]))
+        if len(at) == n:
+            break
+    else:
+        return None
+    low, high = at * np.pi / cells, (at + 1) * np.pi / cells
+    sign = np.signbit(value[at])
+    theta = low + (high - low) * value[at] / (value[at] - value[at + 1])
+    for _ in range(STEP_MAX):
+        now, slope = _cosine_sum(series, theta)
+        before = np.signbit(now) == sign
+        low, high = np.where(before, theta, low), np.where(before, high, theta)
+        newton = theta - np.divide(now, slope, out=np.full(n, np.inf), where=slope != 0.0)
+        new = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        moved, theta = float(np.abs(new - theta).max()), new
+        if moved < 1e-13:
+            return theta
+    return None
 
 
 def reflection_from_ar(a: ArrayLike) -> Array:

@@ -67,9 +67,10 @@ def limit(surface: Any) -> int:
             a[i] = math.copysign(most, a[i])
             flags |= _ACCELERATION
         mean += a[i] / touch.block
-    if limits.fold_mass_kg > 0.0:
+    if limits.fold_mass_kg > 0.0 and touch.swatch >= 0:
+        fold_kg = surface.fold_mass_kg[touch.swatch]
         for i in range(3):
-            f[i] += limits.fold_mass_kg * mean * touch.nhat_W[i]
+            f[i] += fold_kg * mean * touch.nhat_W[i]
     magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     if magnitude > limits.force_N:
         for i in range(3):

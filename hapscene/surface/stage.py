@@ -1,7 +1,6 @@
 """How the scene feels, as the compiled tick reads it: swatches, effects, parameters and memory in flat arrays."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -9,11 +8,12 @@ from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
 from hapscene.contact.world import records
-from hapscene.device.limit import Limits
-from hapscene.errors import EffectError, no_such
+from hapscene.device.limit import DELAY_MAX, Limits
+from hapscene.errors import EffectError
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.compile import compile_effect
-from hapscene.surface.effect import Effect, Param
+from hapscene.surface.effect import Effect
+from hapscene.surface.fit import WALL, Numbers
 from hapscene.surface.random import seeded_state
 
 if TYPE_CHECKING:
@@ -26,6 +26,12 @@ MEMORY: Final = np.dtype(
         ("p_WP_m", "f8", (3,)),  # the reported proxy in the last tick
         ("slip_m_s", "f8", (3,)),  # slip velocity, low-passed
         ("f_W_N", "f8", (3,)),  # force sent in the last tick
+        ("nhat_W", "f8", (3,)),  # normal that the last tick saw
+        ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 in the air
+        ("tool_W_m", "f8", (3,)),  # the tool as measured in the last tick: with a virtual coupling, not p_WT_m
+        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
+        ("made_J", "f8"),  # energy that the wall gave out and never took in
+        ("stored_J", "f8"),  # energy that its spring held in the last tick
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
     ],
     align=True,
@@ -51,16 +57,17 @@ class Surface(NamedTuple):
     total: Any  # (1,) OUTPUT of all
     memory: Any  # (1,) MEMORY
     limits: Any  # (1,) LIMIT
+    fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
     clock: NDArray[np.int64]
 
 
 def build_surface(
     scene: "Scene", effects: Sequence[Effect], tick_s: float, a_rate_Hz: float, limits: Limits
 ) -> Surface:
-    """Compile the effects and pack the swatches of a scene.
+    """Compile the effects and pack the swatches of a scene, with the numbers they ask for.
 
     Raises:
-        EffectError: an effect that does not compile, or a parameter outside its limits.
+        EffectError: an effect that does not compile.
     """
     swatches = scene.swatches
     param_start = np.zeros((len(swatches), len(effects)), np.int64)
@@ -95,6 +102,7 @@ def build_surface(
         total=records(1, OUTPUT),
         memory=records(1, MEMORY),
         limits=limits.record(),
+        fold_mass_kg=np.full(len(swatches), limits.fold_mass_kg),
         clock=new_clock(),
     )
     touch = surface.touch[0]
@@ -102,28 +110,19 @@ def build_surface(
     return surface
 
 
-def tune_surface(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Mapping[str, float]) -> None:
-    """Change the stiffness of a swatch, or parameters of effects on it by name.
+def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Numbers) -> None:
+    """Set them, from the next tick on."""
+    for (e, name), value in numbers.items():
+        if e == WALL:
+            surface.stiffness_N_m[swatch] = value
+        else:
+            _row(surface, effects[e], swatch, e)[name] = value
 
-    Raises:
-        EffectError: a name that nothing has, or a value outside its limits. Then nothing is changed.
-    """
-    changes: list[tuple[Any, Any, float]] = []
-    for name, value in numbers.items():
-        if name == "stiffness_N_m":
-            if not 0.0 <= value < math.inf:
-                raise EffectError(f"stiffness_N_m must be finite and not negative, is {value:g} N/m")
-            changes.append((surface.stiffness_N_m, swatch, value))
-        holders = [(e, param) for e, effect in enumerate(effects) for param in effect.params if param.name == name]
-        if not holders and name != "stiffness_N_m":
-            known = {param.name for effect in effects for param in effect.params} | {"stiffness_N_m"}
-            raise EffectError(no_such("parameter", name, known))
-        for e, param in holders:
-            _check_range(effects[e], param, value)
-            dtype, start = effects[e].param_dtype, surface.param_start[swatch, e]
-            changes.append((surface.params[start : start + dtype.itemsize].view(dtype), name, value))
-    for target, key, value in changes:
-        target[key] = value
+
+def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
+    """Parameters of an effect on a swatch, (1,) of its `param_dtype`."""
+    start = surface.param_start[swatch, e]
+    return surface.params[start : start + effect.param_dtype.itemsize].view(effect.param_dtype)
 
 
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
@@ -141,18 +140,8 @@ def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None
 def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
     row = np.zeros(1, effect.param_dtype)
     for param in effect.params:
-        value = swatch.parameter(effect.name, param.name, param.default)
-        _check_range(effect, param, value, f"swatch {swatch.name!r}: ")
-        row[param.name] = value
+        row[param.name] = swatch.parameter(effect.name, param.name, param.default)
     return row.view(np.uint8)
-
-
-def _check_range(effect: Effect, param: Param, value: float, where: str = "") -> None:
-    if not param.minimum <= value <= param.maximum:
-        raise EffectError(
-            f"{where}{param.name} of effect {effect.name!r} is {value:g} {param.unit}; "
-            f"it must lie between {param.minimum:g} and {param.maximum:g}"
-        )
 
 
 def _table(effect: Effect, swatch: "Swatch", a_rate_Hz: float) -> NDArray[np.float64]:

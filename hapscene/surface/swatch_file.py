@@ -16,7 +16,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import ORDER_MAX
 from hapscene.errors import SwatchError, no_such
 from hapscene.output import whole_file
 from hapscene.surface.strict_json import parse
@@ -31,8 +30,11 @@ VERSION: Final = 1
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
-`MODEL_MAX` of `ORDER_MAX`, has 21 MB. What opening a file takes is bounded by this and by what
+`NUMBER_MAX` frequencies, has 21 MB. What opening a file takes is bounded by this and by what
 `hapscene.surface.strict_json` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
+
+NUMBER_MAX: Final = 256 * MODEL_MAX
+"""Most numbers of one of a texture's lists [count]: `MODEL_MAX` models of order 256, fewer of a higher one."""
 
 TEXT_MAX: Final = 100_000
 """Longest provenance or licence [characters]: a long licence has 35,000."""
@@ -258,8 +260,8 @@ def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDAr
         raise SwatchError(f"{where} must be a list of {'lists of ' if dimensions == 2 else ''}numbers")
     if len({len(row) for row in rows}) > 1:
         raise SwatchError(f"{where} must have rows of one length")
-    if sum(map(len, rows)) > MODEL_MAX * ORDER_MAX:
-        raise SwatchError(f"{where} has more than {MODEL_MAX * ORDER_MAX} numbers")
+    if sum(map(len, rows)) > NUMBER_MAX:
+        raise SwatchError(f"{where} has more than {NUMBER_MAX} numbers")
     for i, row in enumerate(rows):
         for j, number in enumerate(row):
             if type(number) not in (int, float) or not -1e300 < number < 1e300:

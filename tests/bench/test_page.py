@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hapscene.bench import machine
+from hapscene.bench import machine, synthesis
 from hapscene.bench.case import short
 from hapscene.bench.order import ORDERS, RECORDINGS
 from hapscene.bench.page import AIMS
@@ -68,6 +68,12 @@ def _add_rest(sheet: Sheet) -> None:
             sheet.add(name, "placing the moving bodies", 1.0, "µs")
             for figure in ("contact, a tenth moving", "commit of instances, a tenth moving"):
                 sheet.add_spread(name, figure, [float(count)], "µs")
+    for order in synthesis.ORDERS:
+        for figure in ("one model", "nine models", "lfilter"):
+            sheet.add(f"synthesis, order {order}", f"{figure} for 10 s", 5e-4 * order, "s")
+    sheet.add("synthesis, wood", "order", 68, "1")
+    for figure in ("swatch", "lfilter"):
+        sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
     for name in RECORDINGS:
         for order in ORDERS:
             sheet.add(f"recording {name}", f"order {order} distance", 20.0 / order, "dB")
@@ -91,6 +97,13 @@ def test_aims_are_judged(sheet: Sheet, tmp_path: Path) -> None:
     assert "| load of 82 k triangles to the first tick, warm cache | ≤ 3 s | 3.5 s | **no** |" in page
     assert "| harness of the effect calls | ≤ 0.3 µs | 0.0625 µs | yes |" in page
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
+
+
+def test_synthesis_is_told_in_multiples_of_real_time(sheet: Sheet, tmp_path: Path) -> None:
+    write_results(sheet, tmp_path)
+    page = (tmp_path / "bench.md").read_text(encoding="utf-8")
+    assert "| nine models | 40 | 500 | 500 |" in page and "| wood | 68 | 400 | 400 |" in page
+    assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
 
 
 def test_page_in_docs_is_made_anew_from_the_table(sheet: Sheet, tmp_path: Path) -> None:

@@ -184,8 +184,9 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
     check_whole(items, out)
 
 
-def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path) -> None:
-    """Workers of a real local cluster, in processes of their own; one is killed with SIGKILL while it fits."""
+def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Workers of a real local cluster, in processes of their own; one is killed with SIGKILL while it fits. Then
+    `capture fit` goes on with it on the same cluster: only a new recording is fitted."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     items = write_recordings(tmp_path / "in", 24)
     (tmp_path / "in" / "bad.csv").write_text("acceleration\n")
@@ -196,12 +197,15 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path) -> None:
         with distributed.Client(cluster, set_as_default=False) as client:
             pid = next(iter(client.run(os.getpid).values()))
         once = Once(5, lambda: os.kill(pid, signal.SIGKILL))
-        result = fit_batch(items, tmp_path / "out", READING, FITTING, scheduler=cluster.scheduler_address, after=once)
+        reading, fitting, address = READING | {"columns": {}}, FITTING | CHOSEN, cluster.scheduler_address
+        result = fit_batch(items, tmp_path / "out", reading, fitting, scheduler=address, after=once)
         assert len(result.fitted) == 24 and set(once.through.values()) == {1}
         assert [Path(e.recording).name for e in result.failed] == ["bad.csv"]
-        again = fit_batch(items[:24], tmp_path / "out", READING, FITTING, scheduler=cluster.scheduler_address)
-        assert len(again.skipped) == 24 and not again.fitted
-    for item in items[:24]:
+        new = write_recording(tmp_path / "in" / "new.csv", 99)
+        words = ["capture", "fit", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--scheduler", address]
+        assert main([*words, *WORDS]) == 1
+        assert "1 fitted, 24 done before, 1 failed" in capsys.readouterr().out
+    for item in [*items[:24], Item(new, "new")]:
         check_swatch(item, tmp_path / "out")
 
 

@@ -10,7 +10,8 @@ from scipy.stats import kurtosis
 from hapscene.capture import fit, load_surface_recording, synthesize
 from hapscene.capture.channel import clean
 from hapscene.capture.excitation import choose_excitation, quantile_knots, wasserstein
-from hapscene.capture.texture_fit import cut, fit_texture
+from hapscene.capture.piece import cut
+from hapscene.capture.texture_fit import fit_texture
 from hapscene.constants import EXCITATION_KNOTS
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture, excitation_moments

@@ -3,7 +3,9 @@
 The schema (MPEGGroup/HapticJSONSchemas at commit e3b9aa67: one file each for the experience, perception, reference
 device, channel, band, effect and keyframe) states no licence, so it is not copied: what it requires of the objects
 that are written here is stated below in our own words, closed, so that a misspelt key fails. Beside it stand the
-checks of the MPEG reference software's reader that are stricter.
+checks of the MPEG reference software's reader that are stricter (MPEGGroup/HapticReferenceSoftware at commit 73ffe9bb,
+source/IOHaptics/src/IOJson.cpp: what `loadFile` asks of each object, and its semantic conformance checks). Older
+versions of that reader want other names: mixing_weight for mixing_coefficient, tracks for channels.
 """
 
 import json
@@ -117,15 +119,19 @@ EXPERIENCE = closed(
 def check(content: dict[str, Any]) -> None:
     """The schema, and what the reference reader checks across objects."""
     jsonschema.Draft7Validator(EXPERIENCE).validate(content)
+    assert int(content["version"][:4]) >= 2023
     ids = [p["id"] for p in content["perceptions"]]
     assert len(set(ids)) == len(ids)
     for perception in content["perceptions"]:
         assert perception["avatar_id"] == 0 or perception["avatar_id"] in [a["id"] for a in content["avatars"]]
+        channels = [channel["id"] for channel in perception["channels"]]
+        assert len(set(channels)) == len(channels)
         devices = [device["id"] for device in perception.get("reference_devices", [])]
         assert len(set(devices)) == len(devices) and len(perception["channels"]) <= 128
         for device in perception.get("reference_devices", []):
             assert device["minimum_frequency"] <= device["maximum_frequency"]
         for channel in perception["channels"]:
+            assert {"gain", "mixing_coefficient", "body_part_mask", "bands"} <= channel.keys()
             assert channel["reference_device_id"] in devices and len(channel["bands"]) <= 7
             for band in channel["bands"]:
                 assert band["lower_frequency_limit"] <= band["upper_frequency_limit"]

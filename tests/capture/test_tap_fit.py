@@ -29,6 +29,31 @@ def test_over_approach_speed(seed, rate_Hz, handled_recording):
         assert 0.0 < high - low < 0.4 * 70.0
 
 
+def test_speeds_a_fifth_apart_stay_apart_and_repeated_ones_are_pooled():
+    """Seven taps at 20 dB, at five speeds of which neighbours are nearer than 6 to 5."""
+    rate, rng = 10_000.0, np.random.default_rng(3)
+    speeds = [0.25, 0.3, 0.35, 0.3, 0.42, 0.5, 0.25]
+    n = round(0.5 * rate)
+    a, depth, force = np.zeros((3, n * (len(speeds) + 1)))
+    depth[:] = -0.02
+    for i, v in enumerate(speeds, 1):
+        start, t = i * n, np.arange(round(0.15 * rate)) / rate
+        a[start : start + len(t)] = 100.0 * v * np.exp(-70.0 * t) * np.sin(2 * np.pi * 180.0 * t)
+        press = np.arange(round(0.04 * rate)) / rate
+        force[start : start + len(press)] = 500.0 * v * 0.04 / np.pi * np.sin(np.pi * press / 0.04)
+        depth[start : start + len(press)] = force[start : start + len(press)] / 500.0
+        away = np.arange(round(0.02 / v * rate)) / rate
+        depth[start - len(away) : start] = -v * away[::-1]
+        depth[start + len(press) : start + len(press) + len(away)] = -v * away
+    heard = np.sqrt(np.mean(a[n : n + 600] ** 2))
+    a += 0.1 * heard * rng.standard_normal(len(a))
+    channels = clean(a, rate, force_N=force, depth_m=depth)
+    taps = fit_taps([(channels, segment(channels))]).taps
+    assert taps is not None
+    np.testing.assert_allclose(taps.approach_m_s, sorted(set(speeds)), rtol=0.03)
+    np.testing.assert_allclose(taps.amplitude_m_s2, 100.0 * taps.approach_m_s, rtol=0.1)
+
+
 def test_intervals_hold_the_truth(handled_recording):
     """95 % of them should; of 48, at least 40 do with a probability of 0.999."""
     inside = 0

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from hapscene.capture import swatch_fit
+from hapscene.cli import main
 from hapscene.command import fit_option
 from hapscene.command.capture_fit import add_capture_fit
 from hapscene.constants import EXCITATION_KNOTS
-from hapscene.errors import CaptureError, SwatchError
+from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import blend
 from hapscene.surface.portrait import lines, sounding
 from hapscene.surface.swatch_file import load_swatch
@@ -61,6 +62,46 @@ def test_several_recordings_are_pooled(tmp_path: Path) -> None:
     swatch = load_swatch(tmp_path / "oak.swatch")
     assert swatch.name == "oak" and swatch.texture is not None and swatch.texture.order == 4
     assert "0.csv, 1.csv, 2.csv" in swatch.provenance
+
+
+def test_into_a_folder_each_recording_has_a_swatch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As `capture batch` does, which goes on with what `capture fit` began."""
+    folder, out = tmp_path / "in", tmp_path / "swatches"
+    folder.mkdir()
+    for i in range(3):
+        write(folder / f"r{i}.csv", i)
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4", "--jobs", "1")
+    assert run(str(folder / "r0.csv"), str(folder / "r1.csv"), "-o", f"{out}/", *options) == 0
+    assert "2 fitted" in capsys.readouterr().out
+    assert [load_swatch(out / f"r{i}.swatch").name for i in range(2)] == ["r0", "r1"]
+    assert main(["capture", "batch", str(folder), "--out", str(out), *options]) == 0
+    assert "1 fitted, 2 done before, 0 failed" in capsys.readouterr().out
+    assert run(str(folder), "-o", str(out), *options) == 0  # the folder is there: no slash is needed
+    assert "0 fitted, 3 done before, 0 failed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.csv", "-o", "oak.swatch", "--jobs", "2"], r"--jobs is for .* -o names a folder, as in .*, not oak"),
+        (["a.csv", "-o", "oak.swatch", "--scheduler", "tcp://x:1"], r"--scheduler is for a swatch of each recording"),
+        (["-o", "oak.swatch", "--list", "files.csv"], r"--list is for a swatch of each recording"),
+        ([".", "-o", "oak.swatch"], r"^\.: a folder: .* name a folder, as in -o swatches/; to pool .* name its files"),
+        (["-o", "oak.swatch"], r"no recordings: name one or more files"),
+        (["a.csv", "b.csv", "-o", "oak"], r"must end in \.swatch; a folder, .* with a slash: -o oak/"),
+        (["a.csv", "b.csv", "-o", "out/", "--name", "oak"], r"--name is for one swatch: .* -o oak\.swatch"),
+        (["a.csv", "b.csv", "-o", "out/", "--plot", "x.png"], r"--plot is for one swatch"),
+        (["a.csv", "-o", "out", "--jobs", "2", "--scheduler", "tcp://x:1"], r"give one of the two"),
+        (["-o", "out/"], r"no recordings: name files or folders, or --list files\.csv"),
+    ],
+)
+def test_options_that_do_not_fit_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(HapsceneError, match=message):
+        run(*words)
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:

@@ -230,6 +230,33 @@ def test_broken_files_are_one_readable_error(tmp_path, name):
     assert error.value.__cause__ is None
 
 
+CUT_OFF = b"OFF\n# made by hand\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 1 2 3\n3 0 2 3\n"
+
+
+@pytest.mark.parametrize(
+    ("end", "message"),
+    [
+        (b"OFF\n# made by hand\n4", "line 3: expected the counts of vertices and faces after OFF"),
+        (b"1 0 0\n", "the file is truncated: its header says 4 vertices, there are 2"),
+        (b"1 0 0\n0 1", "line 6: expected three numbers for a vertex, found '0 1'; is the file truncated"),
+        (b"3 0 1 3\n", "the file is truncated: its header says 4 faces, there are 2"),
+    ],
+)
+def test_an_off_file_that_was_cut_is_told_where(tmp_path, end, message):
+    (tmp_path / "cut.off").write_bytes(CUT_OFF[: CUT_OFF.index(end) + len(end)])
+    with pytest.raises(MeshError, match=message):
+        load_mesh(tmp_path / "cut.off", "m")
+    (tmp_path / "whole.off").write_bytes(CUT_OFF)
+    assert len(load_mesh(tmp_path / "whole.off", "m").faces) == 4
+
+
+def test_a_mesh_far_from_its_origin_is_refused(tmp_path):
+    (tmp_path / "far.obj").write_text("v 0 0 20000\nv 1 0 20000\nv 0 1 20000\nf 1 2 3\n")
+    with pytest.raises(MeshError, match=r"far\.obj: vertex 0 is at z = 20000 m; expected at most 10000 m: is the unit"):
+        load_mesh(tmp_path / "far.obj", "m")
+    assert load_mesh(tmp_path / "far.obj", "mm").bounds_m[0, 2] == 20.0
+
+
 def test_a_folder_is_no_mesh(tmp_path):
     (tmp_path / "folder.stl").mkdir()
     with pytest.raises(MeshError, match="cannot be read"):

@@ -80,6 +80,8 @@ def test_colours_of_vertices(tmp_path):
         ("f 1 two 3", "line 5: expected the number of a vertex, found 'two'"),
         ("v 1 2", "line 5: expected three numbers after 'v', found '1 2'"),
         ("v 1 2 x", "line 5: expected three numbers"),
+        ("vn 0 1", "line 5: expected three numbers after 'vn', found '0 1'"),
+        ("vn 0 1 -", "line 5: expected three numbers after 'vn', found '0 1 -'"),
         ("vt", "line 5: expected two numbers after 'vt'"),
         ("vt 0 0\nf 1/1 2/2 3/1", "line 6: no texture coordinate 2"),
     ],

@@ -146,6 +146,31 @@ def flipped_ball(subdivisions, count):
     return Mesh(np.array(ball.vertices), faces)
 
 
+def test_a_mesh_without_any_area_is_said_to_be_out_of_touch():
+    flat = Mesh([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0], [0.7, 0, 0]], [[0, 1, 2], [1, 2, 3]])
+    with pytest.warns(MeshWarning, match=r"'slab': none of its 2 faces has an area, so it can never be touched"):
+        hapscene.Scene().add(flat, name="slab")
+    many = np.tile(flat.faces, (1000, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hapscene.Scene().add(Mesh([*flat.vertices_m, [0, 1, 0]], [*many, [0, 1, 4]]), name="one has")
+
+
+def test_a_pose_beyond_10_km_is_refused():
+    X = np.eye(4)
+    X[0, 3] = 2e4
+    with pytest.raises(SceneError, match=r"body 'box': the pose is at \(20000, 0, 0\) m; expected at most 10000 m"):
+        hapscene.Scene().add(BOX, name="box", unit="m", pose=X)
+
+
+def test_bodies_and_meshes_are_told_in_a_line():
+    body = hapscene.Scene().add(
+        BOX, name="box", unit="m", pose=np.eye(4) + 0.1 * (np.arange(16) % 4 == 3).reshape(4, 4) * [[1], [2], [3], [0]]
+    )
+    assert repr(body) == "<Body 'box': 12 faces at (0.1, 0.2, 0.3) m>"
+    assert repr(body.mesh) == "<Mesh: 8 vertices, 12 faces, 0.173 m>"
+
+
 def test_mixed_winding_is_said_once_and_not_of_two_sided_bodies():
     mesh = flipped_ball(3, 100)
     scene = hapscene.Scene()

@@ -150,8 +150,8 @@ def test_resampling_keeps_spectrum_and_power_of_the_kept_band(rate_Hz: float) ->
         assert abs(10 * np.log10(in_whole[0].sum() / in_whole[1].sum())) < 0.1
 
 
-@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0])
-@pytest.mark.parametrize("name", ["wood", "epoxy"])
+@pytest.mark.parametrize("rate_Hz", [5000.0, 20_000.0, 48_000.0])
+@pytest.mark.parametrize("name", ["wood", "paper", "leather", "epoxy"])
 def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     texture = load_swatch(name).texture
     assert texture is not None
@@ -162,5 +162,6 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
         a, variance = t.model(texture.force_max_N, texture.speed_max_m_s)
         _, h = freqz([1.0], a, worN=frequency, fs=t.rate_Hz)
         density.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
-    assert np.sqrt(np.mean((10 * np.log10(density[0] / density[1])) ** 2)) < 0.05
+    off_dB = 10 * np.log10(density[0] / density[1])
+    assert np.sqrt(np.mean(off_dB**2)) < 0.025 and np.abs(off_dB).max() < 0.035
     assert other.resampled(rate_Hz) is other

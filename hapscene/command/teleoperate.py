@@ -1,0 +1,173 @@
+"""`hapscene teleoperate experiment | follower | leader`."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from hapscene.command.recording_option import add_recording_options, recording_options
+from hapscene.command.word import add_command, folder, name_made, seed
+from hapscene.errors import HapsceneError
+
+HOST: Final = "127.0.0.1"
+"""This machine alone."""
+
+PORT: Final = 47600
+"""Where a follower listens unless told otherwise; in the range that nobody has registered."""
+
+SCHEMES: Final = ("wave", "position")  # as in teleoperation.port, which is heavy to import
+
+
+def add_teleoperate(commands: Any) -> None:
+    group = commands.add_parser(
+        "teleoperate",
+        help="feel a surface through a leader and a follower",
+        description="A follower touches a surface, a leader with the haptography handle feels it; all simulated.",
+    )
+    parts = group.add_subparsers(required=True, metavar="COMMAND")
+    _add_experiment(parts)
+    _add_follower(parts)
+    _add_leader(parts)
+
+
+def _add_experiment(parts: Any) -> None:
+    command = add_command(
+        parts,
+        "experiment",
+        _experiment,
+        "base motors alone against base motors with the handle, and what delay does to both schemes; plots and numbers",
+        "hapscene teleoperate experiment --out out/teleoperation",
+        "hapscene teleoperate experiment --recording oak.csv --rate 10000 --units acceleration=m/s2 --out out/oak",
+    )
+    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    surface = command.add_mutually_exclusive_group()
+    surface.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
+    surface.add_argument("--recording", metavar="FILE", help="a recording of a real surface, fitted first")
+    command.add_argument("--compensator", default="adaptive", metavar="NAME", help="of the handle (default adaptive)")
+    command.add_argument("--grip", default="medium", metavar="NAME", help="of the hand (default medium)")
+    command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
+    add_recording_options(command)
+
+
+def _experiment(options: argparse.Namespace) -> int:
+    from hapscene.teleoperation.experiment import write_experiment
+    from hapscene.touch import speak
+
+    swatch: Any = options.swatch
+    if options.recording is not None:
+        from hapscene.capture.recording_file import load_surface_recording
+        from hapscene.capture.swatch_fit import fit_parts, prepare
+
+        speak(f"fitting {options.recording}\n")
+        recording = load_surface_recording(options.recording, **recording_options(options))
+        swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
+    made = write_experiment(
+        options.out,
+        swatch,
+        compensator=options.compensator,
+        grip=options.grip,
+        seed=options.seed,
+        say=speak,
+    )
+    name_made(made)
+    return 0
+
+
+def _add_follower(parts: Any) -> None:
+    command = add_command(
+        parts,
+        "follower",
+        _follower,
+        "the end that touches, as a process: waits for a leader, ends with it",
+        "hapscene teleoperate follower --swatch wood",
+        "hapscene teleoperate follower --port 47600 --loss 0.1 --delay 50 --jitter 10 --reorder 0.1",
+    )
+    command.add_argument("--host", default=HOST, help=f"address to listen at (default {HOST}: this machine alone)")
+    command.add_argument("--port", type=_port, default=PORT, help=f"UDP port, 0 for any that is free (default {PORT})")
+    command.add_argument("--allow", metavar="HOST", help="the one address that may lead; needed with another --host")
+    command.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
+    _add_session_options(command)
+
+
+def _follower(options: argparse.Namespace) -> int:
+    if options.allow is None and options.host != HOST:
+        raise HapsceneError(f"--host {options.host} can be reached from elsewhere: say by --allow who may lead")
+    from hapscene.teleoperation.process import run_follower
+
+    allowed = options.allow or HOST
+    return _tell(run_follower((options.host, options.port), allowed, options.swatch, **_session(options)), options)
+
+
+def _add_leader(parts: Any) -> None:
+    command = add_command(
+        parts,
+        "leader",
+        _leader,
+        "the end that is held, as a process: a simulated hand feels what the follower touches",
+        "hapscene teleoperate leader --peer 127.0.0.1:47600 --duration 10",
+    )
+    command.add_argument(
+        "--peer", type=_address, default=(HOST, PORT), metavar="HOST:PORT", help=f"the follower (default {HOST}:{PORT})"
+    )
+    command.add_argument("--grip", default="medium", metavar="NAME", help="of the hand (default medium)")
+    command.add_argument("--compensator", default="adaptive", metavar="NAME", help="of the handle (default adaptive)")
+    _add_session_options(command)
+
+
+def _leader(options: argparse.Namespace) -> int:
+    from hapscene.teleoperation.process import run_leader
+
+    return _tell(run_leader(options.peer, options.grip, options.compensator, **_session(options)), options)
+
+
+def _add_session_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scheme", choices=SCHEMES, default="wave", help="as at the other end (default wave)")
+    command.add_argument("--duration", type=float, metavar="S", help="seconds; else until Ctrl-C or the peer ends")
+    command.add_argument("--summary", metavar="FILE", help="write how it went as JSON, too")
+    command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
+    line = command.add_argument_group("to make the line from here worse than it is")
+    line.add_argument("--delay", type=float, default=0.0, metavar="MS", help="delay")
+    line.add_argument("--jitter", type=float, default=0.0, metavar="MS", help="mean of a random delay on top of it")
+    line.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="share that is lost, 0 to 1")
+    line.add_argument("--reorder", type=float, default=0.0, metavar="SHARE", help="share that is overtaken, 0 to 1")
+
+
+def _session(options: argparse.Namespace) -> dict[str, Any]:
+    """What both ends are started with."""
+    from hapscene.teleoperation.link import Impairment
+    from hapscene.teleoperation.port import Coupling
+
+    duration_s = float("inf") if options.duration is None else options.duration
+    if not duration_s > 0.0:
+        raise HapsceneError(f"--duration must be above 0 s, is {duration_s:g}")
+    return {
+        "coupling": Coupling(options.scheme),
+        "impairment": Impairment(options.delay * 1e-3, options.jitter * 1e-3, options.loss, options.reorder),
+        "duration_s": duration_s,
+        "seed": options.seed,
+    }
+
+
+def _tell(summary: dict[str, Any], options: argparse.Namespace) -> int:
+    """Print how a session went, and write it where that was asked for."""
+    from hapscene.output import write_whole
+
+    text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+    print(text)
+    if options.summary is not None:
+        write_whole(Path(options.summary), (text + "\n").encode(), HapsceneError)
+    return 0
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError("a port is a whole number from 0 to 65535")
+    return port
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isdecimal() and 0 < int(port) <= 65535):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected HOST:PORT, as {HOST}:{PORT}")
+    return host, int(port)
