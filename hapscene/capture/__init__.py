@@ -8,6 +8,8 @@
 | `channel` | checks and cleans its streams |
 | `segment`, `change_point` | what the tool does when; `segment_plot` draws it |
 | `order` | chooses the order of the models on held-out data |
+| `whittle`, `whittle_search` | AR models over the sensor's white noise |
+| `piece`, `level` | what is fitted to, and how loud it is over force and speed |
 | `texture_fit`, `linear_prediction` | fit the models over force and speed |
 | `excitation` | chooses the noise that drives them |
 | `tap_fit` | fits taps |

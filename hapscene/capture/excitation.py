@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.texture_fit import Pieces
+from hapscene.capture.piece import Pieces
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
 from hapscene.surface.lattice import play
 from hapscene.surface.random import seeded_state

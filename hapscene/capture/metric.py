@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.errors import CaptureError
+from hapscene.errors import CaptureError, HandleError
+from hapscene.handle.spectrogram import spectrogram as spectrogram_of
+from hapscene.handle.spectrogram import spectrogram_error as error_of_spectrogram
 
 Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
 scatter more, so every distance grows with it: compare only distances of one length."""
-
-SPECTROGRAM_S: Final = 0.05
-"""Length of the windows of spectrograms [s], half overlapping, as in the haptography paper."""
 
 BAND_COUNT: Final = 12
 """Bands that 20 to 1000 Hz is cut into [count]. Each is then 39 % wide, the widest difference of frequency that no one
@@ -90,23 +89,15 @@ def goodness_of_fit(
 
 
 def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array, Array]:
-    """Times (n,) [s], frequencies (k,) [Hz] and magnitudes (n, k) [m/s²] of Hann windows of `SPECTROGRAM_S`.
-
-    |S| = |Σ_t w(t) x(t) e^(−2πjft)| / Σ_t w(t). What is left over at the end is less than half a window, and not seen.
+    """`hapscene.handle.spectrogram.spectrogram`.
 
     Raises:
         CaptureError: the signal is shorter than a window.
     """
-    signal = np.asarray(acceleration_m_s2, dtype=np.float64)
-    length = round(SPECTROGRAM_S * rate_Hz)
-    if len(signal) < length:
-        raise CaptureError(f"{len(signal)} samples at {rate_Hz:g} Hz are shorter than a window of {SPECTROGRAM_S} s")
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    parts = np.lib.stride_tricks.sliding_window_view(signal, length)[:: max(1, length // 2)]
-    magnitude = np.abs(np.fft.rfft(parts * window, axis=1)) / window.sum()
-    time = (np.arange(len(parts)) * max(1, length // 2) + 0.5 * length) / rate_Hz
-    frequency = np.fft.rfftfreq(length, 1.0 / rate_Hz)
-    return _array(time), _array(frequency), _array(magnitude)
+    try:
+        return spectrogram_of(acceleration_m_s2, rate_Hz)
+    except HandleError as error:
+        raise CaptureError(str(error)) from None
 
 
 def spectrogram_error(
@@ -115,26 +106,15 @@ def spectrogram_error(
     rate_Hz: float,
     band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
 ) -> float:
-    """Root-mean-square error of a spectrogram over its own root mean square [1], as the haptography handle is judged.
-
-    E = √Σ(|S_d|−|S_a|)² / √Σ|S_d|² with S_d desired and S_a actual, windows of 50 ms, half overlapping, 20–1000 Hz:
-    the normalisation of the haptography papers, whose handle reached 0.48. No output gives 1 (100 %). Two independent
-    stretches of one Gaussian noise give √(2 − π/2) = 0.655, for magnitudes in a spectrogram scatter after Rayleigh: a
-    synthesised texture, which repeats a surface's statistics and not its waveform, can come no nearer.
+    """`hapscene.handle.spectrogram.spectrogram_error`: the swatch is judged as the handle is.
 
     Raises:
-        CaptureError: the signals differ in length, or are shorter than a window.
+        CaptureError: the signals differ in length, are shorter than a window, or the desired one is silent.
     """
-    desired, actual = np.asarray(desired), np.asarray(actual)
-    if desired.shape != actual.shape:
-        raise CaptureError(f"the two signals must have one length, have {desired.shape} and {actual.shape}")
-    _, frequency, wanted = spectrogram(desired, rate_Hz)
-    got = spectrogram(actual, rate_Hz)[2]
-    within = _within(frequency, band_Hz)
-    power = np.sum(wanted[:, within] ** 2)
-    if power == 0.0:
-        raise CaptureError("the desired signal is silent in the band: no error can be put in relation to it")
-    return float(np.sqrt(np.sum((wanted - got)[:, within] ** 2) / power))
+    try:
+        return error_of_spectrogram(desired, actual, rate_Hz, band_Hz)
+    except HandleError as error:
+        raise CaptureError(str(error)) from None
 
 
 def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:
@@ -163,10 +143,6 @@ def band_power(density: ArrayLike, frequency_Hz: ArrayLike, edge_Hz: ArrayLike =
     at = np.interp(whole, frequency, density)
     running = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(whole))])
     return np.asarray(np.diff(running[np.searchsorted(whole, edge)]))
-
-
-def _array(values: ArrayLike) -> Array:
-    return np.asarray(values, dtype=np.float64)
 
 
 def _within(frequency_Hz: ArrayLike, band_Hz: tuple[float, float]) -> NDArray[np.bool_]:

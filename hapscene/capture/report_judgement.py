@@ -1,7 +1,7 @@
 """What a recording says about a swatch, as numbers: what the report shows and tells."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,10 @@ from hapscene.capture.excitation import ExcitationChoice, choose_excitation
 from hapscene.capture.metric_residual import LjungBox
 from hapscene.capture.metric_vibrotactile import Similarity, st_sim
 from hapscene.capture.order import OrderSearch, search_order
+from hapscene.capture.piece import cut
 from hapscene.capture.segment import Segmentation, State
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
-from hapscene.capture.texture_fit import cut
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
@@ -109,14 +109,15 @@ def judge(swatch: Swatch, channels: Channels, states: Segmentation) -> Judgement
     texture = _at_rate(swatch, rate)
     stroke = sliding(channels, states)
     synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate)
+    search = search_order(stroke.acceleration_m_s2, rate)
     held_out, why_not = None, ""
     try:
-        held_out = _hold_out(swatch, stroke)
+        held_out = _hold_out(swatch, stroke, search)
     except CaptureError as error:
         why_not = str(error)
     return Judgement(
         channels,
-        search_order(stroke.acceleration_m_s2, rate),
+        search,
         synthetic,
         metric.spectrogram_error(acceleration, synthetic, rate),
         st_sim(synthetic, acceleration, rate),
@@ -161,12 +162,14 @@ def residual_along(texture: Texture, channels: Channels) -> tuple[Array, Array, 
     return left.ravel(), np.repeat(np.sqrt(variance[kept]), step), signal.ravel()
 
 
-def _hold_out(swatch: Swatch, channels: Channels) -> HeldOut:
-    """Fits the first half and judges by the second."""
+def _hold_out(swatch: Swatch, channels: Channels, search: OrderSearch) -> HeldOut:
+    """Fits the first half, over noise where the whole needs it, and judges by the second."""
     assert swatch.texture is not None  # `judge` has refused it already
     first, second = _half(channels, 0), _half(channels, 1)
     rate = channels.rate_Hz
-    half = fit(first.acceleration_m_s2, rate, first.force_N, first.speed_m_s, order=swatch.texture.order)
+    order = swatch.texture.order
+    chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
+    half = fit(first.acceleration_m_s2, rate, first.force_N, first.speed_m_s, order=chosen)
     texture = half.texture
     if texture is None:
         raise CaptureError(f"the first half holds no texture: {half.absent.get('texture', 'it slides too little')}")

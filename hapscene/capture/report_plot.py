@@ -11,6 +11,7 @@ from hapscene.capture.order import OrderSearch
 from hapscene.capture.report_figure import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SHADE, Key, Plot, drawn
 from hapscene.capture.report_judgement import FELT_DB, HeldOut, Judgement
 from hapscene.constants import ACCELERATION_BAND_HZ, EXCITATION_SPAN
+from hapscene.handle.spectrogram import SPECTROGRAM_S
 from hapscene.surface.texture import Texture
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
         axes = figure.subplots(2, 1, sharex=True, sharey=True)
         for one, label, (time, frequency, magnitude) in zip(axes, ("recorded", "synthesised"), both, strict=True):
             shown = frequency <= ACCELERATION_BAND_HZ[1]
-            step = 0.5 * metric.SPECTROGRAM_S
+            step = 0.5 * SPECTROGRAM_S
             image = one.imshow(
                 decibels(magnitude[:, shown] ** 2).T,
                 origin="lower", aspect="auto", cmap="cividis", vmin=top - RANGE_DB, vmax=top, interpolation="nearest",
@@ -119,9 +120,14 @@ def plot_order(search: OrderSearch, texture: Texture) -> Plot:
     return Plot(
         "Order",
         f"Order {texture.order} is in the swatch; held-out distance {search.distance_dB[at]:.2f} dB, the best of all "
-        f"orders {search.distance_dB.min():.2f} dB. On this recording the search chooses {search.chosen}: the smallest "
-        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. The "
-        "residual is the share of the power that a model leaves of the half it was not fitted to.",
+        f"orders {search.distance_dB.min():.2f} dB. On this recording the search chooses {search.plain}: the smallest "
+        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. "
+        + (
+            ""
+            if search.noise is None
+            else f"With white noise beneath, {search.chosen} misses nothing: the rest would describe the sensor. "
+        )
+        + "The residual is the share of the power that a model leaves of the half it was not fitted to.",
         drawn(draw, 4.4),
         "Held-out log-spectral distance and residual over the order of the models.",
         (

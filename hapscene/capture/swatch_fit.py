@@ -11,11 +11,12 @@ from hapscene.capture.channel import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATIO
 from hapscene.capture.excitation import fit_excitation, normalised, quantile_knots
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order import search_order
+from hapscene.capture.piece import PIECE_S, Pieces, cut, pooled
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import Segmentation, State, segment
 from hapscene.capture.stiffness import fit_stiffness
 from hapscene.capture.tap_fit import fit_taps
-from hapscene.capture.texture_fit import PIECE_S, Pieces, choose_model_count, cut, fit_texture, pooled
+from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
@@ -163,13 +164,15 @@ def _texture(
     signal = np.concatenate(sliding)
     if len(signal) < DURATION_MIN_S * rate:
         raise _NoTexture(f"the tool slides for {len(signal) / rate:.2f} s: at least {DURATION_MIN_S:g} s are needed")
+    noise = None
     if order == "auto":
-        order = search_order(signal, rate).chosen
+        search = search_order(signal, rate)
+        order, noise = search.chosen, search.noise
     if model_count == "auto":
-        model_count = choose_model_count(pieces, rate, order)
+        model_count = choose_model_count(pieces, rate, order, noise)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
-    texture = fit_texture(pieces, rate, order, model_count, interpolation)
+    texture = fit_texture(pieces, rate, order, model_count, interpolation, noise)
     if excitation == "gaussian":
         return texture
     if excitation == "measured":
