@@ -35,6 +35,10 @@ class CaptureError(HapsceneError):
     """A recording from which no swatch can be fitted."""
 
 
+class HandleError(HapsceneError):
+    """A haptography handle that cannot be: bad parameters, an unknown compensator, signals that do not fit."""
+
+
 class ViewError(HapsceneError):
     """A picture that cannot be drawn here, with the package that would help."""
 

@@ -14,34 +14,51 @@ from typing import Any, Final
 from hapscene.handle.basis import COUNT, differences, integrals, section
 from hapscene.native import native
 
-COUPLING_D: Final = 1.4142135623730951
-"""Damping of the coupling capacitor's section [1]: Butterworth."""
+LEARN_ABOVE: Final = 0.9
+"""Gain of the governor above which it is learnt [1]: below, the coil is near its stops."""
+
+SURE: Final = 4.0
+"""A force that the model leaves unexplained is a knock where its square is above so much of the mean square of what is
+played [1]: a handle of three times the nominal mass is not taken for one."""
 
 
 @native
-def adapt(h: Any, force_N: float, measured_m_s2: float, asked_m_s2: float) -> None:
-    """Learn from one sample: the force that acted [N], the acceleration that was read and the one that was due."""
-    h.loud += h.loud_share * (asked_m_s2 * asked_m_s2 - h.loud)
+def adapt(h: Any, force_N: float, measured_m_s2: float, asked_m_s2: float, gain: float) -> None:
+    """Learn from one sample: the force that acted, the acceleration that was read, the one that was due at that gain.
+
+    A force that nothing explains is the coil's knock at a stop. Then nothing is learnt for a while, and the governor
+    gives out less travel.
+    """
+    h.loud += h.loud_share * ((gain * asked_m_s2) ** 2 - h.loud)
     h.sensed_N += (1.0 - h.sensor_pole) * (force_N - h.sensed_N)  # the accelerometer's own pole, on both sides alike
-    f = section(h.coupling, 0, h.coupling_g, COUPLING_D, h.sensed_N)[0]
-    a = section(h.coupling, 2, h.coupling_g, COUPLING_D, measured_m_s2)[0]
-    y = differences(h.pushed, h.g, h.d1, h.d2, f)
-    phi = integrals(h.felt, h.g, h.d1, h.d2, a)
-    if not y * y < 1e12:  # nothing finite to learn from
-        return
-    p, gain = h.spread, h.gain
-    predicted, variance = 0.0, h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2
+    f = section(h.heard, 0, h.heard_g, h.heard_d, h.sensed_N)[1]
+    a = section(h.heard, 2, h.heard_g, h.heard_d, measured_m_s2)[1]
+    y = differences(h.pushed, h.g, h.d1, h.d2, h.heard_d * f)
+    phi = integrals(h.felt, h.g, h.d1, h.d2, h.heard_d * a)
+    surprise = y
     for i in range(COUNT):
-        total = 0.0
-        for j in range(COUNT):
-            total += p[i, j] * phi[j]
-        gain[i] = total
-        predicted += h.theta[i] * phi[i]
+        surprise -= h.theta[i] * phi[i]
+    h.room += h.room_back * (1.0 - h.room)
+    if surprise * surprise > h.knock_N**2 + SURE * h.nominal[0] ** 2 * h.loud:
+        if h.deaf == 0:
+            h.room *= h.knocked
+        h.deaf = h.deaf_count
+    if h.deaf > 0:
+        h.deaf -= 1
+    elif gain > LEARN_ABOVE:
+        _learn(h, y, phi, surprise)
+
+
+@native
+def _learn(h: Any, y: float, phi: tuple[float, float, float, float, float], surprise: float) -> None:
+    """The Kalman filter's step: θ and its covariance, which goes back to what it was before with time."""
+    p, k, theta = h.spread, h.gain, h.theta
+    variance = h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2
     for i in range(COUNT):
-        variance += phi[i] * gain[i]
-    surprise = (y - predicted) / variance
+        k[i] = p[i, 0] * phi[0] + p[i, 1] * phi[1] + p[i, 2] * phi[2] + p[i, 3] * phi[3] + p[i, 4] * phi[4]
+        variance += phi[i] * k[i]
+    share, keep = 1.0 / variance, 1.0 - h.forget
     for i in range(COUNT):
-        h.theta[i] = min(max(h.theta[i] + gain[i] * surprise, h.theta_low[i]), h.theta_high[i])
-        for j in range(i, COUNT):
-            left = p[i, j] - gain[i] * gain[j] / variance
-            p[i, j] = p[j, i] = left + h.forget * (h.spread_before[i, j] - left)
+        theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + h.forget * h.spread_before[i, j]

@@ -1,13 +1,17 @@
 """Saturation, anticipated: a gain that is down before the signal that needs it so. Compiled.
 
-The signal is played `LOOK_AHEAD_S` late. Meanwhile a model of the nominal handle, driven by the whole of what the
-compensator asks for, says how much of its force and travel is needed: need = max(|F|/F_max, swing/r_max), swing =
-√(r² + (ṙ/ω)²) being how far the coil swings if nothing more is done. Where need is above 1 the gain must be below
-1/need. It is made so by the least of the gains over the look-ahead, averaged over the look-ahead: no sample is played
-above its own bound, and the gain has no corner sharper than a ramp of that length. Afterwards it comes back slowly,
-as the swing that is still in the coil dies away.
+The signal is played `LOOK_AHEAD_S` late. Meanwhile a model of the nominal handle tells what it will ask for. A sample
+bears a gain at which the force is inside its limit, and at which the coil, at the end of the look-ahead, swings no
+further than it may: it is where what has been played will leave it, plus the gain times what is still to be played
+(a reference governor, Gilbert & Kolmanovsky 2002, "Nonlinear tracking control in the presence of state and control
+constraints: a generalized reference governor", Automatica 38; here in closed form, a quadratic equation). Swing is
+√(r² + (ṙ/ω)²), how far the coil goes if nothing more is done.
 
-What is averaged are whole numbers: a running sum of them never drifts.
+What is played is the least of the gains over the look-ahead, averaged over the look-ahead: no sample has more than its
+own, and the gain has no corner sharper than a ramp of that length. Afterwards it comes back slowly.
+
+The model is the nominal handle. One that differs may reach its stops where the signal is far too loud: see
+`motion.move`; the learning compensator hears that, and gives out less travel (`adaptation`).
 """
 
 import math
@@ -27,38 +31,64 @@ ringing."""
 
 TRAVEL_SHARE: Final = 0.6
 """Share of the travel that the nominal model may use [1]. For one acceleration the travel is (m_c + m_h)/m_c a/ω²:
-with both masses off by 30 % it is up to 1.7 times the nominal, and a gain in motion adds to it."""
+with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a fifth more was seen."""
 
 RING: Final = 512
-"""Room for the look-ahead [samples]: up to 100 kHz."""
+"""Room for the look-ahead [samples], a power of two: up to 100 kHz."""
 
-_ONE: Final = 2.0**40
-"""The gain 1 as a whole number: steps of 1e-12, and the sum over a look-ahead far from overflow."""
+MASK: Final = RING - 1
+"""A count's place in a ring, as a mask: a division would cost as much as the rest."""
 
-
-@native
-def need(h: Any, force_N: float) -> float:
-    """Force and travel that a force of the nominal compensator needs, over what there is [1]."""
-    x = h.scout_x
-    advance(h.scout_step, x, force_N)
-    swing = math.hypot(x[2], x[3] / h.scout_rad_s)
-    return max(abs(force_N) / (h.force_share * h.force_limit_N), swing / (TRAVEL_SHARE * h.travel_limit_m))
+ONE: Final = 1 << 40
+"""The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
 
 
 @native
-def fade(h: Any, need: float) -> float:
-    """The gain for the sample of `delay` samples ago, once this one's need is known; 0 … 1."""
-    target = 1.0 / max(need, 1.0)
+def foresee(h: Any, asked_N: float, needed_N: float) -> float:
+    """The gain that the sample asked for now will bear, when it is played a look-ahead from now; 0 … 1.
+
+    `asked_N` is the force that the nominal handle would need for it, `needed_N` the most that any is known to need.
+    """
+    bound = min(1.0, h.force_share * h.force_limit_N / max(abs(needed_N), 1e-12))
+    s, x, ahead = h.scout_x, h.applied_x, h.ahead
+    advance(h.scout_step, s, asked_N)
+    old = h.scouted[(h.count - h.delay) & MASK]
+    # where the coil is at the end of the look-ahead: (r, v) if nothing is played, (dr, dv) more at gain 1
+    r = v = dr = dv = 0.0
+    for j in range(4):
+        r += ahead[2, j] * x[j]
+        v += ahead[3, j] * x[j]
+        dr -= ahead[2, j] * old[j]
+        dv -= ahead[3, j] * old[j]
+    dr += s[2]
+    dv += s[3]
+    for j in range(4):
+        h.scouted[h.count & MASK, j] = s[j]
+    v, dv = v / h.scout_rad_s, dv / h.scout_rad_s
+    room = h.room * h.room_m
+    a, b, c = dr * dr + dv * dv, r * dr + v * dv, r * r + v * v - room * room
+    if a + 2.0 * b + c <= 0.0:
+        return float(bound)
+    if c >= 0.0 or a == 0.0:
+        return 0.0
+    root = math.sqrt(b * b - a * c)
+    gain = c / (-b - root) if b > 0.0 else (root - b) / a  # of two forms the one that does not cancel
+    return float(min(bound, gain))
+
+
+@native
+def fade(h: Any, target: float) -> float:
+    """The gain for the sample of `delay` samples ago, once this one's is known; 0 … 1."""
     h.released = min(target, h.released + (1.0 - h.released) * h.release)
     now, length = h.count, h.delay + 1
-    while h.last > h.first and h.least[(h.last - 1) % RING] >= h.released:
+    while h.last > h.first and h.least[(h.last - 1) & MASK] >= h.released:
         h.last -= 1
-    h.least[h.last % RING] = h.released
-    h.when[h.last % RING] = now
+    h.least[h.last & MASK] = h.released
+    h.when[h.last & MASK] = now
     h.last += 1
-    if h.when[h.first % RING] <= now - length:
+    if h.when[h.first & MASK] <= now - length:
         h.first += 1
-    whole = int(h.least[h.first % RING] * _ONE)
-    h.sum += whole - h.gains[now % length]
-    h.gains[now % length] = whole
-    return float(h.sum / (length * _ONE))
+    whole = int(h.least[h.first & MASK] * ONE)
+    h.total += whole - h.gains[(now - length) & MASK]
+    h.gains[now & MASK] = whole
+    return float(h.total * h.share)

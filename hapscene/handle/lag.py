@@ -21,8 +21,8 @@ def sampled_response(
     A held command has images around the multiples of the rate; sampling folds them back. At high frequency the plant is
     1/m_h, and passes them. So that path is taken as the sampled system that it is: with z = exp(jωT),
     G = 1 − [τ (z−1)/(z−e^(−T/τ)) − σ (z−1)/(z−e^(−T/σ))]/(τ−σ), the zero-order hold of 1/((1+τs)(1+σs)) by partial
-    fractions. The rest of the plant, H − 1/m_h, falls with frequency: its images are below 1e-5, and it is taken as
-    continuous, times the hold's e^(−jωT/2) sinc.
+    fractions. The rest of the plant, H − 1/m_h, falls with frequency; it is taken as continuous, times the hold's
+    e^(−jωT/2) sinc. Its images, left out so, are 3e-5 of the response at 10 kHz, 4e-4 at 5 kHz, 2e-3 at 3 kHz.
     """
     frequency = np.asarray(frequency_Hz, dtype=np.float64)
     s, period_s = 2j * np.pi * frequency, 1.0 / rate_Hz

@@ -33,7 +33,7 @@ def hold(h: Any, step: Any) -> None:
         for j in range(5):
             total += abs(work[i, j])
         largest = max(largest, total)
-    halvings = max(0, int(math.ceil(math.log2(max(largest, 1e-30) / h.rate_Hz))) + 1)
+    halvings = max(0, math.ceil(math.log2(max(largest, 1e-30) / h.rate_Hz)) + 1)
     scale = math.ldexp(1.0 / h.rate_Hz, -halvings)
     for i in range(5):
         for j in range(5):
@@ -103,6 +103,7 @@ def move(h: Any, force_N: float) -> float:
     x = h.x
     spring = h.k_s_N_m * x[2] + h.b_s_Ns_m * x[3]
     acceleration = (force_N + spring - h.k_u_N_m * x[0] - h.b_u_Ns_m * x[1]) / h.m_h_kg
+    before = abs(x[2])
     advance(h.step, x, force_N)
     if abs(x[2]) > h.travel_limit_m:
         stop = math.copysign(h.travel_limit_m, x[2])
@@ -113,7 +114,7 @@ def move(h: Any, force_N: float) -> float:
             x[1] += share * x[3]
             acceleration += share * x[3] * h.rate_Hz
             x[3] = 0.0
-        h.hits += 1
+        h.hits += 1 if before < h.travel_limit_m else 0
     return float(acceleration)
 
 

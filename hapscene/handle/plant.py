@@ -40,8 +40,9 @@ class Plant:
         k_u_N_m: stiffness of the hand that holds it, ≥ 0.
         b_u_Ns_m: damping of that hand, ≥ 0.
         force_limit_N: peak force of the actuator.
-        travel_limit_m: how far the coil may travel to either side of its rest, where it meets a stop.
-        amplifier_Hz: bandwidth of the amplifier's current loop, one pole.
+        travel_limit_m: how far the coil may travel to either side of its rest, where it meets a stop. Assumed, for the
+            actuator's stroke was not to be had: a few millimetres are usual for coils of that force.
+        amplifier_Hz: bandwidth of the amplifier's current loop, one pole; assumed as well.
 
     Raises:
         HandleError: a number that is not finite, or out of range.

@@ -5,10 +5,10 @@ completely, so nothing leaks and no resonance is smeared, as it is by Welch's sh
 coherence need are taken over adjacent frequencies instead of over windows (Bendat & Piersol 2010, "Random Data", 4th
 ed., 8.5.1 and 9.2): H1 = Σ F*A / Σ |F|² over the lines of a band.
 
-Within a band the response changes, which plain coherence would count as noise. So a straight line in frequency is fitted
-to each band, A = (h + h′ (f − f̄)) F, by least squares. With f̄ the mean frequency weighted by |F|², h is exactly H1, and
-what the line leaves is noise. To second order h is the response averaged over the band, (H(f̄ − σ) + H(f̄ + σ))/2, with σ
-the weighted spread of its frequencies; a model that is compared with it is averaged likewise.
+Within a band the response changes, which plain coherence would count as noise. So a straight line in frequency is
+fitted to each band, A = (h + h′ (f − f̄)) F, by least squares. With f̄ the mean frequency weighted by |F|², h is exactly
+H1, and what the line leaves is noise. To second order h is the response averaged over the band,
+(H(f̄ − σ) + H(f̄ + σ))/2, with σ the weighted spread of its frequencies; a model that is compared with it is averaged so.
 """
 
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 BAND_PER_OCTAVE: Final = 24
-"""Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. Wider, and the
-straight line in a band no longer follows it."""
+"""Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. With wider
+ones the straight line in a band no longer follows it."""
 
 LINE_MIN: Final = 6
 """Fewest lines of the spectrum in a band [count]. Two are used up by the straight line; from the others the noise is
 estimated."""
 
 FORCE_SHARE: Final = 1e-6
-"""Least power of force in a band, over that of the median band [1]: below, nothing was played there."""
+"""Least power of force in a band, over that of the strongest [1]: below, nothing was played there."""
 
 CONFIDENCE: Final = 0.95
 
@@ -85,8 +85,6 @@ def estimate_response(
     Raises:
         HandleError: recordings that differ in length, are not finite, too short, or without force in the band.
     """
-    from scipy.signal import detrend
-
     force, acceleration = np.asarray(force_N, dtype=np.float64), np.asarray(acceleration_m_s2, dtype=np.float64)
     if force.ndim != 1 or force.shape != acceleration.shape:
         raise HandleError(f"force and acceleration must have one length, have {force.shape} and {acceleration.shape}")
@@ -100,7 +98,7 @@ def estimate_response(
             f"{20 / band_Hz[0]:.2g} s or more are needed"
         )
     f = np.fft.rfft(force)[low:high]
-    a = np.fft.rfft(detrend(acceleration))[low:high]
+    a = np.fft.rfft(acceleration)[low:high]
     frequency = np.arange(low, high) * rate_Hz / len(force)
     return _banded(frequency, f, a)
 
@@ -117,7 +115,7 @@ def _banded(frequency: Array, f: Complex, a: Complex) -> Response:
 
     count = np.diff(np.append(start, len(frequency)))
     s_ff = total(power).real
-    played = s_ff > FORCE_SHARE * np.median(s_ff)
+    played = s_ff > FORCE_SHARE * s_ff.max()
     s_ff = np.where(played, s_ff, 1.0)
     mean = np.where(played, total(frequency * power).real / s_ff, frequency[start])
     off = frequency - np.repeat(mean, count)

@@ -21,10 +21,10 @@ FIRM: Final = (2000.0, 10.0)
 """The same of the firmest: four times the reference's stiffness, twice its damping."""
 
 SCATTER: Final = 0.1
-"""How far a simulated grip is off what was meant, as a standard deviation of each logarithm [1]: hands do not repeat."""
+"""How far a simulated grip is off what was meant, as a standard deviation of each logarithm [1]: no hand repeats."""
 
 UNREST_N: Final = 0.02
-"""Force of the hand's own unrest, root mean square [N]. Assumed: with the reference's handle it makes about 0.1 m/s², as
+"""Force of the hand's own unrest, root mean square [N]. Assumed: on the reference's handle it makes about 0.1 m/s², as
 physiological tremor does. More of it costs certainty below 30 Hz, where little force can be played."""
 
 UNREST_HZ: Final = 10.0
@@ -74,6 +74,9 @@ class SimulatedSource:
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
+        self._state = np.zeros((2, 7))
+        self._step = np.zeros((7, 10))
+        self._stepped: Plant | None = None
 
     def play(self, force_N: ArrayLike) -> tuple[Array, Array]:
         """Play force (n,) [N], from rest.
@@ -81,26 +84,35 @@ class SimulatedSource:
         Raises:
             HandleError: the force, or the travel of the coil, would exceed the plant's limit.
         """
-        from scipy.signal import cont2discrete
-
         force = np.asarray(force_N, dtype=np.float64)
-        peak_N, plant = np.abs(force).max(initial=0.0), self.plant
-        if peak_N > plant.force_limit_N:
-            raise HandleError(f"{peak_N:.3g} N were asked for; the actuator can do {plant.force_limit_N:g} N")
-        # both noises are white up to half the rate, and held like the force
-        noise = self._rng.standard_normal((2, len(force)))
-        noise[0] *= self.noise_m_s2_rtHz * np.sqrt(0.5 * self.rate_Hz)
-        noise[1] *= self.unrest_N * np.sqrt(self.rate_Hz / (np.pi * UNREST_HZ))
-        a, b, *_ = cont2discrete(self._system(), 1.0 / self.rate_Hz, method="zoh")
-        out = np.zeros((len(force), 2))
-        _advance(np.hstack([a, b]), np.column_stack([force, *noise]), np.zeros((2, len(a))), out)
-        travel_m = np.abs(out[:, 1]).max(initial=0.0)
-        if travel_m > plant.travel_limit_m:
+        peak_N, limit_m = np.abs(force).max(initial=0.0), self.plant.travel_limit_m
+        if peak_N > self.plant.force_limit_N:
+            raise HandleError(f"{peak_N:.3g} N were asked for; the actuator can do {self.plant.force_limit_N:g} N")
+        self._state[:] = 0.0
+        acceleration, travel_m = self.advance(force)
+        most_m = np.abs(travel_m).max(initial=0.0)
+        if most_m > limit_m:
             raise HandleError(
-                f"the coil would travel {1e3 * travel_m:.2g} mm and meet a stop at {1e3 * plant.travel_limit_m:.2g} mm: "
+                f"the coil would travel {1e3 * most_m:.2g} mm and meet a stop at {1e3 * limit_m:.2g} mm: "
                 "play less force"
             )
-        return force, np.asarray(out[:, 0])
+        return force, acceleration
+
+    def advance(self, force_N: ArrayLike) -> tuple[Array, Array]:
+        """Acceleration (n,) [m/s²] and travel (n,) [m] for more force (n,) [N]; keeps no limits."""
+        force = np.asarray(force_N, dtype=np.float64)
+        # both noises are white up to half the rate, and held like the force
+        noise = self._rng.standard_normal((len(force), 2))
+        noise[:, 0] *= self.noise_m_s2_rtHz * np.sqrt(0.5 * self.rate_Hz)
+        noise[:, 1] *= self.unrest_N * np.sqrt(self.rate_Hz / (np.pi * UNREST_HZ))
+        if self._stepped is not self.plant:
+            from scipy.signal import cont2discrete
+
+            a, b, *_ = cont2discrete(self._system(), 1.0 / self.rate_Hz, method="zoh")
+            self._step, self._stepped = np.hstack([a, b]), self.plant
+        out = np.zeros((len(force), 2))
+        _advance(self._step, np.column_stack([force, noise]), self._state, out)
+        return out[:, 0].copy(), out[:, 1].copy()
 
     def _system(self) -> tuple[Array, Array, Array, Array]:
         """A (7, 7), B (7, 3), C (2, 7), D (2, 3): inputs force command, noise, unrest; outputs reading and travel.
@@ -123,7 +135,7 @@ class SimulatedSource:
 
 @native
 def _advance(step: Array, inputs: Array, x: Array, out: Array) -> None:
-    """Fill out (n, 2) with reading and travel as each of the inputs (n, 3) begins; x (2, 7) is room, its first row 0."""
+    """Fill out (n, 2) with reading and travel as each of the inputs (n, 3) begins; the state is the first row of x."""
     for k in range(len(inputs)):
         out[k, 0], out[k, 1] = x[0, _READING], x[0, _TRAVEL]
         for i in range(7):

@@ -13,15 +13,15 @@ from hapscene.handle.plant import Plant
 Array = NDArray[np.float64]
 
 BAND_HZ: Final = (10.0, ACCELERATION_BAND_HZ[1])
-"""Band of the sweep [Hz]: from where the paper's begins, 10 Hz, to the end of the acceleration channel. The paper's ends
-at 200 Hz; what lies above tells the mass of the handle, and the lag of amplifier and accelerometer."""
+"""Band of the sweep [Hz]: from where the paper's begins, 10 Hz, to the end of the acceleration channel. The paper's
+ends at 200 Hz; what lies above tells the mass of the handle, and the lag of amplifier and accelerometer."""
 
 OVERSHOOT: Final = 1.06
 """How far the sweep runs past either end of its band [1], to fade in and out there. Less, and the ends of the band are
 played more quietly than the rest."""
 
 REST_S: Final = 1.0
-"""Silence after the sweep [s], in which the handle comes to rest; the assumed handle decays at 10/s. What still rings at
+"""Silence after the sweep [s], in which the handle comes to rest; the assumed one decays at 10/s. What still rings at
 the end of the recording is missing from the response."""
 
 TRAVEL_SHARE: Final = 0.5
@@ -77,7 +77,8 @@ class Sweep:
         """
         if not rate_Hz >= RATE_MIN * self.high_Hz:
             raise HandleError(
-                f"sweep: at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz, not {self.high_Hz:g} Hz"
+                f"sweep: at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz, "
+                f"not to {self.high_Hz:g} Hz"
             )
         first, last = self.low_Hz / OVERSHOOT, min(self.high_Hz * OVERSHOOT, 0.49 * rate_Hz)
         octaves = np.log(last / first)
@@ -90,19 +91,12 @@ class Sweep:
         return np.concatenate([force_N, np.zeros(round(REST_S * rate_Hz))])
 
     def amplitude(self, frequency_Hz: Array, guess: Plant) -> Array:
-        """Largest force at each frequency [N] that keeps to `force_N`, the actuator's limit, and the share of the travel.
+        """Largest force (n,) [N] at each frequency that `force_N`, the actuator and the travel allow.
 
         The travel is the guessed plant's, and the largest that it has within a factor `DETUNED` of the frequency.
         """
         around = np.geomspace(1.0 / DETUNED, DETUNED, 25)
-        travel_m_N = np.abs(guess.travel_response(frequency_Hz[:: self._stride(frequency_Hz), None] * around)).max(
-            axis=1
-        )
-        limit_N = TRAVEL_SHARE * guess.travel_limit_m / travel_m_N
-        allowed_N = np.interp(frequency_Hz, frequency_Hz[:: self._stride(frequency_Hz)], limit_N)
-        return np.minimum(allowed_N, min(self.force_N, guess.force_limit_N))
-
-    @staticmethod
-    def _stride(frequency_Hz: Array) -> int:
-        """The limit is smooth: it is worked out at a thousand frequencies."""
-        return max(1, len(frequency_Hz) // 1000)
+        few_Hz = frequency_Hz[:: max(1, len(frequency_Hz) // 1000)]  # it is smooth
+        travel_m_N = np.abs(guess.travel_response(few_Hz[:, None] * around)).max(axis=1)
+        allowed_N = np.interp(frequency_Hz, few_Hz, TRAVEL_SHARE * guess.travel_limit_m / travel_m_N)
+        return np.asarray(np.minimum(allowed_N, min(self.force_N, guess.force_limit_N)))

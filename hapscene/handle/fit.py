@@ -26,8 +26,7 @@ GRIP_MAX: Final = 20
 
 PRIOR: Final = 2.0
 """Standard deviation of each parameter's logarithm about the guess, before anything is measured [1]: a factor of seven
-either way. Keeps the search finite where the grips do not differ; moves a parameter that is known to 1 % by 1/40,000 of
-what it was off."""
+either way. Keeps the search finite where the grips do not differ; moves what is known to 1 % by 1/40,000 of its way."""
 
 KNOWN: Final = 0.25
 """Largest standard deviation of a logarithm at which a parameter counts as known [1]: its interval spans 1 to 2.7."""
@@ -38,6 +37,18 @@ to look quiet would be weighed too much."""
 
 NORMAL_95: Final = 1.959964
 """Reach of a 95 % interval, in standard deviations [1]."""
+
+COARSE: Final = 0.1
+"""Relative error at which every band is weighed first [1]."""
+
+ENOUGH: Final = 1.5
+"""Misfit at which no further start is tried [1]: the model then explains what noise does not."""
+
+EVALUATION_MAX: Final = 60
+"""Most evaluations of a search [count]. Those that arrive take 10 to 30; a valley that takes more is not the one."""
+
+_FADED: Final = 1e-3
+"""What the prior counts in the intervals [1]: just enough that a parameter of which nothing is known has one."""
 
 _DELAY_S: Final = 1e-4
 """Unit of the time constants in the search [s]."""
@@ -55,7 +66,8 @@ def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
     best: tuple[float, float, Interval] | None = None
     lowest = max(response.frequency_Hz[0] for response in responses)
     highest = min(response.frequency_Hz[-1] for response in responses)
-    for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50):
+    whole = highest > 1.9 * lowest  # mean frequencies of bands lie inside the octave that was played
+    for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50) if whole else ():
         parts = []
         for response in responses:
             within = (response.frequency_Hz >= low) & (response.frequency_Hz <= 2.0 * low)
@@ -80,8 +92,8 @@ def identify(
     """Fit eq. 8, with what stands before and after it, to the responses of several grips.
 
     m_c, k_s, b_s, m_h, the amplifier's pole and a delay are common to all; k_u and b_u are each grip's own. The sum of
-    |h − model|²/s² over all bands is made least (Levenberg–Marquardt in a trust region), s from the coherence. Intervals
-    are at 95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains.
+    |h − model|²/s² over all bands is made least (Levenberg–Marquardt, MINPACK), s from the coherence. Intervals are at
+    95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains.
 
     Args:
         responses: of each grip; two or more that differ tell all parameters.
@@ -120,7 +132,7 @@ def identify(
         absent=absent,
         asymptote_kg=mass_kg,
         asymptote_Hz=octave_Hz,
-        delay_s=float((x[5] - x[4]) * _DELAY_S),
+        delay_s=float(x[5] * _DELAY_S - 0.5 / (np.pi * amplifier_Hz)),
         accelerometer_Hz=accelerometer_Hz,
         rate_Hz=rate_Hz,
         band_Hz=(float(responses[0].frequency_Hz[0]), float(responses[0].frequency_Hz[-1])),
@@ -181,28 +193,62 @@ class _Fit:
         return slope
 
     def solve(self) -> tuple[Array, Array, float]:
-        """Best x, the standard deviation of each, and the misfit [1]."""
+        """Best x, the standard deviation of each, and the misfit [1].
+
+        From each start the responses are first met coarsely, each band weighed as if it were known to `COARSE`, so that
+        quiet bands do not hold the search in a wrong valley; then by the noise.
+        """
         from scipy.optimize import least_squares
 
-        starts = [self._start(firmness) for firmness in (0.25, 1.0, 4.0)]
-        self.start = starts[1]
-        self.start = min(starts, key=lambda start: float(np.sum(self.residual(start) ** 2)))
-        found = least_squares(self.residual, self.start, self.slope, method="lm", x_scale="jac", max_nfev=200)
         count = 2 * sum(len(response.frequency_Hz) for response in self.responses)
-        if count <= len(found.x):
-            raise HandleError(f"{count // 2} bands are too few to identify {len(found.x)} numbers from")
-        squares = float(np.sum(found.fun[:count] ** 2)) / (count - len(found.x))
-        covariance = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True) * max(1.0, squares)
-        return found.x, np.sqrt(np.diag(covariance)), float(np.sqrt(squares))
+        if count <= 2 * (3 + len(self.responses)):
+            raise HandleError(f"{count // 2} bands are too few to identify a handle from")
+        fine = self.weight
+        coarse = [
+            1.0 / np.hypot(1.0 / w, COARSE * np.abs(r.response)) for w, r in zip(fine, self.responses, strict=True)
+        ]
+        best: Any = None
+        for start in self._starts(coarse):
+            x = self.start = start
+            for self.weight in (coarse, fine):
+                found = least_squares(self.residual, x, self.slope, method="lm", x_scale="jac", max_nfev=EVALUATION_MAX)
+                x = found.x
+            best = found if best is None or found.cost < best.cost else best
+            squares = float(np.sum(best.fun[:count] ** 2)) / (count - len(best.x))
+            if squares <= ENOUGH**2:
+                break
+        slope = best.jac
+        slope[count:] *= _FADED  # the prior helps to search, and says nothing about what was measured
+        covariance = np.linalg.inv(slope.T @ slope) * max(1.0, squares)
+        return best.x, np.sqrt(np.diag(covariance)), float(np.sqrt(squares))
 
-    def _start(self, firmness: float) -> Array:
-        """The guess, all of it made heavier or lighter until its m_h is the asymptote's; the grips from light to firm."""
+    def _starts(self, weight: list[Array]) -> list[Array]:
+        """Where to search from, the likeliest first.
+
+        The guess is made heavier or lighter until its m_h is the asymptote's. Its coil's spring is tried softer and
+        stiffer, and each grip is the one of a few that fits best.
+        """
         guess, scale = self.guess, self.asymptote[0] / self.guess.m_h_kg
-        own = np.array([getattr(guess, name) for name in OWN]) * scale
+        own = np.log([max(getattr(guess, name) * scale, 1e-9) for name in OWN])
+        hand = np.log(np.maximum([guess.k_u_N_m * scale, guess.b_u_Ns_m * scale], 1e-9))
         tau = 1.0 / (2.0 * np.pi * guess.amplifier_Hz) / _DELAY_S
-        hands = np.array([guess.k_u_N_m, guess.b_u_Ns_m]) * scale * np.ones((len(self.responses), 1))
-        hands[:, 0] *= firmness
-        return np.concatenate([np.log(np.maximum(own, 1e-9)), [tau, tau], np.log(np.maximum(hands, 1e-9)).ravel()])
+        starts = []
+        for stiffer in (0.25, 0.5, 1.0, 2.0, 4.0):
+            x = np.concatenate([own, [tau, tau], np.tile(hand, len(self.responses))])
+            x[1] += np.log(stiffer)
+            cost = 0.0
+            for i, response in enumerate(self.responses):
+                tried = []
+                for firmer in np.log((0.1, 0.3, 1.0, 3.0, 10.0)):
+                    x[6 + 2 * i] = hand[0] + firmer
+                    tried.append(
+                        (float(np.sum((np.abs(response.response - self.model(x, i)) * weight[i]) ** 2)), firmer)
+                    )
+                least, firmer = min(tried)
+                x[6 + 2 * i] = hand[0] + firmer
+                cost += least
+            starts.append((cost, x))
+        return [x for _, x in sorted(starts, key=lambda start: start[0])]
 
     @staticmethod
     def _logs(x: Array) -> Array:

@@ -1,0 +1,174 @@
+"""A simulated handle with known parameters comes back, with intervals that hold; what cannot be known is said."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene.handle.fit import asymptote, identify
+from hapscene.handle.identification import OWN, Identification
+from hapscene.handle.plant import Plant
+from hapscene.handle.response import Response, estimate_response
+from hapscene.handle.source import SimulatedSource, simulated_grips
+from hapscene.handle.sweep import Sweep
+
+RATE_HZ = 10_000.0
+
+Hand = tuple[str, float, float]
+
+
+def measured(
+    plant: Plant, grips: Sequence[Hand], sweep: Sweep, seed: int = 0, rate_Hz: float = RATE_HZ, quiet: bool = False
+) -> list[Response]:
+    """Responses of the plant in each grip, at realistic noise, travel predicted with the default plant."""
+    source = SimulatedSource(plant, rate_Hz, seed=seed)
+    if quiet:
+        source = SimulatedSource(plant, rate_Hz, noise_m_s2_rtHz=1e-7, unrest_N=1e-7)
+    force = sweep.force(rate_Hz, Plant())
+    responses = []
+    for _, k_u, b_u in grips:
+        source.plant = replace(plant, k_u_N_m=k_u, b_u_Ns_m=b_u)
+        responses.append(estimate_response(*source.play(force), rate_Hz, (sweep.low_Hz, sweep.high_Hz)))
+    return responses
+
+
+def identified(
+    plant: Plant, count: int = 5, sweep: Sweep | None = None, seed: int = 0
+) -> tuple[Identification, list[Hand]]:
+    grips = simulated_grips(count, seed)
+    responses = measured(plant, grips, sweep or Sweep(), seed)
+    return identify(responses, RATE_HZ, [name for name, _, _ in grips]), grips
+
+
+@cache
+def default() -> tuple[Identification, list[Hand]]:
+    return identified(Plant())
+
+
+def errors(found: Identification, plant: Plant, grips: list[Hand]) -> dict[str, float]:
+    """Relative error of each parameter."""
+    said = {name: getattr(found.plant, name) / getattr(plant, name) - 1.0 for name in OWN}
+    for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
+        said |= {f"k_u {i}": grip.k_u_N_m / k_u - 1.0, f"b_u {i}": grip.b_u_Ns_m / b_u - 1.0}
+    return said
+
+
+def misses(found: Identification, plant: Plant, grips: list[Hand]) -> list[str]:
+    """Parameters whose interval does not hold the truth."""
+    pairs = [(name, found.intervals[name], getattr(plant, name)) for name in (*OWN, "amplifier_Hz")]
+    for i, (grip, (_, k_u, b_u)) in enumerate(zip(found.grips, grips, strict=True)):
+        pairs += [(f"k_u {i}", grip.intervals["k_u_N_m"], k_u), (f"b_u {i}", grip.intervals["b_u_Ns_m"], b_u)]
+    return [name for name, (low, high), truth in pairs if not low <= truth <= high]
+
+
+def test_the_default_handle_comes_back() -> None:
+    found, grips = default()
+    off = errors(found, Plant(), grips)
+    assert abs(off["m_h_kg"]) < 1e-3
+    assert max(map(abs, off.values())) < 0.1
+    assert len(misses(found, Plant(), grips)) <= 2  # of 15 at 95 %
+    assert found.misfit == pytest.approx(1.0, abs=0.05) and not found.absent
+    assert found.plant.amplifier_Hz == pytest.approx(5000.0, rel=0.03) and abs(found.delay_s) < 1e-6
+
+
+def test_the_first_estimate_of_the_mass_is_within_2_percent() -> None:
+    found, _ = default()
+    assert found.asymptote_kg == pytest.approx(0.12, rel=0.02)
+    low, high = found.asymptote_Hz
+    assert 100.0 < low < high < 600.0
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Plant(0.008, 420.0, 0.15, 0.18, travel_limit_m=0.05),  # a light coil on a stiff spring, at 37 Hz
+        Plant(0.027, 140.0, 0.5, 0.065, travel_limit_m=0.05),  # a heavy one on a soft spring, at 14 Hz
+        Plant(0.01, 480.0, 0.2, 0.2, travel_limit_m=0.05, amplifier_Hz=2000.0),
+    ],
+)
+def test_handles_unlike_the_guess_come_back(plant: Plant) -> None:
+    found, grips = identified(plant, 3, Sweep(sweep_s=6.0))
+    off = errors(found, plant, grips)
+    assert found.misfit < 1.2 and abs(off["m_h_kg"]) < 2e-3
+    assert all(abs(off[name]) < 0.1 for name in OWN)
+
+
+def test_without_noise_the_answer_is_exact() -> None:
+    grips = [("light", 200.0, 3.0), ("firm", 1500.0, 10.0)]
+    responses = measured(Plant(), grips, Sweep(), quiet=True)
+    found = identify(responses, RATE_HZ, ["light", "firm"])
+    assert max(map(abs, errors(found, Plant(), grips).values())) < 3e-3
+    assert abs(found.plant.m_h_kg / 0.12 - 1.0) < 1e-4
+
+
+def test_the_papers_band_to_200_Hz_does_too() -> None:
+    found, grips = identified(Plant(), 3, Sweep(high_Hz=200.0, sweep_s=6.0))
+    assert abs(errors(found, Plant(), grips)["m_h_kg"]) < 2e-3 and max(found.asymptote_Hz) <= 200.0
+    assert all(abs(errors(found, Plant(), grips)[name]) < 0.05 for name in OWN)
+
+
+def test_one_grip_tells_the_mass_and_says_that_the_rest_is_not_known() -> None:
+    found, _ = identified(Plant(m_c_kg=0.02), 1)
+    assert found.plant.m_h_kg == pytest.approx(0.12, rel=2e-3) and "m_h_kg" in found.intervals
+    assert set(found.absent) == {"m_c_kg", "k_s_N_m", "b_s_Ns_m"} and set(found.grips[0].absent) == {
+        "k_u_N_m",
+        "b_u_Ns_m",
+    }
+    assert "play two or more" in found.absent["m_c_kg"]
+
+
+def test_one_grip_still_gives_a_plant_with_the_same_response() -> None:
+    """What one grip cannot tell apart does not show in that grip either: a compensator needs no more."""
+    plant = Plant(m_c_kg=0.02)
+    found, grips = identified(plant, 1)
+    held = replace(plant, k_u_N_m=grips[0][1], b_u_Ns_m=grips[0][2])
+    at = np.geomspace(20.0, 500.0, 30)
+    np.testing.assert_allclose(found.plant_in(found.grips[0]).response(at), held.response(at), rtol=0.03)
+
+
+def test_the_same_grip_twice_does_not_do() -> None:
+    grips = [("a", 500.0, 5.0), ("b", 500.0, 5.0)]
+    found = identify(measured(Plant(), grips, Sweep()), RATE_HZ, ["a", "b"])
+    assert "the grips differ too little" in found.absent["m_c_kg"]
+
+
+def test_a_fast_amplifier_is_not_invented() -> None:
+    found, _ = identified(Plant(amplifier_Hz=1e6), 2, Sweep(high_Hz=300.0))
+    assert "too fast to be seen" in found.absent["amplifier_Hz"] and found.plant.amplifier_Hz == 5000.0
+
+
+def test_a_system_of_another_kind_shows_in_the_misfit() -> None:
+    """A second resonance at 300 Hz, which eq. 8 has not: the intervals are made wider by what it leaves."""
+    responses = measured(Plant(), [("a", 200.0, 3.0), ("b", 1500.0, 10.0)], Sweep())
+    ratio = [1.0 / (1.0 - (r.frequency_Hz / 300.0) ** 2 + 0.1j * r.frequency_Hz / 300.0) for r in responses]
+    other = [replace(r, response=r.response * (1.0 + 0.05 * extra)) for r, extra in zip(responses, ratio, strict=True)]
+    good, bad = (identify(each, RATE_HZ, ["a", "b"]) for each in (responses, other))
+    assert bad.misfit > 5.0 > good.misfit
+    widths = [np.ptp(each.intervals["m_h_kg"]) for each in (good, bad)]
+    assert widths[1] > 4.0 * widths[0]
+
+
+def test_what_cannot_be_identified_is_refused() -> None:
+    responses = measured(Plant(), [("a", 500.0, 5.0)], Sweep(sweep_s=3.0))
+    with pytest.raises(HandleError, match="1 to 20 grips"):
+        identify([], RATE_HZ, [])
+    short = replace(responses[0], **{name: getattr(responses[0], name)[:3] for name in vars(responses[0])})
+    with pytest.raises(HandleError, match="no octave in which"):
+        identify([short], RATE_HZ, ["a"])
+    with pytest.raises(HandleError, match="no octave"):
+        asymptote([short])
+
+
+@pytest.mark.soak
+def test_intervals_hold_19_times_of_20() -> None:
+    """Monte Carlo over 100 noises and grips: 1500 intervals."""
+    missed = [len(misses(*_pair(seed))) for seed in range(100)]
+    assert 0.90 < 1.0 - sum(missed) / 1500.0 < 0.99
+
+
+def _pair(seed: int) -> tuple[Identification, Plant, list[Hand]]:
+    found, grips = identified(Plant(), seed=seed)
+    return found, Plant(), grips

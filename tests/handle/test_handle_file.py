@@ -1,0 +1,135 @@
+"""Handle files: what is written comes back to the bit, and what strangers write is read or refused in words."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapscene.errors import HandleError
+from hapscene.handle.handle_file import BYTES_MAX, handle_from_json, handle_to_json, load_handle, save_handle
+from hapscene.handle.identification import Grip, Identification
+from hapscene.handle.plant import Plant
+
+GRIPS = (
+    Grip("light", 151.2, 2.7, 0.9997, 0.87, {"k_u_N_m": (140.1, 163.0), "b_u_Ns_m": (2.6, 2.8)}),
+    Grip("firm", 1 / 3, 12.0, 0.999, 0.9, {}, {"k_u_N_m": "noise", "b_u_Ns_m": "noise"}),
+)
+HANDLE = Identification(
+    name="ours, № 1",
+    plant=Plant(m_h_kg=0.1 + 0.2, amplifier_Hz=4321.0),
+    grips=GRIPS,
+    intervals={"m_h_kg": (0.29, 0.31), "amplifier_Hz": (4000.0, 4700.0)},
+    absent={"m_c_kg": "one grip"},
+    asymptote_kg=0.3,
+    asymptote_Hz=(160.0, 320.0),
+    delay_s=-1e-7,
+    accelerometer_Hz=1600.0,
+    rate_Hz=10_000.0,
+    band_Hz=(10.0, 1000.0),
+    misfit=1.01,
+    provenance="measured on a Tuesday",
+)
+
+
+def changed(**values: Any) -> str:
+    return json.dumps(json.loads(handle_to_json(HANDLE)) | values)
+
+
+def plant_with(**values: Any) -> str:
+    content = json.loads(handle_to_json(HANDLE))
+    return json.dumps(content | {"plant": content["plant"] | values})
+
+
+def test_it_comes_back_to_the_bit(tmp_path: Path) -> None:
+    save_handle(HANDLE, tmp_path / "a.handle")
+    assert load_handle(tmp_path / "a.handle") == HANDLE
+    assert [file.name for file in tmp_path.iterdir()] == ["a.handle"]
+
+
+@given(st.floats(1e-6, 1e8), st.floats(1e-6, 1e8), st.text(st.characters(exclude_categories=["Cs"]), max_size=50))
+def test_any_numbers_and_names_come_back(mass: float, spring: float, name: str) -> None:
+    from dataclasses import replace
+
+    handle = replace(HANDLE, name=name, plant=Plant(m_h_kg=mass, k_s_N_m=spring))
+    assert handle_from_json(handle_to_json(handle)) == handle
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not a handle"),
+        ("[]", "JSON object"),
+        ("{}", '"format": "hapscene handle"'),
+        (changed(version=2), "later than 1"),
+        (changed(version=True), "whole number"),
+        (changed(colour="red"), "unknown key 'colour'"),
+        (changed(misfitt=1.0), "did you mean 'misfit'"),
+        (changed(name=3), "name must be a text"),
+        (changed(name="x" * 20_000), "at most 10000"),
+        (changed(misfit="1"), "misfit must be a number"),
+        (changed(misfit=True), "misfit must be a number"),
+        (changed(misfit=10**400), "misfit must be a number"),
+        (changed(rate_Hz=0), "rate_Hz must be above 0"),
+        (changed(band_Hz=[1000, 10]), "ascend"),
+        (changed(band_Hz=[10]), "two numbers"),
+        (changed(grips=[]), "1 to 20 grips"),
+        (changed(grips=[{}] * 21), "1 to 20 grips"),
+        (changed(grips=[{}]), r"key 'grips\[0\].name' is missing"),
+        (changed(intervals={"mass": [1, 2]}), "unknown key 'mass'; there may be"),
+        (changed(intervals=[]), "must be an object"),
+        (changed(plant=5), "plant must be an object"),
+        (plant_with(m_h_kg=-1.0), "m_h_kg must be finite and above 0"),
+        (plant_with(k_s_N_m=1e300), "plant.k_s_N_m must be a number of at most 1e"),
+        (handle_to_json(HANDLE).replace("1.01", "NaN"), "NaN is no number"),
+        (handle_to_json(HANDLE).replace('"misfit"', '"name"'), "stands twice"),
+        ("[" * 100_000, "lists"),
+        ("[" * 20_000, "not a handle"),
+    ],
+)
+def test_what_is_no_handle_is_refused_in_words(text: str, words: str) -> None:
+    with pytest.raises(HandleError, match=words):
+        handle_from_json(text)
+
+
+@given(st.data())
+def test_a_damaged_file_is_refused_or_read(data: st.DataObject) -> None:
+    """Whatever a few bytes are changed to: a handle, or a `HandleError`."""
+    text = bytearray(handle_to_json(HANDLE).encode())
+    for _ in range(data.draw(st.integers(1, 4))):
+        text[data.draw(st.integers(0, len(text) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        found = handle_from_json(bytes(text))
+    except HandleError as error:
+        assert len(str(error)) < 1000
+    else:
+        assert np.isfinite(found.plant.response([10.0, 1000.0])).all()
+
+
+def test_files_that_cannot_be_opened_say_why(tmp_path: Path) -> None:
+    with pytest.raises(HandleError, match="No such file"):
+        load_handle(tmp_path / "none.handle")
+    with pytest.raises(HandleError, match="is no file"):
+        load_handle(tmp_path)
+    with pytest.raises(HandleError, match="cannot be read"):
+        load_handle("a\0b")
+    (tmp_path / "big.handle").write_bytes(b" " * (BYTES_MAX + 1))
+    with pytest.raises(HandleError, match="larger than 1 MiB"):
+        load_handle(tmp_path / "big.handle")
+
+
+def test_nothing_is_written_that_would_not_be_read(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    for handle, path in (
+        (replace(HANDLE, misfit=float("nan")), "a.handle"),
+        (replace(HANDLE, delay_s=1e20), "a.handle"),
+        (HANDLE, "a.json"),
+        (HANDLE, "none/a.handle"),
+    ):
+        with pytest.raises(HandleError):
+            save_handle(handle, tmp_path / path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,127 @@
+"""Grips played and read, and what an identification leaves on disk."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HapsceneError
+from hapscene.handle.bode import modelled
+from hapscene.handle.fit import identify
+from hapscene.handle.handle_file import load_handle
+from hapscene.handle.identification import OWN, Identification
+from hapscene.handle.measure import GripRecording, load_grip, load_grips, play_grips
+from hapscene.handle.plant import Plant
+from hapscene.handle.portrait import lines
+from hapscene.handle.result import write_result
+from hapscene.handle.source import SimulatedSource
+from hapscene.handle.sweep import Sweep
+
+RATE_HZ = 4000.0
+SWEEP = Sweep(high_Hz=600.0, sweep_s=4.0)
+HANDS = ((200.0, 3.0), (1500.0, 10.0))
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[GripRecording]:
+    source = SimulatedSource(Plant(), RATE_HZ)
+
+    def hold(i: int) -> None:
+        source.plant = replace(Plant(), k_u_N_m=HANDS[i][0], b_u_Ns_m=HANDS[i][1])
+
+    return play_grips(source, SWEEP, Plant(), ["light", "firm"], hold)
+
+
+@pytest.fixture(scope="module")
+def found(recordings: list[GripRecording]) -> Identification:
+    return made_of(recordings)
+
+
+def made_of(recordings: list[GripRecording]) -> Identification:
+    responses = [recording.response((10.0, 600.0)) for recording in recordings]
+    return identify(responses, RATE_HZ, [recording.name for recording in recordings], name="ours")
+
+
+def test_each_grip_is_played_in_its_turn(recordings: list[GripRecording], found: Identification) -> None:
+    assert [recording.name for recording in recordings] == ["light", "firm"]
+    for grip, hand in zip(found.grips, HANDS, strict=True):
+        assert (grip.k_u_N_m, grip.b_u_Ns_m) == pytest.approx(hand, rel=0.15)
+
+
+def test_a_saved_recording_says_the_same(
+    recordings: list[GripRecording], found: Identification, tmp_path: Path
+) -> None:
+    for recording in recordings:
+        recording.save(tmp_path / f"{recording.name}.npz")
+    again = load_grips([str(tmp_path / "light.npz"), str(tmp_path / "firm.npz")])
+    assert [recording.name for recording in again] == ["light", "firm"] and again[0].rate_Hz == RATE_HZ
+    same = made_of(again)
+    for name in OWN:
+        assert getattr(found.plant, name) == pytest.approx(getattr(same.plant, name), rel=1e-4)
+
+
+def test_tables_in_other_units_and_names(tmp_path: Path) -> None:
+    t_s = np.arange(400) / RATE_HZ
+    table = np.stack([1e3 * np.sin(t_s), np.cos(t_s), 0 * t_s], axis=1)
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="coil,a_x,a_y", comments="")
+    told = {"columns": {"force": "coil", "acceleration": "a_x"}, "units": {"force": "mN", "acceleration": "g"}}
+    recording = load_grip(str(tmp_path / "a.csv"), RATE_HZ, **told)
+    np.testing.assert_allclose(recording.force_N, np.sin(t_s), atol=1e-12)
+    np.testing.assert_allclose(recording.acceleration_m_s2, 9.80665 * np.cos(t_s), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "words"),
+    [
+        ("force,acceleration_x,acceleration_y", {}, "one column must be the acceleration along the handle"),
+        ("force,x,y", {"acceleration": "x+y"}, "one column must be the acceleration along the handle"),
+        ("x,acceleration,y", {}, 'no column "force"'),
+        ("force,acceleration,y", {"acceleration": "z"}, "no column 'z'"),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path: Path, header: str, columns: dict[str, str], words: str) -> None:
+    np.savetxt(tmp_path / "a.csv", np.ones((9, 3)), delimiter=",", header=header, comments="")
+    with pytest.raises(HapsceneError, match=words):
+        load_grip(str(tmp_path / "a.csv"), RATE_HZ, columns, {"force": "N", "acceleration": "m/s2"})
+
+
+def test_grips_of_two_rates_do_not_go_together(recordings: list[GripRecording], tmp_path: Path) -> None:
+    recordings[0].save(tmp_path / "a.npz")
+    replace(recordings[1], rate_Hz=5000.0).save(tmp_path / "b.npz")
+    with pytest.raises(HapsceneError, match=r"b\.npz: 5000 Hz, .*a\.npz: 4000 Hz"):
+        load_grips([str(tmp_path / "a.npz"), str(tmp_path / "b.npz")])
+
+
+def test_what_is_left_on_disk(recordings: list[GripRecording], found: Identification, tmp_path: Path) -> None:
+    responses = [recording.response((10.0, 600.0)) for recording in recordings]
+    made = write_result(found, responses, recordings, tmp_path / "out")
+    assert [file.name for file in made] == ["bode.png", "grip-1.npz", "grip-2.npz", "ours.handle", "response.csv"]
+    assert load_handle(tmp_path / "out" / "ours.handle") == found
+    assert (tmp_path / "out" / "bode.png").read_bytes()[:4] == b"\x89PNG"
+    table = np.genfromtxt(tmp_path / "out" / "response.csv", delimiter=",", skip_header=1)
+    assert len(table) == sum(len(response.frequency_Hz) for response in responses)
+    loud = table[:, 6] > 0.99
+    np.testing.assert_allclose(table[loud, 7], table[loud, 2], rtol=0.1)  # the model lies on what was measured
+    assert write_result(found, responses, [], tmp_path / "b.handle") == [tmp_path / "b.handle"]
+    with pytest.raises(HapsceneError, match="cannot be the name of a file"):
+        write_result(replace(found, name="a/b"), responses, [], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_the_model_that_is_drawn_is_the_one_that_was_fitted(
+    recordings: list[GripRecording], found: Identification
+) -> None:
+    for grip, recording in zip(found.grips, recordings, strict=True):
+        response = recording.response((10.0, 600.0))
+        off = np.abs(modelled(found, grip, response.frequency_Hz) - response.response)
+        assert np.median(off / response.deviation) < 2.0  # of a complex number: 1.2 for the right one
+
+
+def test_the_portrait_tells_what_is_and_is_not_known(recordings: list[GripRecording], found: Identification) -> None:
+    text = "\n".join(lines(found))
+    assert "mass of the handle" in text and "between" in text and "grip light; coherence" in text
+    alone = "\n".join(lines(made_of(recordings[:1])))
+    assert "not known: one grip cannot tell it from the others" in alone
+    poor = "\n".join(lines(replace(found, misfit=7.0)))
+    assert "7.0 times what noise explains: the handle is not quite of this kind" in poor

@@ -1,0 +1,70 @@
+"""The swept sine: what it plays, and that it stays inside what the coil can take."""
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene.handle.plant import Plant
+from hapscene.handle.source import FIRM, LIGHT, SimulatedSource
+from hapscene.handle.sweep import REST_S, TRAVEL_SHARE, Sweep
+
+RATE_HZ = 10_000.0
+
+
+def test_it_begins_and_ends_in_silence_and_plays_the_whole_band() -> None:
+    force = Sweep(sweep_s=4.0).force(RATE_HZ, Plant())
+    rest = round(REST_S * RATE_HZ)
+    assert len(force) == 4 * RATE_HZ + rest and force[0] == 0.0 and not force[-rest:].any()
+    power = np.abs(np.fft.rfft(force)) ** 2
+    frequency = np.fft.rfftfreq(len(force), 1.0 / RATE_HZ)
+    within = (frequency >= 10.0) & (frequency <= 1000.0)
+    assert power[within].sum() > 0.97 * power.sum()
+    bands = np.add.reduceat(power, np.searchsorted(frequency, np.geomspace(10.0, 1000.0, 40)))
+    assert bands[:-1].min() > 1e-3 * bands[:-1].max()
+
+
+def test_every_octave_takes_the_same_time() -> None:
+    """Zero crossings count cycles: over each octave there are twice as many as over the one before."""
+    force = Sweep(low_Hz=20.0, high_Hz=640.0, sweep_s=5.0, force_N=0.01).force(RATE_HZ, Plant())
+    crossings = np.flatnonzero(np.diff(np.signbit(force[: round(5.0 * RATE_HZ)])))
+    octave = 5.0 / np.log2(640.0 / 20.0 * 1.06**2) * RATE_HZ
+    counts = np.histogram(crossings, octave * np.arange(6))[0]
+    np.testing.assert_allclose(counts[1:] / counts[:-1], 2.0, rtol=0.04)
+
+
+@pytest.mark.parametrize("hand", [LIGHT, FIRM])
+def test_travel_stays_inside_its_share_for_the_guessed_handle(hand: tuple[float, float]) -> None:
+    plant = Plant(k_u_N_m=hand[0], b_u_Ns_m=hand[1])
+    force = Sweep(force_N=6.6).force(RATE_HZ, Plant())
+    assert 5.0 < np.abs(force).max() <= 6.6
+    source = SimulatedSource(plant, RATE_HZ, unrest_N=0.0)
+    _, travel_m = source.advance(force)
+    assert np.abs(travel_m).max() <= 1.4 * TRAVEL_SHARE * plant.travel_limit_m
+
+
+def test_a_coil_off_by_a_third_does_not_meet_its_stop() -> None:
+    force = Sweep(force_N=6.6).force(RATE_HZ, Plant())
+    for stiffness in (170.0, 330.0):
+        _, travel_m = SimulatedSource(Plant(k_s_N_m=stiffness), RATE_HZ).advance(force)
+        assert np.abs(travel_m).max() < Plant().travel_limit_m
+
+
+@pytest.mark.parametrize(
+    ("numbers", "word"),
+    [
+        ({"low_Hz": 0.0}, "begin"),
+        ({"low_Hz": 600.0}, "octave"),
+        ({"sweep_s": 1.0}, "needs 2 to"),
+        ({"force_N": 0.0}, "force"),
+        ({"force_N": float("nan")}, "force"),
+        ({"high_Hz": float("nan")}, "octave"),
+    ],
+)
+def test_sweeps_that_cannot_be_are_refused(numbers: dict[str, float], word: str) -> None:
+    with pytest.raises(HandleError, match=word):
+        Sweep(**numbers)
+
+
+def test_a_rate_too_low_for_the_band_says_how_far_it_goes() -> None:
+    with pytest.raises(HandleError, match="can go to 800 Hz, not to 1000 Hz"):
+        Sweep().force(2000.0, Plant())
