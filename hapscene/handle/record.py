@@ -10,7 +10,7 @@ import numpy as np
 from hapscene.errors import HandleError
 from hapscene.handle.basis import COUNT, weights
 from hapscene.handle.compensator import find_compensator
-from hapscene.handle.governor import LOOK_AHEAD_S, ONE, RELEASE_S, RING, TRAVEL_SHARE
+from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, RING, TRAVEL_SHARE
 from hapscene.handle.motion import hold
 from hapscene.handle.plant import Array, Plant
 from hapscene.surface.random import seeded_state
@@ -27,6 +27,9 @@ ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
 ACCELEROMETER_HZ: Final = 1600.0
 """Bandwidth of the accelerometer, one pole [Hz]: what the same sheet allows at its highest output rate. It is assumed
 known; an error of it is taken for one of mass."""
+
+LEARN_HZ: Final = 9.0
+"""Corner of the signals from which θ is learnt, and for which it is scaled [Hz]; just under the band that is felt."""
 
 HEARD_HZ: Final = (8.0, 500.0)
 """Band in which the accelerometer is heard, a pole at each end [Hz]. Below, gravity and the hand's own motion would be
@@ -99,7 +102,10 @@ HANDLE: Final = np.dtype(
         ("sensor_pole", "f8"),
         ("rng", "u8", (4,)),
         ("kind", "i8"),  # 0 no force, 1 mass alone, 2 fixed θ, 3 learnt θ
-        ("g", "f8"),  # tan(ω₀T/2)
+        ("g", "f8"),  # tan(ω₀T/2) of the corner at which is learnt, and for which θ is scaled
+        ("g_low", "f8"),  # of the corner that is played at, while there is room
+        ("g_high", "f8"),  # where there is none
+        ("g_now", "f8"),  # and now
         ("d1", "f8"),
         ("d2", "f8"),
         ("lead", "f8", (3,)),  # its gain, zero and pole
@@ -178,10 +184,12 @@ def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, s
     h.room, h.room_m = 1.0, TRAVEL_SHARE * min(plant.travel_limit_m, nominal.travel_limit_m)
     _set_electronics(h, plant, nominal, chosen.leads, seed)
     h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
-    h.g = math.tan(math.pi * chosen.corner_Hz / rate_Hz)
+    h.g = math.tan(math.pi * LEARN_HZ / rate_Hz)
+    h.g_low = h.g_now = math.tan(math.pi * chosen.corner_Hz / rate_Hz)
+    h.g_high = math.tan(math.pi * HIGH_HZ / rate_Hz)
     h.d1, h.d2 = chosen.damping
     h.force_share = chosen.force_share
-    h.nominal = h.theta = weights(nominal, chosen.corner_Hz)
+    h.nominal = h.theta = weights(nominal, LEARN_HZ)
     if chosen.mass_only:
         h.nominal[1:] = h.theta[1:] = 0.0
     h.delay = round(LOOK_AHEAD_S * rate_Hz)
@@ -191,7 +199,7 @@ def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, s
     h.gains[:] = ONE
     h.total = (h.delay + 1) * ONE
     h.share = 1.0 / float(h.total)
-    _set_adaptation(h, nominal, chosen.corner_Hz)
+    _set_adaptation(h, nominal, LEARN_HZ)
     return handle
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import asymptote, identify
+from hapscene.handle.asymptote import asymptote
+from hapscene.handle.fit import identify
 from hapscene.handle.identification import OWN, Identification
 from hapscene.handle.plant import Plant
 from hapscene.handle.response import Response, estimate_response

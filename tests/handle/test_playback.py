@@ -36,9 +36,21 @@ def test_without_a_compensator_nothing_moves(signals: dict[str, Any]) -> None:
     ],
 )
 def test_the_references_table(signals: dict[str, Any], compensator: str, wanted: dict[str, float]) -> None:
-    """As near as its signals are known; its texture has far more below 40 Hz than wood: F = m_h·a does better here."""
+    """As near as its signals are known; its texture has far more below 40 Hz than wood: F = m_h·a does better here.
+
+    It knows no end of the coil's travel.
+    """
     for name, error in wanted.items():
-        assert percent(signals[name], compensator) == pytest.approx(error, rel=0.15, abs=0.9)
+        assert percent(signals[name], compensator, Plant(travel_limit_m=0.02)) == pytest.approx(error, rel=0.15, abs=0.9)
+
+
+@pytest.mark.parametrize(("amplitude_m_s2", "most"), [(20.0, 12.0), (50.0, 32.0)])
+def test_a_tap_too_loud_for_the_travel_loses_what_is_slow_and_not_itself(amplitude_m_s2: float, most: float) -> None:
+    t_s = np.arange(3000) / RATE_HZ
+    tap = np.append(np.zeros(2000), amplitude_m_s2 * np.exp(-60.0 * t_s) * np.sin(2.0 * np.pi * 180.0 * t_s))
+    free = play(tap, RATE_HZ, Plant(travel_limit_m=1.0), "inverse")
+    assert np.abs(free.travel_m).max() > 0.6 * Plant().travel_limit_m  # more than the governor gives out
+    assert percent(tap, "inverse") < most
 
 
 def test_the_learnt_inverse_meets_the_aims(signals: dict[str, Any]) -> None:
