@@ -33,8 +33,8 @@ HIGH_HZ: Final = 25.0
 """The corner that the low one yields to [Hz]. Higher takes from the band that is felt, lower leaves less room."""
 
 YIELD: Final = (0.3, 1.2)
-"""Swing, over the room that there is, from where to where the corner goes from low to high, as its square [1]. Chosen on
-taps of 1 to 200 m/s², 100 to 300 Hz: with f₀ = 5 Hz one of 20 m/s², 180 Hz is played with an error of 10 %, without
+"""Swing, over the room that there is, from where to where the corner goes from low to high, as its square [1]. Chosen
+on taps of 1 to 200 m/s², 100 to 300 Hz: with f₀ = 5 Hz one of 20 m/s², 180 Hz is played with an error of 10 %, without
 this 75 %. Earlier, and quieter taps lose; later, and the gain falls first."""
 
 RELEASE_S: Final = 0.1
