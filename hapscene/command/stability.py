@@ -1,0 +1,96 @@
+"""`hapscene stability`."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapscene.command.word import add_command, folder, name_made, rate
+
+if TYPE_CHECKING:
+    from hapscene.surface.swatch import Swatch
+
+
+def add_stability(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "stability",
+        _stability,
+        "draw the walls at which a device is still, and say which swatches would buzz",
+        "hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1 --out out/stability",
+        "hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/stability",
+    )
+    command.add_argument("--device", default="omni", metavar="NAME", help="a device by name (default omni)")
+    command.add_argument(
+        "--rate",
+        type=_rates,
+        default=(1000.0, 5000.0, 10_000.0),
+        metavar="HZ,…",
+        help="of the force channel (default 1000,5000,10000)",
+    )
+    command.add_argument(
+        "--delay", type=_delays, default=(0, 1), metavar="TICKS,…", help="of the loop, in ticks (default 0,1)"
+    )
+    command.add_argument("--scene", metavar="SCENE", help="place its swatches; else those shipped and in the library")
+    command.add_argument("--grip", default="light", metavar="NAME", help="of the hand: none, light, medium, firm")
+    command.add_argument("--cases", type=Path, metavar="JSON", help="run a file of wall cases with known answers too")
+    command.add_argument(
+        "--random", type=_count, default=0, metavar="COUNT", help="chart so many random limits against theory too"
+    )
+    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+
+
+def _stability(options: argparse.Namespace) -> int:
+    from hapscene.device.hand import grip_named
+    from hapscene.stability.run import stability
+    from hapscene.touch import speak
+
+    grip = grip_named(options.grip)
+    made = stability(
+        Path(options.out),
+        options.device,
+        options.rate,
+        options.delay,
+        grip,
+        _swatches(options.scene),
+        options.cases,
+        options.random,
+        speak,
+    )
+    name_made(made)
+    return 0
+
+
+def _swatches(scene: str | None) -> "list[Swatch]":
+    """Those of a scene, or all that are known."""
+    if scene is not None:
+        from hapscene.touch import open_scene
+
+        return open_scene(scene).swatches
+    from hapscene.surface.library import own_entries
+    from hapscene.surface.swatch_file import load_swatch, shipped_swatches
+
+    names = [*shipped_swatches(), *(entry.name for entry in own_entries())]
+    return [load_swatch(name) for name in names]
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    """Rates in Hz, separated by commas, each once."""
+    return tuple(dict.fromkeys(rate(part) for part in text.split(",")))
+
+
+def _delays(text: str) -> tuple[int, ...]:
+    """Delays in ticks, separated by commas, each once."""
+    from hapscene.device.limit import DELAY_MAX
+
+    delays = tuple(dict.fromkeys(int(part) for part in text.split(",")))
+    if not all(0 <= delay <= DELAY_MAX for delay in delays):
+        raise argparse.ArgumentTypeError(f"a delay is a whole number of ticks from 0 to {DELAY_MAX}")
+    return delays
+
+
+def _count(text: str) -> int:
+    """How many: a whole number, 0 or more."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError("a count is a whole number, 0 or more")
+    return value

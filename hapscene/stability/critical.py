@@ -1,0 +1,211 @@
+"""The stiffest wall that a device can touch and come to rest, found by touching it: `critical_stiffness`.
+
+Nothing here knows a formula for the answer. A tool in contact is moved a little and let go, in the closed loop with the
+real tick; the wall is made stiffer until that motion no longer dies.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.stability.mode import growth
+from hapscene.stability.rig import Rig
+from hapscene.twin.loop import DELAY_MAX
+
+DEPTH_M: Final = 1e-3
+"""How deep the tool rests while small motion is looked at [m]: deep enough never to leave the sheet."""
+
+SMALL: Final = 1e-3
+"""The motion at first, over the depth [1]: a thousandth leaves it room to grow, and 13 digits above rounding."""
+
+LARGE: Final = 0.3
+"""Motion that is no longer small, over the depth [1]: what comes after is not looked at."""
+
+SAMPLES: Final = 12
+"""Samples of the motion that its modes are read from, for each mode [count]: half of them are as exact as rounding
+allows, twice as many take twice the time."""
+
+TURN: Final = 0.5
+"""How far the motion turns between two samples [rad]: slow motion is not sampled every tick, or rounding hides whether
+it grows."""
+
+HALVINGS: Final = 8
+"""How often the wall is made half as stiff in search of one at which the tool rests [count], before it is said that
+there is none."""
+
+DOUBLINGS: Final = 60
+"""How often it is made twice as stiff in search of one that buzzes [count]."""
+
+TOLERANCE: Final = 1e-9
+"""To which the limit is found where motion is linear [1]."""
+
+REST_TICKS: Final = 4000
+"""How long the tool has to come to rest over an encoder's edge [ticks]."""
+
+REST_TOLERANCE: Final = 1e-5
+"""To which the limit is found where it is a question of rest [1]."""
+
+EDGE: Final = 64.5
+"""How deep the encoder's edge lies at which the tool is tried [encoder steps]: a whole number and a half."""
+
+
+def critical_stiffness(
+    mass_kg: float,
+    damping_Ns_m: float,
+    tick_s: float,
+    delay_ticks: int = 0,
+    wall_damping_Ns_m: float = 0.0,
+    coulomb_N: float = 0.0,
+    quantum_m: float = 0.0,
+) -> float:
+    """The stiffness up to which a tool in contact with a wall comes to rest [N/m], by simulation through the real tick.
+
+    Args:
+        mass_kg: m of the device, at its tip, > 0.
+        damping_Ns_m: b, its own viscous damping.
+        tick_s: T, the period of the force channel; the force is held over it.
+        delay_ticks: d, how many ticks later a force goes out.
+        wall_damping_Ns_m: B, damping of the wall: backward difference of the depth.
+        coulomb_N: c, the device's own Coulomb friction.
+        quantum_m: Δ, step of its encoders.
+
+    Returns:
+        Without friction and encoder steps, the upper end of the stiffnesses at which small motion dies: 0.0 where it
+        dies at none, as with b = B = 0.
+        With both, the stiffness up to which a tool that is pushed at half a step (the worst case), and crosses the
+        edge with a motion that friction would stop within a quarter of a step, comes to rest there. Viscous damping has
+        little part in it: friction holds a tool at rest above 2b/T too, where larger motion would grow
+        (`hapscene.stability.wall_case.peak_speed`), so this is not the limit of passivity of Abbott & Okamura 2005,
+        which is the lower of 2b/T and 2c/Δ.
+        With friction alone math.inf: friction stops every motion that is small enough, whatever the wall.
+        With encoder steps alone 0.0: nothing holds the tool between two of them.
+
+    Raises:
+        HapsceneError: a number out of range.
+    """
+    _check(mass_kg, damping_Ns_m, tick_s, delay_ticks, wall_damping_Ns_m, coulomb_N, quantum_m)
+    rig = Rig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
+    if quantum_m == 0.0:
+        if coulomb_N > 0.0:
+            return math.inf
+        return limit_of_motion(rig, wall_damping_Ns_m)
+    if coulomb_N == 0.0:
+        return 0.0
+    return _limit_of_rest(rig, wall_damping_Ns_m)
+
+
+def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> float:
+    """Natural logarithm, per tick, of how much the slowest-dying mode of small motion grows: below 0 where it dies.
+
+    The rig's device has neither friction nor encoder steps.
+    """
+    rig.tune(stiffness_N_m, wall_damping_Ns_m)
+    order = rig.delay_ticks + 3  # position, speed, the last depth, the forces on their way
+    turn = rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
+    count = SAMPLES * order * max(1, int(TURN / turn))
+    y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, SAMPLES * order, count)
+    if within < 2 * order + 2:
+        return math.log(LARGE / SMALL) / within
+    stride = max(1, within // (SAMPLES * order))
+    return growth(y[:within:stride], order) / stride
+
+
+def _small_motion(rig: Rig, push_N: float, first: int, count: int) -> tuple[NDArray[np.float64], int]:
+    """Depths about the rest (n,) [m], and up to where they are small: `count` ticks, or fewer where they grow large."""
+    y, within = np.zeros(0), 0
+    felt = rig.let_go((1.0 + SMALL) * DEPTH_M, 0.0, push_N, first)
+    while True:
+        y = np.concatenate((y, -felt.p_W_m[:, 2] - DEPTH_M))
+        linear = (np.abs(y[within:]) < LARGE * DEPTH_M) & (felt.recording.f_W_N[:, 2] > 0.0)
+        within += len(linear) if linear.all() else int(linear.argmin())
+        if within < len(y) or within >= count:
+            return y, within
+        felt = rig.push_on(push_N, min(8 * len(y), count - len(y)))
+
+
+def comes_to_rest(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> bool:
+    """Whether a tool that is pushed at half an encoder step comes to rest after a small motion over the edge."""
+    rig.tune(stiffness_N_m, wall_damping_Ns_m)
+    device, wait_s = rig.point, rig.tick_s * (1 + rig.delay_ticks)
+    edge = EDGE * device.quantum_m
+    # friction stops it within a quarter of a step, and the wall answers before it has gone an eighth
+    speed = min(math.sqrt(device.c_N * device.quantum_m / (2.0 * device.mass_kg)), device.quantum_m / (8.0 * wait_s))
+    felt = rig.let_go(edge - device.quantum_m / 16.0, speed, stiffness_N_m * edge, REST_TICKS)
+    last = rig.delay_ticks + 2
+    return bool((felt.v_W_m_s[-last:, 2] == 0.0).all() and felt.recording.touching[-1])
+
+
+def limit_of_motion(rig: Rig, wall_damping_Ns_m: float) -> float:
+    """The largest stiffness at which small motion dies [N/m], 0.0 where there is none: where a mode's growth passes 0.
+
+    The rig's device has neither friction nor encoder steps.
+    """
+    from scipy.optimize import brentq
+
+    mass, T = rig.point.mass_kg, rig.tick_s
+    damping = rig.point.b_Ns_m + wall_damping_Ns_m
+
+    def grows(stiffness_N_m: float) -> float:
+        return motion_growth(rig, stiffness_N_m, wall_damping_Ns_m)
+
+    # only where to begin: far below where the delay of hold and loop feeds as much as the dampers take
+    start = damping / (T * (4.0 + 8.0 * rig.delay_ticks)) if damping > 0.0 else 1e-3 * mass / T**2
+    low = start
+    for _ in range(HALVINGS):
+        if grows(low) < 0.0:
+            break
+        low /= 2.0
+    else:
+        return 0.0
+    high = 2.0 * low
+    for _ in range(DOUBLINGS):
+        if grows(high) >= 0.0:
+            return float(brentq(grows, low, high, xtol=TOLERANCE * low, rtol=TOLERANCE))
+        low, high = high, 2.0 * high
+    return math.inf
+
+
+def _limit_of_rest(rig: Rig, wall_damping_Ns_m: float) -> float:
+    """Halve the stiffnesses between rest and no rest."""
+    low = high = rig.point.c_N / rig.point.quantum_m
+    for _ in range(HALVINGS):
+        if comes_to_rest(rig, low, wall_damping_Ns_m):
+            break
+        low /= 2.0
+    else:
+        return 0.0
+    for _ in range(DOUBLINGS):
+        if not comes_to_rest(rig, high, wall_damping_Ns_m):
+            break
+        low, high = high, 2.0 * high
+    while high - low > REST_TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        if comes_to_rest(rig, middle, wall_damping_Ns_m):
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _check(
+    mass_kg: float, damping: float, tick_s: float, delay: int, wall_damping: float, coulomb: float, quantum: float
+) -> None:
+    for name, value in (("mass_kg", mass_kg), ("tick_s", tick_s)):
+        if not 0.0 < value < math.inf:
+            raise HapsceneError(f"critical stiffness: {name} must be finite and above 0, is {value}")
+    for name, value in (
+        ("damping_Ns_m", damping),
+        ("wall_damping_Ns_m", wall_damping),
+        ("coulomb_N", coulomb),
+        ("quantum_m", quantum),
+    ):
+        if not 0.0 <= value < math.inf:
+            raise HapsceneError(f"critical stiffness: {name} must be finite and at least 0, is {value}")
+    if not 0 <= delay < DELAY_MAX or delay != int(delay):
+        raise HapsceneError(
+            f"critical stiffness: delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay}"
+        )

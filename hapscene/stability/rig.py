@@ -1,0 +1,164 @@
+"""The rig that every wall is tried on: a flat sheet, a point mass, and a hand that leads it there and lets it go.
+
+It is the closed loop of `hapscene.twin` with the real tick and the shipped wall effect, whose stiffness and damping are
+tuned while it runs; there is no other simulator here.
+"""
+
+import warnings
+from collections.abc import Sequence
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.hand import GRIPS, Grip
+from hapscene.device.limit import DeviceWarning, Limits
+from hapscene.device.omni import Omni, stand
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.effect import Effect
+from hapscene.surface.registry import load_effect
+from hapscene.surface.swatch import Swatch
+from hapscene.twin.feel import Feel
+from hapscene.twin.intent import Intent
+from hapscene.twin.twin import Twin
+
+SHEET_M: Final = 0.2
+"""Side of the sheet [m]. Its top is z = 0 and it has no underside, so that no depth is too deep."""
+
+AT_M: Final = (0.031, -0.017)
+"""Where it is touched, x and y [m]: inside one of its two faces."""
+
+HOLD: Final = 100.0
+"""How much stiffer than mass, wall and dampers over a tick the hand is while it leads the tool [1]. It then follows
+within a tick whatever the wall does; at 10 a wall at its limit still moves it."""
+
+SETTLE: Final = 16
+"""Ticks for which the hand holds the tool before it lets go, beside the delay: what the way there stirred up has died
+away to rounding."""
+
+
+def sheet(swatch: Swatch, side_m: float = SHEET_M) -> Scene:
+    """A scene of one flat sheet at z = 0, felt from above, painted with a swatch."""
+    h = side_m / 2.0
+    corners = np.array([(-h, -h, 0.0), (h, -h, 0.0), (h, h, 0.0), (-h, h, 0.0)])
+    scene = Scene()
+    scene.add(Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], np.int32)), name="sheet", swatch=swatch)
+    return scene
+
+
+class Rig:
+    """A device over the sheet.
+
+    Args:
+        device: what touches it; an Omni stands so that it does so in its nominal posture.
+        tick_s: period of the force channel.
+        delay_ticks: how many ticks later a force goes out.
+        limits: of the device; None for none.
+        stiffness_N_m, damping_Ns_m: of the wall, until `tune` changes them.
+    """
+
+    def __init__(
+        self,
+        device: PointMass | Omni,
+        tick_s: float,
+        delay_ticks: int = 0,
+        limits: Limits | None = None,
+        stiffness_N_m: float = 1.0,
+        damping_Ns_m: float = 0.0,
+    ) -> None:
+        self.device, self.tick_s, self.delay_ticks = device, tick_s, delay_ticks
+        self._stiffness_N_m, self._damping_Ns_m = stiffness_N_m, damping_Ns_m
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is asked for
+            self.twin = self._twin(limits)
+
+    def _twin(self, limits: Limits | None) -> Twin:
+        device, tick_s = self.device, self.tick_s
+        wall = Swatch("wall", stiffness_N_m=self._stiffness_N_m, damping_Ns_m=self._damping_Ns_m)
+        return Twin(
+            sheet(wall),
+            device,
+            effects=(_wall(),),
+            tick_s=tick_s,
+            a_rate_Hz=1.0 / tick_s,
+            limits=limits,
+            delay_ticks=self.delay_ticks,
+            X_WD=stand((*AT_M, 0.0)) if isinstance(device, Omni) else None,
+        )
+
+    def tune(self, stiffness_N_m: float, damping_Ns_m: float = 0.0) -> None:
+        """The wall's stiffness and damping from now on."""
+        self._stiffness_N_m, self._damping_Ns_m = stiffness_N_m, damping_Ns_m
+        self.twin.renderer.tune("wall", stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m)
+
+    def let_go(self, depth_m: float, speed_m_s: float, push_N: float, count: int) -> Feel:
+        """The hand leads a point mass into the sheet, lets go of it at a depth and with a speed, and from then on only
+        pushes.
+
+        Args:
+            depth_m: where it lets go, above 0.
+            speed_m_s: how fast the tool is moving in there.
+            push_N: with what it pushes into the sheet, before and after.
+            count: ticks after it has let go.
+
+        Returns:
+            Feel: of the `count` ticks after it has let go.
+        """
+        settle = SETTLE + self.delay_ticks
+        before = depth_m - speed_m_s * self.tick_s * np.arange(settle, -1.0, -1.0)
+        lead_in = before[0] * np.linspace(-0.01, 1.0, 4)[:3]  # from above the sheet
+        target = _at(np.concatenate((lead_in, before)))
+        grip = np.broadcast_to(self._lead().row(), target.shape).copy()
+        grip[-1] = 0.0  # at the depth it lets go
+        push = np.array((0.0, 0.0, -push_N))
+        self.twin.reset(target[0])
+        self.twin.run(Intent(target, grip, np.broadcast_to(push, grip.shape)))
+        return self.push_on(push_N, count)
+
+    def push_on(self, push_N: float, count: int) -> Feel:
+        """The hand goes on pushing into the sheet, and nothing else, for `count` ticks."""
+        return self.twin.run(Intent.hold((*AT_M, 0.0), count, GRIPS["none"], (0.0, 0.0, -push_N)))
+
+    def throw(self, height_m: float, speed_m_s: float, count: int) -> Feel:
+        """A point mass flies at the sheet from above, held by nobody: `count` ticks of it."""
+        self.twin.reset(_at(-height_m), (0.0, 0.0, -speed_m_s))
+        return self.push_on(0.0, count)
+
+    def follow(self, depth_m: NDArray[np.float64], grip: Grip) -> Feel:
+        """The hand means the tool to go along depths (n,), from rest at the first; negative ones are in the air."""
+        path = _at(depth_m)
+        self.twin.reset(path[0])
+        return self.twin.run(Intent.along(path, grip))
+
+    def stay(self, depth_m: float, count: int, grip: Grip) -> Feel:
+        """The hand goes on meaning one depth for `count` ticks."""
+        return self.twin.run(Intent.hold((*AT_M, -depth_m), count, grip))
+
+    @property
+    def point(self) -> PointMass:
+        """The device, where it is a point mass."""
+        if not isinstance(self.device, PointMass):
+            raise HapsceneError("rig: small motion is looked at on a point mass; the device is an Omni")
+        return self.device
+
+    def _lead(self) -> Grip:
+        """A hand that the tool follows within a tick."""
+        device, wall_Ns_m = self.point, self._damping_Ns_m
+        k = HOLD * max(device.mass_kg / self.tick_s**2, self._stiffness_N_m, (wall_Ns_m + device.b_Ns_m) / self.tick_s)
+        return Grip(k, 2.0 * np.sqrt(k * device.mass_kg))
+
+
+@cache
+def _wall() -> Effect:
+    """The shipped effect: a look-up among the plugins takes longer than most runs."""
+    return load_effect("wall")
+
+
+def _at(depth_m: float | Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths (n,) as places in W (n, 3)."""
+    depth = np.asarray(depth_m, np.float64)
+    return np.stack([np.full(depth.shape, AT_M[0]), np.full(depth.shape, AT_M[1]), -depth], axis=-1)

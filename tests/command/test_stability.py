@@ -1,0 +1,49 @@
+"""`hapscene stability`."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from hapscene.cli import main
+from hapscene.stability import z_width
+from hapscene.stability.run import stability
+from hapscene.surface.swatch import Swatch
+
+
+def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from hapscene.device.hand import grip_named
+
+    swatches = [Swatch("steel", 20_000.0), Swatch("felt", 200.0)]
+    args = ("premium-1.5", (1000.0,), (0,), grip_named("light"), swatches)
+    made = stability(tmp_path / "out", *args, dampings_Ns_m=(0.0, 2.0))
+    assert {file.name for file in made} == {"z_width.png", "z_width.csv", "swatches.csv", "words.txt"}
+    with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]
+    assert float(rows[1]["limit_N_m"]) > float(rows[0]["limit_N_m"]) > z_width.STIFFNESS_N_M[0]
+    words = (tmp_path / "out" / "words.txt").read_text(encoding="utf-8")
+    assert "steel: 20000 N/m buzzes at 1 kHz; the device's cap makes it" in words
+    assert "felt" in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--device", "onmi"], "no device 'onmi'; there are: ideal, omni"),
+        (["--device", "ideal"], "has no mass"),
+        (["--grip", "soft"], "no grip 'soft'"),
+        (["--cases", "missing.json", "--device", "ideal"], "has no mass"),
+    ],
+)
+def test_refuses(arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stability", "--out", str(tmp_path / "out"), *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--rate", "0"], ["--delay", "-1"], ["--delay", "x"], ["--random", "-1"]])
+def test_refuses_numbers(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["stability", "--out", "x", *arguments])
+    assert arguments[0] in capsys.readouterr().err
