@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from hapscene.bench.case import short
+from hapscene.bench.handle import draw_handle
 from hapscene.bench.order import ORDERS, RECORDINGS
 from hapscene.bench.peer import PEERS, TRIANGLES
 from hapscene.bench.projection import ANGLES_DEG, STEPS
@@ -55,6 +56,7 @@ def write_charts(sheet: Sheet, folder: Path) -> list[Path]:
         "accuracy": (True, 2, _draw_accuracy),
         "groove": (True, 1, _draw_groove),
         "crowd": (True, 1, _draw_crowd),
+        "handle": (bool(sheet.cases("handle, ")), 2, draw_handle),
         "texture": (bool(sheet.cases("recording ")), 1, _draw_texture),
     }
     made = []

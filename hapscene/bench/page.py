@@ -6,6 +6,7 @@ from typing import Final
 
 from hapscene.bench.markdown import paragraph, shown, table
 from hapscene.bench.order import ORDERS, RECORDINGS
+from hapscene.bench.page_twin import handle_section, twin_section
 from hapscene.bench.peer import CITED, PEERS, TRIANGLES
 from hapscene.bench.projection import ANGLES_DEG, STEPS
 from hapscene.bench.sheet import QUANTILES, Sheet
@@ -21,6 +22,7 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("`run()` of a 10 s path, four effects, order 40", "tick, order 40", "run for 10 s of path", 0.15, "s"),
     ("`step()` from Python over the tick", "tick, order 40", "step over the tick median", 5.0, "µs"),
     ("synthesis of 10 s at 10 kHz, order 40", "synthesis, order 40", "nine models for 10 s", 0.02, "s"),
+    ("closed loop: hand, Omni, handle, four effects", "twin, Omni, handle", "tick", 20.0, "µs"),
     ("`import hapscene`", "start", "import hapscene", 0.5, "s"),
     ("load of 82 k triangles to the first tick, warm cache", "start", "sphere 82 k, load to first tick", 3.0, "s"),
 )
@@ -35,6 +37,10 @@ def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
         parts.append(_texture(sheet, picture))
     if sheet.cases("synthesis, "):
         parts.append(_synthesis(sheet))
+    if sheet.cases("twin, "):
+        parts.append(twin_section(sheet))
+    if "handle" in picture:
+        parts.append(handle_section(sheet, picture))
     parts.append(_crowd(sheet, picture))
     with whole_file(path) as part:
         part.write_text("\n".join(parts), encoding="utf-8")

@@ -5,7 +5,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from hapscene.bench import accuracy, case, crowd, loop_time, machine, order, projection, ray, synthesis, tick_time
+from hapscene.bench import (
+    accuracy,
+    case,
+    crowd,
+    handle,
+    loop_time,
+    machine,
+    order,
+    projection,
+    ray,
+    synthesis,
+    tick_time,
+    twin_time,
+)
 from hapscene.bench.chart import write_charts
 from hapscene.bench.page import write_page
 from hapscene.bench.sheet import Sheet
@@ -93,6 +106,9 @@ def measure(quick: bool, zoo: Path | None, recordings: Path, say: Callable[[str]
     loop_time.measure_start(sheet, main, 1 if quick else 5)
     say("synthesis of textures")
     synthesis.measure_synthesis(sheet)
+    say("the twin in closed loop; the handle's compensators")
+    twin_time.measure_twin(sheet)
+    handle.measure_handle(sheet, 12 if quick else handle.PLANTS)
     say("grooves; recordings" if recordings.is_dir() else "grooves; no recordings beside the checkout: no texture.png")
     projection.measure_projection(sheet)
     if recordings.is_dir():

@@ -68,7 +68,7 @@ def _add_identify(commands: Any) -> None:
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from hapscene.handle.identify import identify
+    from hapscene.handle.fit import identify
     from hapscene.handle.loop import ACCELEROMETER_HZ
     from hapscene.handle.plant import Plant
     from hapscene.handle.portrait import lines
@@ -99,7 +99,7 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
     from dataclasses import replace
 
     from hapscene.errors import HandleError
-    from hapscene.handle.identify import GRIP_MAX
+    from hapscene.handle.fit import GRIP_MAX
     from hapscene.handle.measure import load_grips, play_grips
     from hapscene.handle.source import SimulatedSource, grip_names, simulated_grips
 

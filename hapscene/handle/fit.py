@@ -75,7 +75,7 @@ def identify(
     m_c, k_s, b_s, m_h, the amplifier's pole and a delay are common to all; k_u and b_u are each grip's own. The sum of
     |h − model|²/s² over all bands is made least (Levenberg–Marquardt, MINPACK), s from the coherence. Intervals are at
     95 %, from the Jacobian there, wider by the misfit where the model leaves more than noise explains, and wide
-    enough where what it leaves hangs together over an octave. In simulation 96 % of them hold; where the grip wanders
+    enough where what it leaves hangs together over an octave. In simulation 97 % of them hold; where the grip wanders
     by 5 % during the sweep, 83 %.
 
     Args:

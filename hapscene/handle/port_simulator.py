@@ -98,7 +98,7 @@ def serve(peer: Peer, wire: int, over: Callable[[], bool], hurried: bool = False
         except OSError:
             return  # the other end was closed for good
         if not (hurried and peer.queue):
-            due_s += BLOCK_S
+            due_s = max(due_s + BLOCK_S, time.monotonic() - BLOCK_S)  # what was missed is not made up for
             time.sleep(max(0.0, due_s - time.monotonic()))
         _write(wire, peer.give(len(peer.queue) if hurried and peer.queue else count), over, 30.0 if hurried else 0.2)
 

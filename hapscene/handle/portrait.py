@@ -30,7 +30,7 @@ def lines(handle: Identification) -> list[str]:
     said.append(f"first estimate of the mass: {1e3 * handle.asymptote_kg:.4g} g, from {low:.0f} to {high:.0f} Hz")
     said.append(
         f"beside the poles of amplifier and accelerometer ({handle.accelerometer_Hz:g} Hz, taken as known) "
-        f"the acceleration comes {1e6 * handle.delay_s:.0f} µs late"
+        f"the acceleration comes {round(1e6 * handle.delay_s)} µs late"
     )
     plant = handle.plant
     said.append(f"limits, as given: {plant.force_limit_N:g} N, {1e3 * plant.travel_limit_m:g} mm to either side")

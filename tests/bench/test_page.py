@@ -7,6 +7,7 @@ import pytest
 
 from hapscene.bench import machine, synthesis
 from hapscene.bench.case import short
+from hapscene.bench.handle import SIGNALS
 from hapscene.bench.order import ORDERS, RECORDINGS
 from hapscene.bench.page import AIMS
 from hapscene.bench.peer import TRIANGLES
@@ -14,6 +15,7 @@ from hapscene.bench.projection import ANGLES_DEG, STEPS
 from hapscene.bench.run import bench, publish, write_results
 from hapscene.bench.sheet import Sheet
 from hapscene.errors import HapsceneError
+from hapscene.handle.compensator import COMPENSATORS
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +76,13 @@ def _add_rest(sheet: Sheet) -> None:
     sheet.add("synthesis, wood", "order", 68, "1")
     for figure in ("swatch", "lfilter"):
         sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
+    sheet.add("twin, Omni, handle", "times real time", 110.0, "1")
+    sheet.add("twin, Omni, handle", "tick", 9.0, "µs")
+    for k, name in enumerate(COMPENSATORS):
+        sheet.add(f"handle, {name}", "sample least", 0.1 + 0.05 * k, "µs")
+        for signal in SIGNALS:
+            for what in ("nominal", "median", "p95", "firm"):
+                sheet.add(f"handle, {name}", f"{signal} {what}", 90.0 / (k + 1), "%")
     for name in RECORDINGS:
         for order in ORDERS:
             sheet.add(f"recording {name}", f"order {order} distance", 20.0 / order, "dB")
@@ -84,7 +93,7 @@ def _add_rest(sheet: Sheet) -> None:
 def test_every_chart_is_written_and_shown_on_the_page(sheet: Sheet, tmp_path: Path) -> None:
     made = write_results(sheet, tmp_path)
     charts = {file.name for file in made if file.suffix == ".png"}
-    assert charts == {"speed.png", "accuracy.png", "groove.png", "texture.png", "crowd.png"}
+    assert charts == {"speed.png", "accuracy.png", "groove.png", "texture.png", "crowd.png", "handle.png"}
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in made if file.suffix == ".png")
     page = (tmp_path / "bench.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\(([a-z]+\.png)\)", page)) == charts

@@ -1,0 +1,111 @@
+"""`hapscene handle`, as typed."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.cli import main
+from hapscene.command.handle_play import _desired
+from hapscene.gesture import explore
+from hapscene.handle.handle_file import load_handle
+from hapscene.renderer import Renderer
+from hapscene.touch import open_scene
+
+SHORT = ["--rate", "3000", "--high", "500", "--seconds", "4", "--grips", "2"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated handle, identified."""
+    out = tmp_path_factory.mktemp("handle") / "out"
+    assert main(["handle", "identify", "--simulated", *SHORT, "--name", "ours", "--out", str(out)]) == 0
+    return out
+
+
+def test_a_simulated_handle_is_identified(folder: Path) -> None:
+    found = load_handle(folder / "ours.handle")
+    assert found.plant.m_h_kg == pytest.approx(0.12, rel=0.02) and found.plant.k_s_N_m == pytest.approx(250.0, rel=0.1)
+    assert "simulated handle, seed 0; swept sine, 10 to 500 Hz" in found.provenance
+    assert {file.name for file in folder.iterdir()} >= {"bode.png", "response.csv", "grip-1.npz", "grip-2.npz"}
+
+
+def test_its_recordings_give_it_again(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    grips = [str(folder / f"grip-{i}.npz") for i in (1, 2)]
+    assert main(["handle", "identify", "--from", *grips, "--high", "500", "-o", str(tmp_path / "b.handle")]) == 0
+    first, second = load_handle(folder / "ours.handle"), load_handle(tmp_path / "b.handle")
+    assert first.plant.m_h_kg == pytest.approx(second.plant.m_h_kg, rel=1e-5)
+    assert [grip.name for grip in second.grips] == ["grip-1", "grip-2"]
+    assert "b.handle  (" in capsys.readouterr().out
+
+
+def test_a_seed_gives_the_same_again(folder: Path, tmp_path: Path) -> None:
+    words = ["handle", "identify", "--simulated", *SHORT, "--name", "ours"]
+    assert main([*words, "-o", str(tmp_path / "a.handle")]) == 0
+    assert main([*words, "--seed", "1", "-o", str(tmp_path / "b.handle")]) == 0
+    first, again, other = (load_handle(f) for f in (folder / "ours.handle", *sorted(tmp_path.iterdir())))
+    assert first == again and first.plant != other.plant
+
+
+def test_show_tells_it_in_words_and_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["handle", "show", str(folder / "ours.handle")]) == 0
+    told = capsys.readouterr().out
+    assert "stiffness of the coil's spring" in told and "grip firm; coherence" in told
+    assert main(["handle", "show", str(folder / "ours.handle"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["name"] == "ours"
+
+
+def test_play_writes_what_would_be_felt(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(0)
+    np.savetxt(tmp_path / "a.csv", rng.standard_normal(8000), header="acceleration", comments="")
+    words = ["handle", "play", str(tmp_path / "a.csv"), "--rate", "10000", "--units", "acceleration=m/s2"]
+    errors = []
+    for compensator in ("naive", "flat"):
+        out = tmp_path / compensator
+        told = ["--handle", str(folder / "ours.handle"), "--grip", "2", "--compensator", compensator]
+        assert main([*words, *told, "--out", str(out)]) == 0
+        assert {file.name for file in out.iterdir()} == {"felt.png", "felt.wav"}
+        errors.append(float(capsys.readouterr().out.split("spectrogram error ")[1].split(" %")[0]))
+    assert errors[1] < 10.0 < errors[0] < 100.0
+
+
+def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
+    trimesh.creation.box((0.05, 0.05, 0.02)).export(tmp_path / "a.ply")
+    scene = open_scene(str(tmp_path / "a.ply"), "m", "wood", False)
+    recording = Renderer(scene).run(explore(scene, 1e-3)[:600])
+    recording.save(tmp_path / "touch.npz")
+    options = argparse.Namespace(file=str(tmp_path / "touch.npz"), rate=None, columns={}, units={})
+    desired, rate_Hz = _desired(options)
+    np.testing.assert_array_equal(desired, recording.a_m_s2.ravel())
+    assert rate_Hz == recording.a_rate_Hz
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["identify", "--simulated", "--grips", "0", "-o", "a.handle"], "--grips must be 1 to 20"),
+        (["identify", "--simulated", "--rate", "1000", "-o", "a.handle"], "can go to 400 Hz, not to 1000 Hz"),
+        (["identify", "--simulated", "--force", "-1", "-o", "a.handle"], "force must be above 0 N"),
+        (
+            ["identify", "--simulated", "--travel-limit", "0", "-o", "a.handle"],
+            "travel_limit_m must be finite and above 0",
+        ),
+        (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: cannot be read"),
+        (["identify", "--port", "/dev/none", "-o", "a.handle"], "cannot be opened"),
+        (["show", "none.handle"], "No such file"),
+        (["play", "none.csv", "--grip", "1", "--out", "o"], "--grip needs --handle"),
+        (["play", "none.csv", "--out", "o"], "none.csv: cannot be read"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["handle", *words]) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
+
+
+def test_a_grip_that_is_not_there(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["handle", "play", "a.csv", "--handle", str(folder / "ours.handle"), "--grip", "3", "--out", "o"]) == 2
+    assert "no grip '3'; there are: 1, 2" in capsys.readouterr().err
