@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from hapscene.constants import SLIP_CUTOFF_HZ
-from hapscene.contact.face import barycentric, to_body_before, to_world
+from hapscene.contact.face import barycentric, to_body_before, to_world, turn_to_world
 from hapscene.contact.geometry import Vector, along, dot, norm, sub
 from hapscene.native import native
 
@@ -30,17 +30,53 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         slip = (0.0, 0.0, 0.0)
         if touch.began == 0 and touch.body == was_body:
             slip = _slip(world.bodies[touch.body], memory, p_WP, n)
-        v_rel = sub(v, _drag(world.bodies[touch.body], p_WP, touch.tick_s))
+        drag = _drag(world.bodies[touch.body], p_WP, touch.tick_s)
+        _set(memory.drag_m_s, drag)
+        v_rel = sub(v, drag)
         _press(touch, v_rel, was_depth)
         _slide(touch, memory, slip, v_rel, n)
     else:
         p_WP = p_WT
+        _set(memory.drag_m_s, (0.0, 0.0, 0.0))
         _leave(touch)
     touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
     memory.fresh = 0
+
+
+@native
+def shade(world: Any, surface: Any) -> None:
+    """Turn the normal to that interpolated over the touched face, where all that holds the proxy is one round surface.
+
+    Slip and speeds stay those along the face.
+    """
+    touch, proxy = surface.touch[0], world.proxy[0]
+    if touch.touching == 0:
+        return
+    for i in range(proxy.count):
+        cosine = 0.0
+        for k in range(3):
+            cosine += proxy.nhat_W[i, k] * proxy.nhat_W[proxy.by, k]
+        if cosine < proxy.crease_cos:
+            return
+    body = world.bodies[touch.body]
+    row = body.face + touch.face
+    x = y = z = 0.0
+    for k in range(3):
+        w = max(0.0, touch.bary[k])  # a skin past an edge
+        x += w * world.corners_m[row, 3 + k, 0]
+        y += w * world.corners_m[row, 3 + k, 1]
+        z += w * world.corners_m[row, 3 + k, 2]
+    s = turn_to_world(body, (x, y, z))
+    n = touch.nhat_W
+    length = norm(s)
+    if length == 0.0:
+        return
+    if s[0] * n[0] + s[1] * n[1] + s[2] * n[2] < 0.0:  # the back of a two-sided face
+        length = -length
+    n[0], n[1], n[2] = s[0] / length, s[1] / length, s[2] / length
 
 
 @native

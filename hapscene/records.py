@@ -27,6 +27,8 @@ class Flag(IntFlag):
     """The force changed faster than the device's limit allows."""
     ACCELERATION_LIMITED = 32
     """Acceleration samples were over the device's limit and were cut."""
+    ENERGY_DAMPED = 64
+    """The wall had given out energy that it never took in: the passivity controller held the tool back."""
 
 
 TOUCH: Final = np.dtype(

@@ -1,5 +1,6 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -11,12 +12,15 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball, records
-from hapscene.device.limit import IDEAL, Limits
+from hapscene.device.limit import IDEAL, DeviceWarning, Limits
+from hapscene.device.model import limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
 from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
+from hapscene.surface.fit import Clip, Fit
+from hapscene.surface.fold import share_of
 from hapscene.surface.registry import load_effect
-from hapscene.surface.stage import Surface, build_surface, clear_states, tune_surface
+from hapscene.surface.stage import Surface, build_surface, clear_states, put_numbers
 from hapscene.tick import play
 
 if TYPE_CHECKING:
@@ -55,16 +59,23 @@ class Renderer:
         tick_s: period of the force channel [s].
         a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
         limits: of the device; None for an ideal one.
+        device: a device of `hapscene.device.model.DEVICES` by name, in the place of limits: its own at this period.
+        crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shade`,
+            which leaks energy); 0 for the mesh as it is.
 
     Attributes:
         tick_s, a_rate_Hz, seed: as given.
+        limits: of the device.
         block: acceleration samples in a tick.
         world, surface: what the compiled tick reads and writes; for those who drive it themselves.
 
     Raises:
         SceneError: a scene without bodies.
         EffectError: an effect that is unknown or does not compile.
-        HapsceneError: rates that do not fit together.
+        HapsceneError: rates that do not fit together, an unknown device, or a device beside limits.
+
+    Warns:
+        DeviceWarning: the device takes less of a swatch than it asks for, once, for the first one painted.
     """
 
     def __init__(
@@ -75,6 +86,8 @@ class Renderer:
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         limits: Limits | None = None,
+        device: str | None = None,
+        crease_rad: float = 0.0,
     ) -> None:
         if not scene.bodies:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
@@ -86,14 +99,19 @@ class Renderer:
             raise EffectError(f"effects are a list of names, as [{effects!r}]")
         if not isinstance(seed, int | np.integer) or seed < 0:
             raise HapsceneError(f"a seed is a whole number, 0 or more, not {seed!r}")
+        if device is not None and limits is not None:
+            raise HapsceneError(f"limits or a device, not both: device {device!r} has limits of its own")
+        if not 0.0 <= crease_rad <= np.pi:
+            raise HapsceneError(f"crease_rad must be 0 to π, is {crease_rad}")
+        self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
         self._effects = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._body_names = tuple(body.name for body in scene.bodies)
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._searches: dict[int, Search] = {}  # owns the search structures whose addresses the world holds
         self._meshes = [body.mesh for body in scene.bodies]  # keeps the keys of _searches alive
-        self.world = build_world(scene.bodies, self._searches)
-        self._limits = limits or IDEAL
-        self.surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self._limits)
+        self.world = build_world(scene.bodies, self._searches, crease_rad)
+        self._fit, self.surface, messages = self._fitted(scene)
+        _warn(messages)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         row = self._row.view(np.ndarray)
@@ -121,7 +139,7 @@ class Renderer:
             touch[name] = value
         touch["body"] = touch["face"] = touch["swatch"] = -1
         touch["nhat_W"] = (0.0, 0.0, 1.0)
-        memory["p_WT_m"] = p
+        memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1
         for body in self.world.bodies:
             body.moved = 0
@@ -142,7 +160,33 @@ class Renderer:
         """
         if swatch not in self._swatch_names:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
-        tune_surface(self.surface, self._effects, self._swatch_names.index(swatch), numbers)
+        index = self._swatch_names.index(swatch)
+        self._fit.tune(index, numbers)
+        put_numbers(self.surface, self._effects, index, self._fit.given[index])
+        _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
+
+    @property
+    def clips(self) -> tuple[Clip, ...]:
+        """What the device does not take of the swatches' numbers, as they are tuned now."""
+        return tuple(clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index))
+
+    def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
+        """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
+        fit = Fit(scene, self._effects, self.limits, self.tick_s)
+        surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits)
+        painted = set(np.unique(surface.paint).tolist())
+        messages: list[str] = []
+        for index, swatch in enumerate(scene.swatches):
+            put_numbers(surface, self._effects, index, fit.given[index])
+            found = [str(clip) for clip in fit.clips(index) if clip.reported]
+            if swatch.texture is not None:
+                fold_kg, own_Ns_m = self.limits.fold_mass_kg, self.limits.own_damping_Ns_m
+                share = share_of(swatch.texture, fold_kg, own_Ns_m, self.tick_s)
+                surface.fold_mass_kg[index] = fold_kg * share.share
+                if share.share < 1.0:
+                    found.append(share.message(swatch.name, self.limits.device))
+            messages += found if index in painted else []
+        return fit, surface, messages
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
@@ -158,7 +202,7 @@ class Renderer:
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
         if shapes != [(name, len(mesh.faces)) for name, mesh in zip(self._body_names, self._meshes, strict=True)]:
             raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
-        return build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self._limits)
+        return self._fitted(scene)[1]
 
     def take_surface(self, scene: "Scene", surface: Surface) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -168,6 +212,7 @@ class Renderer:
         surface.touch["swatch"] = -1  # another one, or the same by another number
         self.surface = surface
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
+        self._fit = Fit(scene, self._effects, self.limits, self.tick_s)
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
         """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.
@@ -269,6 +314,13 @@ class Renderer:
             moving[m] = self._body_names.index(name)
             X_WB[:, m] = rigid(X, name)
         return moving, X_WB
+
+
+def _warn(messages: list[str]) -> None:
+    """One line, at the line that called the renderer."""
+    if messages:
+        more = f"; and {len(messages) - 1} more, see Renderer.clips" if len(messages) > 1 else ""
+        warnings.warn(messages[0] + more, DeviceWarning, stacklevel=3)
 
 
 def _entry(function: Any, *arguments: Any) -> Any:

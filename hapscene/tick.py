@@ -1,10 +1,12 @@
 """One haptic tick, in order. Read this first.
 
     read       the tool's position; a bad one is replaced by the last good one
+    couple     it to the tool that touches, where asked for             device/coupling.py
     sweep      the way from the proxy to the tool through the scene     contact/
     constrain  the proxy to the faces in the way                        contact/
     describe   the contact, once, so that all effects agree             describe.py
     render     each effect of the touched swatch                        surface/mixer.py
+    guard      the wall's energy, where asked for                       device/guard.py
     mix        their sum, within the limits of the device               surface/mixer.py
     note       a row
 
@@ -21,8 +23,10 @@ from numpy.typing import NDArray
 from hapscene.clock import now_ns
 from hapscene.contact.geometry import Vector
 from hapscene.contact.proxy import move, put
-from hapscene.contact.world import place_ball
-from hapscene.describe import describe
+from hapscene.contact.world import NO_SHADE, place_ball
+from hapscene.describe import describe, shade
+from hapscene.device.coupling import couple
+from hapscene.device.guard import guard
 from hapscene.native import native
 from hapscene.records import Flag
 from hapscene.surface.mixer import limit, render
@@ -35,13 +39,21 @@ _UNSETTLED = int(Flag.UNSETTLED)
 def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
     start_ns = now_ns(surface.clock)
-    p_WT, flags = _read(surface, x, y, z)
+    tool_W, flags = _read(surface, x, y, z)
+    p_WT = tool_W
+    if surface.limits[0].coupling_N_m > 0.0:
+        p_WT = couple(surface, tool_W)
     if not move(world, p_WT):
         flags |= _UNSETTLED
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
+    if world.proxy[0].crease_cos < NO_SHADE:
+        shade(world, surface)
     flags |= render(surface)
+    if surface.limits[0].guard_Ns_m > 0.0:
+        flags |= guard(surface, tool_W)
     flags |= limit(surface)
+    _keep(surface, tool_W)
     _note(surface, row, a_m_s2)
     row.flags = flags
     row.contact_ns = contact_ns
@@ -89,8 +101,15 @@ def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
     """The tool's position, or the last good one where it is not finite."""
     if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
         return (x, y, z), 0
-    last = surface.memory[0].p_WT_m
+    last = surface.memory[0].tool_W_m
     return (last[0], last[1], last[2]), _NOT_FINITE
+
+
+@native
+def _keep(surface: Any, tool_W: Vector) -> None:
+    """Remember the tool as it was measured."""
+    last = surface.memory[0].tool_W_m
+    last[0], last[1], last[2] = tool_W[0], tool_W[1], tool_W[2]
 
 
 @native

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
+from hapscene.contact.shade import corner_normals
 from hapscene.native import native
 
 if TYPE_CHECKING:
@@ -66,11 +67,15 @@ PROXY: Final = np.dtype(
             "f8",
             (3,),
         ),  # result: the proxy on the surface itself; at the tool where it touches nothing
+        ("crease_cos", "f8"),  # planes count as one round surface down to this cosine; `NO_SHADE` without shading
         ("held", "i8"),  # result: 1 while the tool is inside a surface
         ("by", "i8"),  # result: which plane pushes most
     ],
     align=True,
 )
+
+NO_SHADE: Final = 2.0
+"""Cosine of the crease angle where nothing is shaded [1]: that of no angle."""
 
 HALF_TURN: Final = 0.01
 """Squared cosine of half the angle a body turns in a tick below which it is looked at wherever it is [1]."""
@@ -80,7 +85,9 @@ class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 
     bodies: Any  # (b,) BODY
-    corners_m: NDArray[np.float64]  # (f, 3, 3) in the body's frame, mesh after mesh: side by side, a face is one read
+    # (f, 3, 3) corners in the body's frame, mesh after mesh: side by side, a face is one read; with shading (f, 6, 3),
+    # the corners and their normals: in an array of their own they cost every tick 0.06 µs, asked for or not
+    corners_m: NDArray[np.float64]
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,)
     ray: NDArray[np.float32]
@@ -112,8 +119,11 @@ def place_ball(body: Any, ball: Any) -> float:
     return float(way + grown)
 
 
-def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
-    """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here."""
+def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_rad: float = 0.0) -> World:
+    """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here.
+
+    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shade`), at 0 none.
+    """
     rows = records(len(bodies), BODY)
     corners: list[NDArray[np.float64]] = []
     first: dict[int, int] = {}
@@ -126,6 +136,8 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
             first[key] = count
             searches.setdefault(key, Search(mesh.vertices_m, mesh.faces, skin_m))
             corners.append(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
+            if crease_rad > 0.0:
+                corners[-1] = np.concatenate((corners[-1], corner_normals(mesh, crease_rad)), axis=1)
             count += len(mesh.faces)
         search = searches[key]
         row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, skin_m
@@ -137,6 +149,8 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
     balls = np.zeros((len(rows), 4))
     for row, ball in zip(rows, balls, strict=True):
         place_ball(row, ball)
+    proxy = records(1, PROXY)
+    proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     return World(
         bodies=rows,
         corners_m=np.concatenate(corners),
@@ -144,7 +158,7 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search]) -> World:
         near=np.zeros(len(rows), np.int64),
         ray=new_ray(),
         fronts_only=fronts_only(),
-        proxy=records(1, PROXY),
+        proxy=proxy,
     )
 
 

@@ -1,4 +1,4 @@
-"""The cases of friction with known answers, each in the closed loop with the real tick and the shipped effect: F1 to F4.
+"""The cases of friction with known answers (F1 to F4), in closed loop with the real tick and the shipped effect.
 
 Beside them what no formula says: on an Omni with its encoders nothing drifts at rest, and nothing chatters when a
 sliding tool comes to a stop.
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from hapscene.device.hand import Grip
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
-from hapscene.output import whole_file
+from hapscene.stability.chart import draw_panels
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.swatch import Swatch
 from hapscene.twin.feel import Feel
 from hapscene.twin.intent import Intent
 from hapscene.twin.twin import Twin
+from hapscene.view.palette import INK, OKABE_ITO
 
 PRESS_N: Final = 1.0
 """With what the tool is pressed on [N]: as a stroke does."""
@@ -31,14 +32,26 @@ COULOMB: Final = 0.3
 STICK_N_M: Final = 500.0
 """Stiffness while it sticks [N/m]: the effect's default."""
 
+STATIC: Final = 0.5
+"""Coefficient at which it breaks away [1], in the case that has one of its own."""
+
+DRAG_KG, DRAG_N_M, DRAG_M_S, DRAG_PRESS_N = 0.05, 100.0, 0.02, 2.0
+"""The dragged mass, the spring and the speed it is dragged by, and with what it is pressed on."""
+
 RIGID_N_M: Final = 1e5
 """Stiffness while it sticks where the closed form is of rigid friction [N/m]: a thousand times that of the hand."""
+
+STICK_NS_M: Final = 5.0
+"""Damping while it sticks [N·s/m], where the device has no friction of its own to bring the tool to rest."""
 
 WALL_NS_M: Final = 5.0
 """Damping of the wall [N·s/m], so that the depth comes to rest at once. It has no part in what is tangential."""
 
 LEAD: Final = Grip(2e3, 20.0)
 """The hand that brings the tool on to the surface."""
+
+LEAD_S: Final = 0.4
+"""How long it takes to bring the tool to the speed that it slides at [s]."""
 
 SETTLE_S: Final = 0.5
 """How long it does so [s]."""
@@ -86,38 +99,36 @@ def friction_cases() -> list[Answer]:
 
 
 def loop_area() -> list[Answer]:
-    """F1: a slider on a spring, moved to and fro by A, loses 4 F_c (A − F_c/k) a cycle (Hayward & Armstrong 2000).
+    """F1: a slider on a spring, moved to and fro by A, loses 4 F_c (A − F_c/k) a cycle (Hayward & Armstrong 2000)."""
+    x_m, f_N, limit_N = rubbed()
+    lost_J = -float((f_N[:-1] * np.diff(x_m)).sum())  # the work of forces that are held
+    expected_J = 4.0 * limit_N * (float(np.ptp(x_m)) / 2.0 - limit_N / STICK_N_M)
+    return [Answer("F1", "energy lost in a cycle [mJ]", 1e3 * expected_J, 1e3 * lost_J, 2e-3)]
 
-    A hand leads a mass on a sine; what a cycle takes is the work of the motors along it.
-    """
-    amplitude_m, cycle_s, tick_s = 5e-3, 2.0, 1e-3
+
+def rubbed(amplitude_m: float = 5e-3, cycle_s: float = 2.0) -> tuple[Array, Array, float]:
+    """A mass led on a sine: one cycle of its place (n,) [m] and of the motors' force (n,) [N], and its friction [N]."""
+    tick_s = 1e-3
     twin = _twin(PointMass(0.045), tick_s)
     _press(twin, tick_s)
     count = round(cycle_s / tick_s)
-    x_m = amplitude_m * np.sin(2.0 * np.pi * np.arange(3 * count) / count)
-    hand = Grip(2e4, 40.0)  # stiff enough to follow, soft enough for the mass to come to rest at this tick
-    path = np.column_stack((AT_M[0] + x_m, np.full(len(x_m), AT_M[1]), np.full(len(x_m), -PRESS_N / STICK_N_M)))
-    felt = twin.run(Intent.along(path, hand))
-    x, f_N = felt.p_W_m[:, 0], felt.f_motor_W_N[:, 0]
+    path = np.tile((*AT_M, -PRESS_N / STICK_N_M), (3 * count, 1))
+    path[:, 0] += amplitude_m * np.sin(2.0 * np.pi * np.arange(3 * count) / count)
+    felt = twin.run(Intent.along(path, Grip(2e4, 40.0)))  # stiff enough to lead, damped enough to rest
     cycle = slice(count, 2 * count + 1)
-    lost_J = -float((f_N[cycle][:-1] * np.diff(x[cycle])).sum())
-    reached_m, limit_N = float(np.ptp(x[cycle]) / 2.0), COULOMB * float(felt.recording.normal_force_N[cycle].mean())
-    expected_J = 4.0 * limit_N * (reached_m - limit_N / STICK_N_M)
-    return [Answer("F1", "energy lost in a cycle [mJ]", 1e3 * expected_J, 1e3 * lost_J, 1e-2)]
+    limit_N = COULOMB * float(felt.recording.normal_force_N[cycle].mean())
+    return felt.p_W_m[cycle, 0], felt.f_motor_W_N[cycle, 0], limit_N
 
 
-def stick_slip(static: float = 0.5, dynamic: float = 0.3) -> list[Answer]:
+def stick_slip() -> list[Answer]:
     """F2: a mass dragged at V by a spring k sticks and slips.
 
-    Period 2ΔF/(kV) + (2/ω)(π − atan(ΔFω/(kV))), amplitude √((ΔF/k)² + (V/ω)²) with ω = √(k/m), of rigid friction
-    that drops by 2ΔF... where it breaks away. Between two slips the mass must stand still, so the spring of adhesion
-    is stiff and damped.
+    Period 2ΔF/(kV) + (2/ω)(π − atan(ΔFω/(kV))), amplitude √((ΔF/k)² + (V/ω)²) with ΔF = F_s − F_d and ω = √(k/m), of
+    rigid friction: the spring of adhesion is a thousand times as stiff as the hand's, and damped, so that the mass
+    stands still between two slips.
     """
-    mass_kg, k_N_m, drag_m_s, press_N = 0.05, 100.0, 0.02, 2.0
-    gap_N, omega = (static - dynamic) * press_N, math.sqrt(k_N_m / mass_kg)
-    period_s = 2 * gap_N / (k_N_m * drag_m_s) + 2 / omega * (math.pi - math.atan(gap_N * omega / (k_N_m * drag_m_s)))
-    amplitude_m = math.hypot(gap_N / k_N_m, drag_m_s / omega)
-    t_s, stretch_m, _ = dragged(mass_kg, k_N_m, drag_m_s, press_N, static, dynamic, 4.5 * period_s)
+    period_s, amplitude_m = period_and_amplitude()
+    t_s, stretch_m = dragged(4.5 * period_s)
     late = t_s > 1.5 * period_s
     t_s, stretch_m = t_s[late], stretch_m[late]
     above = stretch_m > 0.5 * (stretch_m.max() + stretch_m.min())
@@ -128,19 +139,25 @@ def stick_slip(static: float = 0.5, dynamic: float = 0.3) -> list[Answer]:
     ]
 
 
-def dragged(
-    mass_kg: float, k_N_m: float, drag_m_s: float, press_N: float, static: float, dynamic: float, duration_s: float
-) -> tuple[Array, Array, Array]:
-    """Times (n,) [s] since a hand began to drag, how far its spring is drawn (n,) [m], and the mass's speed (n,)."""
-    tick_s = 1e-5  # a fortieth of the time in which the mass rings on the spring of adhesion
-    damping = 2.0 * math.sqrt(RIGID_N_M * mass_kg)
-    twin = _twin(PointMass(mass_kg), tick_s, static, dynamic, RIGID_N_M, damping)
-    _press(twin, tick_s, press_N)
-    t_s = np.arange(round(duration_s / tick_s)) * tick_s
-    path = np.tile((*AT_M, -press_N / STICK_N_M), (len(t_s), 1))
-    path[:, 0] += drag_m_s * t_s
-    felt = twin.run(Intent.along(path, Grip(k_N_m, 0.0), (0.0, 0.0, -press_N)))
-    return t_s, path[:, 0] - felt.p_W_m[:, 0], felt.v_W_m_s[:, 0]
+def period_and_amplitude() -> tuple[float, float]:
+    """What the closed forms say of `dragged` [s], [m]."""
+    gap_N, omega = (STATIC - COULOMB) * DRAG_PRESS_N, math.sqrt(DRAG_N_M / DRAG_KG)
+    ratio = gap_N / (DRAG_N_M * DRAG_M_S)
+    period_s = 2.0 * ratio + 2.0 / omega * (math.pi - math.atan(ratio * omega))
+    return period_s, math.hypot(gap_N / DRAG_N_M, DRAG_M_S / omega)
+
+
+def dragged(duration_s: float) -> tuple[Array, Array]:
+    """Times (n,) [s] since a hand began to drag a mass by a spring, and how far that is drawn (n,) [m]."""
+    tick_s = 1e-5  # a seventieth of the time in which the mass swings on the spring of adhesion
+    damping_Ns_m = 2.0 * math.sqrt(RIGID_N_M * DRAG_KG)
+    twin = _twin(PointMass(DRAG_KG), tick_s, STATIC, COULOMB, RIGID_N_M, damping_Ns_m)
+    _press(twin, tick_s, DRAG_PRESS_N)
+    t_s = np.arange(round(duration_s / tick_s), dtype=np.float64) * tick_s
+    path = np.tile((*AT_M, -DRAG_PRESS_N / STICK_N_M), (len(t_s), 1))
+    path[:, 0] += DRAG_M_S * t_s
+    felt = twin.run(Intent.along(path, Grip(DRAG_N_M, 0.0), (0.0, 0.0, -DRAG_PRESS_N)))
+    return t_s, path[:, 0] - felt.p_W_m[:, 0]
 
 
 def no_drift() -> list[Answer]:
@@ -149,7 +166,7 @@ def no_drift() -> list[Answer]:
     In units of z_max = F_c/k, from the mean over the first second in which it has settled to that over the last.
     """
     tick_s, count = 1e-3, 50_000
-    twin = _twin(PointMass(0.045), tick_s, damping_Ns_m=5.0)
+    twin = _twin(PointMass(0.045), tick_s, damping_Ns_m=STICK_NS_M)
     _press(twin, tick_s)
     limit_N = COULOMB * PRESS_N
     push = np.zeros((count, 3))
@@ -165,12 +182,12 @@ def stop() -> list[Answer]:
     """F4: a mass that slides to rest stops in ⌈v₀m/(F_cT)⌉ steps, and then rests (Kikuuwe et al. 2006)."""
     answers = []
     for speed_m_s in (0.05, 0.103, 0.2037):
-        felt, limit_N = slid(PointMass(0.045), speed_m_s, damping_Ns_m=5.0)
+        felt, limit_N = slid(PointMass(0.045), speed_m_s, damping_Ns_m=STICK_NS_M)
         steps = math.ceil(speed_m_s * 0.045 / (limit_N * 1e-3))
         v = felt.v_W_m_s[:, 0]
         name = f"F4-{1e3 * speed_m_s:.0f}mm_s"
         answers += [
-            Answer(name, "steps to a stop [count]", steps, float(np.argmax(v <= 0.0)), 1.01 / steps),
+            Answer(name, "steps to a stop [count]", steps, float(np.argmax(v <= 0.0)), 0.0),
             Answer(f"{name}-chatter", "reversals of force within 3 ticks [count]", 0, _reversals(felt), 0.0),
             Answer(f"{name}-rest", "speed after 0.4 s [mm/s]", 0.0, 1e3 * float(np.abs(v[400:]).max()), 1e-3),
         ]
@@ -188,9 +205,11 @@ def slid(
     tick_s = 1e-3
     twin = _twin(device, tick_s, damping_Ns_m=damping_Ns_m)
     _press(twin, tick_s)
-    lead = round(0.1 / tick_s)
-    path = np.tile((*AT_M, -PRESS_N / STICK_N_M), (lead, 1))
-    path[:, 0] += speed_m_s * tick_s * np.arange(1, lead + 1)
+    start = np.linspace(0.0, 1.0, round(LEAD_S / tick_s))
+    path = np.tile((*AT_M, -PRESS_N / STICK_N_M), (len(start), 1))
+    path[:, 0] += speed_m_s * LEAD_S * (start**3 - 0.5 * start**4)  # from rest to that speed, without a kick
+    path[:, 0] -= 0.5 * speed_m_s * LEAD_S
+    twin.run(Intent.hold(path[0], len(start), LEAD, (0.0, 0.0, -PRESS_N)))
     twin.run(Intent.along(path, LEAD, (0.0, 0.0, -PRESS_N)))
     if isinstance(device, PointMass):
         twin.body.arm.point.v_m_s[0, 0] = speed_m_s  # to the last digit
@@ -220,9 +239,50 @@ def rest_of_omni() -> list[Answer]:
     return answers
 
 
-def draw_friction(path: str | Path, rows: list[Answer] | None = None) -> None:
-    """Chart of stick and slip, and of a tool that slides to a stop, with and without damping of the adhesion."""
-    raise NotImplementedError
+def draw_friction(path: Path) -> None:
+    """Chart of the loop (F1), of stick and slip (F2), and of tools that slide to a stop (F4)."""
+    draw_panels(path, 1, 3, (5.2, 4.2), _draw)
+
+
+def _draw(_: Any, axes: Any) -> None:
+    loop, slip, stopping = axes[0]
+    x_m, f_N, limit_N = rubbed()
+    loop.plot(1e3 * (x_m - x_m.mean()), -f_N, color=OKABE_ITO["blue"], label="hand on the surface")
+    for sign in (-1.0, 1.0):
+        loop.axhline(sign * limit_N, color=INK, linestyle=":", linewidth=1.0, label="± F_c" if sign > 0.0 else None)
+    loop.set(
+        title="F1: one cycle of a sine", xlabel="place along the surface [mm]", ylabel="force [N]", ylim=(-0.4, 0.5)
+    )
+    loop.legend(loc="upper left", ncols=2)
+
+    period_s, amplitude_m = period_and_amplitude()
+    t_s, stretch_m = dragged(3.5 * period_s)
+    some = slice(None, None, 50)
+    slip.plot(t_s[some], 1e3 * stretch_m[some], color=OKABE_ITO["blue"], label="spring of the hand")
+    rest_m = COULOMB * DRAG_PRESS_N / DRAG_N_M
+    for sign in (-1.0, 1.0):
+        y_mm = 1e3 * (rest_m + sign * amplitude_m)
+        slip.axhline(y_mm, color=INK, linestyle=":", linewidth=1.0, label="closed form" if sign > 0.0 else None)
+    peak_s = float(t_s[np.argmax(stretch_m[: round(0.9 * len(t_s) / 3.5 * 2)])])
+    for k in range(3):
+        slip.vlines(peak_s + k * period_s, 0.0, 10.7, color=INK, linestyle=":", linewidth=1.0)
+    slip.set(title="F2: stick and slip of a dragged mass", xlabel="time [s]", ylabel="stretch [mm]", ylim=(0.0, 13.0))
+    slip.legend(loc="upper left", ncols=2)
+
+    for name, colour, device, damping in (
+        ("no friction of its own, undamped", "vermilion", PointMass(0.045, 0.1), 0.0),
+        (f"the same, adhesion damped by {STICK_NS_M:g} N·s/m", "blue", PointMass(0.045, 0.1), STICK_NS_M),
+        ("Omni", "green", Omni(), 0.0),
+    ):
+        felt, _ = slid(device, 0.2, damping, 0.3)
+        stopping.plot(
+            1e3 * felt.recording.t_s[:300] - 1e3 * felt.recording.t_s[0],
+            1e3 * felt.v_W_m_s[:, 0],
+            color=OKABE_ITO[colour],
+            label=name,
+        )
+    stopping.set(title="F4: a tool slides to a stop", xlabel="time [ms]", ylabel="speed [mm/s]", ylim=(-80.0, 280.0))
+    stopping.legend(loc="upper right")
 
 
 def _reversals(felt: Feel) -> int:

@@ -1,17 +1,22 @@
-"""The zoo in closed loop: meshes and tool paths that are hard for a point-contact renderer, with a hand that pushes 3 N.
+"""The zoo in closed loop: meshes and tool paths that are hard for point contact, with a hand that pushes 3 N.
 
 A folder as ../shared/zoo has `cases.json`, and for each case a mesh and the path of a tool. The path is first played
-through the renderer as it is; what it meets there is what the hand then aims for: along the proxy, on the surface, and
-`PUSH_N` against the normal, both coming and going as fast as a hand does. Its spring aims as deep as the push will
-bring the tool, so that push and not grip sets the force. Where the path last is well inside, the hand holds still for a
-second, still pressed, and draws the tool out.
+through the renderer as it is; what it meets there is what the hand then aims for. It goes along the proxy, on the
+surface, and pushes with `PUSH_N` against the normal: that of the surface where it touches, else that of the plan. Such
+a push has a potential, the depth, so the hand itself adds no energy; a push along the planned normals would drive a
+light hand off any body rounder than `PUSH_N` over its spring. It comes and goes as fast as muscles do, and the spring
+aims as deep as the push will bring the tool, so that the push and not the grip sets the force. Where the path last is
+well inside, the hand holds still for a second, still pressed, and draws the tool out. Pokes are held where they are
+deepest.
 
 What is wrong:
 - pop-through: contact lost with the tool inside, the proxy's direction jumping as the surface does not, a number that
   is not finite;
 - a limit cycle: more than `REST_MM_S` rms in the last half of the second;
-- energy out of nothing: work of the motors over a contact, from touch to release, of more than `ENERGY_MJ`, body's
+- energy out of nothing: work of the motors over a contact, from touch to release, of more than `ENERGY_MJ`, the body's
   motion taken off. In a passive world it is never above 0: a contact begins and ends with the wall's spring empty.
+
+An Omni is tried where it reaches the whole path.
 """
 
 import json
@@ -37,11 +42,13 @@ from hapscene.records import ROW
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.stability.chart import draw_panels
 from hapscene.surface.swatch import Swatch
 from hapscene.tick import place_bodies
 from hapscene.twin.feel import FELT
 from hapscene.twin.loop import beat, take_grip
 from hapscene.twin.twin import Twin
+from hapscene.view.palette import OKABE_ITO
 
 Array = NDArray[np.float64]
 
@@ -101,7 +108,10 @@ JUMP_DEG: Final = {
 LETS_GO: Final = ("open", "edge90", "wedge20")
 """Kinds and cases where a surface ends: contact is rightly lost there while the tool is deep."""
 
-DEVICES: Final[dict[str, PointMass | Omni]] = {"point": PointMass(0.045, 0.1, 0.26, 5.5e-5), "omni": Omni(thermal_s=math.inf)}
+DEVICES: Final[dict[str, PointMass | Omni]] = {
+    "point": PointMass(0.045, 0.1, 0.26, 5.5e-5),
+    "omni": Omni(thermal_s=math.inf),
+}
 """What the hand holds: the Omni as a point mass, and all of it, its motors cold: 3 N overheat them within 5 s."""
 
 GRIPS: Final = ("light", "firm")
@@ -143,10 +153,31 @@ class ZooCase:
         return not through and self.rest_mm_s <= REST_MM_S and self.energy_mJ <= ENERGY_MJ and self.touching > 0.0
 
 
+LEAST_DRAWN: Final = 1e-4
+"""Where what is less is drawn."""
+
+_COLUMNS: Final[tuple[tuple[str, str, float, Callable[[ZooCase], float]], ...]] = (
+    ("energy made in a contact", "energy [mJ]", ENERGY_MJ, lambda row: row.energy_mJ),
+    ("at rest", "speed, rms [mm/s]", REST_MM_S, lambda row: row.rest_mm_s),
+    (
+        "jump of direction",
+        "largest turn in a tick, of what is allowed [1]",
+        1.0,
+        lambda row: row.jump_deg / row.jump_limit_deg,
+    ),
+)
+_MARKS: Final = {
+    ("point", "light"): ("sky", "o"),
+    ("point", "firm"): ("blue", "s"),
+    ("omni", "light"): ("orange", "D"),
+    ("omni", "firm"): ("vermilion", "^"),
+}
+
+
 def zoo_cases(
     folder: str | Path,
     names: Sequence[str] = (),
-    devices: Sequence[str] = tuple(DEVICES),
+    devices: Sequence[str] = ("point", "omni"),
     grips: Sequence[str] = GRIPS,
     say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[ZooCase]:
@@ -163,8 +194,11 @@ def zoo_cases(
         if twin is None or case["mesh"] != mesh:
             mesh, twin = case["mesh"], _twin(folder, case["mesh"])
         path = np.load(folder / f"{case['path']}.npz")
-        plan = _plan(twin.renderer, case, path["tool_m"], path["body_m"] if "body_m" in path else None)
+        plan = _plan(twin.renderer, case, path["tool_m"], path.get("body_m"))
+        twin.X_WD = stand(0.5 * (plan.on_m.min(axis=0) + plan.on_m.max(axis=0)))
         for device in devices:
+            if device == "omni" and not _reaches(twin.X_WD, plan):
+                continue
             for grip in grips:
                 row = _run(twin, case, plan, device, grip)
                 say(f"{row}\n")
@@ -221,22 +255,21 @@ def _plan_pokes(renderer: Renderer, tool_m: Array) -> _Plan:
 
 def _run(twin: Twin, case: dict[str, Any], plan: _Plan, device: str, grip: str) -> ZooCase:
     twin.device = DEVICES[device]
-    twin.X_WD = None
-    if isinstance(twin.device, Omni):
-        twin.X_WD = stand(0.5 * (plan.on_m.min(axis=0) + plan.on_m.max(axis=0)))
     n = len(plan.on_m)
     rows, felt = records(n, ROW), records(n, FELT)
     made_J = [0.0]
     for a, b in plan.parts:
-        if twin.X_WD is not None:
-            a = _in_reach(twin.X_WD, plan.on_m, a)
         twin.reset(plan.on_m[a])
         poses = _NONE if plan.body_m is None else (np.zeros(1, np.int64), _poses(plan.body_m, a, b)["it"][:, None])
         hand = (plan.on_m[a:b], plan.nhat[a:b], np.zeros(1), grip_named(grip).row())
         render = (twin.renderer.world, twin.renderer.surface, twin.body)
         motor_m = np.zeros((b - a + 1, 3))
         press_along(*render, *hand, *poses, rows[a:b], felt[a:b], motor_m, np.zeros((2, 1)))
-        carried_m = np.zeros((b - a, 3)) if plan.body_m is None else np.diff(plan.body_m[a:b], axis=0, append=plan.body_m[b - 1 : b])
+        carried_m = (
+            np.zeros((b - a, 3))
+            if plan.body_m is None
+            else np.diff(plan.body_m[a:b], axis=0, append=plan.body_m[b - 1 : b])
+        )
         made_J.append(_made_J(rows[a:b], felt[a:b], np.diff(motor_m, axis=0) - carried_m))
     v = felt.v_W_m_s[plan.rest]
     parts = [slice(a, b) for a, b in plan.parts]
@@ -347,12 +380,9 @@ def _jump_limit_deg(case: dict[str, Any]) -> float:
     return JUMP_DEG.get(case["kind"], 180.0)
 
 
-def _in_reach(X_WD: Array, target_m: Array, start: int) -> int:
-    """The first tick from `start` at which an Omni there reaches the target."""
-    for k in range(start, len(target_m)):
-        if reachable(X_WD[:3, :3].T @ (target_m[k] - X_WD[:3, 3])):
-            return k
-    return start
+def _reaches(X_WD: Array, plan: _Plan) -> bool:
+    """Whether an Omni there reaches all of a plan; looked at each tenth tick."""
+    return all(reachable(X_WD[:3, :3].T @ (p - X_WD[:3, 3])) for p in plan.on_m[::10])
 
 
 def _poses(body_m: Array | None, start: int, stop: int) -> dict[str, Array]:
@@ -377,3 +407,27 @@ def _twin(folder: Path, name: str) -> Twin:
     scene.add(Mesh.from_trimesh(mesh, "m"), name="it", swatch=swatch, two_sided=name in TWO_SIDED)
     limits = limits_of("omni", TICK_S)
     return Twin(scene, DEVICES["point"], ["wall"], tick_s=TICK_S, a_rate_Hz=1.0 / TICK_S, limits=limits)
+
+
+def draw_zoo(rows: Sequence[ZooCase], path: Path) -> None:
+    """Chart of all cases: energy of a contact, speed at rest, and how far the direction jumps of what is allowed."""
+    names = list(dict.fromkeys(row.id.split("/")[0] for row in rows))
+    height_in = 1.2 + 0.24 * len(names)
+
+    def draw(_: Any, axes: Any) -> None:
+        for axis, (title, unit, limit, value) in zip(axes[0], _COLUMNS, strict=True):
+            for (device, grip), (colour, marker) in _MARKS.items():
+                some = [row for row in rows if row.id.endswith(f"/{device}/{grip}")]
+                x = [max(LEAST_DRAWN, value(row)) for row in some]
+                y = [names.index(row.id.split("/")[0]) for row in some]
+                style = {"color": OKABE_ITO[colour], "fillstyle": "none", "markersize": 6}
+                axis.plot(x, y, marker, label=f"{device}, {grip}", **style)
+            axis.axvline(limit, color=OKABE_ITO["black"], linestyle="--", linewidth=1.0)
+            axis.set(title=title, xlabel=unit, xscale="log", xlim=(0.7 * LEAST_DRAWN, 30.0))
+            axis.set_yticks(range(len(names)), names)
+            axis.set_ylim(len(names) - 0.5, -0.5)
+        for axis in axes[0, 1:]:
+            axis.tick_params(labelleft=False)
+        axes[0, 2].legend(loc="upper center", bbox_to_anchor=(-0.6, -0.12), ncols=4)
+
+    draw_panels(path, 1, 3, (4.6, height_in), draw)

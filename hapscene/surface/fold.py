@@ -3,7 +3,8 @@
 Rendered every T to a device of damping b, a lateral grating of wavelength l is passive up to an amplitude of
 b l/(πT) in force, and a height field that is pressed on with N up to b l²/(2π²NT) in height: beyond, its slope is a
 spring stiffer than 2b/T. A texture is no grating, but a stroke at speed v plays it as one, of wavelength v/f with f
-its root-mean-square frequency as the motors have it: block by block, at most 1/(2T).
+its root-mean-square frequency as the motors have it: block by block, at most 1/(2T). Its force is the mass it is folded
+in by times its acceleration a, its height that by which such a mass moves, a/(2πf)².
 """
 
 import math
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 SPEED_MIN_M_S: Final = 0.02
 """Slowest stroke that counts [m/s]. A texture is silent at rest, and a stroke that slow has a wavelength of 0.2 mm at
-100 Hz; half of it would let the motors have 0.7 of what they have now."""
+100 Hz; at half of it the motors have a third of what they have now, at twice of it twice as much."""
 
 SPEED_COUNT: Final = 16
 """Speeds that are tried, up to the texture's highest [count]."""

@@ -1,0 +1,66 @@
+"""Force shading: normals at the corners of faces, by which a curved mesh feels round between its edges.
+
+Morgenbesser & Srinivasan 1996 and Ruspini, Kolarov & Khatib 1997 interpolate the corners' normals over a face, as
+Phong did for light, and turn the force by it. Edges at which the surface turns by less than the crease angle are
+rounded, others stay sharp. The force turns, the depth stays: what is felt is bumpier by the depth's own step, and the
+force has a curl: gliding to an edge at one depth and back at another makes energy, K(1 − cos δ/2)[(d₁ − d₂)L/δ −
+(d₁² − d₂²)/2] on faces of length L that meet at δ.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hapscene.scene.mesh import Mesh
+
+
+def corner_normals(mesh: "Mesh", crease_rad: float) -> NDArray[np.float64]:
+    """Unit normals (f, 3, 3) at the corners of each face, in the mesh's frame.
+
+    The faces about a vertex that hang together over edges flatter than `crease_rad` have one normal there: theirs,
+    weighted by their angles at it. Vertices at the same place count as one.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    faces = np.asarray(mesh.faces)
+    corner = np.asarray(mesh.vertices_m, np.float64)[faces]
+    _, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)
+    vertex = index.reshape(-1)[faces]
+    area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
+
+    start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()  # half-edge i runs from corner i to the next
+    first = np.arange(len(start))
+    after = 3 * (first // 3) + (first + 1) % 3
+    order = np.lexsort((np.maximum(start, end), np.minimum(start, end)))
+    low, high = np.minimum(start, end)[order], np.maximum(start, end)[order]
+    same = (low[1:] == low[:-1]) & (high[1:] == high[:-1])
+    one, two = order[:-1][same], order[1:][same]
+    flat = np.einsum("ei,ei->e", normal[one // 3], normal[two // 3]) >= math.cos(crease_rad)
+    one, two = one[flat], two[flat]
+    turned = start[one] == end[two]  # neighbours with the same winding run along their edge in opposite directions
+    ends = np.concatenate((one, after[one]))
+    others = np.concatenate((np.where(turned, after[two], two), np.where(turned, two, after[two])))
+    joined = coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
+    count, group = connected_components(joined, directed=False)
+
+    weight = _angles(corner).ravel()
+    total = np.zeros((count, 3))
+    for i in range(3):
+        total[:, i] = np.bincount(group, weight * np.repeat(normal[:, i], 3), count)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    own = np.repeat(normal, 3, axis=0)
+    shade = np.where(length[group] > 1e-12, total[group] / np.maximum(length[group], 1e-300), own)
+    return np.ascontiguousarray(shade.reshape(-1, 3, 3))
+
+
+def _angles(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles (f, 3) of triangles (f, 3, 3) at their corners [rad]."""
+    out = np.roll(corner, -1, axis=1) - corner
+    back = np.roll(corner, 1, axis=1) - corner
+    cross = np.linalg.norm(np.cross(out, back), axis=2)
+    return np.asarray(np.arctan2(cross, np.einsum("fki,fki->fk", out, back)))

@@ -1,0 +1,63 @@
+"""The net under walls that the limits did not catch: a passivity observer, and a controller whose damping is capped.
+
+Observer: the energy that a wall gave out and never took in. A wall may give back what its spring holds, so in a tick
+in which the force f was held while the tool went Δx over the touched body (Hannaford & Ryu 2002, exact for a
+zero-order hold; the spring as reference as in Ryu, Preusche, Hirzinger & Hannaford 2005)
+
+    made ← max(0, made + f·Δx + ½ f' d' − ½ f d)
+
+with the normal part f of the force that was sent `delay_ticks` before, and the spring's force and depth f d, f' d' of
+the last and of this tick. So what a damper took is never set off against what comes later, and friction has no part
+in it: it only takes, and what it took would hide what the wall gives. What was made is kept from bounce to bounce, and
+forgotten within `FORGET_S`.
+
+Controller: as long as made > 0, a damper along the normal that takes it back within a tick, as far as `guard_Ns_m`
+lets it: without that cap it would ask for an endless damper wherever the tool nearly rests, and chatter. It never
+pulls, and leaves a tool in the air alone.
+"""
+
+from typing import Any, Final
+
+from hapscene.native import native
+from hapscene.records import Flag
+
+_DAMPED = int(Flag.ENERGY_DAMPED)
+
+FORGET_S: Final = 0.5
+"""Time in which what was made is forgotten [s]: several bounces of a light hand. Much shorter, and a bounce is over
+before its energy is taken back; longer, and a wall is felt as sticky long after."""
+
+TINY_J: Final = 1e-10
+"""What is left alone [J]: rounding, and no more than moves a light device at 0.1 mm/s."""
+
+
+@native
+def guard(surface: Any, tool_W: Any) -> int:
+    """Observe the last tick, the measured tool (3,) now at `tool_W` [m]; damp this tick's sum. Returns flags."""
+    limits, touch, total, memory = surface.limits[0], surface.touch[0], surface.total[0], surface.memory[0]
+    f, n, sent, was = total.f_W_N, touch.nhat_W, memory.f_W_N, memory.nhat_W
+    size = len(memory.held_N)
+    last = (touch.tick - 1) % size
+    held = (touch.tick - 1 - limits.delay_ticks) % size
+    pushed = sent[0] * was[0] + sent[1] * was[1] + sent[2] * was[2]
+    work = way = push = 0.0
+    for i in range(3):
+        step = tool_W[i] - memory.tool_W_m[i] - memory.drag_m_s[i] * touch.tick_s
+        memory.held_N[last, i] = pushed * was[i]
+        work += memory.held_N[held, i] * step
+        way += n[i] * step
+        push += n[i] * f[i]
+        was[i] = n[i]
+    stored = 0.5 * min(max(push, 0.0), touch.normal_force_N) * touch.depth_m
+    if limits.coupling_N_m > 0.0:
+        stored += 0.5 * push * push / limits.coupling_N_m
+    made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J
+    memory.made_J = max(0.0, made)
+    memory.stored_J = stored
+    if touch.touching == 0 or made <= TINY_J or way == 0.0:
+        return 0
+    damping = min(made * touch.tick_s / (way * way), limits.guard_Ns_m)
+    add = max(-damping * way / touch.tick_s, -max(push, 0.0))
+    for i in range(3):
+        f[i] += add * n[i]
+    return _DAMPED

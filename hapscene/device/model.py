@@ -1,0 +1,195 @@
+"""Devices by name: what each is made of, and the walls it holds at a tick's period and delay.
+
+A wall of stiffness K and damping B (backward difference), rendered every T with a delay of d ticks to a mass m with
+damping b, is at the border of stability where for some frequency θ = ωT in (0, π), z = e^(iθ),
+
+    K + (B/T)(1 − z⁻¹) = −z^d / G(z),    G(z) = (p z + r)/((z − 1)(z − a)), a = e^(−bT/m)
+
+with G the mass behind a zero-order hold. Its imaginary part gives B(θ), its real part K(θ): the whole border in closed
+form. It holds the limits without damping (K → 2b/T at d = 0, b/(T/2 + T) at d = 1) and those of virtual damping alone
+(b = 0: K T²/m = 2β(2 − β)/(2 + β), β = BT/m) as special cases.
+
+Two things of real devices are added. Coulomb friction c takes as much energy from a swing of peak speed v as a damper
+of 4c/(πv) does; at v = `TOUCH_SPEED_M_S` that damper stands for it. And where the tool comes to rest, friction must
+hold the step that the force makes from one encoder count to the next, (K + B/T)Δ ≤ 2c (Abbott & Okamura 2005, IEEE
+Trans. Robotics 21(5), 952–964, for B = 0).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.limit import IDEAL, Limits
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError, no_such
+
+MARGIN: Final = 0.5
+"""What walls use of the stiffness that is just stable, and of the step that friction just holds [1]. A factor 2 covers
+a device half as damped as its data say (its own damping is the number that is known worst), and brings a wall to rest
+within few bounces, where at 1 it would ring for ever."""
+
+TOUCH_SPEED_M_S: Final = 0.5
+"""Fastest touch after which a wall must come to rest by the device's own friction [m/s]: a brisk tap. Slower
+touches rest the sooner; half of it would double the share of friction in the limits."""
+
+GUARD_SHARE: Final = 0.2
+"""Most damping that the passivity controller injects, over the largest that is stable at the delay [1]. At 0.05 it
+does not catch a wall of 2000 N/m at a delay of two ticks, at 1 it chatters; from 0.1 to 0.4 nothing much changes."""
+
+BORDER_COUNT: Final = 4000
+"""Points at which the border of stability is computed [count]: K to 3e-6 between them."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device by name.
+
+    Attributes:
+        name: what messages call it.
+        point: the device as a point mass; None for an ideal one.
+        limits: what its data sheet, and others who drive it, allow.
+    """
+
+    name: str
+    point: PointMass | None
+    limits: Limits
+
+
+def _device(name: str, point: PointMass, force_N: float, stiffness_N_m: float, damping_Ns_m: float) -> Device:
+    """A device that may go to its full force within a millisecond."""
+    slew_N_s = 1000.0 * force_N
+    return Device(name, point, Limits(force_N, slew_N_s, stiffness_N_m=stiffness_N_m, damping_Ns_m=damping_Ns_m))
+
+
+DEVICES: Final[Mapping[str, Device]] = {
+    "ideal": Device("ideal", None, IDEAL),
+    "omni": _device("omni", PointMass(0.045, 0.1, 0.26, 55e-6), 3.3, 700.0, 5.0),
+    "phantom-1.0": _device("phantom-1.0", PointMass(0.072, 0.005, 0.038, 30e-6), 6.0, 1000.0, 8.0),
+    "premium-1.5": _device("premium-1.5", PointMass(0.075, 0.05, 0.04, 30e-6), 8.5, 800.0, 5.0),
+}
+"""Mass, friction and encoder step by data sheet; the damping of omni and premium-1.5 is assumed, as nobody publishes
+it. Force, stiffness and damping are what CHAI3D drives them at (src/devices/CPhantomDevices.cpp: "PHANTOM Omni",
+"PHANTOM Premium 1.5 6DOF", and what it takes any other Phantom for)."""
+
+
+def device_named(name: str) -> Device:
+    """A device of `DEVICES`.
+
+    Raises:
+        HapsceneError: there is none of this name.
+    """
+    if name not in DEVICES:
+        raise HapsceneError(no_such("device", name, DEVICES))
+    return DEVICES[name]
+
+
+def limits_of(device: str | Device, tick_s: float, delay_ticks: int = 0) -> Limits:
+    """Limits of a device at a tick's period and delay: no wall beyond `wall_limit`, and the passivity controller below.
+
+    Raises:
+        HapsceneError: there is no device of this name.
+    """
+    if isinstance(device, str):
+        device = device_named(device)
+    known, point = device.limits, device.point
+    if point is None:
+        return replace(known, device=device.name, delay_ticks=delay_ticks)
+    stiffness, damping = wall_limit(device, tick_s, delay_ticks)
+    bare = wall_limit(device, tick_s, delay_ticks, damped=False)[0]
+    needed = damping_for(device, stiffness, tick_s, delay_ticks)
+    guard = GUARD_SHARE * damping_max(point.mass_kg, tick_s, delay_ticks)
+    if point.c_N > 0.0 and point.quantum_m > 0.0:  # a count more or less must not be felt as a kick
+        guard = min(guard, point.c_N * tick_s / point.quantum_m)
+    return replace(
+        known,
+        device=device.name,
+        delay_ticks=delay_ticks,
+        own_damping_Ns_m=point.b_Ns_m,
+        stiffness_N_m=stiffness,
+        damping_Ns_m=damping,
+        undamped_N_m=min(bare, stiffness),
+        damping_time_s=needed / (stiffness - bare) if stiffness > bare else 0.0,
+        guard_Ns_m=guard,
+    )
+
+
+def wall_limit(device: str | Device, tick_s: float, delay_ticks: int = 0, damped: bool = True) -> tuple[float, float]:
+    """The stiffest wall [N/m] that a device holds with a margin, and the most damping [N·s/m] that it holds with it.
+
+    `MARGIN` of the border of stability, with friction at `TOUCH_SPEED_M_S`, and of the step that friction holds; and
+    never more than the device's own limits allow. The stiffest wall needs a damper (`damping_for`); without one
+    (`damped` False) it is softer. Infinite for an ideal device.
+
+    Raises:
+        HapsceneError: there is no device of this name.
+    """
+    if isinstance(device, str):
+        device = device_named(device)
+    point = device.point
+    if point is None:
+        return device.limits.stiffness_N_m, device.limits.damping_Ns_m
+    K, B = _border(device, tick_s, delay_ticks)
+    step = _step_limit(point)
+    if not damped:
+        return min(float(np.interp(0.0, B, K)), step, device.limits.stiffness_N_m), 0.0
+    few = slice(0, int(np.searchsorted(B, device.limits.damping_Ns_m, "right")))
+    K, B = np.minimum(K, step - B / tick_s)[few], B[few]
+    stiffness = min(float(K.max()), device.limits.stiffness_N_m)
+    return stiffness, float(B[np.flatnonzero(stiffness <= K)[-1]])
+
+
+def damping_for(device: Device, stiffness_N_m: float, tick_s: float, delay_ticks: int = 0) -> float:
+    """Least damping [N·s/m] with which a device holds, with the margin, a wall no stiffer than its `wall_limit`."""
+    K, B = _border(device, tick_s, delay_ticks)
+    rising = slice(0, int(np.argmax(K)) + 1)
+    return max(0.0, float(np.interp(stiffness_N_m, K[rising], B[rising])))
+
+
+def damping_max(mass_kg: float, tick_s: float, delay_ticks: int = 0) -> float:
+    """Largest stable damping of a mass without stiffness [N·s/m]: 2 tan(π/(4(d + 1))) m/T, so 2 m/T without delay."""
+    return 2.0 * math.tan(math.pi / (4.0 * (delay_ticks + 1))) * mass_kg / tick_s
+
+
+def stability_border(
+    mass_kg: float, damping_Ns_m: float, tick_s: float, delay_ticks: int = 0, count: int = BORDER_COUNT
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The border of stability: stiffness (n,) [N/m] and damping (n,) [N·s/m], ascending, of walls that are just stable.
+
+    From K = 0 at B = −b, over the stiffest, to K = 0 at the largest damping.
+    """
+    delta = damping_Ns_m * tick_s / mass_kg
+    a, e = math.exp(-delta), -math.expm1(-delta)
+    if delta > 1e-3:
+        p, r = (delta - e) / delta**2, (e - a * delta) / delta**2
+    else:  # the same, without the difference of nearly equal numbers
+        p = 0.5 - delta / 6 + delta**2 / 24 - delta**3 / 120
+        r = 0.5 - delta / 3 + delta**2 / 8 - delta**3 / 30
+    theta_end = math.pi / (delay_ticks + 1)  # beyond the largest damping's frequency, π/(d + 1) at b = 0
+    theta = theta_end * np.linspace(1e-6, 1.0 - 1e-9, count) ** 2
+    z = np.exp(1j * theta)
+    wall = -(z**delay_ticks) * (z - 1.0) * (z - a) / (p * z + r) * mass_kg / tick_s**2
+    B = tick_s * wall.imag / np.sin(theta)
+    K = wall.real - B / tick_s * (1.0 - np.cos(theta))
+    end = int(np.argmax(K < 0.0)) if (K[1:] < 0.0).any() else count
+    return K[:end], B[:end]
+
+
+def _border(device: Device, tick_s: float, delay_ticks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The border with friction, and with the margin; damping from 0 to half of the largest."""
+    point = device.point
+    assert point is not None
+    own = point.b_Ns_m + 4.0 * point.c_N / (math.pi * TOUCH_SPEED_M_S)
+    K, B = stability_border(point.mass_kg, own, tick_s, delay_ticks)
+    grid = np.linspace(0.0, MARGIN * float(B[-1]), BORDER_COUNT)
+    return MARGIN * np.interp(grid, B, K), grid
+
+
+def _step_limit(point: PointMass) -> float:
+    """Largest K + B/T [N/m] whose step from count to count friction holds."""
+    if point.quantum_m == 0.0 or point.c_N == 0.0:
+        return math.inf
+    return MARGIN * 2.0 * point.c_N / point.quantum_m
