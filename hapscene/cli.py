@@ -13,9 +13,11 @@ from hapscene.command.capture import add_capture
 from hapscene.command.check import add_check
 from hapscene.command.export import add_export, add_import
 from hapscene.command.handle import add_handle
+from hapscene.command.paint import add_paint
 from hapscene.command.plugins import add_plugins
 from hapscene.command.stability import add_stability
 from hapscene.command.swatch import add_swatch
+from hapscene.command.teleoperate import add_teleoperate
 from hapscene.command.touch import add_demo, add_touch
 from hapscene.errors import HapsceneError
 
@@ -53,8 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hapscene {__version__}")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    first = (add_touch, add_demo, add_check, add_export, add_import, add_plugins)
-    for add in (*first, add_bench, add_capture, add_handle, add_stability, add_swatch):
+    first = (add_touch, add_demo, add_paint, add_check, add_export, add_import, add_plugins)
+    for add in (*first, add_bench, add_capture, add_handle, add_stability, add_swatch, add_teleoperate):
         add(commands)
     return parser
 

@@ -36,6 +36,8 @@ def add_stability(commands: Any) -> None:
     command.add_argument(
         "--random", type=_count, default=0, metavar="COUNT", help="chart so many random limits against theory too"
     )
+    command.add_argument("--docs", type=Path, metavar="DIR", help="run everything, and write stability.md there too")
+    command.add_argument("--zoo", type=Path, metavar="DIR", help="folder of the zoo, for --docs")
     command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
 
 
@@ -56,8 +58,30 @@ def _stability(options: argparse.Namespace) -> int:
         options.random,
         speak,
     )
+    if options.docs is not None:
+        made += _publish(options, made)
     name_made(made)
     return 0
+
+
+def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
+    """Everything else, and the page of documents."""
+    import shutil
+
+    from hapscene.errors import HapsceneError
+    from hapscene.stability.page import find, write_page
+    from hapscene.touch import speak
+
+    if not options.docs.is_dir():
+        raise HapsceneError(f"{options.docs}: no such folder")
+    folder = options.docs / "stability"
+    folder.mkdir(exist_ok=True)
+    for file in made:
+        shutil.copyfile(file, folder / file.name)
+    found = find(folder, options.cases, options.zoo, speak)
+    found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
+    write_page(options.docs / "stability.md", found, "stability")
+    return [options.docs / "stability.md"]
 
 
 def _swatches(scene: str | None) -> "list[Swatch]":

@@ -134,8 +134,8 @@ def _add_session_options(command: argparse.ArgumentParser) -> None:
 
 def _session(options: argparse.Namespace) -> dict[str, Any]:
     """What both ends are started with."""
+    from hapscene.teleoperation.coupling import Coupling
     from hapscene.teleoperation.link import Impairment
-    from hapscene.teleoperation.port import Coupling
 
     duration_s = float("inf") if options.duration is None else options.duration
     if not duration_s > 0.0:

@@ -1,0 +1,154 @@
+"""The haptography paper's teleoperation experiment, in simulation, and what delay does to it.
+
+A follower Omni touches a real surface (a swatch that was fitted to a recording of one); a leader Omni, held by a hand,
+is tied to it. What its accelerometer reads is what the hand should feel; what the hand feels is the acceleration of the
+leader's tip, by the base motors alone, or by them and the handle. After Kuchenbecker, Romano & McMahan, "Haptography".
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import ACCELERATION_RATE_HZ
+from hapscene.handle.spectrogram import spectrogram_error
+from hapscene.output import whole_folder
+from hapscene.teleoperation.coupling import Coupling
+from hapscene.teleoperation.message import SAMPLE_COUNT
+from hapscene.teleoperation.operation import Operated, Operation
+from hapscene.teleoperation.site import START_M, Gesture, explore, plate
+
+if TYPE_CHECKING:
+    from hapscene.surface.swatch import Swatch
+
+Array = NDArray[np.float64]
+
+MADE: Final = ("experiment.png", "delay.png", "experiment.npz", "summary.json")
+"""What the experiment writes."""
+
+SUMMARY_VERSION: Final = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """What a leader's hand felt of what the follower's accelerometer read.
+
+    Attributes:
+        compensator: of the handle; "none" for the base motors alone.
+        desired_m_s2, rendered_m_s2: (n,) at 10 kHz, the latency taken out.
+        latency_s: from the follower to the leader's handle.
+        errors: spectrogram error by part: "all", "tap", "stroke"; 1.0 is that of silence.
+    """
+
+    compensator: str
+    desired_m_s2: Array
+    rendered_m_s2: Array
+    latency_s: float
+    errors: dict[str, float]
+
+
+def compare_handles(
+    swatch: "str | Swatch", compensators: tuple[str, ...], grip: str = "medium", seed: int = 0
+) -> list[Rendering]:
+    """The experiment once for each compensator: taps, a press, strokes, over a line without delay."""
+    coupling = Coupling("position")
+    gesture = explore(grip, coupling.stiffness_N_m)
+    return [_render(swatch, compensator, coupling, gesture, seed) for compensator in compensators]
+
+
+def _render(swatch: "str | Swatch", compensator: str, coupling: Coupling, gesture: Gesture, seed: int) -> Rendering:
+    operation = Operation(plate(swatch), START_M, coupling, compensator=compensator, seed=seed)
+    operated = operation.run(gesture.intent)
+    desired, rendered = align(operated)
+    errors = {"all": spectrogram_error(desired, rendered, ACCELERATION_RATE_HZ)}
+    for part, spans in gesture.parts.items():
+        within = _within(spans, len(desired))
+        errors[part] = spectrogram_error(desired[within], rendered[within], ACCELERATION_RATE_HZ)
+    return Rendering(compensator, desired, rendered, operated.latency_s, errors)
+
+
+def align(operated: Operated) -> tuple[Array, Array]:
+    """Desired and rendered acceleration (n,), the rendered one moved back by the latency."""
+    late = round(operated.latency_s * ACCELERATION_RATE_HZ)
+    desired = operated.a_follower_m_s2.ravel()
+    rendered = (operated.a_tip_m_s2 + operated.a_handle_m_s2).ravel()
+    return desired[: len(desired) - late], rendered[late:]
+
+
+def _within(spans: list[tuple[int, int]], count: int) -> NDArray[np.bool_]:
+    """(count,) which samples lie in spans of ticks."""
+    within = np.zeros(count, bool)
+    for first, last in spans:
+        within[first * SAMPLE_COUNT : last * SAMPLE_COUNT] = True
+    return within
+
+
+def write_experiment(
+    out: str | Path,
+    swatch: "str | Swatch" = "wood",
+    compensator: str = "adaptive",
+    grip: str = "medium",
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
+) -> list[Path]:
+    """Do the experiment and the study of delay, and write `MADE` into a folder: all of it or nothing.
+
+    Args:
+        out: the folder.
+        swatch: what is touched: a name, a .swatch file, or a `Swatch`.
+        compensator: of the handle, beside "none" and "inverse".
+        grip: of the hand in the experiment; the study of delay has its own.
+        seed: of what is drawn at random.
+        say: is given the progress, piece by piece.
+
+    Raises:
+        HapsceneError: an unknown swatch, compensator or grip.
+        OSError: the folder cannot be written.
+    """
+    from hapscene.teleoperation.delay_plot import write_delay_plot
+    from hapscene.teleoperation.delay_study import study_delays, study_stiffness, summarise_delays, trace_delay
+    from hapscene.teleoperation.experiment_plot import write_experiment_plot
+
+    with whole_folder(out, ours=MADE) as folder:
+        say("touching a surface through leader and follower\n")
+        names = tuple(dict.fromkeys(("none", "inverse", compensator)))
+        renderings = compare_handles(swatch, names, grip, seed)
+        name = swatch if isinstance(swatch, str) else swatch.name
+        write_experiment_plot(renderings, folder / "experiment.png", f"{name}, {grip} grip")
+        _save(renderings, folder / "experiment.npz")
+        outcomes = study_delays(seed, say)
+        stiffness = study_stiffness()
+        write_delay_plot(outcomes, stiffness, trace_delay(seed), folder / "delay.png")
+        summary = {
+            "format_version": SUMMARY_VERSION,
+            "surface": name,
+            "grip": grip,
+            "seed": seed,
+            "experiment": {r.compensator: _summarise(r) for r in renderings},
+            "delay": summarise_delays(outcomes),
+            "stiffness": stiffness,
+        }
+        text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    return [Path(out) / name for name in MADE]
+
+
+def _summarise(rendering: Rendering) -> dict[str, Any]:
+    return {
+        "spectrogram_error": {part: round(value, 4) for part, value in rendering.errors.items()},
+        "latency_ms": round(rendering.latency_s * 1e3, 3),
+        "desired_rms_m_s2": round(float(rendering.desired_m_s2.std()), 4),
+        "rendered_rms_m_s2": round(float(rendering.rendered_m_s2.std()), 4),
+    }
+
+
+def _save(renderings: list[Rendering], path: Path) -> None:
+    """The signals, for other judges: desired_… and rendered_… by compensator."""
+    arrays: dict[str, Any] = {f"desired_{r.compensator}_m_s2": r.desired_m_s2 for r in renderings}
+    arrays |= {f"rendered_{r.compensator}_m_s2": r.rendered_m_s2 for r in renderings}
+    with path.open("wb") as file:
+        np.savez_compressed(file, format_version=1, a_rate_Hz=ACCELERATION_RATE_HZ, **arrays)

@@ -1,0 +1,165 @@
+"""Teleoperation in one process: a leader in a hand, a line, a follower on a scene."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.contact.world import records
+from hapscene.device.omni import Omni
+from hapscene.device.point import PointMass
+from hapscene.handle.loop import new_handle
+from hapscene.handle.plant import Plant
+from hapscene.renderer import EFFECTS, Renderer
+from hapscene.teleoperation.coupling import Coupling
+from hapscene.teleoperation.follower import Follower, new_follower
+from hapscene.teleoperation.leader import Leader, new_leader
+from hapscene.teleoperation.link import Impairment, new_link
+from hapscene.teleoperation.loop import HAPPENED, Line, operate
+from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
+from hapscene.twin.intent import Intent
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+    from hapscene.surface.effect import Effect
+
+Array = NDArray[np.float64]
+
+UP: Final = (0.0, 0.0, 1.0)
+"""The handle's direction in W unless told otherwise: upright on a surface that lies flat."""
+
+REST_S: Final = 1.0
+"""What counts as the end of an operation, in which all should be at rest [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Operated:
+    """What happened, n ticks: SI units, vectors in W.
+
+    Attributes:
+        t_s: (n,) start of each tick.
+        leader_W_m, follower_W_m: (n, 3) the tools, true.
+        f_leader_W_N, f_follower_W_N: (n, 3) forces of the motors, held over the tick.
+        f_contact_W_N: (n, 3) of the surface on the follower's tool, at the tick's end.
+        touching: (n,) whether the follower touches.
+        a_follower_m_s2: (n, SAMPLE_COUNT) what the follower's accelerometer read, along the handle.
+        a_tip_m_s2: (n, SAMPLE_COUNT) acceleration of the leader's tip, by base motors and hand.
+        a_handle_m_s2: (n, SAMPLE_COUNT) of the handle on it, by the voice coil.
+        latency_s: from a sample at the follower to the same at the leader's handle.
+        work_J: (n,) of both devices' motors since the start. What rises above 0 was generated.
+    """
+
+    t_s: Array
+    leader_W_m: Array
+    follower_W_m: Array
+    f_leader_W_N: Array
+    f_follower_W_N: Array
+    f_contact_W_N: Array
+    touching: NDArray[np.bool_]
+    a_follower_m_s2: Array
+    a_tip_m_s2: Array
+    a_handle_m_s2: Array
+    latency_s: float
+    work_J: Array
+
+    @property
+    def rest_m_s(self) -> float:
+        """Root mean square of the faster tool's speed at the end [m/s]."""
+        late = self.t_s >= self.t_s[-1] - REST_S
+        speeds = [np.diff(p[late], axis=0) / TICK_S for p in (self.leader_W_m, self.follower_W_m)]
+        return max(float(np.sqrt((v**2).sum(axis=1).mean())) for v in speeds)
+
+    @property
+    def energy_out_J(self) -> float:
+        """The most energy that both devices' motors together had given out at any time [J]."""
+        return max(float(self.work_J.max()), 0.0)
+
+
+class Operation:
+    """A hand that feels a scene through a leader, a line and a follower.
+
+    Args:
+        scene: what the follower touches.
+        p_WT_m: (3,) where both tools are at the start.
+        coupling: how the ends are tied together.
+        line: how bad the line is, each way.
+        device: of both ends.
+        compensator: of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none" leaves it to
+            the base motors.
+        plant: the handle; the compensator believes in `Plant()`.
+        effects, seed: as `Renderer` has them.
+        axis_W: (3,) along the handle.
+
+    Raises:
+        HapsceneError: a start out of the device's reach, an unknown compensator, or what `Renderer` refuses.
+    """
+
+    def __init__(
+        self,
+        scene: "Scene",
+        p_WT_m: Sequence[float],
+        coupling: Coupling | None = None,
+        line: Impairment | None = None,
+        device: PointMass | Omni | None = None,
+        compensator: str = "adaptive",
+        plant: Plant | None = None,
+        effects: "Sequence[str | Effect]" = EFFECTS,
+        seed: int = 0,
+        axis_W: Sequence[float] = UP,
+    ) -> None:
+        coupling, line, device = coupling or Coupling(), line or Impairment(), device or Omni()
+        self.renderer = world_of(scene, effects, seed)
+        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT_m, axis_W)
+        handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
+        self.leader: Leader = new_leader(device, handle, coupling, p_WT_m, axis_W)
+        forth, back = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
+        self.line = Line(forth, back, records(1, MESSAGE))
+        self._ticks = 0
+
+    def run(self, intent: Intent) -> Operated:
+        """Live through an intention of the leader's hand, a tick for each of its rows; goes on from the last one."""
+        n = len(intent)
+        happened = records(n, HAPPENED)
+        samples = [np.zeros((n, SAMPLE_COUNT)) for _ in range(3)]
+        hand = (intent.target_W_m, intent.grip, intent.push_W_N)
+        operate(self.leader, self.follower, self.line, self._ticks, *hand, happened, *samples)
+        t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
+        self._ticks += n
+        column = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
+        return Operated(
+            t_s=t_s,
+            leader_W_m=column["leader_W_m"],
+            follower_W_m=column["follower_W_m"],
+            f_leader_W_N=column["f_leader_W_N"],
+            f_follower_W_N=column["f_follower_W_N"],
+            f_contact_W_N=column["f_contact_W_N"],
+            touching=column["touching"].astype(bool),
+            a_follower_m_s2=samples[0],
+            a_tip_m_s2=samples[1],
+            a_handle_m_s2=samples[2],
+            latency_s=self.latency_s,
+            work_J=_work(column["leader_W_m"], column["f_leader_W_N"])
+            + _work(column["follower_W_m"], column["f_follower_W_N"]),
+        )
+
+    @property
+    def latency_s(self) -> float:
+        """From a sample at the follower to the same at the handle, as the line is at present: a tick until it is sent,
+        the queue, and the handle's look-ahead."""
+        queue: Any = self.leader.end.queue[0]
+        ticks = 1 + int(queue.lag_ticks) + int(queue.a_extra_ticks)
+        return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ
+
+
+def world_of(scene: "Scene", effects: "Sequence[str | Effect]" = EFFECTS, seed: int = 0) -> Renderer:
+    """The scene as a world that a follower's tool meets: a tick for each sample of the accelerometer."""
+    return Renderer(scene, effects, seed, 1.0 / ACCELERATION_RATE_HZ, ACCELERATION_RATE_HZ)
+
+
+def _work(p_W_m: Array, f_W_N: Array) -> Array:
+    """(n,) work of a held force on a tool since the start; that of the last tick is not known yet."""
+    done = np.einsum("ij,ij->i", f_W_N[:-1], np.diff(p_W_m, axis=0))
+    return np.append(0.0, np.cumsum(done))

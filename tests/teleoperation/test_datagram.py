@@ -1,0 +1,114 @@
+"""The datagram: what goes in comes out, and nothing else comes in."""
+
+import math
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapscene.contact.world import records
+from hapscene.teleoperation.datagram import AHEAD_MAX, CHECK, LAYOUT, SEEN, SIZE, Gate, pack
+from hapscene.teleoperation.message import MESSAGE
+
+
+def message(tick: int = 7) -> Any:
+    told = records(1, MESSAGE)[0]
+    told.tick, told.echo = tick, max(tick - 3, -1)
+    told.p_WT_m, told.v_WT_m_s, told.wave_sqrtJs = (0.1, -0.2, 1e-9), (1.0, 2.0, -3.0), (0.5, -1e-17, 3.0)
+    told.wave_J = 0.25
+    told.a_m_s2 = np.linspace(-40.0, 40.0, 10).astype(np.float32)
+    return told
+
+
+def fate(gate: Gate, data: bytes) -> str:
+    """What becomes of a datagram."""
+    before = dict(gate.counts)
+    gate.admit(data, records(1, MESSAGE)[0])
+    (name,) = (name for name, count in gate.counts.items() if count != before[name])
+    return name
+
+
+def checked(body: bytes) -> bytes:
+    return body + CHECK.pack(zlib.crc32(body))
+
+
+def test_what_is_packed_comes_out_to_the_bit() -> None:
+    told, heard = message(), records(1, MESSAGE)[0]
+    data = pack(told, 1, 99)
+    assert len(data) == SIZE
+    assert Gate(1).admit(data, heard)
+    assert heard.tobytes() == told.tobytes()
+
+
+@given(st.binary(max_size=2 * SIZE))
+def test_no_bytes_from_strangers_are_let_in_or_raise(data: bytes) -> None:
+    assert fate(Gate(1), data) == "malformed"
+
+
+@given(st.binary(min_size=LAYOUT.size - 12, max_size=LAYOUT.size - 12))
+def test_bytes_with_a_right_head_and_check_are_let_in_only_if_sane(rest: bytes) -> None:
+    heard = records(1, MESSAGE)[0]
+    gate = Gate(1)
+    if gate.admit(checked(pack(message(), 1, 99)[:12] + rest), heard):
+        numbers = np.concatenate([np.ravel(heard[name]) for name in MESSAGE.names])
+        assert np.isfinite(numbers).all() and heard.tick >= 0
+        assert np.abs(heard.p_WT_m).max() <= 10.0
+
+
+@given(st.integers(0, 8 * SIZE - 1))
+def test_one_flipped_bit_is_found(bit: int) -> None:
+    data = bytearray(pack(message(), 1, 99))
+    data[bit // 8] ^= 1 << bit % 8
+    assert fate(Gate(1), bytes(data)) == "malformed"
+
+
+def test_another_session_role_or_version_is_foreign() -> None:
+    gate = Gate(1)
+    assert fate(gate, pack(message(1), 1, 99)) == "let in"
+    assert fate(gate, pack(message(2), 1, 98)) == "foreign"
+    assert fate(gate, pack(message(2), 0, 99)) == "foreign"
+    assert fate(gate, pack(message(2), 1, 99, scheme=0)) == "foreign" and not gate.mismatched
+    body = bytearray(pack(message(2), 1, 99)[: LAYOUT.size])
+    body[4] += 1
+    assert fate(gate, checked(bytes(body))) == "foreign"
+    assert fate(gate, pack(message(2), 1, 99)) == "let in"
+
+
+def test_a_peer_tied_by_another_scheme_is_known() -> None:
+    gate = Gate(1)
+    assert fate(gate, pack(message(), 1, 99, scheme=0)) == "foreign"
+    assert gate.mismatched
+
+
+def test_twice_is_once_and_long_ago_is_too_late() -> None:
+    gate = Gate(1)
+    for tick in (5, 4, 6 + SEEN):
+        assert fate(gate, pack(message(tick), 1, 9)) == "let in"
+    assert fate(gate, pack(message(6 + SEEN), 1, 9)) == "duplicate"
+    assert fate(gate, pack(message(6), 1, 9)) == "late"
+    assert fate(gate, pack(message(7), 1, 9)) == "let in"
+    assert fate(gate, pack(message(7 + SEEN + AHEAD_MAX), 1, 9)) == "foreign"
+
+
+@pytest.mark.parametrize("field", ["p_WT_m", "v_WT_m_s", "wave_sqrtJs", "wave_J", "a_m_s2"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+def test_numbers_that_no_tool_has_are_malformed(field: str, value: float) -> None:
+    told = message()
+    told[field] = value
+    assert fate(Gate(1), pack(told, 1, 9)) == "malformed"
+
+
+def test_negative_ticks_are_malformed() -> None:
+    body = bytearray(pack(message(), 1, 9)[: LAYOUT.size])
+    struct.pack_into("<q", body, 12, -1)
+    assert fate(Gate(1), checked(bytes(body))) == "malformed"
+
+
+def test_the_last_word_is_heard() -> None:
+    gate = Gate(1)
+    gate.admit(pack(message(), 1, 9, ends=True), records(1, MESSAGE)[0])
+    assert gate.ended

@@ -1,0 +1,76 @@
+"""The paper's experiment: the handle brings back what base motors cannot; the plots and numbers of it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from hapscene.errors import HapsceneError
+from hapscene.teleoperation.delay_plot import write_delay_plot
+from hapscene.teleoperation.delay_study import Outcome, operate_case, study_delays, study_stiffness, summarise_delays
+from hapscene.teleoperation.experiment import MADE, Rendering, compare_handles, write_experiment
+from hapscene.teleoperation.experiment_plot import write_experiment_plot
+
+
+@pytest.fixture(scope="module")
+def renderings() -> list[Rendering]:
+    return compare_handles("wood", ("none", "inverse"))
+
+
+def test_the_handle_brings_back_what_base_motors_cannot(renderings: list[Rendering]) -> None:
+    alone, handle = renderings
+    assert alone.errors["stroke"] > 0.9 and handle.errors["stroke"] < 0.25
+    assert handle.errors["all"] < 0.7 * alone.errors["all"]
+
+
+def test_latency_is_taken_out(renderings: list[Rendering]) -> None:
+    """Within the strokes desired and rendered lie on each other, to the sample."""
+    _, handle = renderings
+    desired, rendered = handle.desired_m_s2, handle.rendered_m_s2
+    late = slice(len(desired) // 2, len(desired) * 3 // 4)
+    lags = np.arange(-20, 21)
+    match = [np.dot(desired[late], np.roll(rendered, lag)[late]) for lag in lags]
+    assert abs(lags[int(np.argmax(match))]) <= 1
+
+
+def test_the_plots_are_drawn(renderings: list[Rendering], tmp_path: Path) -> None:
+    write_experiment_plot(renderings, tmp_path / "experiment.png", "wood")
+    outcomes = [
+        Outcome(scheme, delay_s, bad, case, grip, 0.2 if scheme == "position" and delay_s > 0.01 else 0.0, 0.0)
+        for scheme in ("position", "wave")
+        for delay_s in (0.0, 0.05)
+        for bad in (False, True)
+        for case in ("land", "swing")
+        for grip in ("light", "firm")
+    ]
+    trace = {"wave": operate_case("wave", 0.05, False, "land", "light")}
+    write_delay_plot(outcomes, study_stiffness((0.05,)), trace, tmp_path / "delay.png")
+    for name in ("experiment.png", "delay.png"):
+        with Image.open(tmp_path / name) as image:
+            assert image.width > 1000
+    assert summarise_delays(outcomes)["position"]["50 ms"]["clean"]["stable"] is False
+    assert summarise_delays(outcomes)["wave"]["50 ms"]["bad"]["stable"] is True
+
+
+@pytest.mark.soak
+def test_waves_are_passive_at_every_delay_and_the_plain_controller_is_not() -> None:
+    outcomes = study_delays()
+    assert all(outcome.stable for outcome in outcomes if outcome.scheme == "wave")
+    failed = {outcome.delay_s for outcome in outcomes if outcome.scheme == "position" and not outcome.stable}
+    assert failed >= {0.02, 0.05, 0.1} and 0.0 not in failed
+
+
+@pytest.mark.soak
+def test_the_whole_experiment_is_written(tmp_path: Path) -> None:
+    made = write_experiment(tmp_path / "out", "leather")
+    assert [file.name for file in made] == list(MADE) and all(file.stat().st_size > 1000 for file in made)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["experiment"]["inverse"]["spectrogram_error"]["stroke"] < 0.4
+
+
+def test_nothing_is_written_where_something_is_unknown(tmp_path: Path) -> None:
+    with pytest.raises(HapsceneError, match="no compensator 'magic'"):
+        write_experiment(tmp_path / "out", "wood", compensator="magic")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,127 @@
+"""Teleoperation in closed loop: passive and at rest where the plain controller is not, and what stiffness is felt."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.device.hand import Grip
+from hapscene.device.omni import Omni
+from hapscene.device.point import PointMass
+from hapscene.surface.swatch import Swatch
+from hapscene.teleoperation.coupling import Coupling
+from hapscene.teleoperation.delay_study import (
+    BAD,
+    ENERGY_MAX_J,
+    REST_MAX_M_S,
+    measure_stiffness,
+    operate_case,
+    predict_stiffness,
+)
+from hapscene.teleoperation.link import Impairment
+from hapscene.teleoperation.operation import Operation
+from hapscene.teleoperation.site import START_M, explore, plate
+from hapscene.twin.intent import Intent
+
+
+@pytest.mark.parametrize("bad", [False, True])
+def test_at_50_ms_waves_rest_where_the_plain_controller_does_not(bad: bool) -> None:
+    plain, waves = (operate_case(scheme, 0.05, bad, "land", "light") for scheme in ("position", "wave"))
+    assert plain.rest_m_s > 0.1 and plain.energy_out_J > 0.1
+    assert waves.rest_m_s < REST_MAX_M_S and waves.energy_out_J < ENERGY_MAX_J
+    assert waves.touching[-1000:].all()
+
+
+def test_without_delay_the_plain_controller_rests_too() -> None:
+    plain = operate_case("position", 0.0, False, "land", "light")
+    assert plain.rest_m_s < REST_MAX_M_S and plain.touching[-1000:].all()
+
+
+@given(
+    st.builds(
+        Impairment,
+        delay_s=st.floats(0.0, 0.1),
+        jitter_s=st.floats(0.0, 0.01),
+        loss=st.floats(0.0, 0.3),
+        reorder=st.floats(0.0, 0.3),
+    ),
+    st.builds(
+        PointMass,
+        mass_kg=st.floats(0.04, 0.2),
+        b_Ns_m=st.floats(0.05, 0.5),
+        c_N=st.sampled_from([0.0, 0.05, 0.26]),
+        quantum_m=st.sampled_from([0.0, 55e-6]),
+    ),
+    st.builds(Grip, st.floats(0.0, 600.0), st.floats(0.1, 6.0)),
+    st.floats(100.0, 2000.0),
+    st.floats(-0.03, 0.0),
+)
+@settings(max_examples=20, deadline=None)
+def test_between_passive_ends_the_motors_give_out_no_energy(
+    line: Impairment, device: PointMass, grip: Grip, stiffness_N_m: float, z_m: float
+) -> None:
+    """Any line, device, hand and wall: what both motors give out together stays within both ends' allowances."""
+    start = (0.0, 0.0, 0.01)
+    scene = plate(Swatch("wall", stiffness_N_m=stiffness_N_m))
+    operation = Operation(scene, start, Coupling(), line, device, "none", effects=("wall",), seed=1)
+    operated = operation.run(Intent.hold((0.0, 0.0, z_m), 1500, grip, (0.0, 0.0, -1.0)))
+    assert operated.energy_out_J <= 2.0 * Coupling().allowance_J
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.005, 0.02])
+def test_the_stiffness_felt_is_that_of_springs_in_a_row(delay_s: float) -> None:
+    """1/K = 1/K_wall + 1/K_c + d/b, where energy is not short."""
+    felt_N_m, line_s = measure_stiffness(Coupling(allowance_J=1.0), delay_s)
+    assert felt_N_m == pytest.approx(predict_stiffness(line_s), rel=1e-3)
+
+
+def test_positions_do_not_drift_apart_over_a_bad_line() -> None:
+    """What friction leaves between the two after one exploration, it leaves after five."""
+    operation = Operation(plate("wood"), START_M, Coupling(), Impairment(0.02, **BAD), compensator="none")
+    intent = explore("medium", 500.0).intent
+    apart = [operation.run(intent) for _ in range(5)]
+    apart_m = [float(np.linalg.norm(o.leader_W_m[-1] - o.follower_W_m[-1])) for o in apart]
+    assert max(apart_m) - min(apart_m) < 0.5e-3
+
+
+def test_the_same_seed_gives_the_same_bits() -> None:
+    intent = explore("medium", 500.0).intent
+    line = Impairment(0.01, 0.005, 0.1, 0.1)
+    first, second = (Operation(plate("wood"), START_M, Coupling(), line, seed=4).run(intent) for _ in range(2))
+    assert first.leader_W_m.tobytes() == second.leader_W_m.tobytes()
+    assert first.a_handle_m_s2.tobytes() == second.a_handle_m_s2.tobytes()
+
+
+def run_briefly() -> list[float]:
+    """Eight ticks of all there is: contact, waves, a line, the handle."""
+    device, line = PointMass(0.05, 0.1, 0.1, 55e-6), Impairment(0.001, 0.001, 0.1)
+    operation = Operation(plate("wood"), (0.0, 0.0, 1e-6), Coupling(), line, device, "adaptive")
+    operated = operation.run(Intent.hold((0.0, 0.0, -0.05), 8))
+    sums = operated.a_handle_m_s2.sum(), operated.a_tip_m_s2.sum()
+    return [*operated.leader_W_m[-1].tolist(), *operated.f_leader_W_N[-1].tolist(), *map(float, sums)]
+
+
+def test_interpreted_and_compiled_agree() -> None:
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+    code += "from test_operation import run_briefly; print(*run_briefly())"
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    compiled = run_briefly()
+    assert [float(word) for word in done.stdout.split()] == pytest.approx(compiled, rel=1e-9, abs=1e-15)
+    assert compiled[5] != 0.0 and compiled[-1] != 0.0
+
+
+@pytest.mark.soak
+def test_ten_minutes_over_a_bad_line() -> None:
+    operation = Operation(plate("wood"), START_M, Coupling(), Impairment(0.05, **BAD), Omni())
+    intent = explore("light", 500.0).intent
+    for _ in range(600_000 // len(intent)):
+        operated = operation.run(intent)
+        assert operated.rest_m_s < REST_MAX_M_S
+    assert operation.leader.end.port[0].work_J + operation.follower.end.port[0].work_J < ENERGY_MAX_J
