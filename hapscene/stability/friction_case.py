@@ -210,7 +210,10 @@ def slid(
     path[:, 0] += speed_m_s * LEAD_S * (start**3 - 0.5 * start**4)  # from rest to that speed, without a kick
     path[:, 0] -= 0.5 * speed_m_s * LEAD_S
     twin.run(Intent.hold(path[0], len(start), LEAD, (0.0, 0.0, -PRESS_N)))
-    twin.run(Intent.along(path, LEAD, (0.0, 0.0, -PRESS_N)))
+    path = np.vstack((path, 2.0 * path[-1] - path[-2]))  # where it lets go, still moving
+    grip = np.tile(LEAD.row(), (len(path), 1))
+    grip[-1] = 0.0
+    twin.run(Intent.along(path, grip, (0.0, 0.0, -PRESS_N)))
     if isinstance(device, PointMass):
         twin.body.arm.point.v_m_s[0, 0] = speed_m_s  # to the last digit
     count = round(duration_s / tick_s)

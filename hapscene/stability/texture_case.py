@@ -46,8 +46,8 @@ DEPTH_M: Final = 2e-3
 WARM_S: Final = 0.1
 """How long the tick's low-pass of the force takes to settle [s]."""
 
-PAIRS: Final = 400
-"""Random pairs of models at each order [count]: a share of them to 4 % with 95 % confidence."""
+PAIRS: Final = 200
+"""Random pairs of models at each order [count]: a share of them to 0.06 with 95 % confidence."""
 
 UNSTABLE: Final = {3: 0.25, 8: 0.75, 20: 0.98}
 """Share of random pairs between which blended coefficients are unstable, by order: reference table, L1."""

@@ -1,13 +1,7 @@
 """The zoo in closed loop: meshes and tool paths that are hard for point contact, with a hand that pushes 3 N.
 
-A folder as ../shared/zoo has `cases.json`, and for each case a mesh and the path of a tool. The path is first played
-through the renderer as it is; what it meets there is what the hand then aims for. It goes along the proxy, on the
-surface, and pushes with `PUSH_N` against the normal: that of the surface where it touches, else that of the plan. Such
-a push has a potential, the depth, so the hand itself adds no energy; a push along the planned normals would drive a
-light hand off any body rounder than `PUSH_N` over its spring. It comes and goes as fast as muscles do, and the spring
-aims as deep as the push will bring the tool, so that the push and not the grip sets the force. Where the path last is
-well inside, the hand holds still for a second, still pressed, and draws the tool out. Pokes are held where they are
-deepest.
+A folder as ../shared/zoo has `cases.json`, and for each case a mesh and the path of a tool; what the hand makes of a
+path, `hapscene.stability.zoo_hand` says.
 
 What is wrong:
 - pop-through: contact lost with the tool inside, the proxy's direction jumping as the surface does not, a number that
@@ -30,54 +24,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.world import records
-from hapscene.device.arm import find_tip
 from hapscene.device.hand import grip_named
+from hapscene.device.limit import Limits
 from hapscene.device.model import limits_of
 from hapscene.device.omni import Omni, stand
-from hapscene.device.omni_kinematics import reachable, tip, turns_at
 from hapscene.device.omni_record import OmniFlag
 from hapscene.device.point import PointMass
-from hapscene.native import native
 from hapscene.records import ROW
-from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.stability.chart import draw_panels
+from hapscene.stability.zoo_hand import BODY, STIFFNESS_N_M, TICK_S, Plan, make_plan, press_along, reaches
 from hapscene.surface.swatch import Swatch
-from hapscene.tick import place_bodies
 from hapscene.twin.feel import FELT
-from hapscene.twin.loop import beat, take_grip
 from hapscene.twin.twin import Twin
-from hapscene.view.palette import OKABE_ITO
+from hapscene.view.palette import AIR, OKABE_ITO
 
 Array = NDArray[np.float64]
-
-TICK_S: Final = 1e-3
-"""Period of the force channel [s]: the zoo's paths are sampled at it."""
-
-STIFFNESS_N_M: Final = 500.0
-"""Stiffness of every surface [N/m]."""
-
-PUSH_N: Final = 3.0
-"""With what the hand pushes [N]: nearly all that an Omni can answer."""
-
-HAND_S: Final = 0.05
-"""Time constant with which a push comes and goes [s]: that of muscles."""
-
-HOLD_S: Final = 1.0
-"""How long the hand holds still at the end [s]."""
-
-RELEASE_S: Final = 0.3
-"""How long it takes to draw the tool out [s]."""
-
-RELEASE_M: Final = 0.02
-"""How far [m]."""
-
-POKE_TICKS: Final = 20
-"""Ticks of each poke, in the cases that are many pokes: the renderer starts anew at each."""
-
-POKE_HOLD: Final = 130
-"""Ticks for which the hand then goes on pushing: it is slower than the path."""
 
 REST_MM_S: Final = 5.0
 """Most speed at rest, rms [mm/s]."""
@@ -105,8 +68,9 @@ JUMP_DEG: Final = {
 }
 """Largest turn of the direction in a tick, by case or kind, as the zoo's judge has it; 180 for others."""
 
-LETS_GO: Final = ("open", "edge90", "wedge20")
-"""Kinds and cases where a surface ends: contact is rightly lost there while the tool is deep."""
+LETS_GO: Final = ("wedge20",)
+"""Cases in which the tool leaves a body through another of its faces, so that contact is rightly lost while it is deep:
+over a knife edge."""
 
 DEVICES: Final[dict[str, PointMass | Omni]] = {
     "point": PointMass(0.045, 0.1, 0.26, 5.5e-5),
@@ -116,8 +80,6 @@ DEVICES: Final[dict[str, PointMass | Omni]] = {
 
 GRIPS: Final = ("light", "firm")
 """How it holds it."""
-
-_NONE: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)))
 
 
 @dataclass(frozen=True)
@@ -161,7 +123,7 @@ _COLUMNS: Final[tuple[tuple[str, str, float, Callable[[ZooCase], float]], ...]] 
     ("at rest", "speed, rms [mm/s]", REST_MM_S, lambda row: row.rest_mm_s),
     (
         "jump of direction",
-        "largest turn in a tick, of what is allowed [1]",
+        "turn in a tick over what is allowed [1]",
         1.0,
         lambda row: row.jump_deg / row.jump_limit_deg,
     ),
@@ -180,165 +142,62 @@ def zoo_cases(
     devices: Sequence[str] = ("point", "omni"),
     grips: Sequence[str] = GRIPS,
     say: Callable[[str], None] = lambda _: None,
+    limits: Limits | None = None,
 ) -> Iterator[ZooCase]:
-    """Run the cases of a folder (those named, or all), with each device and grip, at the Omni's limits.
+    """Run the cases of a folder (those named, or all), with each device and grip; by default at the Omni's limits.
 
     Raises:
         OSError: a file that is not there.
     """
     folder = Path(folder)
-    mesh, twin = "", None
+    mesh, twin, bounds_m = "", None, np.zeros((2, 3))
     for case in json.loads((folder / "cases.json").read_text()):
         if names and case["name"] not in names:
             continue
         if twin is None or case["mesh"] != mesh:
-            mesh, twin = case["mesh"], _twin(folder, case["mesh"])
+            mesh = case["mesh"]
+            twin, bounds_m = _twin(folder, mesh, limits or limits_of("omni", TICK_S))
         path = np.load(folder / f"{case['path']}.npz")
-        plan = _plan(twin.renderer, case, path["tool_m"], path.get("body_m"))
+        plan = make_plan(twin.renderer, case, path["tool_m"], path.get("body_m"))
         twin.X_WD = stand(0.5 * (plan.on_m.min(axis=0) + plan.on_m.max(axis=0)))
         for device in devices:
-            if device == "omni" and not _reaches(twin.X_WD, plan):
+            if device == "omni" and not reaches(twin.X_WD, plan):
                 continue
             for grip in grips:
-                row = _run(twin, case, plan, device, grip)
+                row = _run(twin, bounds_m, case, plan, device, grip)
                 say(f"{row}\n")
                 yield row
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What the hand means to do.
-
-    Attributes:
-        parts: (start, stop) of what starts anew each time: all, or a poke.
-        on_m: (n, 3) place on the surface, or in the air, that it goes along.
-        nhat: (n, 3) the surface's normal there; 0 where it does not push.
-        body_m: (n, 3) place of the body, or None for one that stands still.
-        rest: ticks in which rest is looked for.
-    """
-
-    parts: list[tuple[int, int]]
-    on_m: Array
-    nhat: Array
-    body_m: Array | None
-    rest: slice
-
-
-def _plan(renderer: Renderer, case: dict[str, Any], tool_m: Array, body_m: Array | None) -> _Plan:
-    if case["name"].startswith("poke"):
-        return _plan_pokes(renderer, tool_m.reshape(-1, POKE_TICKS, 3))
-    renderer.reset(tool_m[0])
-    seen_all = renderer.run(tool_m, _poses(body_m, 0, len(tool_m)))
-    stop = int(np.flatnonzero(seen_all.depth_m >= 0.5 * seen_all.depth_m.max())[-1])
-    hold, release = round(HOLD_S / TICK_S), round(RELEASE_S / TICK_S)
-    still = np.concatenate((np.arange(stop + 1), np.full(hold + release, stop)))
-    out_m = np.concatenate((np.zeros(stop + 1 + hold), np.linspace(0.0, RELEASE_M, release)))
-    nhat = (seen_all.nhat_W * seen_all.touching[:, None])[still]
-    on_m = seen_all.p_WP_m[still] + nhat * out_m[:, None]
-    nhat[stop + 1 + hold :] = 0.0
-    rest = slice(stop + 1 + hold // 2, stop + 1 + hold)
-    return _Plan([(0, len(still))], on_m, nhat, None if body_m is None else body_m[still], rest)
-
-
-def _plan_pokes(renderer: Renderer, tool_m: Array) -> _Plan:
-    """Each poke (m, POKE_TICKS, 3) to where it is deepest, and on pushing there."""
-    n = POKE_TICKS + POKE_HOLD
-    on_m, nhat = np.zeros((len(tool_m), n, 3)), np.zeros((len(tool_m), n, 3))
-    for k, poke in enumerate(tool_m):
-        renderer.reset(poke[0])
-        seen = renderer.run(poke)
-        still = np.minimum(np.arange(n), int(np.argmax(seen.depth_m)))
-        on_m[k], nhat[k] = seen.p_WP_m[still], (seen.nhat_W * seen.touching[:, None])[still]
-    parts = [(a, a + n) for a in range(0, n * len(tool_m), n)]
-    return _Plan(parts, on_m.reshape(-1, 3), nhat.reshape(-1, 3), None, slice(0, 0))
-
-
-def _run(twin: Twin, case: dict[str, Any], plan: _Plan, device: str, grip: str) -> ZooCase:
+def _run(twin: Twin, bounds_m: Array, case: dict[str, Any], plan: Plan, device: str, grip: str) -> ZooCase:
     twin.device = DEVICES[device]
     n = len(plan.on_m)
     rows, felt = records(n, ROW), records(n, FELT)
-    made_J = [0.0]
+    made_J, lost = 0.0, 0
     for a, b in plan.parts:
         twin.reset(plan.on_m[a])
-        poses = _NONE if plan.body_m is None else (np.zeros(1, np.int64), _poses(plan.body_m, a, b)["it"][:, None])
         hand = (plan.on_m[a:b], plan.nhat[a:b], np.zeros(1), grip_named(grip).row())
         render = (twin.renderer.world, twin.renderer.surface, twin.body)
         motor_m = np.zeros((b - a + 1, 3))
-        press_along(*render, *hand, *poses, rows[a:b], felt[a:b], motor_m, np.zeros((2, 1)))
-        carried_m = (
-            np.zeros((b - a, 3))
-            if plan.body_m is None
-            else np.diff(plan.body_m[a:b], axis=0, append=plan.body_m[b - 1 : b])
-        )
-        made_J.append(_made_J(rows[a:b], felt[a:b], np.diff(motor_m, axis=0) - carried_m))
+        press_along(*render, *hand, *plan.poses((a, b)), rows[a:b], felt[a:b], motor_m, np.zeros((2, 1)))
+        body_m = plan.body_m[a:b]
+        carried_m = np.diff(body_m, axis=0, append=body_m[-1:])
+        made_J = max(made_J, _made_J(rows[a:b], felt[a:b], np.diff(motor_m, axis=0) - carried_m))
+        lost += _lost(rows[a:b], body_m, bounds_m)
     v = felt.v_W_m_s[plan.rest]
     parts = [slice(a, b) for a, b in plan.parts]
-    lets_go = case["name"] in LETS_GO or case["kind"] in LETS_GO
     return ZooCase(
         id=f"{case['name']}/{device}/{grip}",
         touching=float(rows.touching.mean()),
         not_finite=int((~np.isfinite(rows.f_W_N + felt.p_W_m)).any(axis=1).sum()),
-        lost=0 if lets_go else sum(_lost(rows[part]) for part in parts),
+        lost=0 if case["name"] in LETS_GO else lost,
         jump_deg=max(_jump_deg(rows[part]) for part in parts),
         jump_limit_deg=_jump_limit_deg(case),
         rest_mm_s=1e3 * float(np.sqrt((v**2).sum(axis=1).mean())) if len(v) else 0.0,
-        energy_mJ=1e3 * max(made_J),
+        energy_mJ=1e3 * made_J,
         depth_mm=1e3 * float(rows.depth_m.max()),
         limited=float(((felt.trouble & int(OmniFlag.TORQUE_LIMITED)) > 0).mean()),
     )
-
-
-@native
-def press_along(
-    world: Any,
-    surface: Any,
-    body: Any,
-    on_m: Array,
-    nhat: Array,
-    push_N: Array,
-    grip: Array,
-    moving: NDArray[np.int64],
-    X_WB: Array,
-    rows: Any,
-    felt: Any,
-    motor_m: Array,
-    a_m_s2: Array,
-) -> None:
-    """Go along places `on_m` (n, 3) and push against the normal: of the surface that is touched, else `nhat` (n, 3).
-
-    Where `nhat` is 0 the hand does not push. `push_N` (1,) is what it pushes with, `grip` (3,) how it holds. Fills
-    `motor_m` (n+1, 3) with where the motors' force acts, at the start of each tick and the end of the last; a_m_s2
-    (2, block) is room for samples.
-    """
-    hand, touch = body.arm.hand[0], surface.touch[0]
-    share = 1.0 - math.exp(-touch.tick_s / HAND_S)
-    for k in range(len(on_m)):
-        place_bodies(world, surface, moving, X_WB, k)
-        take_grip(body, grip[0], grip[1], grip[2])
-        after = min(k + 1, len(on_m) - 1)
-        pushes = nhat[k, 0] != 0.0 or nhat[k, 1] != 0.0 or nhat[k, 2] != 0.0
-        push_N[0] += share * ((PUSH_N if pushes else 0.0) - push_N[0])
-        for i in range(3):
-            into = -touch.nhat_W[i] if touch.touching == 1 else -nhat[k, i]
-            hand.push_N[i] = push_N[0] * into
-            hand.target_m[i] = on_m[k, i] + push_N[0] * into / STIFFNESS_N_M
-            hand.target_m_s[i] = (on_m[after, i] - on_m[k, i]) / touch.tick_s
-        _find_motors(body.arm, motor_m[k])
-        beat(world, surface, body, rows[k], a_m_s2[0], felt[k], a_m_s2[1])
-    _find_motors(body.arm, motor_m[len(on_m)])
-
-
-@native
-def _find_motors(arm: Any, place_m: Array) -> None:
-    """Where the motors' force acts: a point mass's place, or the end of an Omni's arm without its structure's give."""
-    if arm.is_omni == 0:
-        p = find_tip(arm)
-        place_m[0], place_m[1], place_m[2] = p[0], p[1], p[2]
-        return
-    omni = arm.omni[0]
-    p = tip(turns_at(omni.q[0], omni.q[1], omni.q[2]))
-    for i in range(3):
-        place_m[i] = omni.p_WD_m[i] + omni.R_WD[i, 0] * p[0] + omni.R_WD[i, 1] * p[1] + omni.R_WD[i, 2] * p[2]
 
 
 def _made_J(rows: Any, felt: Any, way_m: Array) -> float:
@@ -353,11 +212,16 @@ def _made_J(rows: Any, felt: Any, way_m: Array) -> float:
     return float((sums[edges[1::2]] - sums[edges[0::2]]).max(initial=0.0))
 
 
-def _lost(rows: Any) -> int:
-    """Ticks in which contact ended with the tool deeper than it moved."""
+def _lost(rows: Any, body_m: Array, bounds_m: Array) -> int:
+    """Ticks in which contact ended with the tool deeper than it moved, and it is still within the body's bounds (2, 3).
+
+    Past them, where the surface ends, contact is rightly lost.
+    """
     ended = np.flatnonzero((rows.touching[:-1] == 1) & (rows.touching[1:] == 0))
     moved = np.linalg.norm(np.diff(rows.p_WT_m, axis=0), axis=1)
-    return int((rows.depth_m[ended] > moved[ended] + LOST_M).sum())
+    ended = ended[rows.depth_m[ended] > moved[ended] + LOST_M]
+    after = rows.p_WT_m[ended + 1] - body_m[ended + 1]
+    return int(((after > bounds_m[0]) & (after < bounds_m[1])).all(axis=1).sum())
 
 
 def _jump_deg(rows: Any) -> float:
@@ -380,21 +244,8 @@ def _jump_limit_deg(case: dict[str, Any]) -> float:
     return JUMP_DEG.get(case["kind"], 180.0)
 
 
-def _reaches(X_WD: Array, plan: _Plan) -> bool:
-    """Whether an Omni there reaches all of a plan; looked at each tenth tick."""
-    return all(reachable(X_WD[:3, :3].T @ (p - X_WD[:3, 3])) for p in plan.on_m[::10])
-
-
-def _poses(body_m: Array | None, start: int, stop: int) -> dict[str, Array]:
-    if body_m is None:
-        return {}
-    X_WB = np.tile(np.eye(4), (stop - start, 1, 1))
-    X_WB[:, :3, 3] = body_m[start:stop]
-    return {"it": X_WB}
-
-
-def _twin(folder: Path, name: str) -> Twin:
-    """A twin that touches one of the meshes; device and place are set later."""
+def _twin(folder: Path, name: str, limits: Limits) -> tuple[Twin, Array]:
+    """A twin that touches one of the meshes, device and place to be set later; the mesh's bounds (2, 3)."""
     import trimesh
 
     if name in SUBDIVISIONS:
@@ -404,17 +255,20 @@ def _twin(folder: Path, name: str) -> Twin:
         mesh = trimesh.Trimesh(data["vertices_m"], data["faces"], process=False)
     scene = Scene()
     swatch = Swatch("surface", stiffness_N_m=STIFFNESS_N_M)
-    scene.add(Mesh.from_trimesh(mesh, "m"), name="it", swatch=swatch, two_sided=name in TWO_SIDED)
-    limits = limits_of("omni", TICK_S)
-    return Twin(scene, DEVICES["point"], ["wall"], tick_s=TICK_S, a_rate_Hz=1.0 / TICK_S, limits=limits)
+    scene.add(Mesh.from_trimesh(mesh, "m"), name=BODY, swatch=swatch, two_sided=name in TWO_SIDED)
+    twin = Twin(scene, DEVICES["point"], ["wall"], tick_s=TICK_S, a_rate_Hz=1.0 / TICK_S, limits=limits)
+    return twin, np.asarray(mesh.bounds, np.float64)
 
 
-def draw_zoo(rows: Sequence[ZooCase], path: Path) -> None:
-    """Chart of all cases: energy of a contact, speed at rest, and how far the direction jumps of what is allowed."""
+def draw_zoo(rows: Sequence[ZooCase], path: Path, unguarded: Sequence[ZooCase] = ()) -> None:
+    """Chart of all cases: energy of a contact, speed at rest, and how far the direction jumps of what is allowed.
+
+    `unguarded` are the same cases without the passivity controller.
+    """
     names = list(dict.fromkeys(row.id.split("/")[0] for row in rows))
     height_in = 1.2 + 0.24 * len(names)
 
-    def draw(_: Any, axes: Any) -> None:
+    def draw(figure: Any, axes: Any) -> None:
         for axis, (title, unit, limit, value) in zip(axes[0], _COLUMNS, strict=True):
             for (device, grip), (colour, marker) in _MARKS.items():
                 some = [row for row in rows if row.id.endswith(f"/{device}/{grip}")]
@@ -422,12 +276,16 @@ def draw_zoo(rows: Sequence[ZooCase], path: Path) -> None:
                 y = [names.index(row.id.split("/")[0]) for row in some]
                 style = {"color": OKABE_ITO[colour], "fillstyle": "none", "markersize": 6}
                 axis.plot(x, y, marker, label=f"{device}, {grip}", **style)
+            if unguarded:
+                x = [max(LEAST_DRAWN, value(row)) for row in unguarded]
+                y = [names.index(row.id.split("/")[0]) for row in unguarded]
+                axis.plot(x, y, "x", label="all, without passivity controller", color=AIR, markersize=4, zorder=1)
             axis.axvline(limit, color=OKABE_ITO["black"], linestyle="--", linewidth=1.0)
             axis.set(title=title, xlabel=unit, xscale="log", xlim=(0.7 * LEAST_DRAWN, 30.0))
             axis.set_yticks(range(len(names)), names)
             axis.set_ylim(len(names) - 0.5, -0.5)
         for axis in axes[0, 1:]:
             axis.tick_params(labelleft=False)
-        axes[0, 2].legend(loc="upper center", bbox_to_anchor=(-0.6, -0.12), ncols=4)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
     draw_panels(path, 1, 3, (4.6, height_in), draw)

@@ -22,7 +22,7 @@ from hapscene.device.hand import pull
 from hapscene.handle.loop import vibrate
 from hapscene.handle.motion import grip_handle
 from hapscene.native import native
-from hapscene.tick import tick
+from hapscene.tick import place_bodies, tick
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
@@ -50,14 +50,20 @@ def live(
     target_W_m: NDArray[np.float64],
     grip: NDArray[np.float64],
     push_W_N: NDArray[np.float64],
+    moving: NDArray[np.int64],
+    X_WB: NDArray[np.float64],
     rows: Any,
     a_m_s2: NDArray[np.float64],
     felt: Any,
     a_handle_m_s2: NDArray[np.float64],
 ) -> None:
-    """n ticks of an `Intent`. Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block)."""
+    """n ticks of an `Intent`, the scene's bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+
+    Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block).
+    """
     tick_s = surface.touch[0].tick_s
     for k in range(len(target_W_m)):
+        place_bodies(world, surface, moving, X_WB, k)
         _intend(body, target_W_m, grip, push_W_N, k, tick_s)
         beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
 

@@ -1,6 +1,6 @@
 """The twin: a scene, a device and a hand in one closed loop."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,10 +103,13 @@ class Twin:
         )
         self.renderer.reset(p)
 
-    def run(self, intent: Intent) -> Feel:
-        """Live through an intention, a tick for each of its rows.
+    def run(self, intent: Intent, poses: Mapping[str, ArrayLike] | None = None) -> Feel:
+        """Live through an intention, a tick for each of its rows; `poses` {body: X_WB (n, 4, 4)} moves bodies there.
 
         Goes on from where the last one ended; the first starts at rest at the intention's first target.
+
+        Raises:
+            SceneError: poses for an unknown body, of another length, or not rigid.
         """
         if self.body is None:
             if self.X_WD is None and isinstance(self.device, Omni):
@@ -116,7 +119,9 @@ class Twin:
         rows, felt = records(n, ROW), records(n, FELT)
         a_m_s2, a_handle_m_s2 = np.zeros((n, renderer.block)), np.zeros((n, renderer.block))
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        live(renderer.world, renderer.surface, self.body, *hand, rows, a_m_s2, felt, a_handle_m_s2)
+        moving, X_WB = renderer._poses(poses or {}, n)
+        live(renderer.world, renderer.surface, self.body, *hand, moving, X_WB, rows, a_m_s2, felt, a_handle_m_s2)
+        renderer._settle_bodies(moving)
         return Feel(
             recording=renderer.recording(rows, a_m_s2),
             p_W_m=_column(felt, "p_W_m"),

@@ -1,23 +1,30 @@
-"""Friction that sticks and slips, and does not drift (Hayward & Armstrong 2000).
+"""Friction that sticks and slips, and does not drift (Hayward & Armstrong 2000), damped while it sticks.
 
-A spring of stiffness k_t ties the proxy to a point of adhesion w on the surface; its tension is z = x − w:
+A spring of stiffness k_t ties the proxy to a point of adhesion w on the surface; its tension is z = x − w. While it
+sticks, spring and damper hold the proxy, which moved by Δx over the body in this tick of T:
 
-    z ← z + Δx                      the proxy moved by Δx over the body: the spring is drawn
-    |z| > z_max:  z ← z·z_d/|z|     the point of adhesion is dragged along
-    f = −k_t z
+    z ← z + Δx
+    f = −(k_t z + b_t Δx/T)
 
-with z_max = µ_s F_n/k_t while it sticks, z_d = µ_d F_n/k_t once it slips, and F_n = `touch.normal_force_N`.
-It sticks again when the tension falls below z_d, that is, when the hand turns back or presses harder. All
-depends on movement alone, none on velocity or time, so noise of the velocity is not felt; below z_max the
-point of adhesion stays where it is to the bit, where Dahl's model creeps under vibration. The spring is
-carried along the surface: when the normal turns, the tension turns with it by the least rotation. k_t is by
-default the stiffness of the default wall, since the same device must bear it.
+Where |f| would be over µ_s F_n, F_n = `touch.normal_force_N`, it slips: |f| is µ_d F_n, in the direction it had, and z
+is cut to µ_d F_n/k_t, so that the point of adhesion is dragged along. The damper is inside the limit (as in Kikuuwe,
+Takesue, Sano, Mochiyama & Fujimoto 2006), so it makes nothing harder to slide; and a slip never draws the spring
+further than the hand did, so what it gives back was put in.
+
+It sticks again when |f| falls below µ_d F_n, that is, when the hand turns back or presses harder. Undamped, all
+depends on movement alone, none on velocity or time, so noise of the velocity is not felt; below the limit the point of
+adhesion stays where it is to the bit, where Dahl's model creeps under vibration. The damper is for devices with little
+friction of their own: held by a bare spring, at period T they ring about the point of adhesion for ever once k_t T/2 is
+over their damping. With encoders of step Δ it is felt as kicks of b_t Δ/T; so it is 0 by default.
+
+The spring is carried along the surface: when the normal turns, the tension turns with it by the least rotation. k_t is
+by default the stiffness of the default wall, since the same device must bear it.
 """
 
 import math
 from typing import Any
 
-from hapscene.constants import STIFFNESS_N_M
+from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.swatch import FRICTION_MAX
@@ -57,16 +64,24 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         s.slipping = 0.0
         return
     length = carry(s.z_W_m, s.nhat_W, touch.nhat_W, touch.slip_W_m)
-    dynamic_m = p.friction_dynamic * touch.normal_force_N / p.tangential_stiffness_N_m
-    static_m = max(p.friction_static * touch.normal_force_N / p.tangential_stiffness_N_m, dynamic_m)
-    if length > (dynamic_m if s.slipping else static_m):
+    stiffness, damper = p.tangential_stiffness_N_m, p.tangential_damping_Ns_m / touch.tick_s
+    dynamic_N = p.friction_dynamic * touch.normal_force_N
+    static_N = max(p.friction_static * touch.normal_force_N, dynamic_N)
+    size2 = 0.0
+    for i in range(3):
+        f_N = stiffness * s.z_W_m[i] + damper * touch.slip_W_m[i]
+        size2 += f_N * f_N
+    size_N, kept = math.sqrt(size2), 1.0
+    if size_N > (dynamic_N if s.slipping else static_N):
         s.slipping = 1.0
-        for i in range(3):
-            s.z_W_m[i] *= dynamic_m / length
-    elif length < (1.0 - ROUNDING) * dynamic_m:
+        kept = dynamic_N / size_N
+    elif size_N < (1.0 - ROUNDING) * dynamic_N:
         s.slipping = 0.0
     for i in range(3):
-        out.f_W_N[i] -= p.tangential_stiffness_N_m * s.z_W_m[i]
+        out.f_W_N[i] -= kept * (stiffness * s.z_W_m[i] + damper * touch.slip_W_m[i])
+    if s.slipping and stiffness * length > dynamic_N:
+        for i in range(3):
+            s.z_W_m[i] *= dynamic_N / (stiffness * length)
 
 
 EFFECT = Effect(
@@ -77,6 +92,7 @@ EFFECT = Effect(
         Param("friction_static", 0.0, "1", "coefficient at which it breaks away", 0.0, FRICTION_MAX),
         Param("friction_dynamic", 0.0, "1", "coefficient while it slips", 0.0, FRICTION_MAX),
         Param("tangential_stiffness_N_m", STIFFNESS_N_M, "N/m", "stiffness while it sticks", 1.0, 1e5),
+        Param("tangential_damping_Ns_m", DAMPING_NS_M, "N·s/m", "damping while it sticks", 0.0, 1e3),
     ),
     state=(State("z_W_m", (3,)), State("nhat_W", (3,)), State("slipping")),
 )

@@ -9,8 +9,8 @@ from hapscene.device.point import PointMass
 from hapscene.stability.friction_case import (
     STICK_NS_M,
     Answer,
-    draw_friction,
     dragged,
+    draw_friction,
     loop_area,
     no_drift,
     period_and_amplitude,

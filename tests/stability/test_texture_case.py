@@ -21,7 +21,17 @@ from hapscene.stability.texture_case import (
 from hapscene.surface.swatch import Swatch
 
 
-@pytest.mark.parametrize("cases", [blends, switched, adversaries, shipped, sampling, buzz])
+@pytest.fixture(scope="module")
+def blended():
+    return blends()
+
+
+def test_blends(blended) -> None:
+    for answer in blended:
+        assert answer.ok, answer
+
+
+@pytest.mark.parametrize("cases", [switched, adversaries, shipped, sampling, buzz])
 def test_answers(cases) -> None:
     answers = cases()
     assert answers
@@ -49,6 +59,6 @@ def test_too_fast_a_grating_is_felt_as_another() -> None:
     assert felt_frequency(0.9) == pytest.approx(100.0, abs=2.0)
 
 
-def test_chart(tmp_path: Path) -> None:
-    draw_texture(blends(), tmp_path / "texture.png")
+def test_chart(tmp_path: Path, blended) -> None:
+    draw_texture(blended, tmp_path / "texture.png")
     assert (tmp_path / "texture.png").read_bytes().startswith(b"\x89PNG")
