@@ -9,7 +9,8 @@ zero-order hold; the spring as reference as in Ryu, Preusche, Hirzinger & Hannaf
 with the normal part f of the force that was sent `delay_ticks` before, and the spring's force and depth f d, f' d' of
 the last and of this tick. So what a damper took is never set off against what comes later, and friction has no part
 in it: it only takes, and what it took would hide what the wall gives. What was made is kept from bounce to bounce, and
-forgotten within `FORGET_S`.
+forgotten within `FORGET_S`. Encoders of step Δ see the tool up to ½Δ from where it is: what that looks like, ½KΔ for
+each metre along the normal, is not counted.
 
 Controller: as long as made > 0, a damper along the normal that takes it back within a tick, as far as `guard_Ns_m`
 lets it: without that cap it would ask for an endless damper wherever the tool nearly rests, and chatter. It never
@@ -48,16 +49,26 @@ def guard(surface: Any, tool_W: Any) -> int:
         way += n[i] * step
         push += n[i] * f[i]
         was[i] = n[i]
-    stored = 0.5 * min(max(push, 0.0), touch.normal_force_N) * touch.depth_m
+    stored = _stored(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
     if limits.coupling_N_m > 0.0:
         stored += 0.5 * push * push / limits.coupling_N_m
-    made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J
+    doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way)
+    made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J - doubt
     memory.made_J = max(0.0, made)
     memory.stored_J = stored
     if touch.touching == 0 or made <= TINY_J or way == 0.0:
         return 0
     damping = min(made * touch.tick_s / (way * way), limits.guard_Ns_m)
-    add = max(-damping * way / touch.tick_s, -max(push, 0.0))
+    over = max(push - limits.force_N, 0.0)  # is cut anyway, and would hide what is taken from it
+    add = max(-damping * way / touch.tick_s - over, -max(push, 0.0))
     for i in range(3):
         f[i] += add * n[i]
     return _DAMPED
+
+
+@native
+def _stored(spring_N: float, depth_m: float, most_N: float) -> float:
+    """Energy of a spring at a depth whose force is cut at `most_N` [J]."""
+    if spring_N <= most_N:
+        return 0.5 * spring_N * depth_m
+    return most_N * depth_m * (1.0 - 0.5 * most_N / spring_N)

@@ -23,6 +23,7 @@ LIMIT: Final = np.dtype(
         ("acceleration_m_s2", "f8"),
         ("fold_mass_kg", "f8"),
         ("guard_Ns_m", "f8"),
+        ("quantum_m", "f8"),
         ("coupling_N_m", "f8"),
         ("coupling_Ns_m", "f8"),
         ("delay_ticks", "i8"),
@@ -50,6 +51,7 @@ class Limits:
         undamped_N_m: stiffest wall without damping, and stiffest spring of any other kind, as friction's.
         damping_time_s: damping that a wall is given for what it is stiffer than `undamped_N_m`, by the stiffness.
         guard_Ns_m: most damping that the passivity controller injects (`hapscene.device.guard`).
+        quantum_m: step of the encoders, which that controller reckons with.
         coupling_N_m, coupling_Ns_m: spring and damper of a virtual coupling (`hapscene.device.coupling`).
         delay_ticks: how many ticks later than its tick a force goes out.
         device: what messages call it.
@@ -68,6 +70,7 @@ class Limits:
     undamped_N_m: float = math.inf
     damping_time_s: float = 0.0
     guard_Ns_m: float = 0.0
+    quantum_m: float = 0.0
     coupling_N_m: float = 0.0
     coupling_Ns_m: float = 0.0
     delay_ticks: int = 0

@@ -114,6 +114,7 @@ def limits_of(device: str | Device, tick_s: float, delay_ticks: int = 0) -> Limi
         undamped_N_m=min(bare, stiffness),
         damping_time_s=needed / (stiffness - bare) if stiffness > bare else 0.0,
         guard_Ns_m=guard,
+        quantum_m=point.quantum_m,
     )
 
 
