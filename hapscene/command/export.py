@@ -1,0 +1,86 @@
+"""`hapscene export` and `hapscene import`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hapscene.command.word import add_command, name_made
+from hapscene.errors import SceneError
+
+
+def add_export(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "export",
+        _export,
+        "write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, STL",
+        "hapscene export desk.scene.json --out desk.glb",
+        "hapscene export desk.scene.json --out desk.gltf --haptics draft",
+        "hapscene export desk.scene.json --out desk.x3d",
+    )
+    command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
+    command.add_argument("--out", required=True, metavar="FILE", help=".glb, .gltf, .ply, .x3d, .obj or .stl")
+    command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
+    command.add_argument(
+        "--haptics",
+        choices=["draft"],
+        help="in glTF: add MPEG_material_haptic, a draft extension (ISO/IEC 23090-14) that may still change",
+    )
+
+
+def _export(options: argparse.Namespace) -> int:
+    from hapscene.exchange import EXPORTS, export_scene
+    from hapscene.scene.scene import Scene
+
+    name = None
+    if options.haptics is not None:
+        if Path(options.out).suffix.lower() not in (".glb", ".gltf"):
+            raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
+        name = "gltf-haptics"
+    scene: Scene = _open(options.scene, options.unit)
+    made = export_scene(scene, options.out, name)
+    name_made(made)
+    name = name or Path(options.out).suffix.lower().lstrip(".")
+    print("does not come back from this format: " + "; ".join(EXPORTS[name].loses))
+    if EXPORTS[name].draft:
+        print("MPEG_material_haptic is a draft: readers of other drafts may not know it")
+    return 0
+
+
+def _open(path: str, unit: str | None) -> Any:
+    if not path.endswith(".scene.json"):
+        from hapscene.exchange import import_scene
+
+        return import_scene(path, unit)
+    if unit is not None:
+        raise SceneError(f"{path}: is a scene file, which says this itself; leave --unit out")
+    from hapscene.scene.file import load_scene
+
+    return load_scene(path)
+
+
+def add_import(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "import",
+        _import,
+        "make a scene file of what export wrote, or of a mesh whose materials are called as swatches",
+        "hapscene import desk.glb --out desk.scene.json",
+        "hapscene import table.obj --unit mm --out table.scene.json",
+    )
+    command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
+    command.add_argument("--out", required=True, metavar="SCENE", help="scene file to write: NAME.scene.json")
+    command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
+
+
+def _import(options: argparse.Namespace) -> int:
+    from hapscene.exchange import import_scene
+
+    scene = import_scene(options.file, options.unit)
+    scene.save(options.out)
+    name_made([Path(options.out)])
+    faces = sum(len(body.mesh.faces) for body in scene.bodies)
+    painted = sum(int((body.face_swatch != 0).sum()) for body in scene.bodies)
+    bodies = "1 body" if len(scene.bodies) == 1 else f"{len(scene.bodies)} bodies"
+    print(f"{bodies}, {painted:,} of {faces:,} faces painted: " + ", ".join(s.name for s in scene.swatches))
+    return 0

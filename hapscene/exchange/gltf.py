@@ -1,0 +1,166 @@
+"""glTF 2.0: a node for each body, a mesh for each swatch on it, a material for each swatch; GLB or one text file.
+
+    W (turns z up into glTF's y up) → bodies, each at its pose → meshes, one for each swatch on the body
+
+A material is called as its swatch; its base colour is the albedo. `extras`, which other programs show as custom
+properties and keep, hold what makes a scene of it again: on W the version, on bodies name and two-sidedness, on
+materials the swatch's numbers, the hash of its file, and its file as a text (see `hapscene.exchange.carried`).
+
+glTF has no float64: positions are rounded to float32.
+"""
+
+import base64
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene import __version__
+from hapscene.errors import SceneError
+from hapscene.exchange.carried import VERSION, digest_of, numbers_of, text_of
+from hapscene.exchange.gltf_haptic import add_haptics
+from hapscene.exchange.piece import Piece, cut_alike, pieces_of
+from hapscene.output import write_whole
+from hapscene.scene.body import Body
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+
+GLB_MAX_B: Final = 2**32 - 1
+"""Largest GLB file [bytes]: its length is a uint32."""
+
+Z_UP: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Matrix of the node W, by columns: hapscene's z is up, glTF's y."""
+
+FLOAT, UINT32 = 5126, 5125  # component types of glTF
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of glTF
+
+
+def write_gltf(scene: Scene, path: Path, draft: bool = False) -> list[Path]:
+    """Write a scene as GLB or glTF, by the suffix of the path.
+
+    Args:
+        scene: with a body at least.
+        path: the file, .glb or .gltf.
+        draft: add the draft extension MPEG_material_haptic: see `hapscene.exchange.gltf_haptic`.
+
+    Raises:
+        SceneError: too large for GLB, or the file cannot be written.
+    """
+    writer = _Writer(scene)
+    for body in scene.bodies:
+        writer.add_body(body)
+    if draft:
+        add_haptics(writer.tree, writer.swatch_of_mesh, scene.swatches, writer.add_view)
+    blob = b"".join(writer.chunks)
+    if path.suffix.lower() == ".glb":
+        content = _glb(writer.tree, blob, path)
+    else:
+        uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        writer.tree["buffers"] = [{"byteLength": len(blob), "uri": uri}]
+        content = json.dumps(writer.tree, ensure_ascii=False, allow_nan=False).encode()
+    write_whole(path, content, SceneError)
+    return [path]
+
+
+class _Writer:
+    """The JSON tree and the binary buffer, as they grow."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.chunks: list[bytes] = []
+        self.size = 0
+        self.materials: dict[tuple[int, bool], int] = {}
+        self.meshes: dict[tuple[int, bytes, bool], list[tuple[int, str]]] = {}
+        self.swatch_of_mesh: list[int] = []
+        root = {"name": "W", "matrix": list(Z_UP), "children": [], "extras": {"hapscene_version": VERSION}}
+        self.tree: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": f"hapscene {__version__}"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [root],
+            **{key: [] for key in ("meshes", "materials", "accessors", "bufferViews")},
+        }
+
+    def add(self, kind: str, item: dict[str, Any]) -> int:
+        self.tree[kind].append(item)
+        return len(self.tree[kind]) - 1
+
+    def add_body(self, body: Body) -> None:
+        key = (*cut_alike(body), body.two_sided)
+        if key not in self.meshes:
+            self.meshes[key] = [self.add_mesh(body, piece) for piece in pieces_of(body)]
+        children = [
+            self.add("nodes", {"name": f"{body.name}/{swatch}", "mesh": mesh}) for mesh, swatch in self.meshes[key]
+        ]
+        node = {
+            "name": body.name,
+            "matrix": body.X_WB.T.ravel().tolist(),
+            "children": children,
+            "extras": {"hapscene_body": body.name, "two_sided": body.two_sided},
+        }
+        self.tree["nodes"][0]["children"].append(self.add("nodes", node))
+
+    def add_mesh(self, body: Body, piece: Piece) -> tuple[int, str]:
+        swatch = self.scene.swatches[piece.swatch]
+        primitive = {
+            "attributes": {"POSITION": self.add_positions(piece.vertices_m)},
+            "indices": self.add_indices(piece.faces),
+            "material": self.add_material(piece.swatch, swatch, body.two_sided),
+        }
+        self.swatch_of_mesh.append(piece.swatch)
+        return self.add("meshes", {"name": f"{body.name}/{swatch.name}", "primitives": [primitive]}), swatch.name
+
+    def add_material(self, index: int, swatch: Swatch, two_sided: bool) -> int:
+        key = (index, two_sided)
+        if key not in self.materials:
+            extras = {"hapscene_swatch": swatch.name, **numbers_of(swatch), "albedo_rgb": list(swatch.albedo_rgb)}
+            extras["sha256"] = digest_of(swatch)
+            if (text := text_of(swatch)) is not None:
+                extras["swatch_file"] = text
+            look = {"baseColorFactor": [*_linear(swatch), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
+            material = {"name": swatch.name, "pbrMetallicRoughness": look, "doubleSided": two_sided, "extras": extras}
+            self.materials[key] = self.add("materials", material)
+        return self.materials[key]
+
+    def add_positions(self, vertices_m: NDArray[np.float64]) -> int:
+        rounded = vertices_m.astype("<f4")
+        accessor = {
+            "bufferView": self.add_view(rounded.tobytes(), ARRAY_BUFFER),
+            **{"componentType": FLOAT, "count": len(rounded), "type": "VEC3"},
+            **{"min": rounded.min(axis=0).tolist(), "max": rounded.max(axis=0).tolist()},
+        }
+        return self.add("accessors", accessor)
+
+    def add_indices(self, faces: NDArray[np.int64]) -> int:
+        view = self.add_view(faces.astype("<u4").tobytes(), ELEMENT_ARRAY_BUFFER)
+        accessor = {"bufferView": view, "componentType": UINT32, "count": faces.size, "type": "SCALAR"}
+        return self.add("accessors", accessor)
+
+    def add_view(self, data: bytes, target: int | None = None) -> int:
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": self.size, "byteLength": len(data)}
+        if target is not None:
+            view["target"] = target
+        self.chunks += [data, bytes(-len(data) % 4)]
+        self.size += len(data) + -len(data) % 4
+        return self.add("bufferViews", view)
+
+
+def _linear(swatch: Swatch) -> list[float]:
+    """The albedo, which is given as on a screen (sRGB), in the linear light of glTF: IEC 61966-2-1."""
+    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in swatch.albedo_rgb]
+
+
+def _glb(tree: dict[str, Any], blob: bytes, path: Path) -> bytes:
+    """A binary glTF: header, a chunk of JSON, a chunk of the buffer."""
+    tree["buffers"] = [{"byteLength": len(blob)}]
+    text = json.dumps(tree, ensure_ascii=False, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    size = 12 + 8 + len(text) + 8 + len(blob)
+    if size > GLB_MAX_B:
+        raise SceneError(
+            f"{path}: {size:,} bytes; a GLB file has at most {GLB_MAX_B:,}: reduce the meshes, or use .ply"
+        )
+    header = b"glTF" + np.array([2, size, len(text)], "<u4").tobytes() + b"JSON"
+    return b"".join([header, text, np.array([len(blob)], "<u4").tobytes(), b"BIN\0", blob])

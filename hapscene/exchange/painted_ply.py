@@ -1,0 +1,151 @@
+"""A painted scene as one binary PLY in the world frame: `body` and `swatch` on each face, the tables in comments.
+
+    comment hapscene scene 1
+    comment unit m
+    comment hapscene body INDEX TWO_SIDED POSE NAME            POSE: the 12 numbers of X_WB's upper rows
+    comment hapscene swatch INDEX NUMBERS RED GREEN BLUE SHA256 NAME
+
+NUMBERS are stiffness [N/m], damping [N s/m], static and dynamic friction. Positions are float64, colours those of the
+swatches. A comment is too short for a texture: it comes back from the library, by name and hash.
+"""
+
+import io
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import MeshError, SceneError
+from hapscene.exchange.carried import VERSION, check_version, digest_of, finite, is_digest, numbers_of, restore
+from hapscene.exchange.gltf_file import read_bounded
+from hapscene.output import write_whole
+from hapscene.scene.body import Body
+from hapscene.scene.file import BODY_MAX
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.ply import declared
+from hapscene.scene.scene import SWATCH_MAX, Scene
+from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
+
+_MARK: Final = "comment hapscene"
+_HEADER_MAX_B: Final = 16_000_000  # room for 10,000 bodies and 32,767 swatches with long names
+_VERTEX_MAX: Final = 2**31 - 1  # a face names its vertices by int32
+
+
+def write_ply(scene: Scene, path: Path) -> list[Path]:
+    """Write a scene as one binary PLY.
+
+    Raises:
+        SceneError: more vertices than PLY counts, or the file cannot be written.
+    """
+    counts = [len(body.mesh.vertices_m) for body in scene.bodies]
+    if sum(counts) > _VERTEX_MAX:
+        raise SceneError(f"{path}: {sum(counts):,} vertices; a PLY file counts to {_VERTEX_MAX:,}")
+    start = np.cumsum([0, *counts])
+    colour = np.array([s.albedo_rgb for s in scene.swatches])
+    layout: Any = [("count", "u1"), ("corners", "<i4", 3), ("body", "<i4"), ("swatch", "<i2"), ("rgb", "u1", 3)]
+    faces = np.zeros(sum(len(body.mesh.faces) for body in scene.bodies), layout)
+    faces["count"] = 3
+    at = 0
+    for i, body in enumerate(scene.bodies):
+        rows = faces[at : (at := at + len(body.mesh.faces))]
+        rows["corners"], rows["body"], rows["swatch"] = body.mesh.faces + start[i], i, body.face_swatch
+        rows["rgb"] = np.round(255 * colour[body.face_swatch])
+    vertices = np.concatenate([b.mesh.vertices_m @ b.X_WB[:3, :3].T + b.X_WB[:3, 3] for b in scene.bodies])
+    lines = ["ply", "format binary_little_endian 1.0", f"{_MARK} scene {VERSION}", "comment unit m"]
+    lines += [_body_line(i, body) for i, body in enumerate(scene.bodies)]
+    lines += [_swatch_line(i, swatch) for i, swatch in enumerate(scene.swatches)]
+    lines += [f"element vertex {len(vertices)}", *(f"property double {axis}" for axis in "xyz")]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "property int body"]
+    lines += ["property short swatch", *(f"property uchar {c}" for c in ("red", "green", "blue")), "end_header", ""]
+    write_whole(path, "\n".join(lines).encode() + vertices.astype("<f8").tobytes() + faces.tobytes(), SceneError)
+    return [path]
+
+
+def _body_line(index: int, body: Body) -> str:
+    pose = " ".join(map(repr, body.X_WB[:3].ravel().tolist()))
+    return f"{_MARK} body {index} {int(body.two_sided)} {pose} {body.name}"
+
+
+def _swatch_line(index: int, swatch: Swatch) -> str:
+    numbers = " ".join(map(repr, (*numbers_of(swatch).values(), *swatch.albedo_rgb)))
+    return f"{_MARK} swatch {index} {numbers} {digest_of(swatch)} {swatch.name}"
+
+
+def read_ply(path: Path) -> Scene | None:
+    """The scene of a PLY file; None where it bears no mark of hapscene, and is a mesh like any other.
+
+    Raises:
+        SceneError: damaged, or of a later version.
+        MeshError, SwatchError: a mesh or a swatch in it is broken.
+    """
+    content = read_bounded(path)
+    header = content[: max(content.find(b"end_header", 0, _HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
+    lines = [line.rstrip("\r") for line in header.split("\n")]
+    mark = next((line for line in lines if line.startswith(f"{_MARK} scene ")), None)
+    if mark is None:
+        return None
+    number = mark.split()[-1]
+    check_version(path, int(number) if number.isdecimal() and len(number) < 10 else number)
+    poses = [_rows(path, line, 13) for line in lines if line.startswith(f"{_MARK} body ")]
+    swatches = [_swatch(path, line) for line in lines if line.startswith(f"{_MARK} swatch ")]
+    if len(poses) > BODY_MAX or len(swatches) > SWATCH_MAX:
+        raise SceneError(f"{path}: more than {BODY_MAX:,} bodies or {SWATCH_MAX:,} swatches")
+    vertices, faces, body_of, swatch_of = _arrays(path, content)
+    for what, values, count in (("body", body_of, len(poses)), ("swatch", swatch_of, len(swatches))):
+        if values.min() < 0 or values.max() >= count:
+            raise SceneError(f"{path}: a face names a {what} that is not among the {count} in the header")
+    scene = Scene()
+    order = np.argsort(body_of, kind="stable")
+    cut = np.searchsorted(body_of[order], np.arange(len(poses) + 1))
+    for i, (numbers, name) in enumerate(poses):
+        chosen = order[cut[i] : cut[i + 1]]
+        if not len(chosen):
+            raise SceneError(f"{path}: body {name[:60]!r} has no face")
+        X_WB = np.vstack([np.reshape(numbers[1:], (3, 4)), [0.0, 0.0, 0.0, 1.0]])
+        used, corners = np.unique(faces[chosen], return_inverse=True)
+        p_B = (vertices[used] - X_WB[:3, 3]) @ X_WB[:3, :3]
+        body = scene.add(
+            Mesh(p_B, corners.reshape(-1, 3).astype(np.int32)), name=name, pose=X_WB, two_sided=bool(numbers[0])
+        )
+        for index in np.unique(swatch_of[chosen]):
+            body.face_swatch[swatch_of[chosen] == index] = scene.swatch_index(swatches[index])
+    return scene
+
+
+def _rows(path: Path, line: str, count: int) -> tuple[list[float], str]:
+    """Numbers and the text after them of a comment's line."""
+    words = line.split(" ", 4 + count)[4:]
+    try:
+        if len(words) != count + 1:
+            raise ValueError
+        return [finite(word) for word in words[:count]], words[count]
+    except ValueError:
+        raise SceneError(f"{path}: {line[:60]!r}: expected {count} numbers and a name") from None
+
+
+def _swatch(path: Path, line: str) -> Swatch | str:
+    numbers, rest = _rows(path, line, 7)
+    sha256, _, name = rest.partition(" ")
+    if not is_digest(sha256):
+        raise SceneError(f"{path}: {line[:60]!r}: expected the hash of the swatch")
+    return restore(path, name, dict(zip(OWN_PARAMETERS, numbers, strict=False)), numbers[4:], sha256)
+
+
+def _arrays(path: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Vertices (n, 3), faces (m, 3), and body and swatch of each face (m,)."""
+    import trimesh
+
+    declared(content, str(path))  # refuses counts that the file cannot hold
+    try:
+        loaded: Any = trimesh.load(io.BytesIO(content), file_type="ply", process=False)
+        rows = loaded.metadata["_ply_raw"]["face"]["data"]
+        body, swatch = (np.asarray(rows[key]).ravel().astype(np.int64) for key in ("body", "swatch"))
+        vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
+    except Exception as error:  # its loader raises anything at all on a damaged file
+        raise SceneError(f"{path}: not a readable PLY file with body and swatch on its faces: {error!s:.200}") from None
+    if not len(faces) == len(body) == len(swatch) or not len(faces):
+        raise SceneError(f"{path}: the file is truncated: {len(faces):,} faces, {len(swatch):,} of them with a swatch")
+    if faces.min() < 0 or faces.max() >= len(vertices) or faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(f"{path}: a face names a vertex that is not among the {len(vertices):,}")
+    return vertices, faces, body, swatch

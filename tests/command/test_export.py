@@ -1,0 +1,78 @@
+"""`hapscene export` and `hapscene import`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.cli import main
+from hapscene.scene.file import load_scene
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
+    scene = Scene()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 10
+    scene.add(Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)), name="tetra")
+    scene.paint("tetra", "wood", [1, 2])
+    scene.save(tmp_path / "desk.scene.json")
+    return tmp_path / "desk.scene.json"
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d"])
+def test_there_and_back(suffix: str, desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, back = desk.with_name(f"desk.{suffix}"), desk.with_name("back.scene.json")
+    assert main(["export", str(desk), "--out", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert str(file) in said and "does not come back" in said and "draft" not in said
+    assert main(["import", str(file), "--out", str(back)]) == 0
+    assert "1 body, 2 of 4 faces painted: plain, wood" in capsys.readouterr().out
+    (was,), (now,) = load_scene(desk).bodies, load_scene(back).bodies
+    assert now.name == "tetra" and now.face_swatch.sum() == was.face_swatch.sum() == 2
+    assert json.loads(back.read_text())["swatches"] == ["plain", "wood"]
+
+
+def test_the_draft_is_called_a_draft(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = desk.with_name("desk.gltf")
+    assert main(["export", str(desk), "--out", str(file), "--haptics", "draft"]) == 0
+    assert "MPEG_material_haptic is a draft" in capsys.readouterr().out
+    assert "MPEG_material_haptic" in json.loads(file.read_text())["extensionsUsed"]
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    assert "draft extension" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["export", "SCENE", "--out", "desk.ply", "--haptics", "draft"], "--haptics is an extension of glTF"),
+        (["export", "SCENE", "--out", "desk.fbx"], "no format '.fbx'"),
+        (["export", "SCENE", "--out", "desk.glb", "--unit", "mm"], "leave --unit out"),
+        (["export", "none.scene.json", "--out", "desk.glb"], "none.scene.json"),
+        (["import", "none.glb", "--out", "desk.scene.json"], "no such file"),
+        (["import", "SCENE", "--out", "other.scene.json"], "no mesh format '.json'"),
+    ],
+)
+def test_what_goes_wrong_is_said_in_a_line(
+    arguments: list[str], message: str, desk: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(desk.parent)
+    before = sorted(desk.parent.iterdir())
+    assert main([str(desk) if word == "SCENE" else word for word in arguments]) == 2
+    said = capsys.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert sorted(desk.parent.iterdir()) == before
+
+
+def test_a_mesh_with_materials_called_as_swatches(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = desk.with_name("part.obj")
+    file.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nusemtl paper\nf 1 2 3\n")
+    assert main(["import", str(file), "--out", str(desk.with_name("part.scene.json"))]) == 2
+    assert "--unit mm" in capsys.readouterr().err
+    assert main(["import", str(file), "--unit", "mm", "--out", str(desk.with_name("part.scene.json"))]) == 0
+    assert "1 of 1 faces painted" in capsys.readouterr().out
+    assert main(["export", str(file), "--unit", "mm", "--out", str(desk.with_name("part.glb"))]) == 0

@@ -1,0 +1,90 @@
+"""A swatch on its way through a file."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import SceneError, SwatchError
+from hapscene.exchange import carried
+from hapscene.exchange.carried import ExchangeWarning, check_version, digest_of, known_swatch, numbers_of, restore
+from hapscene.surface import library
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import load_swatch, save_swatch, swatch_to_json
+
+FILE = Path("desk.x3d")
+
+
+def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
+    return restore(FILE, swatch.name, numbers_of(swatch), list(swatch.albedo_rgb), digest_of(swatch), text)
+
+
+def test_the_very_same_comes_from_the_library_by_name() -> None:
+    assert carry(load_swatch("wood")) == "wood"
+    assert carry(PLAIN) is PLAIN
+
+
+def test_one_put_into_the_library_later_is_found(own_library: Path) -> None:
+    mine = replace(load_swatch("wood"), name="mine", stiffness_N_m=321.0)
+    with pytest.warns(ExchangeWarning, match="hapscene swatch add"):
+        bare = carry(mine)
+    assert isinstance(bare, Swatch) and bare.texture is None and numbers_of(bare) == numbers_of(mine)
+    library.add(mine)
+    assert carry(mine) == "mine"
+
+
+def test_the_text_wins_over_another_of_its_name() -> None:
+    other = replace(load_swatch("wood"), stiffness_N_m=321.0)
+    back = carry(other, swatch_to_json(other))
+    assert isinstance(back, Swatch) and swatch_to_json(back) == swatch_to_json(other)
+    with pytest.warns(ExchangeWarning, match="is another one"):
+        assert carry(other).stiffness_N_m == 321.0  # type: ignore[union-attr]
+
+
+def test_numbers_alone_are_the_whole_of_a_bare_swatch() -> None:
+    bare = Swatch("bare", 100.0, 0.1, 0.3, 0.2, albedo_rgb=(0.1, 0.2, 0.3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert swatch_to_json(carry(bare)) == swatch_to_json(bare)  # type: ignore[arg-type]
+
+
+def test_a_long_swatch_is_left_to_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    wood = load_swatch("wood")
+    assert carried.text_of(wood) == swatch_to_json(wood)
+    monkeypatch.setattr(carried, "EMBEDDED_MAX", 100)
+    assert carried.text_of(wood) is None
+
+
+def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = replace(load_swatch("wood"), name="x")
+    save_swatch(mine, tmp_path / "x.swatch")
+    for name in ("x.swatch", "./x.swatch", str(tmp_path / "x.swatch"), "..\\x.swatch", "x"):
+        assert known_swatch(name) is None
+
+
+@pytest.mark.parametrize(
+    ("numbers", "albedo", "text", "message"),
+    [
+        ({}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": "500"}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": float("nan")}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": 10**400}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": -1}, [0, 0, 0], None, "not negative"),
+        (numbers_of(PLAIN), None, None, "three numbers"),
+        (numbers_of(PLAIN), [0, 0], None, "three numbers"),
+        ({}, None, "{}", "desk.x3d: swatch 'odd'"),
+        ({}, None, swatch_to_json(PLAIN), "calls itself 'plain'"),
+    ],
+)
+def test_what_is_no_swatch(numbers: dict, albedo: list | None, text: str | None, message: str) -> None:
+    with pytest.raises((SwatchError, SceneError), match=message):
+        restore(FILE, "odd", numbers, albedo, "0" * 64, text)
+
+
+@pytest.mark.parametrize("version", [0, -1, "1", None, 1.5, True, 2, 10**30])
+def test_versions_that_are_not_read(version: object) -> None:
+    with pytest.raises(SceneError, match="update hapscene" if version in (2, 10**30) else "whole number"):
+        check_version(FILE, version)
+    check_version(FILE, 1.0)

@@ -1,0 +1,147 @@
+"""glTF as other programs see it: trimesh reads it, the published schema holds it."""
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from hapscene.exchange import export_scene
+from hapscene.exchange.gltf_haptic import DRAFT_NAMES
+from hapscene.exchange.piece import pieces_of
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
+
+Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""z up to y up: x stays, z becomes y."""
+
+
+def tree_of(file: Path) -> dict:
+    content = file.read_bytes()
+    if file.suffix == ".gltf":
+        return json.loads(content)
+    return json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+
+
+@pytest.mark.parametrize("name", ["glb", "gltf-haptics"])
+def test_the_published_schema_holds(name: str, scene: Scene, tmp_path: Path) -> None:
+    from trimesh.exchange import gltf
+
+    file = export_scene(scene, tmp_path / ("desk.gltf" if name == "gltf-haptics" else "desk.glb"), name)[0]
+    tree = tree_of(file)
+    gltf.validate(tree)
+    del tree["asset"]["version"]
+    with pytest.raises(Exception, match="version"):
+        gltf.validate(tree)
+
+
+@pytest.mark.parametrize(("suffix", "name"), [("glb", None), ("gltf", None), ("glb", "gltf-haptics")])
+def test_trimesh_sees_every_piece_in_its_place(suffix: str, name: str | None, scene: Scene, tmp_path: Path) -> None:
+    import trimesh
+
+    loaded = trimesh.load_scene(export_scene(scene, tmp_path / f"desk.{suffix}", name)[0], process=False)
+    assert len(loaded.graph.nodes_geometry) == 9 and len(loaded.geometry) == 6  # the twin shares the stone's three
+    for body in scene.bodies:
+        for piece in pieces_of(body):
+            swatch = scene.swatches[piece.swatch]
+            X, geometry = loaded.graph[f"{body.name}/{swatch.name}"]
+            mesh = loaded.geometry[geometry]
+            np.testing.assert_allclose(X, Y_UP @ body.X_WB, rtol=0, atol=1e-15)
+            assert np.array_equal(mesh.faces, piece.faces)
+            assert np.array_equal(mesh.vertices, piece.vertices_m.astype(np.float32))
+            material = mesh.visual.material
+            assert material.name == swatch.name and bool(material.doubleSided) == body.two_sided
+            on_screen = np.array(material.baseColorFactor[:3]) / 255  # trimesh keeps the linear colour as bytes
+            srgb = np.where(on_screen <= 0.0031308, 12.92 * on_screen, 1.055 * on_screen ** (1 / 2.4) - 0.055)
+            np.testing.assert_allclose(srgb, swatch.albedo_rgb, atol=0.02)
+
+
+def test_other_programs_find_the_numbers_in_extras(scene: Scene, tmp_path: Path) -> None:
+    tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
+    assert tree["nodes"][0]["extras"] == {"hapscene_version": 1}
+    extras = next(m["extras"] for m in tree["materials"] if m["name"] == "wood")
+    assert extras["stiffness_N_m"] == scene.swatches[1].stiffness_N_m
+    assert swatch_to_json(swatch_from_json(extras["swatch_file"])) == swatch_to_json(scene.swatches[1])
+
+
+def test_why_bodies_are_split_by_swatch(tmp_path: Path) -> None:
+    """What trimesh does to attributes, from which the shape of these files follows."""
+    import trimesh
+
+    box = trimesh.creation.box()
+    box.face_attributes["swatch"] = np.arange(12, dtype=np.int16)
+    ply = trimesh.load(io.BytesIO(box.export(file_type="ply")), "ply")
+    assert "swatch" not in ply.face_attributes and "swatch" in ply.metadata["_ply_raw"]["face"]["data"].dtype.names
+    for kind, width in ((np.uint8, 4), (np.int16, 2)):
+        box.vertex_attributes["number"] = np.arange(8, dtype=kind)
+        back = next(iter(trimesh.load_scene(io.BytesIO(box.export(file_type="glb")), "glb").geometry.values()))
+        assert "swatch" not in back.face_attributes
+        assert back.vertex_attributes["_number"].shape == (8, width)
+    for odd in (np.int32, np.int64, np.bool_):
+        box.vertex_attributes["number"] = np.zeros(8, odd)
+        with pytest.raises(KeyError, match=np.dtype(odd).str[1:]):
+            box.export(file_type="glb")
+
+
+TEXTURES = {
+    "type": "array",
+    "items": {
+        "type": "object",
+        "required": ["texture", "type"],
+        "properties": {
+            "texture": {"required": ["index"], "properties": {"index": {"type": "integer", "minimum": 0}}},
+            "type": {"enum": ["High_Resolution", "Low_Resolution", "Reference", "Other"]},
+        },
+    },
+}
+DRAFT = {
+    "type": "object",
+    "required": ["materials"],
+    "properties": {
+        "materials": {
+            "minItems": 1,
+            "items": {
+                "type": "object",
+                "additionalProperties": False,
+                "properties": {"name": {"type": "string"}, "stiffness": TEXTURES, "friction": TEXTURES},
+            },
+        },
+    },
+}
+"""What the drafts ask of the extension, as far as it is written here."""
+
+
+def test_draft_haptics_follow_the_draft(make_scene: Callable[[int], Scene], tmp_path: Path) -> None:
+    import jsonschema
+
+    scene = make_scene(1)
+    file = export_scene(scene, tmp_path / "desk.glb", "gltf-haptics")[0]
+    tree, content = tree_of(file), file.read_bytes()
+    blob = content[20 + int.from_bytes(content[12:16], "little") + 8 :]
+    assert tree["extensionsUsed"] == list(DRAFT_NAMES) and "extensionsRequired" not in tree
+    for name in DRAFT_NAMES:
+        extension = tree["extensions"][name]
+        jsonschema.validate(extension, DRAFT)
+        assert "draft" in extension["extras"]["note"]
+        for mesh in tree["meshes"]:
+            material = extension["materials"][mesh["extensions"][name]["hapticMaterialIndex"]]
+            (primitive,) = mesh["primitives"]
+            assert material["name"] == tree["materials"][primitive["material"]]["name"]
+            assert "TEXCOORD_0" in primitive["attributes"]
+            swatch = next(s for s in scene.swatches if s.name == material["name"])
+            for texture in (*material["stiffness"], *material["friction"]):
+                image = tree["images"][tree["textures"][texture["texture"]["index"]]["source"]]
+                view = tree["bufferViews"][image["bufferView"]]
+                picture = Image.open(io.BytesIO(blob[view["byteOffset"] :][: view["byteLength"]]))
+                extras = texture["extras"]
+                assert picture.size == (1, 1)
+                value = picture.getpixel((0, 0)) / 65535 * extras["full_scale"]
+                assert value == pytest.approx(getattr(swatch, extras["quantity"]), abs=extras["full_scale"] / 65535)
+                assert extras["value"] == getattr(swatch, extras["quantity"])
+
+
+def test_plain_gltf_says_nothing_of_the_draft(scene: Scene, tmp_path: Path) -> None:
+    assert b"MPEG" not in export_scene(scene, tmp_path / "desk.glb")[0].read_bytes()

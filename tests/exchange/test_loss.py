@@ -1,0 +1,122 @@
+"""What each format keeps, measured by round trip, against what docs/exchange.md and the registry say."""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.exchange.carried import numbers_of
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_to_json
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "exchange.md"
+KEPT, ROUNDED, FLOAT32, LOST = "kept", "to 1e-15", "to 1e-7", "lost"
+
+
+def measured(before: Scene, after: Scene) -> dict[str, str]:
+    """For every aspect of a scene what came back of it."""
+    place, error = matched(before, after)
+    bodies = [b.name for b in before.bodies] == [b.name for b in after.bodies]
+    poses = max((np.abs(a.X_WB - b.X_WB).max() for a, b in pairs(before, after)), default=np.inf) if bodies else np.inf
+    corners = [world(s, faces=False) for s in (before, after)]
+    painted = [names(before), names(after)[place]]
+    known, own = (painted[0] == name for name in ("wood", before.swatches[2].name))
+    return {
+        "shape": graded(error, np.inf),
+        "exact positions": graded(error),
+        "bodies and their names": said(bodies),
+        "poses": graded(poses),
+        "two-sided": said(bodies and all(a.two_sided == b.two_sided for a, b in pairs(before, after))),
+        "shared meshes": said(bodies and after.bodies[0].mesh is after.bodies[2].mesh),
+        "order of vertices": said(corners[0].shape == corners[1].shape and np.allclose(*corners, rtol=0, atol=1e-7)),
+        "order of faces": said(bool((place == np.arange(len(place))).all())),
+        "painting with a swatch in the library": said(bool((painted[1][known] == painted[0][known]).all())),
+        "painting with a swatch not in the library": said(bool((painted[1][own] == painted[0][own]).all())),
+        **of_swatch(before.swatches[1], after, "in the library"),
+        **of_swatch(before.swatches[2], after, "not in the library"),
+        "names and colours of the mesh's file": said(
+            bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
+        ),
+    }
+
+
+def of_swatch(swatch: Swatch, after: Scene, where: str) -> dict[str, str]:
+    back = next((s for s in after.swatches if s.name == swatch.name), None)
+    same = back is not None and numbers_of(back) == numbers_of(swatch) and back.albedo_rgb == swatch.albedo_rgb
+    whole = back is not None and swatch_to_json(back) == swatch_to_json(swatch)
+    return {f"numbers of a swatch {where}": said(same), f"texture of a swatch {where}": said(whole)}
+
+
+def pairs(before: Scene, after: Scene) -> list[tuple]:
+    return list(zip(before.bodies, after.bodies, strict=False))
+
+
+def world(scene: Scene, faces: bool = True) -> np.ndarray:
+    """Corners of all faces (m, 9), or vertices (n, 3), in W [m]."""
+    placed = [body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body in scene.bodies]
+    if not faces:
+        return np.concatenate(placed)
+    return np.concatenate([p[b.mesh.faces].reshape(-1, 9) for p, b in zip(placed, scene.bodies, strict=True)])
+
+
+def names(scene: Scene) -> np.ndarray:
+    """Name of the swatch on every face (m,)."""
+    called = np.array([swatch.name for swatch in scene.swatches], object)
+    return np.concatenate([called[body.face_swatch] for body in scene.bodies])
+
+
+def matched(before: Scene, after: Scene) -> tuple[np.ndarray, float]:
+    """For every face before the one after at its place, one for one, and the largest distance of a corner [m]."""
+    from scipy.spatial import cKDTree
+
+    old, new = world(before), world(after)
+    assert len(old) == len(new)
+    place = cKDTree(new).query(old)[1]
+    assert len(np.unique(place)) == len(old)
+    return place, float(np.abs(new[place] - old).max())
+
+
+def graded(error: float, *allowed: float) -> str:
+    """In words. The scene is 0.4 m across, so an error [m] is about a relative one."""
+    if error == 0.0 or (allowed and error < 1e-7):
+        return KEPT
+    return ROUNDED if error < 1e-15 else FLOAT32 if error < 1e-7 else LOST
+
+
+def said(kept: bool) -> str:
+    return KEPT if kept else LOST
+
+
+@pytest.fixture(scope="module")
+def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    folder = tmp_path_factory.mktemp("round")
+    before = make_scene(2)
+    found = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, export in EXPORTS.items():
+            file = folder / f"{name}{export.suffix}"
+            export_scene(before, file, name)
+            found[name] = measured(before, import_scene(file, "m" if name in ("obj", "stl") else None))
+    return found
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_registry_says_what_is_lost(name: str, results: dict[str, dict[str, str]]) -> None:
+    lost = [aspect for aspect, what in results[name].items() if what in (LOST, FLOAT32)]
+    assert sorted(EXPORTS[name].loses) == sorted(lost)
+
+
+def test_table_of_the_docs_is_what_was_measured(results: dict[str, dict[str, str]]) -> None:
+    assert results["glb"] == results["gltf"] == results["gltf-haptics"]
+    columns = {"GLB, glTF": "glb", "PLY": "ply", "X3D": "x3d", "OBJ": "obj", "STL": "stl"}
+    rows = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for aspect in results["glb"]:
+        cells = [results[name][aspect] for name in columns.values()]
+        rows.append(f"| {aspect} | " + " | ".join("**lost**" if c == LOST else c for c in cells) + " |")
+    table = "\n".join(rows)
+    assert table in DOCS.read_text(encoding="utf-8"), f"docs/exchange.md should hold:\n{table}"

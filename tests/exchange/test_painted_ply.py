@@ -1,0 +1,99 @@
+"""PLY as other programs see it, and from strangers."""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HapsceneError, SceneError
+from hapscene.exchange import export_scene, import_scene
+from hapscene.scene.mesh import load_mesh
+from hapscene.scene.scene import Scene
+
+pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.carried.ExchangeWarning")
+
+
+def test_others_read_shape_colour_body_and_swatch(scene: Scene, tmp_path: Path) -> None:
+    import trimesh
+
+    file = export_scene(scene, tmp_path / "desk.ply")[0]
+    loaded = trimesh.load(file, process=False)
+    at = 0
+    for i, body in enumerate(scene.bodies):
+        count = len(body.mesh.faces)
+        raw = loaded.metadata["_ply_raw"]["face"]["data"][at : at + count]
+        assert (raw["body"] == i).all() and np.array_equal(raw["swatch"].ravel(), body.face_swatch)
+        p_W = body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+        assert np.array_equal(loaded.vertices[loaded.faces[at : at + count]], p_W[body.mesh.faces])
+        albedo = np.array([swatch.albedo_rgb for swatch in scene.swatches])[body.face_swatch]
+        assert np.abs(loaded.visual.face_colors[at : at + count, :3] / 255 - albedo).max() <= 0.5 / 255 + 1e-9
+        at += count
+    assert len(load_mesh(file, "m").faces) == at
+
+
+def test_a_mesh_of_no_scene_is_a_mesh(scene: Scene, tmp_path: Path) -> None:
+    from hapscene.scene.ply import write_mesh
+
+    write_mesh(scene.bodies[0].mesh, tmp_path / "ball.ply")
+    back = import_scene(tmp_path / "ball.ply", "m")
+    assert [body.name for body in back.bodies] == ["ball"] and not back.bodies[0].face_swatch.any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"hapscene scene 1", b"hapscene scene 9", "update hapscene"),
+        (b"hapscene scene 1", b"hapscene scene x", "whole number"),
+        (b" nut\n", b"\n", "numbers and a name"),
+        (b"hapscene body 1 0 ", b"hapscene body 1 nan ", "numbers and a name"),
+        (b"hapscene body 1 0 1.0 ", b"hapscene body 1 0 3.0 ", "scales or shears"),
+        (b"hapscene swatch 1 ", b"hapscene swatch 1 -", "not negative"),
+        (b"hapscene swatch 2 ", b"hapscene other 2 ", "swatch that is not among"),
+        (b"hapscene body 2 ", b"hapscene other 2 ", "body that is not among"),
+        (b"property short swatch", b"property short smatch", "with body and swatch"),
+        (b"element face ", b"element face 9999999999", "its header says"),
+        (b"end_header", b"element vertex 1\nend_header", "."),
+    ],
+)
+def test_what_is_refused_and_why(
+    old: bytes, new: bytes, message: str, make_scene: Callable[[int], Scene], tmp_path: Path
+) -> None:
+    scene = make_scene(0)
+    scene.bodies[1].two_sided = False
+    file = export_scene(scene, tmp_path / "desk.ply")[0]
+    content = file.read_bytes()
+    if old.startswith(b"hapscene swatch 1") and new.endswith(b"-"):
+        line = next(x for x in content.split(b"\n") if b"hapscene swatch 1 " in x)
+        content = content.replace(line[-4 - 65 : -5], b"0" * 64)
+    assert old in content
+    file.write_bytes(content.replace(old, new, 1))
+    with pytest.raises(HapsceneError, match=message):
+        import_scene(file)
+
+
+def test_a_body_without_faces_is_refused(make_scene: Callable[[int], Scene], tmp_path: Path) -> None:
+    file = export_scene(make_scene(0), tmp_path / "desk.ply")[0]
+    line = next(x for x in file.read_bytes().split(b"\n") if b"hapscene body 1" in x)
+    file.write_bytes(file.read_bytes().replace(line, line + b"\n" + line.replace(b"nut", b"ghost")))
+    with pytest.raises(SceneError):
+        import_scene(file)
+
+
+def test_damaged_files_are_refused_in_words(make_scene: Callable[[int], Scene], tmp_path: Path) -> None:
+    file = export_scene(make_scene(0), tmp_path / "small.ply")[0]
+    good = file.read_bytes()
+    rng = np.random.default_rng(3)
+    refused = 0
+    for _ in range(60):
+        bad = np.frombuffer(good, np.uint8).copy()
+        bad[rng.integers(0, len(bad), rng.integers(1, 30))] = rng.integers(0, 256)
+        file.write_bytes(bad.tobytes()[: int(rng.integers(1, len(bad))) if rng.random() < 0.3 else None])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                import_scene(file, "m")
+            except HapsceneError:
+                refused += 1
+    assert refused > 20

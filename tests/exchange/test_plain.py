@@ -1,0 +1,45 @@
+"""OBJ and STL, and meshes whose materials are called as swatches."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hapscene.exchange import export_scene, import_scene
+from hapscene.scene.scene import Scene
+
+
+def test_others_read_the_materials_of_obj(scene: Scene, tmp_path: Path) -> None:
+    import trimesh
+
+    obj, mtl = export_scene(scene, tmp_path / "desk.obj")
+    assert mtl == tmp_path / "desk.mtl"
+    loaded = trimesh.load_scene(obj, group_material=True, process=False)
+    by_name = {g.visual.material.name: g for g in loaded.geometry.values()}
+    for index, swatch in enumerate(scene.swatches):
+        part = by_name[swatch.name.replace("\\", "_")]
+        assert len(part.faces) == sum(int((body.face_swatch == index).sum()) for body in scene.bodies)
+        colour = np.asarray(part.visual.material.diffuse)[:3] / 255
+        np.testing.assert_allclose(colour, swatch.albedo_rgb, atol=1 / 255)
+
+
+def test_others_read_stl(scene: Scene, tmp_path: Path) -> None:
+    import trimesh
+
+    (file,) = export_scene(scene, tmp_path / "desk.stl")
+    loaded = trimesh.load(file, process=False)
+    body = scene.bodies[0]
+    p_W = body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+    assert np.array_equal(loaded.triangles[: len(body.mesh.faces)], p_W[body.mesh.faces].astype(np.float32))
+    np.testing.assert_allclose(loaded.face_normals[0], body.mesh.normals[0] @ body.X_WB[:3, :3].T, atol=1e-5)
+
+
+def test_names_of_swatches_in_any_mesh_paint_it(tmp_path: Path) -> None:
+    """As made in another program: the material's name wins over the object's, unknown ones stay plain."""
+    (tmp_path / "part.obj").write_text(
+        "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\n"
+        "o wood\nusemtl steel\nf 1 3 2\nusemtl paper\nf 1 2 4\no table\nusemtl leather\nf 1 4 3\nusemtl tin\nf 2 3 4\n"
+    )
+    scene = import_scene(tmp_path / "part.obj", "mm")
+    (body,) = scene.bodies
+    assert [scene.swatches[i].name for i in body.face_swatch] == ["wood", "paper", "leather", "plain"]
+    assert body.mesh.diagonal_m < 0.02

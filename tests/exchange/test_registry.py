@@ -1,0 +1,76 @@
+"""The formats by name and suffix; what is refused before anything is written."""
+
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import SceneError
+from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.scene.scene import Scene
+
+
+def test_formats_of_the_menu() -> None:
+    assert list(EXPORTS) == ["glb", "gltf", "gltf-haptics", "ply", "x3d", "obj", "stl"]
+    assert [name for name, export in EXPORTS.items() if export.draft] == ["gltf-haptics"]
+    assert "draft" in EXPORTS["gltf-haptics"].summary
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> None:
+    file = tmp_path / f"desk{EXPORTS[name].suffix.upper()}"
+    made = export_scene(scene, file, name)
+    assert made[0] == file and all(f.stat().st_size for f in made)
+    assert sorted(tmp_path.iterdir()) == sorted(made)  # nothing else stays
+    if name != "gltf-haptics":
+        by_suffix = tmp_path / "by_suffix" / file.name
+        by_suffix.parent.mkdir()
+        export_scene(scene, by_suffix)
+        assert by_suffix.read_bytes() == file.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "message"),
+    [
+        ("desk.fbx", None, r"no format '\.fbx'.*\.glb, \.gltf, \.ply"),
+        ("desk", None, "no format ''"),
+        ("desk.glb", "fbx", "no format 'fbx'; there are: glb"),
+        ("desk.ply", "glb", r"ends in \.glb"),
+        ("desk.x3d", "gltf-haptics", r"ends in \.gltf or \.glb"),
+        ("nowhere/desk.glb", None, "there is no folder"),
+    ],
+)
+def test_what_cannot_be_written(path: str, name: str | None, message: str, scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=message):
+        export_scene(scene, tmp_path / path, name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_empty_scene_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="no body"):
+        export_scene(Scene(), tmp_path / "desk.glb")
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_a_failed_write_keeps_the_old_file(
+    name: str, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / f"desk{EXPORTS[name].suffix}"
+    file.write_text("old")
+
+    def fail(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(SceneError, match="No space left"):
+        export_scene(scene, file, name)
+    assert file.read_text() == "old" and list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d"])
+@pytest.mark.parametrize("content", [None, b""])
+def test_missing_and_empty_files(suffix: str, content: bytes | None, tmp_path: Path) -> None:
+    file = tmp_path / f"desk.{suffix}"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(SceneError, match="no such file" if content is None else "empty"):
+        import_scene(file)
