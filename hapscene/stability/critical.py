@@ -49,6 +49,11 @@ REST_TICKS: Final = 4000
 REST_TOLERANCE: Final = 1e-5
 """To which the limit is found where it is a question of rest [1]."""
 
+RATIO_MIN, RATIO_MAX = 1e-8, 1e3
+"""Damping times the tick over the mass that a limit of motion is looked for at [1]. Motion in a wall at its limit turns
+by the root of that in a tick: below, it takes millions of ticks to be seen dying; above, a tick is hundreds of times
+longer than the time in which the device comes to rest."""
+
 EDGE: Final = 64.5
 """How deep the encoder's edge lies at which the tool is tried [encoder steps]: a whole number and a half."""
 
@@ -85,7 +90,7 @@ def critical_stiffness(
         With encoder steps alone 0.0: nothing holds the tool between two of them.
 
     Raises:
-        HapsceneError: a number out of range.
+        HapsceneError: a number out of range, or dampers out of `RATIO_MIN` to `RATIO_MAX`.
     """
     _check(mass_kg, damping_Ns_m, tick_s, delay_ticks, wall_damping_Ns_m, coulomb_N, quantum_m)
     rig = Rig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
@@ -208,4 +213,11 @@ def _check(
     if not 0 <= delay < DELAY_MAX or delay != int(delay):
         raise HapsceneError(
             f"critical stiffness: delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay}"
+        )
+    most = max(damping, wall_damping)
+    ratio = most * (tick_s / mass_kg)
+    if most > 0.0 and not RATIO_MIN <= ratio <= RATIO_MAX:
+        raise HapsceneError(
+            f"critical stiffness: damping · tick_s / mass_kg must lie between {RATIO_MIN:g} and {RATIO_MAX:g}, "
+            f"is {ratio:.3g}; is a unit wrong?"
         )

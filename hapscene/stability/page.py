@@ -23,6 +23,9 @@ from hapscene.stability.stabiliser_case import GESTURES, STABILISERS, STIFFNESSE
 from hapscene.stability.wall_case import WallCase
 from hapscene.stability.zoo_case import ENERGY_MJ, REST_MM_S, ZooCase
 
+DIVERGED_M_S: Final = 10.0
+"""Speed from which a motion is said to diverge [m/s]."""
+
 RANDOM_COUNT: Final = 240
 """Random limits that are charted [count]."""
 
@@ -199,9 +202,15 @@ def _stabilisers(found: Findings, charts: str) -> str:
 
 
 def _cell(row: Row) -> str:
+    if not row.late_m_s < DIVERGED_M_S:
+        return "diverges"
     kept = "–" if np.isnan(row.kept) else f"{row.kept:.2f}"
-    late = f"{1e3 * row.late_m_s:.2g}" if row.late_m_s < 10.0 else "diverges"
-    return f"{late} / {1e3 * row.out_J:.2g} / {kept}" if late != "diverges" else "diverges"
+    return f"{_plain(1e3 * row.late_m_s)} / {_plain(1e3 * row.out_J)} / {kept}"
+
+
+def _plain(value: float) -> str:
+    """Two figures, without exponents; nothing below a hundredth."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.2f}"
 
 
 def _answers(title: str, rows: Sequence[Answer], chart: str, said: str) -> str:
@@ -241,15 +250,16 @@ _FRICTION: Final = """F1 to F4 are closed forms; the rest is what an Omni with i
     comes to a stop."""
 
 _TEXTURE: Final = """L1: stable parts interpolated. L2, L3: models switched as adversaries would. T4: a grating is
-    sampled
-    like any signal. Then the shipped swatches, switched every tick, and a stiff wall that buzzes, with what removes it.
-    Textures go to the handle; where a device has none, the motors' share is limited (T1, T2) with a warning that names
-    the swatch."""
+    sampled like any signal. Then the shipped swatches, switched every tick, and a stiff wall that buzzes, with what
+    removes it. Textures go to the handle; where a device has none, the motors' share is limited (T1, T2) with a
+    warning that names the swatch."""
 
 _FAILS: Final = """## Where each method fails
 - **No stabiliser**: a light grip on a wall beyond the border of its device bounces for ever (see "none" above);
-  friction
-  of a real device hides that for slow touches only (W7).
+  friction of a real device hides that for slow touches only (W7).
+- **A tool that flies out of a wall** at a speed v with the full force F behind it gets F·v·T/2 too much, since force is
+  half a tick late: at 2 m/s and 3.3 N that is 3.3 mJ, more than the 2 mJ that are allowed. The controller sees it only
+  when the tool has left. A faster tick helps, nothing else here does.
 - **Limits with margin** rest on the device's data. A device less than half as damped as its data say, or a delay that
   nobody stated, is outside; the damping they add is felt as a softer onset of contact.
 - **Damping of the wall** has an upper border of its own (W5), which falls fast with delay; over encoder steps it kicks
