@@ -8,10 +8,11 @@
                   "paint": [[1, 2000], [2, 400]]}]
     }
 
-`paint` is a list of runs [swatch, faces] in the order of the mesh's faces. Paths are relative to the file,
-with "/". A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the
-scene got from memory is written beside the file: meshes as NAME.BODY.ply (float64, so they come back to the
-bit), swatches as NAME.SWATCH.swatch.
+`paint` is a list of runs [swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush,
+it is a packed text (`hapscene.scene.painting`), and the version is 2, which older readers refuse. Paths are relative to
+the file, with "/". A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the
+scene got from memory is written beside the file: meshes as NAME.BODY.ply (float64, so they come back to the bit),
+swatches as NAME.SWATCH.swatch.
 """
 
 import json
@@ -22,19 +23,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
 from hapscene.output import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
+from hapscene.scene.painting import read, written
 from hapscene.scene.ply import write_mesh
 from hapscene.scene.scene import Scene
 
 SUFFIX: Final = ".scene.json"
 FORMAT: Final = "hapscene scene"
-VERSION: Final = 1
-"""Version of the format. Raised when a reader of the old one would misread the new one."""
+VERSION: Final = 2
+"""Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings. A file
+that has none is written as 1."""
 
 BYTES_MAX: Final = 256 * 1024 * 1024
 """Largest scene file that is opened [bytes]: room for some 20 million runs of painting."""
@@ -63,14 +65,14 @@ def save_scene(scene: Scene, path: Path) -> None:
                 "mesh": index[id(body.mesh)],
                 "two_sided": body.two_sided,
                 "pose": body.X_WB.tolist(),
-                "paint": _runs(body.face_swatch),
+                "paint": written(body.face_swatch),
             }
         )
     if len(bodies) > BODY_MAX:
         raise SceneError(f"{path}: {len(bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
     content = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": 2 if any(isinstance(body["paint"], str) for body in bodies) else 1,
         "swatches": [_write_swatch(scene, i, beside) for i in range(len(scene.swatches))],
         "meshes": meshes,
         "bodies": bodies,
@@ -201,28 +203,14 @@ def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[i
     if not all(type(row) is list and all(type(x) in (int, float) and abs(x) < math.inf for x in row) for row in pose):
         raise place.fail("'pose' must be four rows of four finite numbers")
     name, two_sided = place.get("name", str), place.get("two_sided", bool)
-    face_swatch = _unroll(place, len(mesh.faces), swatches)
+    if "paint" not in place.value:
+        raise place.fail("'paint' is missing")
+    try:
+        painting = read(place.value["paint"], len(mesh.faces), len(swatches))
+    except ValueError as error:
+        raise place.fail(f"'paint' {error}") from None
     body = scene.add(mesh, name=name, pose=pose, two_sided=two_sided)
-    body.face_swatch[:] = face_swatch
-
-
-def _runs(face_swatch: NDArray[np.int16]) -> list[list[int]]:
-    start = np.flatnonzero(np.concatenate([[True], face_swatch[1:] != face_swatch[:-1]]))
-    length = np.diff(np.concatenate([start, [len(face_swatch)]]))
-    return [[int(swatch), int(n)] for swatch, n in zip(face_swatch[start], length, strict=True)]
-
-
-def _unroll(place: _Place, face_count: int, swatches: list[int]) -> NDArray[np.int16]:
-    runs = place.get("paint", list)
-    for run in runs:
-        if not (type(run) is list and len(run) == 2 and type(run[0]) is int and type(run[1]) is int and run[1] > 0):
-            raise place.fail(f"'paint' must be a list of [swatch, number of faces], has {str(run)[:60]!r}")
-        if not 0 <= run[0] < len(swatches):
-            raise place.fail(f"'paint' names swatch {run[0]}; there are {len(swatches)}, counted from 0")
-    total = sum(run[1] for run in runs)  # before anything of that size is made
-    if total != face_count:
-        raise place.fail(f"'paint' covers {total:,} faces; the mesh has {face_count:,}")
-    return np.repeat([swatches[run[0]] for run in runs], [run[1] for run in runs]).astype(np.int16)
+    body.face_swatch[:] = np.array(swatches, np.int16)[painting]
 
 
 class _Beside:

@@ -141,7 +141,7 @@ def edit(*keys_and_value):
 HOSTILE = [
     (edit("format", "other"), "format is 'other'"),
     (edit("format", KeyError), "'format' is missing"),
-    (edit("version", 2), "format version 2; this hapscene reads up to 1"),
+    (edit("version", 3), "format version 3; this hapscene reads up to 2"),
     (edit("version", 0), "format version 0"),
     (edit("version", True), "'version' must be a whole number"),
     (edit("version", "1"), "'version' must be a whole number"),
@@ -171,7 +171,8 @@ HOSTILE = [
     (edit("bodies", 0, "paint", [[0, 640], [0, -320]]), "number of faces"),
     (edit("bodies", 0, "paint", [[9, 320]]), "names swatch 9; there are 3"),
     (edit("bodies", 0, "paint", [[True, 320]]), "must be a list of"),
-    (edit("bodies", 0, "paint", "all"), "'paint' must be a list"),
+    (edit("bodies", 0, "paint", 5), "'paint' must be a list of runs or a packed text"),
+    (edit("bodies", 0, "paint", "all"), "'paint' is packed, and damaged"),
     (edit("bodies", [{}] * 10_001), "10,001 bodies; at most 10,000"),
 ]
 

@@ -1,0 +1,168 @@
+"""Undo and redo: each step is what it changed, before and after, packed; the oldest steps are forgotten first."""
+
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hapscene.surface.swatch import Swatch
+
+BYTES_MAX: Final = 64 * 1024 * 1024
+"""Most memory that the packed steps may take [bytes]. A stroke of 5,000 faces takes some 10 kB, filling a body of
+330 k faces 1 kB: thousands of steps fit."""
+
+STEP_MAX: Final = 10_000
+"""Most steps that can be undone [count]: bounds those that hold swatches, whose size is shared with the scene."""
+
+STEP_BYTES: Final = 500
+"""What a step takes besides its faces [bytes]: the objects themselves."""
+
+Source = str | Path | None
+"""Where a swatch was loaded from, as in `Scene.swatch_source`."""
+
+
+@dataclass(frozen=True)
+class FaceDelta:
+    """Faces of a body that changed: their indices, and their swatches before and after, packed."""
+
+    body: int
+    packed: bytes
+    count: int
+
+    @staticmethod
+    def pack(body: int, faces: NDArray[np.integer], old: NDArray[np.int16], new: NDArray[np.int16]) -> "FaceDelta":
+        """Of faces (n,), ascending, and their swatches (n,)."""
+        steps = np.diff(faces, prepend=0).astype(np.int32)  # small numbers, mostly ones: they pack well
+        content = steps.tobytes() + old.tobytes() + new.tobytes()
+        return FaceDelta(body, zlib.compress(content, 1), len(faces))
+
+    def unpack(self) -> tuple[NDArray[np.int64], NDArray[np.int16], NDArray[np.int16]]:
+        """Faces, and their swatches before and after, (count,) each."""
+        content, n = zlib.decompress(self.packed), self.count
+        faces = np.cumsum(np.frombuffer(content, np.int32, n), dtype=np.int64)
+        return faces, np.frombuffer(content, np.int16, n, 4 * n), np.frombuffer(content, np.int16, n, 6 * n)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A swatch of the scene.
+
+    Attributes:
+        swatch: as it is.
+        source: where it was loaded from; None where it was changed or made here.
+        original: what `reset` brings back; None for itself.
+    """
+
+    swatch: "Swatch"
+    source: Source
+    original: "Entry | None" = None
+
+
+@dataclass(frozen=True)
+class SwatchDelta:
+    """A swatch of the scene before and after; None where there was, or is, none."""
+
+    index: int
+    old: Entry | None
+    new: Entry | None
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one undo takes back.
+
+    Attributes:
+        what: in words for the user: "brush, 812 faces of toad".
+        swatches: changed first when done, last when undone: faces refer to them.
+        faces: of one or more bodies.
+        key: what the step went on changing, so that the next of the same key may join it; None for what stands alone.
+        number: tells it from all others; set by the history.
+    """
+
+    what: str
+    swatches: tuple[SwatchDelta, ...] = ()
+    faces: tuple[FaceDelta, ...] = ()
+    key: object = None
+    number: int = 0
+
+    @property
+    def face_count(self) -> int:
+        """How many faces it changed."""
+        return sum(delta.count for delta in self.faces)
+
+    @property
+    def size(self) -> int:
+        """Memory that it takes [bytes]."""
+        return STEP_BYTES + sum(len(delta.packed) for delta in self.faces)
+
+
+def faces_word(count: int) -> str:
+    """A number of faces in words."""
+    return f"{count:,} face{'' if count == 1 else 's'}"
+
+
+class History:
+    """Steps done and undone.
+
+    Attributes:
+        done: steps that can be undone, the oldest first.
+        undone: steps that can be done again, the next one last.
+    """
+
+    def __init__(self, bytes_max: int = BYTES_MAX) -> None:
+        self.done: list[Step] = []
+        self.undone: list[Step] = []
+        self.bytes_max = bytes_max
+        self._size = 0
+        self._count = 0
+        self._ground = 0  # number of the last step that was forgotten
+
+    @property
+    def state(self) -> int:
+        """A number for where the scene stands: the same again after an undo and a redo."""
+        return self.done[-1].number if self.done else self._ground
+
+    @property
+    def size(self) -> int:
+        """Memory that the steps take [bytes]."""
+        return self._size
+
+    def add(self, step: Step) -> None:
+        """A step was done: what was undone before cannot be done again."""
+        self._size -= sum(s.size for s in self.undone)
+        self.undone.clear()
+        self.done.append(self._numbered(step))
+        self._size += step.size
+        forgotten = 0
+        while len(self.done) - forgotten > 1 and (self._size > self.bytes_max or len(self.done) - forgotten > STEP_MAX):
+            self._size -= self.done[forgotten].size
+            self._ground = self.done[forgotten].number
+            forgotten += 1
+        del self.done[:forgotten]
+
+    def replace_last(self, step: Step) -> None:
+        """The last step went on: it is now this one."""
+        self._size += step.size - self.done[-1].size
+        self.done[-1] = self._numbered(step)
+
+    def _numbered(self, step: Step) -> Step:
+        self._count += 1
+        return replace(step, number=self._count)
+
+    def back(self) -> Step | None:
+        """The step to undo, or None."""
+        if not self.done:
+            return None
+        self.undone.append(self.done.pop())
+        return self.undone[-1]
+
+    def forward(self) -> Step | None:
+        """The step to do again, or None."""
+        if not self.undone:
+            return None
+        self.done.append(self.undone.pop())
+        return self.done[-1]

@@ -1,0 +1,348 @@
+"""The painter's page: one scene, painted and touched in the browser by all who have it open.
+
+Everything that happens, happens in the event loop of the server, one thing after the other; what takes long goes on
+beside it. The scene is in the server alone: a tab that is closed loses nothing, and a second one sees the same.
+"""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.errors import HapsceneError, SceneError, ViewError
+from hapscene.paint.autosave import Recovery
+from hapscene.paint.file_panel import FilePanel
+from hapscene.paint.gate import File, gated, harden
+from hapscene.paint.live import Live, number
+from hapscene.paint.number_panel import NumberPanel
+from hapscene.paint.parts import Parts
+from hapscene.paint.session import Session
+from hapscene.paint.shelf_panel import ShelfPanel
+from hapscene.paint.tool import TOOLS, Tools
+from hapscene.paint.tool_panel import ToolPanel
+from hapscene.paint.touch import Touch
+from hapscene.paint.view import Pointer, View
+from hapscene.servo import State
+
+HOST: Final = "127.0.0.1"
+PORT: Final = 8080
+
+MONITOR_S: Final = 0.025
+"""How often what was felt is sent [s]; with the browser's own 50 ms ahead it is heard within 0.15 s."""
+
+WORD_S: Final = 0.2
+"""How often the line under the picture changes [s]: any faster cannot be read."""
+
+HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" defer></script>'
+
+PIXEL_MAX: Final = 1e5
+"""Largest canvas that is believed [pixels]."""
+
+
+class Page:
+    """The page, served from entry to exit: `with Page(session) as page: print(page.url)`.
+
+    Args:
+        session: the scene, with the file that it is saved to.
+        host: the address to serve at; all but loopback is open to the network.
+        port: the port; a free one near it where it is taken, any for 0.
+        with_hand: whether the hand that touches is started.
+        with_autosave: whether what is not saved yet is written beside the scene, and found again.
+
+    Attributes:
+        server: viser's.
+        parts: session, view, tools, touch and socket.
+
+    Raises:
+        ViewError: viser is not there, or the port cannot be had.
+        SceneError: no file to save to, or another painter has it open.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        host: str = HOST,
+        port: int = PORT,
+        with_hand: bool = True,
+        with_autosave: bool = True,
+    ) -> None:
+        if session.path is None:
+            raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
+        self._recovery = session.recovery() if with_autosave else None
+        self._with_autosave = with_autosave
+        self._start_autosave(session)
+        self._ready = False
+        self._live = Live(self._act, self._state)
+        self.server = _serve(host, port, self._live)
+        self._loop = self.server.get_event_loop()
+        view = View(self.server, session)
+        touch = Touch(self._live.say)
+        tools = Tools(session, view, touch, self._live.say)
+        self.parts = Parts(self.server, session, view, tools, touch, self._live, self.changed)
+        self._told: Mapping[str, Any] | None = None
+        self._unfelt = False
+        self._word = ""
+        self._tasks: list[Any] = []
+        self._with_hand = with_hand
+        self._make_panel()
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds it."""
+        host = self.server.get_host()
+        name = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, host)
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/"
+
+    def __enter__(self) -> "Page":
+        self._tasks.append(asyncio.run_coroutine_threadsafe(self._monitor(), self._loop))
+        if self._with_hand:
+            session = self.parts.session
+            opened = self.parts.touch.open(session.snapshot(), session.device, session.tick_s)
+            self._tasks.append(asyncio.run_coroutine_threadsafe(opened, self._loop))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop to serve. What is not saved stays beside the scene, and is offered the next time."""
+        for task in self._tasks:
+            task.cancel()
+        self.parts.touch.close()
+        self.server.stop()
+        self.parts.session.end_stroke()
+        if not self.parts.session.dirty:
+            self.parts.session.close()
+        elif self.parts.session._autosave is not None:
+            self.parts.session._autosave.write()
+
+    # --- what happens ---
+
+    def changed(self) -> None:
+        """Show, and have felt, what changed. Called in the event loop after whatever may have changed something."""
+        session, tools = self.parts.session, self.parts.tools
+        changes = session.changes()
+        if changes:
+            self.parts.view.update(changes)
+        if changes.faces or changes.shelf:
+            self._unfelt = True
+        elif changes.swatches:
+            self._tune(changes.swatches)
+        if self._unfelt and not (tools.held and tools.name in ("brush", "eraser")):
+            self._unfelt = False
+            self.parts.touch.repaint(session.snapshot())
+        self._tool_panel.show()
+        self._shelf_panel.show(changes.shelf, changes.swatches)
+        self._number_panel.show()
+        self._tell()
+
+    def _tune(self, swatches: tuple[int, ...]) -> None:
+        """Have the numbers of swatches felt that alone are others: much quicker than all of the painting."""
+        session = self.parts.session
+        for index in swatches:
+            numbers = {p.name: p.value for p in session.parameters(index) if p.applies}
+            self.parts.touch.tune(session.scene.swatches[index].name, numbers)
+
+    async def _act(self, message: Mapping[str, Any]) -> None:
+        """Do what a page's own message says."""
+        if not self._ready:
+            return
+        try:
+            if await self._point(message):
+                return
+            await self._order(message)
+        except (HapsceneError, OSError) as error:
+            self._live.say(str(error), "error")
+        self.changed()
+
+    async def _point(self, message: Mapping[str, Any]) -> bool:
+        """Follow the pointer; whether nothing can have changed."""
+        tools = self.parts.tools
+        do = message["do"]
+        if do == "leave":
+            await tools.release(None)
+            return False
+        follow = {"hover": tools.hover, "down": tools.press, "move": tools.drag, "up": tools.release}.get(do)
+        if follow is None:
+            return False
+        pointer = _pointer(message)
+        if pointer is not None:
+            await follow(pointer)
+        return do == "hover" or pointer is None
+
+    async def _order(self, message: Mapping[str, Any]) -> None:
+        session, tools = self.parts.session, self.parts.tools
+        do = message["do"]
+        if do == "tool" and message.get("name") in TOOLS:
+            tools.choose(message["name"])
+        elif do in ("undo", "redo"):
+            tools.finish()
+            what = session.undo() if do == "undo" else session.redo()
+            self._live.say(f"{'Undone' if do == 'undo' else 'Done again'}: {what}." if what else f"Nothing to {do}.")
+        elif do == "save":
+            await self._file_panel.save()
+        elif do == "size":
+            factor = number(message, "factor", 0.1, 10.0)
+            if factor is not None:
+                tools.resize(tools.radius_m * factor)
+
+    def _state(self) -> Mapping[str, Any]:
+        """What the bar over the picture shows."""
+        if not self._ready:
+            return {}
+        session = self.parts.session
+        return {
+            "tool": self.parts.tools.name,
+            "swatch": self.parts.tools.chosen,
+            "undo": session.undo_word,
+            "redo": session.redo_word,
+            "dirty": session.dirty,
+            "title": _path(session).name,
+            "word": self._word,
+            "hand": self.parts.touch.status,
+        }
+
+    def _tell(self) -> None:
+        state = self._state()
+        if state != self._told:
+            self._told = state
+            self._live.tell(state=state)
+
+    # --- what is felt ---
+
+    async def _monitor(self) -> None:
+        """Show and send what the hand feels, until the page closes."""
+        touch, view = self.parts.touch, self.parts.view
+        next_word_s = 0.0
+        shown = False
+        while True:
+            await asyncio.sleep(MONITOR_S)
+            try:
+                read = await touch.read(time.monotonic())
+            except HapsceneError as error:
+                self._live.say(str(error), "error")
+                continue
+            now_s = time.monotonic()
+            if read is not None and read[0].tick >= 0:
+                state, force_N, a_m_s2 = read
+                if len(force_N):
+                    self._live.trace(force_N, a_m_s2, touch.tick_s)
+                view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
+                shown = True
+            elif shown:
+                view.show_touch(None)
+                shown = False
+            if now_s >= next_word_s:
+                next_word_s = now_s + WORD_S
+                self._word = self._told_touch(None if read is None else read[0])
+                self._file_panel.show(self._autosave_word())
+                self._tell()
+
+    def _told_touch(self, state: State | None) -> str:
+        """What is felt, in a line."""
+        session, touch = self.parts.session, self.parts.touch
+        if touch.status == "starting":
+            return "The hand gets ready …"
+        if touch.status != "ready":
+            return "There is no hand to touch with."
+        if state is None or state.tick < 0:
+            return "The hand is ready: press 7, hold Shift and drag on the surface."
+        if not state.touching or not 0 <= state.swatch < len(session.scene.swatches):
+            return f"In the air · {session.device}, {touch.grip} grip"
+        force_N = float(np.linalg.norm(state.f_W_N))
+        name = session.scene.swatches[state.swatch].name
+        return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"
+
+    # --- how it is set up ---
+
+    def _make_panel(self) -> None:
+        gui = self.server.gui
+        gui.main_panel.dock_right()
+        tabs = gui.add_tab_group()
+        paint, feel, compare, file = (tabs.add_tab(name) for name in ("Paint", "Feel", "Compare", "File"))
+        with paint:
+            self._tool_panel = ToolPanel(self.parts)
+        self._shelf_panel = ShelfPanel(self.parts, paint, compare)
+        self._number_panel = NumberPanel(self.parts, feel)
+        self._file_panel = FilePanel(self.parts, file, _path(self.parts.session))
+        gui.set_panel_label(_path(self.parts.session).name)
+        if self._recovery is not None:
+            self._offer(self._recovery)
+        self._ready = True
+
+        @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
+        async def name_client(client: Any) -> None:
+            client.gui.add_html(f'<span id="hs-client" data-id="{client.client_id}" hidden></span>')
+
+        @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
+        async def lift(client: Any) -> None:
+            if self.parts.tools.held_by == client.client_id:
+                await self.parts.tools.release(None)
+                self.changed()
+
+    def _offer(self, recovery: Recovery) -> None:
+        session = self.parts.session
+
+        def take() -> None:
+            session.recover(recovery)
+            self._recovery = None
+            self._start_autosave(session)
+
+        def leave() -> None:
+            session.discard_recovery()
+            self._recovery = None
+            self._start_autosave(session)
+
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
+        told = f"The last session of {recovery.path.name} ended without saving. Its work up to {when} is still there."
+        self._file_panel.offer(told, take, leave)
+
+    def _start_autosave(self, session: Session) -> None:
+        """From the start, or from when it is decided what becomes of what was found."""
+        if self._with_autosave and self._recovery is None:
+            session.start_autosave()
+
+    def _autosave_word(self) -> str:
+        if not self._with_autosave:
+            return ""
+        kept = "A copy is kept beside the file every second, and offered after a crash."
+        return self.parts.session.problem or kept
+
+
+def _path(session: Session) -> Path:
+    assert session.path is not None  # checked at the start, and never taken away
+    return session.path
+
+
+def _pointer(message: Mapping[str, Any]) -> Pointer | None:
+    """Where the pointer is, of a message from anybody; None where it does not say."""
+    client = number(message, "client", 0, 2**53)
+    x, y = number(message, "x", -10.0, 10.0), number(message, "y", -10.0, 10.0)
+    width, height = number(message, "w", 1.0, PIXEL_MAX), number(message, "h", 1.0, PIXEL_MAX)
+    if client is None or x is None or y is None or width is None or height is None:
+        return None
+    return Pointer(int(client), x, y, width, height)
+
+
+def _serve(host: str, port: int, live: Live) -> Any:
+    """viser's server behind the gate."""
+    try:
+        import viser
+    except ImportError:
+        raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
+    folder = resources.files("hapscene.paint")
+    files = {
+        "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
+        "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
+    }
+    with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), live.serve):
+        server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
+    harden(server)
+    return server

@@ -1,0 +1,213 @@
+"""The tools of the page: what the pointer does to the scene."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.paint.pick import Hit
+from hapscene.paint.session import ERASE, FACET_RAD, Session
+from hapscene.paint.touch import Touch
+from hapscene.paint.view import Pointer, View
+from hapscene.scene.scene import SwatchLike
+
+TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch")
+
+FILLS: Final = ("facet", "whole body", "material", "same swatch")
+"""What the bucket fills from the place that is clicked."""
+
+RADIUS_SHARE: Final = (0.002, 0.03, 0.3)
+"""Smallest brush, brush at the start and largest brush, in diagonals of the scene [1]."""
+
+
+class Tools:
+    """The tool in hand and its settings.
+
+    Args:
+        session, view, touch: what it works on.
+        say: shows a line to the user.
+
+    Attributes:
+        name: one of `TOOLS`.
+        chosen: name of the swatch to paint with.
+        radius_m: of brush, eraser, and of box and sphere that are clicked.
+        fill: one of `FILLS`.
+        angle_rad: of the facet.
+        grow_m: what a box reaches beyond the two places that span it, on every side.
+        force_N: with which the hand presses.
+        held, held_by: whether a pointer is down on the surface, and of which page.
+    """
+
+    def __init__(self, session: Session, view: View, touch: Touch, say: Callable[[str], None]) -> None:
+        self._session, self._view, self._touch, self._say = session, view, touch, say
+        self.name = "brush"
+        self.chosen = session.scene.swatches[-1].name
+        self._source: SwatchLike = session.scene.swatches[-1]
+        self.radius_m = RADIUS_SHARE[1] * view.diagonal_m
+        self.fill = FILLS[0]
+        self.angle_rad = FACET_RAD
+        self.grow_m = 0.01 * view.diagonal_m
+        self.force_N = 1.0
+        self._owner: int | None = None  # the page whose pointer is down
+        self._start: Hit | None = None
+        self._last: Hit | None = None
+
+    @property
+    def held(self) -> bool:
+        return self._owner is not None
+
+    @property
+    def held_by(self) -> int | None:
+        return self._owner
+
+    @property
+    def swatch(self) -> int | None:
+        """Index of the chosen swatch; None where the scene has it not, or no longer."""
+        return self._session.swatch_named(self.chosen)
+
+    def ink(self) -> int:
+        """The same; it is put into the scene where that has it not.
+
+        Raises:
+            SwatchError: it is unknown or broken.
+            SceneError: another swatch of its name is in the scene.
+        """
+        index = self.swatch
+        return self._session.add_swatch(self._source) if index is None else index
+
+    def take(self, name: str, source: SwatchLike) -> None:
+        """Paint with another swatch from now on: its name, and itself or what the scene loads it by."""
+        self.chosen, self._source = name, source
+
+    def choose(self, name: str) -> None:
+        """Take another tool."""
+        if name in TOOLS and name != self.name:
+            self.finish()
+            self.name = name
+
+    def resize(self, radius_m: float) -> None:
+        """Another brush size, within its bounds."""
+        low, high = (share * self._view.diagonal_m for share in (RADIUS_SHARE[0], RADIUS_SHARE[2]))
+        self.radius_m = min(max(radius_m, low), high)
+
+    def finish(self) -> None:
+        """End what the pointer was doing."""
+        self._session.end_stroke()
+        self._touch.lift(time.monotonic())
+        self._view.show_box(None)
+        self._view.show_sphere(None)
+        self._owner = self._start = self._last = None
+
+    async def hover(self, pointer: Pointer) -> None:
+        """The pointer moves, its button up."""
+        if self._owner is not None:
+            return
+        ray = self._view.ray(pointer)
+        drawn = self.name in ("brush", "eraser")
+        hit = self._session.pick(*ray) if ray is not None and drawn else None
+        self._ring(hit)
+
+    async def press(self, pointer: Pointer) -> None:
+        """The button goes down."""
+        ray = self._view.ray(pointer)
+        if ray is None:
+            return
+        if self._owner is not None:  # another page draws, or its end was lost
+            self.finish()
+        hit = self._session.pick(*ray)
+        if hit is None:
+            self._say("Beside the surface: point at it, then hold Shift and press.")
+            return
+        self._owner, self._start, self._last = pointer.client, hit, hit
+        if self.name in ("brush", "eraser"):
+            self._session.begin_stroke(ERASE if self.name == "eraser" else self.ink(), self.radius_m)
+            self._session.drag_to(*ray)
+            self._ring(hit)
+        elif self.name == "fill":
+            self._fill(hit)
+        elif self.name == "pick":
+            swatch = self._session.scene.swatches[self._session.swatch_at(hit)]
+            self.take(swatch.name, swatch)
+            self._say(f"Picked {self.chosen}.")
+        elif self.name == "touch":
+            await self._touch.press(*self._contact(hit, ray[1]))
+
+    async def drag(self, pointer: Pointer) -> None:
+        """It moves, the button down."""
+        ray = self._view.ray(pointer)
+        if ray is None or self._owner != pointer.client:
+            return
+        if self.name in ("brush", "eraser"):
+            self._ring(self._session.drag_to(*ray))
+            return
+        hit = self._session.pick(*ray)
+        if hit is None:
+            return
+        self._last = hit
+        if self.name == "touch":
+            self._touch.move(*self._contact(hit, ray[1]))
+        elif self.name == "box":
+            X_WK, size_m = self._box()
+            self._view.show_box(size_m, X_WK)
+        elif self.name == "sphere":
+            self._view.show_sphere(*self._sphere())
+
+    async def release(self, pointer: Pointer | None) -> None:
+        """The button goes up; None where it was lost: what was begun ends, boxes and spheres without painting."""
+        if pointer is not None and self._owner != pointer.client:
+            return
+        if pointer is not None and self._start is not None:
+            count = None
+            if self.name == "box":
+                X_WK, size_m = self._box()
+                count = self._session.fill_box(X_WK, size_m, self.ink())
+            elif self.name == "sphere":
+                count = self._session.fill_sphere(*self._sphere(), self.ink())
+            if count is not None:
+                self._say(f"{count:,} faces painted.")
+        self.finish()
+
+    def _fill(self, hit: Hit) -> None:
+        session, ink = self._session, self.ink()
+        if self.fill == "whole body":
+            count = session.fill_body(hit.body, ink)
+        elif self.fill == "material":
+            count = session.fill_group(hit.body, session.group_at(hit), ink)
+        elif self.fill == "same swatch":
+            count = session.fill_swatch(hit.body, session.swatch_at(hit), ink)
+        else:
+            count = session.fill_facet(hit, ink, self.angle_rad)
+        self._say(f"{count:,} faces painted." if count else "It is painted so already.")
+
+    def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:
+        """Place, outward normal, force and stiffness for the hand."""
+        nhat = hit.nhat_W if float(hit.nhat_W @ direction_W) <= 0.0 else -hit.nhat_W
+        stiffness = self._session.parameters(self._session.swatch_at(hit))[0].given
+        return hit.p_W_m, nhat, self.force_N, stiffness
+
+    def _box(self) -> tuple[Any, Any]:
+        """Pose and size of the box from where the button went down to where it is, along the body's axes."""
+        assert self._start is not None and self._last is not None
+        R_WB = self._session.scene.bodies[self._start.body].X_WB[:3, :3]
+        way_B = R_WB.T @ (self._last.p_W_m - self._start.p_W_m)
+        X_WK = np.eye(4)
+        X_WK[:3, :3] = R_WB
+        X_WK[:3, 3] = (self._start.p_W_m + self._last.p_W_m) / 2
+        grow = self.radius_m if not way_B.any() else self.grow_m
+        return X_WK, np.abs(way_B) + 2 * grow
+
+    def _sphere(self) -> tuple[Any, float]:
+        """Middle and radius of the ball from where the button went down to where it is."""
+        assert self._start is not None and self._last is not None
+        radius = math.dist(self._start.p_W_m, self._last.p_W_m)
+        return self._start.p_W_m, radius if radius > 1e-9 else self.radius_m
+
+    def _ring(self, hit: Hit | None) -> None:
+        colour = (0xF5, 0xF5, 0xF5)
+        index = self.swatch
+        if self.name == "brush" and index is not None:
+            albedo = self._session.scene.swatches[index].albedo_rgb
+            colour = tuple(round(255 * c) for c in albedo)  # type: ignore[assignment]
+        self._view.show_ring(hit, self.radius_m, colour)

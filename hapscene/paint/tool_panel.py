@@ -1,0 +1,148 @@
+"""The settings of the tools, in the panel."""
+
+import math
+from typing import Any
+
+from hapscene.device.hand import GRIPS
+from hapscene.errors import SceneError
+from hapscene.paint.parts import Parts, bounded
+from hapscene.paint.tool import FILLS, RADIUS_SHARE
+from hapscene.paint.touch import HELD_DEVICES
+
+FORCE_N = (0.1, 3.0)
+"""Least and most force of the hand [N]: a light touch, and what the weakest device shipped can push back with."""
+
+GRIP_NAMES = tuple(name for name in GRIPS if name != "none")
+
+ALL = "all of it"
+
+
+class ToolPanel:
+    """Sliders and choices of the tools; those of the tool in hand are seen.
+
+    Args:
+        parts: the page.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        gui, tools = parts.server.gui, parts.tools
+        low, high = (2e3 * share * parts.view.diagonal_m for share in (RADIUS_SHARE[0], RADIUS_SHARE[2]))
+        step = 10.0 ** math.floor(math.log10(low))
+        with gui.add_folder("Tool"):
+            self._size = gui.add_slider(
+                "Size [mm]",
+                min=_round_up(low, step),
+                max=_round_up(high, step),
+                step=step,
+                initial_value=_round_up(2e3 * tools.radius_m, step),
+                hint="Diameter of brush, eraser, and of a sphere that is clicked; keys [ and ]",
+            )
+            self._fill = gui.add_dropdown("Fill", FILLS, initial_value=tools.fill, hint="What a click fills")
+            self._angle = gui.add_slider(
+                "Angle [°]",
+                min=0,
+                max=180,
+                step=1,
+                initial_value=round(math.degrees(tools.angle_rad)),
+                hint="A facet goes on over edges that bend by at most this",
+            )
+            self._grow = gui.add_slider(
+                "Depth [mm]",
+                min=step,
+                max=_round_up(high, step),
+                step=step,
+                initial_value=_round_up(1e3 * tools.grow_m, step),
+                hint="How far the box reaches beyond the two places that span it",
+            )
+            self._groups = {f"{b.name}: {name}": (b.name, name) for b, name in _groups(parts)}
+            self._group = gui.add_dropdown("Part", tuple(self._groups), hint="A material, object or group of the file")
+            self._group_button = gui.add_button("Fill this part", hint="Paints the part with the chosen swatch")
+            self._force = gui.add_slider(
+                "Force [N]",
+                min=FORCE_N[0],
+                max=FORCE_N[1],
+                step=0.1,
+                initial_value=tools.force_N,
+                hint="With which the hand presses on the surface",
+            )
+            self._grip = gui.add_dropdown("Grip", GRIP_NAMES, initial_value=parts.touch.grip)
+            first = parts.session.device if parts.session.device in HELD_DEVICES else HELD_DEVICES[0]
+            self._device = gui.add_dropdown(
+                "Device", HELD_DEVICES, initial_value=first, hint="What the hand holds; its limits apply"
+            )
+        self._listen()
+        self.show()
+
+    def show(self) -> None:
+        """See the settings of the tool in hand, and their values as they are."""
+        tools = self._parts.tools
+        name, fill = tools.name, tools.fill
+        self._size.visible = name in ("brush", "eraser", "sphere")
+        self._fill.visible = self._group.visible = self._group_button.visible = name == "fill"
+        self._angle.visible = name == "fill" and fill == "facet"
+        self._grow.visible = name == "box"
+        self._force.visible = self._grip.visible = self._device.visible = name == "touch"
+        if abs(self._size.value - 2e3 * tools.radius_m) > self._size.step / 2:
+            self._size.value = 2e3 * tools.radius_m
+
+    def _listen(self) -> None:
+        on, tools, touch = self._parts.on, self._parts.tools, self._parts.touch
+
+        def angle(target: Any) -> None:
+            tools.angle_rad = math.radians(bounded(target.value, 0.0, 180.0, math.degrees(tools.angle_rad)))
+
+        def grow(target: Any) -> None:
+            tools.grow_m = 1e-3 * bounded(target.value, target.min, target.max, 1e3 * tools.grow_m)
+
+        def fill(target: Any) -> None:
+            tools.fill = target.value if target.value in FILLS else tools.fill
+
+        def force(target: Any) -> None:
+            tools.force_N = bounded(target.value, *FORCE_N, tools.force_N)
+
+        def grip(target: Any) -> None:
+            touch.grip = target.value if target.value in GRIP_NAMES else touch.grip
+
+        self._size.on_update(on(lambda t: tools.resize(5e-4 * bounded(t.value, 0.0, 1e6, 2e3 * tools.radius_m))))
+        self._angle.on_update(on(angle))
+        self._grow.on_update(on(grow))
+        self._fill.on_update(on(fill))
+        self._force.on_update(on(force))
+        self._grip.on_update(on(grip))
+        self._device.on_update(on(self._choose_device))
+        self._group_button.on_click(on(self._fill_group))
+
+    async def _choose_device(self, target: Any) -> None:
+        session = self._parts.session
+        if target.value not in HELD_DEVICES:
+            raise SceneError("no such device")
+        session.choose_device(target.value)
+        if self._parts.touch.status != "closed":
+            await self._parts.touch.open(session.snapshot(), session.device, session.tick_s)
+
+    def _fill_group(self, target: Any) -> None:
+        if self._group.value not in self._groups:
+            raise SceneError("no such part")
+        body, name = self._groups[self._group.value]
+        parts = self._parts
+        if name == ALL:
+            count = parts.session.fill_body(body, parts.tools.ink())
+        else:
+            count = parts.session.fill_group(body, name, parts.tools.ink())
+        parts.live.say(f"{count:,} faces painted.")
+
+
+def _groups(parts: Parts) -> list[tuple[Any, str]]:
+    """Every body, whole, and its parts where it has several."""
+    found = []
+    for body in parts.session.scene.bodies:
+        found.append((body, ALL))
+        groups = parts.session.groups(body.name)
+        if len(groups) > 1:
+            found += [(body, name) for name, _ in groups]
+    return found
+
+
+def _round_up(value: float, step: float) -> float:
+    return round(math.ceil(value / step - 1e-9) * step, 9)

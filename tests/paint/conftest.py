@@ -1,0 +1,58 @@
+"""Scenes to paint: a ball, a plate thinner than the brush, both at poses; and the user's library somewhere else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.creation import box, icosphere
+
+import hapscene
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+
+
+def mesh_of(shape: trimesh.Trimesh) -> Mesh:
+    """A mesh [m] of a trimesh."""
+    return Mesh(vertices_m=np.asarray(shape.vertices), faces=np.asarray(shape.faces, np.int32))
+
+
+def plate_mesh(thickness_m: float = 0.001, cells: int = 5) -> Mesh:
+    """A plate of 40 × 40 mm, its middle at the origin, z up; its sides halved `cells` times."""
+    shape = box((0.04, 0.04, thickness_m))
+    for _ in range(cells):
+        shape = shape.subdivide()
+    return mesh_of(shape)
+
+
+def turned(angle_rad: float, place_m: tuple[float, float, float]) -> np.ndarray:
+    """A pose."""
+    return np.asarray(trimesh.transformations.rotation_matrix(angle_rad, (1, 2, 3))) + np.pad(
+        np.reshape(place_m, (3, 1)), ((0, 1), (3, 0))
+    )
+
+
+def make_scene(folder: Path) -> Scene:
+    """A ball in a file, with two materials, and a plate in memory."""
+    ball = icosphere(subdivisions=3, radius=20.0)
+    text = "\n".join(f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in ball.vertices)
+    for name, faces in (("north", ball.faces[:700]), ("south", ball.faces[700:])):
+        text += f"\nusemtl {name}\n" + "\n".join("f " + " ".join(str(i + 1) for i in f) for f in faces)
+    (folder / "ball.obj").write_text(text)
+    scene = hapscene.Scene()
+    scene.add(folder / "ball.obj", name="ball", unit="mm", pose=turned(0.4, (0.01, 0.0, 0.0)))
+    scene.add(plate_mesh(cells=3), name="plate", swatch="paper", pose=turned(-0.3, (0.0, 0.08, 0.0)))
+    return scene
+
+
+@pytest.fixture(autouse=True)
+def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's library: not that of whoever runs the tests."""
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
+    return tmp_path / "library"
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    """`make_scene`."""
+    return make_scene(tmp_path)

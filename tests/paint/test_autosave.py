@@ -1,0 +1,201 @@
+"""Autosave: a killed process loses no more than two seconds, and what it left is offered, once, as a step."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import hapscene
+from hapscene.errors import SceneError
+from hapscene.paint.autosave import autosave_folder, discard, find_recovery
+from hapscene.paint.session import Session
+from hapscene.surface.swatch import Swatch
+
+PAINTER = """
+import sys, time
+from pathlib import Path
+from hapscene.paint.session import Session
+from hapscene.surface.swatch import Swatch
+session = Session.open(Path(sys.argv[1]))
+session.start_autosave()
+made = session.add_swatch(Swatch("slate", stiffness_N_m=900.0))
+session.tune(session.swatch_named("paper"), stiffness_N_m=123.0)
+session.begin_stroke(made, 1e-6)  # a stroke that never ends: it is not lost either
+for face in range(1280):
+    session.stroke_to(session.hit_at("ball", face))
+    print(face, time.time(), flush=True)
+    time.sleep(0.02)
+"""
+
+
+@pytest.fixture
+def path(scene, tmp_path):
+    scene.save(tmp_path / "cup.scene.json")
+    return tmp_path / "cup.scene.json"
+
+
+def test_a_killed_painter_loses_no_more_than_two_seconds(path) -> None:
+    painter = subprocess.Popen([sys.executable, "-c", PAINTER, str(path)], stdout=subprocess.PIPE, text=True)
+    assert painter.stdout is not None
+    began_s, lines = None, []
+    for line in painter.stdout:
+        face, at_s = line.split()
+        lines.append((int(face), float(at_s)))
+        began_s = began_s or float(at_s)
+        if float(at_s) - began_s > 2.3:
+            break
+    killed_s = time.time()
+    painter.kill()
+    painter.wait()
+    session = Session.open(path)
+    left = session.recovery()
+    assert left is not None and killed_s - left.saved_s < 2.0
+    assert "recovered" in session.recover(left)
+    old = [face for face, at_s in lines if at_s < killed_s - 2.0]
+    assert len(old) > 3
+    slate = session.swatch_named("slate")
+    assert (session.scene.body("ball").face_swatch[old] == slate).all()
+    paper = session.swatch_named("paper")
+    assert session.scene.swatches[paper].stiffness_N_m == 123.0
+    session.start_autosave()
+    session.save()
+    assert find_recovery(path) is None
+    session.close()
+    assert not autosave_folder(path).exists()
+    back = hapscene.load_scene(path)  # what it is made of does not lie in the folder that is gone
+    assert back.swatches[slate].stiffness_N_m == 900.0
+    assert (back.body("ball").face_swatch[old] == slate).all()
+
+
+@pytest.fixture
+def killed(path):
+    """A session whose autosave was written, then left behind as by a killed process."""
+    session = Session.open(path)
+    session.start_autosave(interval_s=60.0)
+    session.fill_group("ball", "south", session.add_swatch(Swatch("slate")))
+    assert session._autosave is not None
+    session._autosave.write()
+    session._autosave._lock.close()  # what the system does
+    return session
+
+
+def test_recovery_is_a_step(killed, path) -> None:
+    session = Session.open(path)
+    before = [body.face_swatch.copy() for body in session.scene.bodies]
+    session.recover(session.recovery())
+    assert session.dirty and session.undo_word == "recovered painting"
+    np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, killed.scene.bodies[0].face_swatch)
+    assert session.scene.swatch_source[-1] is None
+    session.undo()
+    assert len(session.scene.swatches) == 2
+    for body, faces in zip(session.scene.bodies, before, strict=True):
+        np.testing.assert_array_equal(body.face_swatch, faces)
+
+
+def test_recovery_refuses_another_scene(killed, path) -> None:
+    other = hapscene.Scene()
+    other.add(path.parent / "ball.obj", name="cup", unit="mm")
+    session = Session(other, path)
+    with pytest.raises(SceneError, match="its bodies are not those of this scene"):
+        session.recover(session.recovery())
+
+
+def test_what_is_not_wanted_is_removed(killed, path) -> None:
+    session = Session.open(path)
+    session.discard_recovery()
+    assert session.recovery() is None and not autosave_folder(path).exists()
+    discard(path)  # twice does no harm
+
+
+def test_two_painters_of_one_scene(path) -> None:
+    first, second = Session.open(path), Session.open(path)
+    first.start_autosave(interval_s=60.0)
+    first.fill_body("ball", 1)
+    first._autosave.write()  # type: ignore[union-attr]
+    with pytest.raises(SceneError, match="is open in another painter"):
+        second.start_autosave()
+    assert second.recovery() is None  # it is not a killed one's
+    with pytest.raises(SceneError, match="is open in another painter"):
+        second.discard_recovery()
+    first.close()
+    second.start_autosave()
+    second.close()
+
+
+def test_what_is_saved_or_undone_is_not_kept(path) -> None:
+    session = Session.open(path)
+    session.start_autosave(interval_s=60.0)
+    autosave = session._autosave
+    assert autosave is not None
+    file = autosave_folder(path) / path.name
+    autosave.write()
+    assert not file.exists()
+    session.fill_body("ball", 1)
+    autosave.write()
+    assert file.exists()
+    written = file.stat().st_mtime_ns
+    autosave.write()
+    assert file.stat().st_mtime_ns == written  # nothing new
+    session.undo()
+    autosave.write()
+    assert not file.exists()
+    session.redo()
+    autosave.write()
+    session.save()
+    assert not file.exists() and session.problem is None
+    session.close()
+
+
+def test_a_scene_of_meshes_in_memory_and_a_new_name(scene, tmp_path) -> None:
+    session = Session(scene, tmp_path / "new.scene.json")
+    session.start_autosave(interval_s=60.0)
+    session.fill_body("plate", 0)
+    assert session._autosave is not None
+    session._autosave.write()
+    found = hapscene.load_scene(autosave_folder(tmp_path / "new.scene.json") / "new.scene.json")
+    assert found.body("plate").mesh.digest == scene.body("plate").mesh.digest
+    assert scene.body("plate").mesh.path is None
+    session.save(tmp_path / "other.scene.json")
+    assert not autosave_folder(tmp_path / "new.scene.json").exists()
+    assert autosave_folder(tmp_path / "other.scene.json").exists()
+    session.close()
+
+
+def test_a_place_that_cannot_be_written_is_said(path) -> None:
+    autosave_folder(path).write_text("a file is in the way")
+    with pytest.raises(SceneError, match="no autosave: cannot be written"):
+        Session.open(path).start_autosave()
+    Session.open(path).close()
+    session = Session(Session.open(path).scene)
+    session.start_autosave()  # without a path there is no place: nothing is done
+    assert session.recovery() is None and session.problem is None
+
+
+def test_closed_without_saving_it_may_be_kept(path) -> None:
+    session = Session.open(path)
+    session.start_autosave(interval_s=60.0)
+    session.fill_body("ball", 1)
+    session.close(keep=True)
+    again = Session.open(path)
+    left = again.recovery()
+    assert left is not None
+    again.recover(left)
+    assert (again.scene.body("ball").face_swatch == 1).all()
+    again.start_autosave(interval_s=60.0)
+    again.undo()
+    again.close(keep=True)  # there is nothing to keep
+    assert not autosave_folder(path).exists()
+
+
+def test_whoever_holds_the_scene_may_save_and_close(path) -> None:
+    session = Session.open(path)
+    session.start_autosave(interval_s=0.001)  # the other thread looks all the time
+    with session.lock:
+        for ink in (1, 0, 1):
+            session.fill_body("ball", ink)
+            session.save()
+        session.close()
+    assert not autosave_folder(path).exists()
+    assert (hapscene.load_scene(path).body("ball").face_swatch == 1).all()

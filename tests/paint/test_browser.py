@@ -1,0 +1,208 @@
+"""The page in a real browser: Debian's Chromium, headless, drawn without a graphics card, cut off from the net."""
+
+import io
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
+
+from trimesh.creation import icosphere
+
+import hapscene
+from hapscene.paint.page import Page
+from hapscene.paint.session import Session
+from hapscene.scene.file import load_scene
+
+from .conftest import mesh_of
+from .tab import until
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
+
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+)
+
+CANVAS = "document.querySelector('canvas').getBoundingClientRect()"
+
+SIZE = {"width": 1000, "height": 640}
+PATIENCE_S = 30.0
+"""How long anything may take on a machine that does much else besides [s]."""
+
+
+class Window:
+    """The browser's window on the page."""
+
+    def __init__(self, browser: Any, page: Page) -> None:
+        self.page = page
+        self.troubles: list[str] = []
+        self.requests: list[str] = []
+        self.tab = browser.new_page(viewport=SIZE)
+        self.tab.set_default_timeout(1e3 * PATIENCE_S)
+        self.tab.on("pageerror", lambda error: self.troubles.append(str(error)))
+        self.tab.on("requestfailed", lambda request: self.troubles.append(request.url))
+        self.tab.on("console", lambda m: self.troubles.append(m.text) if m.type == "error" else None)
+        self.tab.on("request", lambda request: self.requests.append(request.url))
+        self.tab.on("websocket", lambda wire: self.requests.append(wire.url))
+        self.tab.goto(page.url)
+        self.wait("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
+
+    def wait(self, script: str) -> None:
+        self.tab.wait_for_function(script)
+
+    def ask(self, script: str) -> Any:
+        return self.tab.evaluate(script)
+
+    def at(self, p_W_m: Any) -> tuple[float, float]:
+        """Where a place of the scene is in the window [pixels]."""
+        client = self.page.server.get_clients()[self.ask("window.hapscene.client()")]
+        box = self.ask(f"(() => {{ const b = {CANVAS}; return [b.left, b.top, b.width, b.height]; }})()")
+        camera = client.camera
+        w, x, y, z = camera.wxyz
+        R = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        right, down, forth = R.T @ (self.page.parts.view.shown(p_W_m) - camera.position)
+        half = box[3] / 2 / np.tan(camera.fov / 2)
+        return box[0] + box[2] / 2 + half * right / forth, box[1] + box[3] / 2 + half * down / forth
+
+    def pixels(self) -> NDArray[np.int16]:
+        """What is seen (height, width, 3)."""
+        picture = Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB")
+        return np.asarray(picture).astype(np.int16)
+
+    def wears(self, p_W_m: Any) -> str:
+        """Which of the scene's swatches a place is seen to wear, by hue: the nearest of their colours."""
+        x, y = self.at(p_W_m)
+        seen = self.pixels()[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3].mean(axis=(0, 1))
+        swatches = self.page.parts.session.scene.swatches
+        off = [np.linalg.norm(_hue(seen) - _hue(255 * np.array(s.albedo_rgb))) for s in swatches]
+        return swatches[int(np.argmin(off))].name
+
+    def see(self, p_W_m: Any, name: str) -> None:
+        """Wait until a place is seen to wear a swatch."""
+        until(lambda: self.wears(p_W_m) == name, PATIENCE_S)
+
+    def drag(self, *places: Any) -> None:
+        """Hold Shift, press and drag over places."""
+        self.tab.keyboard.down("Shift")
+        self.tab.mouse.move(*self.at(places[0]))
+        self.tab.mouse.down()
+        for place in places[1:]:
+            self.tab.mouse.move(*self.at(place))
+        self.tab.mouse.up()
+        self.tab.keyboard.up("Shift")
+
+
+def _hue(rgb: Any) -> NDArray[np.float64]:
+    """A colour without its lightness."""
+    colour = np.asarray(rgb, np.float64)
+    return colour / max(float(np.linalg.norm(colour)), 1.0)
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
+    folder = tmp_path_factory.mktemp("browser")
+    os.environ["HAPSCENE_LIBRARY"] = str(folder / "library")
+    scene = hapscene.Scene()
+    scene.add(mesh_of(icosphere(subdivisions=4, radius=0.03)), name="ball", swatch="wood")
+    scene.swatch_index("epoxy")
+    scene.save(folder / "ball.scene.json")
+    session = Session.open(folder / "ball.scene.json")
+    with Page(session, port=0) as page, playwright.sync_playwright() as runner:
+        browser = runner.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        yield Window(browser, page)
+        browser.close()
+    session.close()
+
+
+FRONT = (0.004, -0.024, 0.0176)
+"""On the side of the ball that is seen."""
+
+BESIDE = (0.019, -0.0222, 0.006)
+
+
+def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> None:
+    page, tab = window.page, window.tab
+    window.see(FRONT, "wood")
+    first = window.pixels()
+
+    window.drag(FRONT, np.add(FRONT, (0.001, 0.0, 0.0)))  # with epoxy, the last of the scene
+    window.see(FRONT, "epoxy")
+    assert window.wears(BESIDE) == "wood"
+    window.wait("window.hapscene.state.undo && window.hapscene.state.undo.includes('brush')")
+
+    tab.keyboard.press("Control+z")
+    window.see(FRONT, "wood")
+    tab.mouse.move(5, 300)
+    window.wait("!window.hapscene.state.undo")
+
+    tab.keyboard.press("2")
+    tab.get_by_label("Fill", exact=True).first.click()
+    tab.get_by_role("option", name="whole body").click()
+    until(lambda: page.parts.tools.fill == "whole body")
+    window.drag(FRONT)
+    window.see(BESIDE, "epoxy")
+    assert (page.parts.session.scene.bodies[0].face_swatch == 2).all()
+    assert np.abs(window.pixels() - first).max(axis=2).mean() > 1.0
+
+    tab.get_by_role("tab", name="Feel").click()
+    field = tab.locator("input:visible").first
+    field.fill("222")
+    field.press("Enter")
+    until(lambda: page.parts.session.scene.swatches[2].stiffness_N_m == 222.0, PATIENCE_S)
+
+    window.wait("window.hapscene.state.hand === 'ready'")
+    tab.keyboard.press("7")
+    window.wait("window.hapscene.state.tool === 'touch'")
+    tab.keyboard.down("Shift")
+    tab.mouse.move(*window.at(FRONT))
+    tab.mouse.down()
+    window.wait("window.hapscene.state.word.startsWith('epoxy:')")
+    window.wait("Math.max(...window.hapscene.trace.force) > 0.5")
+    end_s = time.monotonic() + PATIENCE_S
+    for x_m in np.tile(np.linspace(0.0, 0.008, 12), 40):
+        tab.mouse.move(*window.at(np.add(FRONT, (x_m, 0.0, 0.0))))
+        if window.ask("window.hapscene.sound.heard > 5000 && window.hapscene.sound.peak > 0.05"):
+            break
+        assert time.monotonic() < end_s, "nothing was heard"
+    tab.mouse.up()
+    tab.keyboard.up("Shift")
+    assert window.ask("window.hapscene.sound.peak") > 0.05
+
+    tab.keyboard.press("Control+s")
+    window.wait("!window.hapscene.state.dirty")
+    saved = load_scene(page.parts.session.path)
+    assert (saved.bodies[0].face_swatch == 2).all() and saved.swatches[2].stiffness_N_m == 222.0
+
+    tab.reload()
+    window.wait("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool === 'touch'")
+    window.see(BESIDE, "epoxy")
+
+    assert not window.troubles
+    foreign = [u for u in window.requests if not u.startswith(("blob:", "data:", page.url, page.url.replace("http", "ws")))]
+    assert not foreign

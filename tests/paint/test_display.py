@@ -1,0 +1,149 @@
+"""What is shown: whole where it is small, reduced where it is large, and always what the painting says."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trimesh.creation import icosphere
+
+import hapscene
+from hapscene.errors import ViewError
+from hapscene.paint.display import CHUNK, LEAST, ChunkKey, Display, shares
+from hapscene.paint.reduce import reduced
+from hapscene.paint.session import Session
+from hapscene.paint.shape import Shape
+from hapscene.scene.scene import Scene
+
+from .conftest import mesh_of, plate_mesh
+
+BALL = mesh_of(icosphere(subdivisions=4, radius=0.02))  # 5,120 faces
+
+
+@pytest.fixture
+def session() -> Session:
+    scene = Scene()
+    scene.add(BALL, name="ball")
+    scene.add(BALL, name="twin")
+    scene.add(plate_mesh(cells=2), name="plate")
+    return Session(scene)
+
+
+def test_a_small_scene_is_shown_as_it_is(session) -> None:
+    display = Display(session)
+    for body, shown in zip(session.scene.bodies, display.bodies, strict=True):
+        np.testing.assert_array_equal(shown.mesh.shown_of, np.arange(len(body.mesh.faces)))
+        np.testing.assert_array_equal(shown.swatch, body.face_swatch)
+    drawn = [layer for key in display.chunks() for layer in display.layers(key)]
+    assert sum(len(layer.faces) for layer in drawn) == 2 * 5120 + 12 * 4**2
+
+
+def test_chunks_hold_each_face_once_and_are_small(session) -> None:
+    display = Display(session)
+    wood = session.add_swatch("wood")
+    session.fill_sphere([0.0, 0.0, 0.01], 0.0125, wood)
+    assert {key.body for key in display.update(session.changes())} == {0, 1, 2}
+    for b, shown in enumerate(display.bodies):
+        seen = np.zeros(len(shown.mesh.faces), int)
+        for c in range(shown.chunk_count):
+            layers = display.layers(ChunkKey(b, c))
+            assert len({layer.swatch for layer in layers}) == len(layers)
+            assert 0 < sum(len(layer.faces) for layer in layers) <= CHUNK
+            for layer in layers:
+                seen[layer.shown] += 1
+                assert layer.vertices_m.dtype == np.float32 and layer.faces.dtype == np.uint32
+                assert len(np.unique(layer.faces)) == len(layer.vertices_m)  # nothing that is not used
+                corners = shown.mesh.vertices_m[shown.mesh.faces[layer.shown]]
+                np.testing.assert_array_equal(layer.vertices_m[layer.faces], corners)
+                assert (shown.swatch[layer.shown] == layer.swatch).all()
+        assert (seen == 1).all()
+
+
+def majority(session: Session, display: Display, b: int) -> list[int]:
+    """What each shown face should wear, the long way."""
+    shown, paint = display.bodies[b].mesh, session.scene.bodies[b].face_swatch
+    corners = session.scene.bodies[b].mesh.triangles_m
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    lent = dict(shown.lent.tolist())
+    found = []
+    for face in range(len(shown.faces)):
+        mine = np.flatnonzero(shown.shown_of == face)
+        assert (face in lent) == (len(mine) == 0)
+        if face in lent:
+            found.append(int(paint[lent[face]]))
+        else:
+            share = {int(s): area[mine][paint[mine] == s].sum() for s in np.unique(paint[mine])}
+            best = max(share.values())
+            found.append(min(s for s, a in share.items() if a >= best * (1 - 1e-12)))
+    return found
+
+
+def test_reduced_it_wears_the_larger_part_through_strokes_and_undo(session) -> None:
+    display = Display(session, shown_max=2500)
+    assert [len(shown.mesh.faces) for shown in display.bodies] == pytest.approx([1205, 1205, 192], abs=40)
+    fresh = [shown.swatch.copy() for shown in display.bodies]
+    wood, paper = session.add_swatch("wood"), session.add_swatch("paper")
+    rng = np.random.default_rng(0)
+    for step in range(8):
+        before = [shown.swatch.copy() for shown in display.bodies]
+        session.begin_stroke((wood, paper)[step % 2], 0.003)
+        for x, y in rng.uniform(-0.015, 0.015, (3, 2)):
+            session.drag_to([0.0, 0.0, 1.0], [x, y, -1.0])
+        session.end_stroke()
+        told = set(display.update(session.changes()))
+        for b, shown in enumerate(display.bodies):
+            changed = np.unique(shown.chunk[shown.swatch != before[b]])
+            assert {ChunkKey(b, int(c)) for c in changed} == {key for key in told if key.body == b}
+    for b in range(2):
+        assert display.bodies[b].swatch.tolist() == majority(session, display, b)
+    while session.undo() is not None:
+        pass
+    display.update(session.changes())
+    for shown, first in zip(display.bodies, fresh, strict=True):
+        np.testing.assert_array_equal(shown.swatch, first)
+
+
+@pytest.mark.parametrize("thickness_m", [0.004, 0.0004])  # of the thin one the rim is slivers: see SLIVER_SINE
+def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> None:
+    shape = Shape(plate_mesh(thickness_m, cells=5))  # 12,288 faces, 1.25 mm on top
+    made = reduced(shape, 1000)
+    assert 300 < len(made.faces) <= 1000
+    low, high = made.vertices_m.min(axis=0), made.vertices_m.max(axis=0)
+    np.testing.assert_allclose(high, [0.02, 0.02, thickness_m / 2], rtol=0.1)
+    np.testing.assert_allclose(low, -high, rtol=0.2)
+    corners = made.vertices_m[made.faces].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    flat = np.abs(shape.normal[:, 2]) > 0.9
+    alike = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
+    assert (alike[flat] > -0.1).all()  # no face of the front is shown by one of the back
+    ball = reduced(Shape(BALL), 1000)
+    assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
+    gap = np.linalg.norm(ball.vertices_m[ball.faces].mean(axis=1)[ball.shown_of] - Shape(BALL).centroid_m, axis=1)
+    assert gap.max() < 0.0025  # less than an edge of what is shown
+
+
+def test_without_the_package_a_large_mesh_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "fast_simplification", None)
+    with pytest.raises(ViewError, match=r"too large to show whole.*hapscene\[paint\]"):
+        reduced(Shape(BALL), 1000)
+
+
+def test_shares() -> None:
+    assert shares([10, 20], 60_000) == [10, 20]
+    assert shares([90_000, 90_000], 60_000) == [30_000, 30_000]
+    assert shares([1_000_000, 300, 50], 60_000) == [59_979, LEAST, 50]
+
+
+@pytest.mark.parametrize("module", ["session", "display", "shelf", "heard", "word", "autosave"])
+def test_the_painter_without_its_page_knows_no_browser(module: str) -> None:
+    seen, waiting = set(), [Path(hapscene.__file__).parent / "paint" / f"{module}.py"]
+    while waiting:
+        file = waiting.pop()
+        if file not in seen and file.is_file():
+            seen.add(file)
+            text = file.read_text(encoding="utf-8")
+            assert not re.search(r"^\s*(import|from) viser", text, re.MULTILINE), file
+            names = re.findall(r"^\s*from hapscene\.paint\.(\w+) import", text, re.MULTILINE)
+            waiting += [file.with_name(f"{name}.py") for name in names]

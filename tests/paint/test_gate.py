@@ -1,0 +1,113 @@
+"""The gate, by itself and before a real server."""
+
+import http.client
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from hapscene.paint.gate import LOOPBACK, SOCKET_PATH, File, gated, harden, names_of, refusal
+
+
+@pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
+def test_our_own_names_are_served(host: str) -> None:
+    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False) is None
+    assert refusal({"Host": host, "Origin": f"http://{host}"}, LOOPBACK, False, upgrade=True) is None
+
+
+@pytest.mark.parametrize("host", ["", "evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "10.0.0.7:80", "[::1"])
+def test_other_names_are_not(host: str) -> None:
+    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False)
+
+
+@pytest.mark.parametrize(
+    "origin", ["", "null", "http://evil.example", "http://localhost:81", "http://127.0.0.1:80", "file://localhost:80"]
+)
+def test_a_page_of_another_origin_gets_no_socket(origin: str) -> None:
+    assert refusal({"Host": "localhost:80", "Origin": origin}, LOOPBACK, False, upgrade=True)
+
+
+def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
+    names = names_of("192.168.1.5")
+    assert refusal({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
+    assert refusal({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
+    assert refusal({"Host": "rebound.example:80"}, names, True, upgrade=False)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Any]:
+    import viser
+
+    async def echo(connection: Any) -> None:
+        async for message in connection:
+            await connection.send(message)
+
+    files = {"/ours.js": File("application/javascript", b"ours")}
+    with gated("127.0.0.1", files, lambda page: page.replace(b"<head>", b"<head><!-- ours -->", 1), echo):
+        made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    harden(made)
+    yield made
+    made.stop()
+
+
+def ask(server: Any, path: str, host: str | None = None) -> tuple[int, bytes, Any]:
+    port = server.get_port()
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
+    answer = connection.getresponse()
+    return answer.status, answer.read(), answer.headers
+
+
+def test_the_page_is_visers_with_ours_in_it(server: Any) -> None:
+    status, content, headers = ask(server, "/")
+    assert status == 200 and b"<!-- ours -->" in content and len(content) > 500_000
+    assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert ask(server, "/ours.js?v=1")[:2] == (200, b"ours")
+    assert ask(server, "/nothing")[0] == 404
+    assert ask(server, "/../../etc/passwd")[0] == 404
+
+
+@pytest.mark.parametrize("path", ["/", "/ours.js", "/nothing"])
+def test_another_host_name_gets_nothing_at_all(server: Any, path: str) -> None:
+    status, content, _ = ask(server, path, host="rebound.example")
+    assert status == 403 and b"ours" not in content and len(content) < 100
+
+
+@pytest.mark.parametrize("path", ["/", SOCKET_PATH])
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null"])
+def test_another_origin_gets_no_socket(server: Any, path: str, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(f"ws://127.0.0.1:{server.get_port()}{path}", origin=origin)  # type: ignore[arg-type]
+
+
+def test_our_own_page_gets_both_sockets(server: Any) -> None:
+    url = f"127.0.0.1:{server.get_port()}"
+    with connect(f"ws://{url}{SOCKET_PATH}", origin=f"http://{url}") as ours:  # type: ignore[arg-type]
+        ours.send("hello")
+        assert ours.recv(timeout=20) == "hello"
+    import viser
+
+    protocol: Any = f"viser-v{viser.__version__}"
+    with connect(f"ws://{url}/", origin=f"http://{url}", subprotocols=[protocol]) as theirs:  # type: ignore[arg-type]
+        assert isinstance(theirs.recv(timeout=20), bytes)
+
+
+def test_it_is_bound_to_loopback_alone(server: Any) -> None:
+    addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    for address in addresses - {"127.0.0.1"}:
+        if not str(address).startswith("127."):
+            with pytest.raises(OSError):
+                socket.create_connection((str(address), server.get_port()), timeout=2.0)
+
+
+def test_no_tunnel_is_opened_on_demand(server: Any) -> None:
+    from viser import _messages
+
+    handlers = server._websock_server._incoming_handlers
+    assert _messages.ShareUrlRequest not in handlers and _messages.ShareUrlDisconnect not in handlers

@@ -1,0 +1,69 @@
+"""The history: what it packs comes back, and it does not grow without bound."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.paint.history import FaceDelta, History, Step, faces_word
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 2_000_000), st.integers(0, 32767), st.integers(0, 32767)), max_size=50))
+def test_a_delta_comes_back(rows) -> None:
+    rows = sorted({face: (face, old, new) for face, old, new in rows}.values())
+    faces, old, new = (np.array([row[k] for row in rows], dtype) for k, dtype in enumerate(("i8", "i2", "i2")))
+    delta = FaceDelta.pack(3, faces, old, new)
+    for found, known in zip(delta.unpack(), (faces, old, new), strict=True):
+        np.testing.assert_array_equal(found, known)
+    assert delta.count == len(rows)
+
+
+def noise(seed: int) -> Step:
+    rng = np.random.default_rng(seed)
+    faces = np.sort(rng.choice(1_000_000, 5000, replace=False))
+    old, new = rng.integers(0, 30, (2, 5000), dtype=np.int16)
+    return Step(f"step {seed}", faces=(FaceDelta.pack(0, faces, old, new),))
+
+
+def test_the_oldest_steps_go_when_memory_is_full() -> None:
+    history = History(bytes_max=100_000)
+    for seed in range(60):
+        history.add(noise(seed))
+        assert history.size <= 100_000
+        assert history.size == sum(step.size for step in history.done)
+    kept = [step.what for step in history.done]
+    assert 2 <= len(kept) < 30
+    assert kept == [f"step {i}" for i in range(60 - len(kept), 60)]
+    base = None
+    while history.back() is not None:
+        base = history.state
+    assert base not in (0, None)  # not where it began: that is forgotten
+    history.add(noise(99))
+    assert len(history.done) == 1 and not history.undone
+    assert history.size == history.done[0].size
+
+
+def test_a_step_larger_than_all_memory_is_kept_alone() -> None:
+    history = History(bytes_max=10)
+    history.add(noise(0))
+    history.add(noise(1))
+    assert [step.what for step in history.done] == ["step 1"]
+
+
+def test_the_state_is_the_same_when_the_scene_is() -> None:
+    history = History()
+    states = [history.state]
+    for seed in range(3):
+        history.add(noise(seed))
+        states.append(history.state)
+    assert len(set(states)) == 4
+    for state in reversed(states[:-1]):
+        history.back()
+        assert history.state == state
+    for state in states[1:]:
+        history.forward()
+        assert history.state == state
+
+
+def test_words() -> None:
+    assert (faces_word(1), faces_word(12345)) == ("1 face", "12,345 faces")

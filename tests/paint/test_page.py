@@ -1,0 +1,323 @@
+"""The page through its real protocol: what a browser would send and see."""
+
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+import hapscene
+from hapscene.paint.page import Page
+from hapscene.paint.session import Session
+from hapscene.scene.file import load_scene
+
+from .conftest import make_scene
+from .tab import Tab, until
+
+TOP = (0.01, 0.0, 0.02)
+"""On top of the ball."""
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    with Page(session, port=0, with_hand=False) as made:
+        yield made
+    session.close()
+
+
+@pytest.fixture
+def tab(page: Page) -> Iterator[Tab]:
+    opened = Tab(page)
+    yield opened
+    opened.close()
+
+
+def painted(page: Page, body: int, name: str) -> int:
+    """How many faces of a body wear a swatch."""
+    names = [swatch.name for swatch in page.parts.session.scene.swatches]
+    return int((page.parts.session.scene.bodies[body].face_swatch == names.index(name)).sum()) if name in names else 0
+
+
+def use(tab: Tab, name: str) -> None:
+    """Choose a swatch on the shelf, by its button."""
+    tab.page.parts.tools.take(name, name)
+    tab.settle()
+
+
+def stroke(tab: Tab) -> None:
+    tab.point("down", TOP)
+    for i in range(5):
+        tab.point("move", np.add(TOP, (0.002 * i, 0.0, 0.0)))
+    tab.point("up", TOP)
+    tab.settle()
+
+
+def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
+    use(tab, "wood")
+    stroke(tab)
+    count = painted(page, 0, "wood")
+    assert 0 < count < 1280 and tab.state["dirty"] and "brush" in tab.state["undo"]
+    assert any(n.startswith("/body/0/") for n in tab.nodes)
+    tab.send("undo")
+    tab.settle()
+    assert painted(page, 0, "wood") == 0
+    tab.send("redo")
+    tab.settle()
+    assert painted(page, 0, "wood") == count
+    tab.send("save")
+    until(lambda: not tab.state["dirty"])
+    saved = load_scene(page.parts.session.path)
+    assert [s.name for s in saved.swatches] == [s.name for s in page.parts.session.scene.swatches]
+    for a, b in zip(saved.bodies, page.parts.session.scene.bodies, strict=True):
+        assert np.array_equal(a.face_swatch, b.face_swatch)
+
+
+def test_only_the_chunk_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
+    use(tab, "wood")
+    tab.nodes.clear()
+    stroke(tab)
+    until(lambda: any(n.startswith("/body/0/") for n in tab.nodes))
+    assert not any(n.startswith("/body/1/") for n in tab.nodes)
+
+
+def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
+    use(tab, "leather")
+    tab.send("tool", name="sphere")
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.008, 0.0, 0.0)))
+    tab.point("up", TOP)
+    tab.settle()
+    ball = page.parts.session.scene.bodies[0]
+    inside = painted(page, 0, "leather")
+    assert 0 < inside < len(ball.mesh.faces)
+    tab.send("tool", name="eraser")
+    stroke(tab)
+    assert painted(page, 0, "leather") < inside
+    tab.send("tool", name="fill")
+    tab.settle()
+    tab.set("Fill", "whole body")
+    tab.settle()
+    tab.point("down", TOP)
+    tab.point("up", TOP)
+    tab.settle()
+    assert painted(page, 0, "leather") == len(ball.mesh.faces)
+    use(tab, "paper")
+    tab.send("tool", name="box")
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.006, 0.006, -0.002)))
+    tab.point("up", TOP)
+    tab.settle()
+    assert 0 < painted(page, 0, "paper") < len(ball.mesh.faces)
+    use(tab, "wood")
+    tab.send("tool", name="pick")
+    tab.point("down", TOP)
+    tab.point("up", TOP)
+    tab.settle()
+    assert tab.state["swatch"] in ("paper", "leather")
+
+
+def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
+    use(tab, "wood")
+    tab.set("Part", "ball: north")
+    tab.set("Fill this part", True)
+    until(lambda: painted(page, 0, "wood"))
+    assert painted(page, 0, "wood") == 700
+
+
+def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
+    use(tab, "paper")
+    index = page.parts.session.swatch_named("paper")
+    before = page.parts.session.scene.swatches[index].stiffness_N_m
+    tab.set("Stiffness [N/m]", 321.0)
+    until(lambda: page.parts.session.scene.swatches[index].stiffness_N_m == 321.0)
+    tab.send("undo")
+    until(lambda: tab.control("Stiffness [N/m]")["value"] == before)
+    tab.set("Stiffness [N/m]", 1e9)
+    tab.settle()
+    assert page.parts.session.scene.swatches[index].stiffness_N_m <= page.parts.session.limits.stiffness_N_m
+
+
+def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
+    use(tab, "paper")
+    tab.set("Stiffness [N/m]", 123.0)
+    tab.set("New name", "card <b>board")
+    tab.settle()
+    tab.set("Save as new swatch", True)
+    until(lambda: any("in your library" in said for said in tab.said))
+    assert list(library.glob("*.swatch"))
+
+    def cards() -> str:
+        return "".join(c["props"].get("content", "") for c in list(tab.controls.values()))
+
+    until(lambda: "card &lt;b&gt;board" in cards())
+    assert "card <b>board" not in cards()
+    assert tab.page.parts.tools.chosen == "card <b>board"
+
+
+def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
+    tab.set("Swatch A", "plain")
+    tab.set("Swatch B", "paper")
+    tab.settle()
+    tab.set("Hear", "▶ B")
+    until(lambda: tab.sounds)
+    assert np.abs(tab.sounds[0][2:]).max() > 0.1 and tab.sounds[0][1] == 10_000.0
+    table = next(c for c in tab.controls.values() if "<th>friction" in c["props"].get("content", ""))
+    until(lambda: "plain" in table["props"]["content"] and "paper" in table["props"]["content"])
+
+
+def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
+    def names() -> list[str]:
+        cards = [c["props"]["content"] for c in tab.controls.values() if "hs-swatch" in c["props"].get("content", "")]
+        return [card.split("<b>")[1].split("</b>")[0] for card in cards]
+
+    tab.set("Search", "leather")
+    until(lambda: names() == ["leather"])
+    tab.set("Search", "no such thing")
+    until(lambda: not names())
+
+
+def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
+    use(tab, "wood")
+    stroke(tab)
+    path = page.parts.session.path
+    path.write_text(path.read_text() + "\n")
+    before = path.read_bytes()
+    tab.send("save")
+    tab.control("Save over it")
+    assert path.read_bytes() == before
+    tab.set("Save over it", True)
+    until(lambda: not page.parts.session.dirty)
+    assert path.read_bytes() != before
+
+
+def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, tab: Tab) -> None:
+    other = Tab(page)
+    use(tab, "wood")
+    tab.set("Size [mm]", 7.0)
+    until(lambda: other.control("Size [mm]")["value"] == 7.0)
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.004, 0.0, 0.0)))
+    tab.settle()
+    tab.close()  # with the button held
+    until(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
+    assert painted(page, 0, "wood") > 0 and not page.parts.tools.held
+    third = Tab(page)
+    assert third.state["undo"] == other.state["undo"]
+    assert {n for n in third.nodes if n.startswith("/body")} or until(lambda: third.nodes)
+    other.close()
+    third.close()
+
+
+def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    page = Page(session, port=0, with_hand=False).__enter__()
+    tab = Tab(page)
+    use(tab, "wood")
+    stroke(tab)
+    count = painted(page, 0, "wood")
+    tab.close()
+    page.close()
+    session._autosave._lock.close()  # as the end of the process does
+    again = Session.open(tmp_path / "made.scene.json")
+    with Page(again, port=0, with_hand=False) as page:
+        tab = Tab(page)
+        assert painted(page, 0, "wood") == 0
+        tab.set("Recover it", True)
+        until(lambda: painted(page, 0, "wood") == count)
+        tab.close()
+    again.close()
+    session._autosave._end.set()
+
+
+def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
+    before = page.parts.session.state
+    for raw in ("", "[]", "{", "null", '{"do": 1}', '{"do": {}}', "[" * 9000, "x" * 100_000):
+        tab.ours.send(raw)
+    tab.ours.send(b"\x00\x01")
+    tab.send("down", x="a", y=None, w=-1, h=0, client=True)
+    tab.send("down", x=float("nan"), y=0.5, w=1e300, h=1, client=0)
+    tab.send("tool", name="hammer")
+    tab.send("size", factor="big")
+    tab.send("rm -rf")
+    uuid = tab.control("Size [mm]")["uuid"]
+    for updates in ({"update_cb": []}, {"value": "7"}, {"value": float("nan")}, {"removed": True}, {}):
+        tab.post("GuiUpdateMessage", uuid=uuid, updates=updates)
+    tab.settle()
+    assert page.parts.live.refused >= 9
+    assert page.parts.session.state == before and tab.state["tool"] == "brush"
+    tab.set("Size [mm]", 9.0)
+    until(lambda: abs(page.parts.tools.radius_m - 0.0045) < 1e-9)
+
+
+def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
+    """Random events as a browser may send them, and as none does."""
+    dice = random.Random(seed)
+    texts = ("", "wood", "friction<0.3", "<b>x</b>", "made.scene.json", "other.scene.json", "no/folder.scene.json", "π" * 50)
+
+    def value(control: dict[str, Any]) -> Any:
+        known, props = control.get("value"), control["props"]
+        if isinstance(known, bool) or known is None:
+            return True
+        if isinstance(known, str):
+            return dice.choice(list(props.get("options") or texts) + ["no such"])
+        return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0, 1e308))
+
+    for i in range(count):
+        kind = dice.random()
+        if kind < 0.65:
+            do = dice.choice(("hover", "down", "move", "move", "move", "up", "leave"))
+            tab.point(do, np.add(TOP, [dice.gauss(0.0, 0.02) for _ in range(3)]))
+        elif kind < 0.75:
+            tab.send("tool", name=dice.choice(("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "x")))
+        elif kind < 0.83:
+            tab.send(dice.choice(("undo", "redo", "redo", "size", "listen", "save")), factor=dice.uniform(0.0, 3.0))
+        elif kind < 0.86:
+            tab.look([dice.gauss(0, 1) for _ in range(4)], [dice.gauss(0, 4) for _ in range(3)])
+        elif tab.controls:
+            control = dice.choice(list(tab.controls.values()))
+            tab.post("GuiUpdateMessage", uuid=control["uuid"], updates={"value": value(control)})
+        if i % 100 == 99:
+            tab.look()
+            tab.settle()
+
+
+def check_saves_and_loads(page: Page, folder: Path) -> None:
+    session = page.parts.session
+    tab = Tab(page)
+    tab.send("leave")
+    tab.settle()
+    tab.close()
+    session.save(folder / "shaken.scene.json", force=True)
+    loaded = load_scene(folder / "shaken.scene.json")
+    assert [s.name for s in loaded.swatches] == [s.name for s in session.scene.swatches]
+    for a, b in zip(loaded.bodies, session.scene.bodies, strict=True):
+        assert np.array_equal(a.face_swatch, b.face_swatch)
+    hapscene.Renderer(loaded, effects=["wall"])
+
+
+def test_random_events_leave_a_scene_that_saves_and_loads(page: Page, tab: Tab, tmp_path: Path) -> None:
+    shake(page, tab, 400, seed=1)
+    check_saves_and_loads(page, tmp_path)
+
+
+@pytest.mark.soak
+def test_ten_thousand_random_events_with_a_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    with Page(session, port=0) as page:
+        tab = Tab(page)
+        until(lambda: tab.state.get("hand") == "ready", 300.0)
+        shake(page, tab, 10_000, seed=2)
+        check_saves_and_loads(page, tmp_path)
+        tab.close()
+    session.close()

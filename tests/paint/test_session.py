@@ -1,0 +1,293 @@
+"""Operations on a scene: whatever is done can be undone to the bit, done again, saved and loaded."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import hapscene
+from hapscene.errors import HapsceneError, SceneError
+from hapscene.paint.session import ERASE, Session
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_to_json
+
+from .conftest import make_scene, turned
+
+SLATE = Swatch("slate", stiffness_N_m=1200.0, friction_static=0.5, friction_dynamic=0.4, albedo_rgb=(0.2, 0.2, 0.3))
+
+
+def bits(session: Session) -> Any:
+    """All that an operation may change, to compare."""
+    scene = session.scene
+    faces = tuple(body.face_swatch.tobytes() for body in scene.bodies)
+    swatches = tuple((swatch_to_json(s), source) for s, source in zip(scene.swatches, scene.swatch_source, strict=True))
+    originals = tuple(None if e.original is None else swatch_to_json(e.original.swatch) for e in session.entries)
+    return faces, swatches, originals
+
+
+def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> None:
+    """One random operation."""
+    count = len(session.scene.swatches)
+    swatch = int(rng.integers(-1, count))
+    body = int(rng.integers(2))
+    some = session.hit_at(body, int(rng.integers(len(session.shapes[body].normal))))
+    radius_m = float(rng.uniform(0.001, 0.015))
+    if kind == 0:
+        session.begin_stroke(swatch, radius_m)
+        for _ in range(3):
+            session.stroke_to(some if rng.random() < 0.5 else None)
+            session.drag_to([0.0, 0.0, 1.0], rng.normal(size=3) * 0.02 - [0.0, 0.0, 1.0])
+        if rng.random() < 0.7:
+            session.end_stroke()  # else the next operation ends it
+    elif kind == 1:
+        session.fill_facet(some, swatch, float(rng.uniform(0.0, 0.5)))
+    elif kind == 2:
+        session.fill_body(body, swatch)
+    elif kind == 3:
+        session.fill_group("ball", ("north", "south")[rng.integers(2)], swatch)
+    elif kind == 4:
+        session.fill_sphere(some.p_W_m, radius_m, swatch, None if rng.random() < 0.5 else body)
+    elif kind == 5:
+        session.fill_box(turned(0.7, tuple(some.p_W_m)), rng.uniform(0.005, 0.03, 3), swatch)
+    elif kind == 6:
+        session.fill_swatch(None, int(rng.integers(count)), swatch)
+    elif kind == 7:
+        session.add_swatch(("wood", "epoxy", SLATE, Swatch(f"made {rng.integers(5)}"))[rng.integers(4)])
+    elif kind == 8:
+        name, high = (("stiffness_N_m", 3000), ("friction_static", 2), ("friction_dynamic", 2), ("tap_gain", 4))[
+            rng.integers(4)
+        ]
+        session.tune(max(swatch, 1), **{name: float(rng.uniform(0, high))})
+    elif kind == 9:
+        session.reset(max(swatch, 1))
+    elif kind == 10 and swatch > 0:
+        name = f"new {rng.integers(1000)}"
+        if session.swatch_named(name) is None:
+            session.save_swatch_as(swatch, name, folder / f"{name}.swatch", replace_old=True)
+    elif kind == 11:
+        if session.swatch_named(f"copy {count}") is None:
+            session.copy_swatch(max(swatch, 0), f"copy {count}")
+    elif kind == 12:
+        session.undo()
+    elif kind == 13:
+        session.redo()
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.integers(0, 13), min_size=1, max_size=14), st.integers(0, 2**32 - 1))
+def test_whatever_is_done_is_undone_and_done_again_to_the_bit(tmp_path, kinds, seed) -> None:
+    session = Session(make_scene(tmp_path))
+    rng = np.random.default_rng(seed)
+    first = bits(session)
+    for kind in kinds:
+        do(session, kind, rng, tmp_path)
+    session.settle()
+    while session.redo() is not None:
+        pass
+    last = bits(session)
+    states = [last]
+    while session.undo() is not None:
+        states.append(bits(session))
+    assert states[-1] == first
+    assert not session.dirty
+    for state in states[-2::-1]:
+        assert session.redo() is not None
+        assert bits(session) == state
+    assert session.redo() is None
+    path = tmp_path / "work.scene.json"
+    session.save(path, force=True)
+    assert not session.dirty
+    back = hapscene.load_scene(path)
+    assert [swatch_to_json(s) for s in back.swatches] == [swatch_to_json(s) for s in session.scene.swatches]
+    for mine, theirs in zip(session.scene.bodies, back.bodies, strict=True):
+        np.testing.assert_array_equal(mine.face_swatch, theirs.face_swatch)
+        np.testing.assert_array_equal(mine.X_WB, theirs.X_WB)
+        assert (mine.name, mine.mesh.digest) == (theirs.name, theirs.mesh.digest)
+
+
+def test_a_stroke_is_one_step_and_follows_the_surface(scene) -> None:
+    session = Session(scene)
+    wood = session.add_swatch("wood")
+    middle = scene.body("ball").X_WB[:3, 3]
+    eye = np.add(middle, (0.0, 0.0, 0.5))
+    session.begin_stroke(wood, 0.002)
+    # the pointer jumps over the ball in one move: what lies between is painted as the eye saw it
+    session.drag_to(eye, [-0.017, 0.0, -0.48])
+    assert session.undo_word == "stroke"
+    session.drag_to(eye, [0.017, 0.0, -0.48])
+    painted = session.end_stroke()
+    assert painted == np.count_nonzero(scene.bodies[0].face_swatch == wood)
+    for x in np.linspace(-0.017, 0.017, 200):
+        hit = session.pick(eye, [x, 0.0, -0.48])
+        assert hit is not None and session.swatch_at(hit) == wood
+    assert session.undo() == f"brush, {painted} faces"
+    assert not (scene.bodies[0].face_swatch == wood).any()
+
+
+def test_a_stroke_leaves_the_surface_and_comes_back(scene) -> None:
+    session = Session(scene)
+    session.begin_stroke(session.add_swatch("wood"), 0.003)
+    assert session.drag_to([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]) is None
+    assert session.drag_to([0.01, 0.0, 1.0], [0.0, 0.0, -1.0]) is not None
+    assert session.end_stroke() > 0
+    with pytest.raises(SceneError, match="begin one first"):
+        session.drag_to([0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
+    for radius_m in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(SceneError, match="radius must be above 0 mm"):
+            session.begin_stroke(0, radius_m)
+    with pytest.raises(SceneError, match="no swatch 9; the scene has 3"):
+        session.begin_stroke(9, 0.01)
+
+
+def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
+    session = Session(scene)
+    paper = session.swatch_named("paper")
+    assert session.defaults == [0, paper]
+    wood = session.add_swatch("wood")
+    session.fill_sphere([0.0, 0.08, 0.0], 0.01, wood)
+    session.fill_body("ball", wood)
+    assert session.fill_body("plate", ERASE) > 0
+    assert session.fill_group("ball", "north", ERASE) == 700
+    assert (scene.bodies[1].face_swatch == paper).all()
+    assert (scene.bodies[0].face_swatch[:700] == 0).all()
+    assert session.undo_word == "erase 'north', 700 faces"
+
+
+def test_regions_are_where_they_say(scene) -> None:
+    session = Session(scene)
+    wood = session.add_swatch("wood")
+    body = scene.body("plate")
+    centroids = np.mean(body.mesh.triangles_m, axis=1) @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+    ball = np.linalg.norm(centroids - [0.0, 0.08, 0.003], axis=1) <= 0.012
+    assert session.fill_sphere([0.0, 0.08, 0.003], 0.012, wood, "plate") == np.count_nonzero(ball)
+    np.testing.assert_array_equal(body.face_swatch == wood, ball)
+    session.undo()
+    X_WK = turned(1.0, (0.003, 0.081, 0.0))
+    p_K = (np.linalg.inv(X_WK) @ np.column_stack([centroids, np.ones(len(centroids))]).T).T[:, :3]
+    inside = (np.abs(p_K) <= [0.01, 0.005, 0.02]).all(axis=1)
+    assert session.fill_box(X_WK, [0.02, 0.01, 0.04], wood) == np.count_nonzero(inside) > 0
+    np.testing.assert_array_equal(body.face_swatch == wood, inside)
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda s: s.fill_sphere([0, 0, math.nan], 0.1, 0), "three finite numbers"),
+        (lambda s: s.fill_sphere([0, 0, 0], 0.0, 0), "radius must be above 0 mm"),
+        (lambda s: s.fill_box(np.eye(4), [1, 1, 0], 0), "three edges above 0 mm"),
+        (lambda s: s.fill_box(2 * np.eye(4), [1, 1, 1], 0), "pose"),
+        (lambda s: s.fill_facet(s.hit_at(0, 0), 0, 4.0), "between 0° and 180°"),
+        (lambda s: s.fill_group("ball", "middle", 0), "no group 'middle'; there are: .*north"),
+        (lambda s: s.fill_body("cup", 0), "no body 'cup'; there are: ball, plate"),
+        (lambda s: s.fill_body(2, 0), "no body 2; there are 2"),
+        (lambda s: s.hit_at(0, 1280), "no face 1280 of body 'ball'; its faces are 0 to 1279"),
+        (lambda s: s.tune(1, stiffness=1.0), "no parameter 'stiffness'"),
+        (lambda s: s.tune(1, tap_gain=11.0), "between 0 and 10"),
+        (lambda s: s.tune(0, tap_gain=1.0), "'plain' stays as it is"),
+        (lambda s: s.add_swatch("oka"), "no swatch 'oka'"),
+        (lambda s: s.add_swatch(Swatch("paper")), "another swatch named 'paper'"),
+        (lambda s: s.save_swatch_as(0, "bare"), "'plain' stays as it is"),
+        (lambda s: s.save_swatch_as(1, "plain"), "another swatch named 'plain'"),
+        (lambda s: s.save_swatch_as(1, "wood"), "'wood' is a shipped swatch"),
+        (lambda s: s.copy_swatch(0, "paper"), "another swatch named 'paper'"),
+        (lambda s: s.copy_swatch(0, ""), "name must be 1 to 200"),
+        (lambda s: s.choose_device("omnipotent"), "no device 'omnipotent'"),
+        (lambda s: s.save(), "where shall the scene be saved"),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_changes_nothing(scene, act, message) -> None:
+    session = Session(scene)
+    before = bits(session)
+    with pytest.raises(HapsceneError, match=message):
+        act(session)
+    assert bits(session) == before
+    assert session.undo_word is None and not session.dirty
+
+
+def test_a_slider_is_one_step_while_it_moves(scene) -> None:
+    session = Session(scene)
+    now = [0.0]
+    session.clock = lambda: now[0]
+    paper = session.swatch_named("paper")
+    assert paper is not None
+    for value in (400.0, 380.0, 360.0):
+        session.tune(paper, stiffness_N_m=value)
+        now[0] += 0.3
+    now[0] += 5.0
+    session.tune(paper, stiffness_N_m=200.0)
+    session.tune(paper, friction_static=0.9)
+    assert [step.what for step in session.history.done] == [
+        "stiffness_N_m of 'paper'",
+        "stiffness_N_m of 'paper'",
+        "friction_static of 'paper'",
+    ]
+    session.undo(), session.undo()
+    assert scene.swatches[paper].stiffness_N_m == 360.0
+    session.undo()
+    assert scene.swatch_source[paper] == "paper"
+    session.redo()
+    session.tune(paper, stiffness_N_m=350.0)  # not joined to a step that was just done again by another hand
+    assert session.undo_word is not None and session.redo_word is None
+
+
+def test_tuned_then_reset_then_saved_as_new(scene, tmp_path, library) -> None:
+    session = Session(scene)
+    paper = session.swatch_named("paper")
+    assert paper is not None
+    original = scene.swatches[paper]
+    session.tune(paper, stiffness_N_m=120.0)
+    session.tune(paper, texture_gain=2.0)
+    assert {p.name: p.reset for p in session.parameters(paper)}["stiffness_N_m"] == original.stiffness_N_m
+    assert session.reset(paper) and scene.swatches[paper] is original and not session.reset(paper)
+    session.undo()
+    file = session.save_swatch_as(paper, "soft paper")
+    assert file.parent == library
+    assert hapscene.load_swatch("soft paper").stiffness_N_m == 120.0
+    assert session.swatch_named("soft paper") == paper and session.swatch_named("paper") is None
+    assert session.add_swatch("paper") == len(scene.swatches) - 1  # the shipped one is free again
+    session.save(tmp_path / "a.scene.json")
+    back = hapscene.load_scene(tmp_path / "a.scene.json")
+    assert back.swatches[paper].stiffness_N_m == 120.0
+    with pytest.raises(HapsceneError, match="in the library already"):
+        session.save_swatch_as(session.add_swatch(SLATE), "soft paper 2") and session.undo()
+        session.save_swatch_as(session.add_swatch(SLATE), "soft paper 2")
+
+
+def test_changes_tell_each_watcher_its_own(scene) -> None:
+    session = Session(scene)
+    mine = session.watch()
+    wood = session.add_swatch("wood")
+    session.fill_group("ball", "south", wood)
+    seen = session.changes()
+    assert list(seen.faces) == [0] and seen.swatches == (wood,) and seen.shelf
+    np.testing.assert_array_equal(seen.faces[0], np.arange(700, 1280))
+    assert not session.changes()
+    session.tune(wood, stiffness_N_m=100.0)
+    assert (session.changes().swatches, session.changes().shelf) == ((wood,), False)
+    session.undo(), session.undo()
+    again = session.changes()
+    np.testing.assert_array_equal(again.faces[0], np.arange(700, 1280))
+    everything = session.changes_of(mine)
+    assert everything.shelf and list(everything.faces) == [0]
+    session.undo()
+    gone = session.changes()
+    assert gone.shelf and gone.swatches == () and not gone.faces
+
+
+def test_a_new_swatch_begins_as_a_copy(scene) -> None:
+    session = Session(scene)
+    foam = session.copy_swatch(0, "foam")
+    session.tune(foam, stiffness_N_m=80.0)
+    assert (scene.swatches[foam].name, scene.swatches[0].stiffness_N_m) == ("foam", 500.0)
+    assert session.reset(foam) and scene.swatches[foam].stiffness_N_m == 500.0
+    assert not any(parameter.applies for parameter in session.parameters(0))
+
+
+def test_groups(scene) -> None:
+    session = Session(scene)
+    assert sorted(session.groups("ball")) == [("north", 700), ("south", 580)]
+    assert session.group_at(session.hit_at(0, 3)) == "north"
