@@ -33,9 +33,13 @@ TURN: Final = 0.5
 """How far the motion turns between two samples [rad]: slow motion is not sampled every tick, or rounding hides whether
 it grows."""
 
-HALVINGS: Final = 8
+HALVINGS: Final = 16
 """How often the wall is made half as stiff in search of one at which the tool rests [count], before it is said that
 there is none."""
+
+TICKS_MAX: Final = 400_000
+"""Most ticks that a motion is watched [count]: two seconds of computing. Fewer, and the growth of a mode that takes
+more ticks to turn is known less well."""
 
 DOUBLINGS: Final = 60
 """How often it is made twice as stiff in search of one that buzzes [count]."""
@@ -49,10 +53,11 @@ REST_TICKS: Final = 4000
 REST_TOLERANCE: Final = 1e-5
 """To which the limit is found where it is a question of rest [1]."""
 
-RATIO_MIN, RATIO_MAX = 1e-8, 1e3
+RATIO_MIN: Final = 1e-6
+RATIO_MAX: Final = 1e3
 """Damping times the tick over the mass that a limit of motion is looked for at [1]. Motion in a wall at its limit turns
-by the root of that in a tick: below, it takes millions of ticks to be seen dying; above, a tick is hundreds of times
-longer than the time in which the device comes to rest."""
+by the root of that in a tick: below, it takes more than 10,000 ticks to be seen dying; above, a tick is far longer than
+the time in which the device comes to rest."""
 
 EDGE: Final = 64.5
 """How deep the encoder's edge lies at which the tool is tried [encoder steps]: a whole number and a half."""
@@ -111,7 +116,7 @@ def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> f
     rig.tune(stiffness_N_m, wall_damping_Ns_m)
     order = rig.delay_ticks + 3  # position, speed, the last depth, the forces on their way
     turn = rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
-    count = SAMPLES * order * max(1, int(TURN / turn))
+    count = min(SAMPLES * order * max(1, int(TURN / turn)), TICKS_MAX)
     y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, SAMPLES * order, count)
     if within < 2 * order + 2:
         return math.log(LARGE / SMALL) / within
