@@ -19,6 +19,7 @@ from hapscene.command.stability import add_stability
 from hapscene.command.swatch import add_swatch
 from hapscene.command.teleoperate import add_teleoperate
 from hapscene.command.touch import add_demo, add_touch
+from hapscene.command.view import add_view
 from hapscene.errors import HapsceneError
 
 
@@ -55,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hapscene {__version__}")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    first = (add_touch, add_demo, add_paint, add_check, add_export, add_import, add_plugins)
+    first = (add_touch, add_demo, add_view, add_paint, add_check, add_export, add_import, add_plugins)
     for add in (*first, add_bench, add_capture, add_handle, add_stability, add_swatch, add_teleoperate):
         add(commands)
     return parser

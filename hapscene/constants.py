@@ -50,6 +50,10 @@ SLIP_CUTOFF_HZ: Final = 20.0
 Culbertson, Unwin & Kuchenbecker 2014. Higher lets the encoder's steps (55 µm at 1 kHz = 55 mm/s) be heard,
 lower makes the texture lag the hand."""
 
+TINY: Final = 1e-15
+"""Below this, what dies away in a low-pass or an observer counts as 0 [m/s, N, J]: 1e-18 m a tick, beyond any encoder.
+At 0 it would go on into denormal numbers (below 1e-308), which take a processor many times longer."""
+
 # --- surface ---------------------------------------------------------------------------------------------
 
 STIFFNESS_N_M: Final = 500.0

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hapscene.constants import SLIP_CUTOFF_HZ
+from hapscene.constants import SLIP_CUTOFF_HZ, TINY
 from hapscene.contact.face import barycentric, to_body_before, to_world, turn_to_world
 from hapscene.contact.geometry import Vector, along, dot, norm, sub
 from hapscene.native import native
@@ -131,6 +131,8 @@ def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
     else:
         touch.depth_rate_m_s = (touch.depth_m - was_depth) / touch.tick_s
     touch.force_N += _smoothing(touch.tick_s) * (touch.normal_force_N - touch.force_N)
+    if touch.force_N < TINY:
+        touch.force_N = 0.0
 
 
 @native
@@ -144,9 +146,12 @@ def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> N
         s = along(s, k / touch.tick_s, slip)
         s = along(s, -k, (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2]))
     s = along(s, -dot(s, n), n)
+    speed = norm(s)
+    if speed < TINY:
+        s, speed = (0.0, 0.0, 0.0), 0.0
     _set(memory.slip_m_s, s)
     _set(touch.slip_W_m, slip)
-    touch.slip_m_s = norm(s)
+    touch.slip_m_s = speed
 
 
 @native

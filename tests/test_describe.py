@@ -133,3 +133,17 @@ def test_crossing_from_swatch_to_swatch():
     assert rows["swatch"][1:].tolist() == [1] * 10 + [2] * 10 or rows["swatch"][1:].tolist() == [1] * 9 + [2] * 11
     assert rows["crossed"].sum() == 2  # out of the air, and at the border
     np.testing.assert_allclose(rows["normal_force_N"][[1, -1]], [0.1, 0.3], rtol=1e-9)
+
+
+def test_what_dies_away_is_nothing_in_the_end(renderer):
+    """Slip and force of a tool at rest go to 0, not on into denormal numbers."""
+    path = np.tile((0.0, 0.0, -1e-3), (600, 1))
+    path[:100, 0] = np.linspace(-0.01, 0.0, 100)
+    path[0, 2] = 1e-3
+    path[300:, 2] = 0.0  # on the surface, still touching
+    touches = told(renderer, path)
+    slips, forces = touches["slip_m_s"], touches["force_N"]
+    assert slips[99] > 0.05 and slips[-1] == 0.0
+    assert forces[250] == pytest.approx(0.2, rel=1e-6)
+    for row in (slips, forces):
+        assert np.all((row == 0.0) | (np.abs(row) > 1e-15))

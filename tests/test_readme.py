@@ -1,6 +1,7 @@
 """What the README shows works as it stands there."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,20 @@ def test_files_that_it_links_to_are_there() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", text)
     assert len(links) > 5
     assert [link for link in links if "://" not in link and not (ROOT / link).exists()] == []
+
+
+def shown_commands(text: str) -> list[str]:
+    """The lines of a document's code that call hapscene."""
+    fenced = "\n".join(re.findall(r"^```\w*\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
+    return re.findall(r"^hapscene .*", fenced, re.MULTILINE) + re.findall(r"^ {4}(hapscene .*)", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("file", ["README.md", "CONTRIBUTING.md"])
+def test_command_lines_are_understood(file: str) -> None:
+    from hapscene.cli import _parser
+
+    lines = shown_commands((ROOT / file).read_text(encoding="utf-8"))
+    assert len(lines) >= 4
+    for line in lines:
+        words = shlex.split(line, comments=True)[1:]
+        assert callable(_parser().parse_args(words).command), line  # exits where it does not understand

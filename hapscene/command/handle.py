@@ -6,7 +6,7 @@ from typing import Any
 
 from hapscene.command.handle_play import add_handle_play
 from hapscene.command.recording_option import add_recording_options
-from hapscene.command.word import add_command, name_made, seed
+from hapscene.command.word import add_command, folder, name_made, rate, seed
 
 
 def add_handle(commands: Any) -> None:
@@ -44,7 +44,7 @@ def _add_identify(commands: Any) -> None:
         help="recordings with columns force and acceleration, one for each grip",
     )  # fmt: skip
     command.add_argument(
-        "-o", "--out", required=True, metavar="PATH",
+        "-o", "--out", required=True, type=folder, metavar="PATH",
         help="a .handle file; or a folder, for that file, the Bode plot, the responses and the recordings",
     )  # fmt: skip
     command.add_argument("--grips", type=int, default=5, metavar="N", help="how many grips to play (default 5)")
@@ -61,7 +61,7 @@ def _add_identify(commands: Any) -> None:
     device.add_argument(
         "--travel-limit", type=float, metavar="M", help="travel of the coil to a stop [m] (default 0.005)"
     )
-    device.add_argument("--accelerometer", type=float, metavar="HZ", help="its bandwidth, one pole (default 1600)")
+    device.add_argument("--accelerometer", type=rate, metavar="HZ", help="its bandwidth, one pole (default 1600)")
     device.add_argument("--baud", type=int, default=921_600, help="speed of the port (default 921600)")
     command.add_argument("--seed", type=seed, default=0, help="of the simulated noise and grips (default 0)")
     add_recording_options(command)

@@ -2,12 +2,19 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.word import add_command, folder, name_made, rate
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
+
+
+RATE_MIN_HZ: Final = 100.0
+"""Slowest force channel that is drawn [Hz]: below, a hand's own motion is no longer sampled."""
+
+RATE_MAX_HZ: Final = 100_000.0
+"""Fastest [Hz]: a tick of a microsecond or two would fill it."""
 
 
 def add_stability(commands: Any) -> None:
@@ -47,6 +54,7 @@ def _stability(options: argparse.Namespace) -> int:
     from hapscene.touch import speak
 
     grip = grip_named(options.grip)
+    _check_documents(options)
     made = stability(
         Path(options.out),
         options.device,
@@ -64,22 +72,35 @@ def _stability(options: argparse.Namespace) -> int:
     return 0
 
 
+def _check_documents(options: argparse.Namespace) -> None:
+    """Before minutes of work: that there is something to read from, and to write into."""
+    from hapscene.errors import HapsceneError
+
+    if options.zoo is not None and options.docs is None:
+        raise HapsceneError("--zoo is for the page of documents; add --docs DIR")
+    for option in ("docs", "zoo"):
+        path = getattr(options, option)
+        if path is not None and not path.is_dir():
+            raise HapsceneError(f"--{option} {path}: no such folder")
+    if options.cases is not None:
+        from hapscene.stability.wall_case import read_cases
+
+        read_cases(options.cases)
+
+
 def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
     """Everything else, and the page of documents."""
     import shutil
 
-    from hapscene.errors import HapsceneError
+    from hapscene.output import whole_folder
     from hapscene.stability.page import find, write_page
     from hapscene.touch import speak
 
-    if not options.docs.is_dir():
-        raise HapsceneError(f"{options.docs}: no such folder")
-    folder = options.docs / "stability"
-    folder.mkdir(exist_ok=True)
-    for file in made:
-        shutil.copyfile(file, folder / file.name)
-    found = find(folder, options.cases, options.zoo, speak)
-    found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
+    with whole_folder(options.docs / "stability") as folder:
+        for file in made:
+            shutil.copyfile(file, folder / file.name)
+        found = find(folder, options.cases, options.zoo, speak)
+        found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
     write_page(options.docs / "stability.md", found, "stability")
     return [options.docs / "stability.md"]
 
@@ -99,17 +120,30 @@ def _swatches(scene: str | None) -> "list[Swatch]":
 
 def _rates(text: str) -> tuple[float, ...]:
     """Rates in Hz, separated by commas, each once."""
-    return tuple(dict.fromkeys(rate(part) for part in text.split(",")))
+    rates = tuple(dict.fromkeys(rate(part) for part in _parts(text)))
+    for rate_Hz in rates:
+        if not RATE_MIN_HZ <= rate_Hz <= RATE_MAX_HZ:
+            raise argparse.ArgumentTypeError(
+                f"a rate of the force channel is {RATE_MIN_HZ:g} to {RATE_MAX_HZ:g} Hz, not {rate_Hz:g}"
+            )
+    return rates
 
 
 def _delays(text: str) -> tuple[int, ...]:
     """Delays in ticks, separated by commas, each once."""
     from hapscene.device.limit import DELAY_MAX
 
-    delays = tuple(dict.fromkeys(int(part) for part in text.split(",")))
+    delays = tuple(dict.fromkeys(int(part) if part.isdecimal() else -1 for part in _parts(text)))
     if not all(0 <= delay <= DELAY_MAX for delay in delays):
         raise argparse.ArgumentTypeError(f"a delay is a whole number of ticks from 0 to {DELAY_MAX}")
     return delays
+
+
+def _parts(text: str) -> list[str]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(parts):
+        raise argparse.ArgumentTypeError(f"expected numbers separated by commas, not {text!r}")
+    return parts
 
 
 def _count(text: str) -> int:

@@ -1,4 +1,4 @@
-"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare."""
+"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, gallery."""
 
 import argparse
 import json
@@ -6,13 +6,14 @@ from typing import Any
 
 from hapscene.command.swatch_compare import add_swatch_compare
 from hapscene.command.swatch_format import add_export, add_import
+from hapscene.command.swatch_gallery import add_swatch_gallery
 from hapscene.command.word import add_command
 
 
 def add_swatch(commands: Any) -> None:
     group = commands.add_parser(
         "swatch",
-        help="the library of swatches: list, show, search, add, remove, get, import, export, compare",
+        help="the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery",
         description="The library of swatches, and files of other programs.",
         epilog="hapscene swatch COMMAND --help says more.",
     )
@@ -22,6 +23,7 @@ def add_swatch(commands: Any) -> None:
     add_import(words)
     add_export(words)
     add_swatch_compare(words)
+    add_swatch_gallery(words)
 
 
 def _library(command: argparse.ArgumentParser) -> None:

@@ -58,6 +58,7 @@ def add_touch(commands: Any) -> None:
     )
     closed.add_argument("--delay", type=int, metavar="TICKS", help="of the force (default 0)")
     command.add_argument("--no-picture", action="store_true", help="leave scene.png out")
+    command.add_argument("--view", action="store_true", help="then play it in a window, at its own speed")
 
 
 def _touch(options: argparse.Namespace) -> int:
@@ -68,6 +69,10 @@ def _touch(options: argparse.Namespace) -> int:
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
     _check_hand(options)
+    if options.view:
+        from hapscene.view.window import check_display
+
+        check_display()  # before minutes are spent
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
     speak(f"loading {options.scene}\n")
     scene = open_scene(options.scene, options.unit, options.swatch, options.two_sided)
@@ -91,7 +96,23 @@ def _touch(options: argparse.Namespace) -> int:
         say=speak,
     )
     name_made(made)
+    _show(options, scene)
     return 0
+
+
+def _show(options: argparse.Namespace, scene: Any) -> None:
+    """Play what was felt in a window, if it is asked for, until the window is closed."""
+    if not options.view:
+        return
+    from hapscene.recording import Recording
+    from hapscene.view.window import felt, play
+
+    out = Path(options.out)
+    recording = Recording.load(out / "touch.npz")
+    if options.hand is not None:
+        recording = felt(recording, out / "hand.npz")
+    print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
+    play(scene, recording, f"hapscene: {Path(options.scene).name}")
 
 
 def _check_hand(options: argparse.Namespace) -> None:
@@ -148,6 +169,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
     name_made(made)
+    _show(options, scene)
     return 0
 
 

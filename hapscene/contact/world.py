@@ -120,11 +120,12 @@ def place_ball(body: Any, ball: Any) -> float:
 
 
 def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_rad: float = 0.0) -> World:
-    """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here.
+    """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here; the world's
+    bodies, whose records hold the addresses of what is searched, keep it alive.
 
     Edges flatter than `crease_rad` are shaded (`hapscene.contact.shade`), at 0 none.
     """
-    rows = records(len(bodies), BODY)
+    rows = _owning_records(len(bodies), BODY, searches)
     corners: list[NDArray[np.float64]] = []
     first: dict[int, int] = {}
     count = 0
@@ -169,6 +170,19 @@ def skin_of(*meshes: "Mesh") -> float:
     """
     sizes_m = {id(mesh): float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0))) for mesh in meshes}.values()
     return max(SKIN_RATIO * min(sizes_m), SKIN_RATIO_MIN * max(sizes_m))
+
+
+class _Owning(bytearray):
+    """Memory of an array that holds addresses; keeps alive what they lead to."""
+
+    owned: Any
+
+
+def _owning_records(count: int, dtype: np.dtype[Any], owned: Any) -> Any:
+    """`records` that keep `owned` alive as long as any view of them is there."""
+    memory = _Owning(count * dtype.itemsize)
+    memory.owned = owned
+    return np.frombuffer(memory, dtype).view(np.recarray)
 
 
 def records(count: int, dtype: np.dtype[Any]) -> Any:

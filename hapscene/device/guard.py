@@ -19,6 +19,7 @@ pulls, and leaves a tool in the air alone.
 
 from typing import Any, Final
 
+from hapscene.constants import TINY
 from hapscene.native import native
 from hapscene.records import Flag
 
@@ -54,7 +55,7 @@ def guard(surface: Any, tool_W: Any) -> int:
         stored += 0.5 * push * push / limits.coupling_N_m
     doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way)
     made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J - doubt
-    memory.made_J = max(0.0, made)
+    memory.made_J = made if made > TINY else 0.0
     memory.stored_J = stored
     if touch.touching == 0 or made <= TINY_J or way == 0.0:
         return 0

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.device.limit import IDEAL, Limits
+from hapscene.device.limit import DELAY_MAX, IDEAL, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, no_such
 
@@ -91,10 +91,14 @@ def limits_of(device: str | Device, tick_s: float, delay_ticks: int = 0) -> Limi
     """Limits of a device at a tick's period and delay: no wall beyond `wall_limit`, and the passivity controller below.
 
     Raises:
-        HapsceneError: there is no device of this name.
+        HapsceneError: there is no device of this name; a period or a delay that no loop has.
     """
     if isinstance(device, str):
         device = device_named(device)
+    if not 0.0 < tick_s < math.inf:
+        raise HapsceneError(f"limits: tick_s must be finite and above 0, is {tick_s}")
+    if not 0 <= delay_ticks <= DELAY_MAX:
+        raise HapsceneError(f"limits: delay_ticks must be a whole number from 0 to {DELAY_MAX}, is {delay_ticks}")
     known, point = device.limits, device.point
     if point is None:
         return replace(known, device=device.name, delay_ticks=delay_ticks)

@@ -15,7 +15,7 @@ from typing import Any, Final
 from hapscene.errors import HandleError, SwatchError
 from hapscene.handle.fit import GRIP_MAX
 from hapscene.handle.identification import HAND, OWN, Grip, Identification
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import NUMBER_MAX, Plant
 from hapscene.output import write_whole
 from hapscene.surface.strict_json import parse
 
@@ -29,9 +29,6 @@ BYTES_MAX: Final = 1 << 20
 
 TEXT_MAX: Final = 10_000
 """Longest text [characters]."""
-
-NUMBER_MAX: Final = 1e9
-"""Largest number, of whatever unit [1]: no handle is stiffer, heavier or faster, and nothing made of it overflows."""
 
 _PLANT: Final = tuple(field.name for field in fields(Plant))
 _PAIRS: Final = ("asymptote_Hz", "band_Hz")
@@ -168,8 +165,8 @@ def _by_name(where: str, content: Any, names: Iterable[str], read: Callable[[str
 
 
 def _text(where: str, value: Any) -> str:
-    if not isinstance(value, str) or len(value) > TEXT_MAX or any("\ud800" <= c <= "\udfff" for c in value):
-        raise HandleError(f"{where} must be a text of at most {TEXT_MAX} characters, is {_short(value)}")
+    if not isinstance(value, str) or len(value) > TEXT_MAX or not value.isprintable():  # a terminal may obey the others
+        raise HandleError(f"{where} must be a text of at most {TEXT_MAX} printable characters, is {_short(value)}")
     return value
 
 

@@ -16,8 +16,8 @@ Compensated Control of a Dedicated Actuator", IROS). Momentum, m_c ẍ_c + m_h �
 R/F = −((m_c + m_h) s² + b_u s + k_u) / (the same denominator).
 """
 
-import math
 from dataclasses import dataclass, fields
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,12 @@ from hapscene.errors import HandleError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+NUMBER_MIN: Final = 1e-9
+"""Smallest number where 0 may not be, of whatever unit [1]: nothing that is divided by it overflows."""
+
+NUMBER_MAX: Final = 1e9
+"""Largest number, of whatever unit [1]: no handle is stiffer, heavier or faster, and nothing made of it overflows."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,7 @@ class Plant:
         amplifier_Hz: bandwidth of the amplifier's current loop, one pole; assumed as well.
 
     Raises:
-        HandleError: a number that is not finite, or out of range.
+        HandleError: no number, or one that is not finite or out of range.
     """
 
     m_c_kg: float = 0.015
@@ -60,12 +66,18 @@ class Plant:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = float(getattr(self, field.name))
+            given = getattr(self, field.name)
+            try:
+                value = float(given)
+            except (TypeError, ValueError):
+                raise HandleError(f"plant: {field.name} must be a number, is {given!r:.60}") from None
             object.__setattr__(self, field.name, value)
             may_be_zero = field.name in ("b_s_Ns_m", "k_u_N_m", "b_u_Ns_m")
-            if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not may_be_zero):
-                least = "0 or more" if may_be_zero else "above 0"
-                raise HandleError(f"plant: {field.name} must be finite and {least}, is {value!r}")
+            if not (0.0 if may_be_zero else NUMBER_MIN) <= value <= NUMBER_MAX:
+                least = "0 or more" if may_be_zero else f"above 0, {NUMBER_MIN:g} or more"
+                raise HandleError(
+                    f"plant: {field.name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}"
+                )
 
     def denominator(self) -> Array:
         """Coefficients (5,) of the denominator of eq. 8, of s⁴ first; over m_c they are those of the inverse."""

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import HandleError
 from hapscene.handle.loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
+from hapscene.handle.signal import row_of
 from hapscene.native import native
 
 
@@ -53,9 +53,7 @@ def play(
     Raises:
         HandleError: no such compensator, a rate out of range, or an acceleration that is not one row of numbers.
     """
-    desired = np.asarray(acceleration_m_s2, dtype=np.float64)
-    if desired.ndim != 1:
-        raise HandleError(f"acceleration_m_s2 must have shape (n,), has {desired.shape}")
+    desired = row_of(acceleration_m_s2, "acceleration_m_s2")
     plant = Plant() if plant is None else plant
     handle = new_handle(plant, Plant() if nominal is None else nominal, compensator, rate_Hz, seed)
     delay = int(handle[0].delay)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
+from hapscene.handle.signal import row_of
 
 Array = NDArray[np.float64]
 
@@ -20,9 +21,13 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
     |S| = |Σ_t w(t) x(t) e^(−2πjft)| / Σ_t w(t). What is left over at the end is less than half a window, and not seen.
 
     Raises:
-        HandleError: the signal is shorter than a window.
+        HandleError: not one row of finite numbers, or shorter than a window; a window must hold four samples or more.
     """
-    signal = np.asarray(acceleration_m_s2, dtype=np.float64)
+    signal = row_of(acceleration_m_s2, "acceleration_m_s2")
+    if not np.isfinite(signal).all():
+        raise HandleError("acceleration_m_s2 must be finite; some samples are not")
+    if not 4.0 <= SPECTROGRAM_S * rate_Hz < np.inf:
+        raise HandleError(f"rate_Hz must be finite and at least {4.0 / SPECTROGRAM_S:g}, is {rate_Hz}")
     length = round(SPECTROGRAM_S * rate_Hz)
     if len(signal) < length:
         raise HandleError(f"{len(signal)} samples at {rate_Hz:g} Hz are shorter than a window of {SPECTROGRAM_S} s")
@@ -47,9 +52,9 @@ def spectrogram_error(
     synthesised texture, which repeats a surface's statistics and not its waveform, can come no nearer.
 
     Raises:
-        HandleError: the signals differ in length, are shorter than a window, or the desired one is silent.
+        HandleError: as of `spectrogram`; the signals differ in length, or the desired one is silent.
     """
-    desired, rendered = np.asarray(desired), np.asarray(rendered)
+    desired, rendered = row_of(desired, "desired"), row_of(rendered, "rendered")
     if desired.shape != rendered.shape:
         raise HandleError(f"the two signals must have one length, have {desired.shape} and {rendered.shape}")
     _, frequency, wanted = spectrogram(desired, rate_Hz)

@@ -72,6 +72,7 @@ def scale_of(swatches: Sequence[Swatch]) -> Scale:
 def painted_body(swatch: Swatch) -> Pixels | None:
     """The shipped toad, painted with the swatch: RGBA pixels, clear around it; None where no GL can draw."""
     from PIL import Image
+    from scipy.ndimage import binary_erosion
 
     from hapscene.scene.scene import Scene
     from hapscene.view.picture import write_picture
@@ -88,7 +89,7 @@ def painted_body(swatch: Swatch) -> Pixels | None:
             pixels = np.asarray(picture.convert("RGB"))
     ground = (pixels == pixels[0, 0]).all(axis=2)
     height = len(pixels) if ground[:, 0].all() else int(np.argmin(ground[:, 0]))  # below it is the legend
-    body = ~ground[:height]
+    body = binary_erosion(~ground[:height])  # without the rim, which is mixed with the ground
     rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
     cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     whole = np.dstack((pixels[:height], 255 * body.astype(np.uint8)))[cut]

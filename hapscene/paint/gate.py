@@ -14,8 +14,11 @@ import socket
 import threading
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Final
 from urllib.parse import urlsplit
+
+from hapscene.errors import ViewError
 
 SOCKET_PATH: Final = "/hapscene"
 """Where our own WebSocket is; every other is viser's."""
@@ -33,6 +36,9 @@ TEXT_MAX: Final = 4096
 
 NUMBER_MAX: Final = 1e15
 """Largest number of a field without bounds [1]: what is larger cannot be sent to the other pages."""
+
+HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" defer></script>'
+"""What is put into viser's page."""
 
 _building = threading.Lock()
 
@@ -135,6 +141,27 @@ def gated(
             yield
         finally:
             asyncio_server.serve = real  # type: ignore[misc]
+
+
+def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> Any:
+    """viser's server behind the gate, with our page and socket.
+
+    Raises:
+        ViewError: viser is missing.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
+    folder = resources.files("hapscene.paint")
+    files = {
+        "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
+        "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
+    }
+    with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
+        server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
+    harden(server)
+    return server
 
 
 def harden(server: Any) -> None:

@@ -1,6 +1,5 @@
 """The page's own socket, beside viser's: pointer, keys and buttons come in; state, traces and sound go out."""
 
-import asyncio
 import contextlib
 import json
 from collections.abc import Awaitable, Callable, Mapping
@@ -9,11 +8,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.paint.view import Pointer
+
 MESSAGE_BYTES_MAX: Final = 10_000
 """Longest message that is read [bytes]; a page sends some hundred."""
 
 BACKLOG_BYTES_MAX: Final = 500_000
 """How much may wait for a page that does not read [bytes]: some seconds of traces; more is not sent to it."""
+
+PIXEL_MAX: Final = 1e5
+"""Largest canvas that is believed [pixels]."""
 
 Act = Callable[[Mapping[str, Any]], Awaitable[None]]
 
@@ -111,6 +115,11 @@ def number(message: Mapping[str, Any], key: str, low: float, high: float) -> flo
     return float(value)
 
 
-def run_soon(loop: asyncio.AbstractEventLoop, work: Callable[[], None]) -> None:
-    """Have something done in the server's event loop, from any thread."""
-    loop.call_soon_threadsafe(work)
+def pointer_of(message: Mapping[str, Any]) -> Pointer | None:
+    """Where the pointer is, of a message from anybody; None where it does not say."""
+    client = number(message, "client", 0, 2**53)
+    x, y = number(message, "x", -10.0, 10.0), number(message, "y", -10.0, 10.0)
+    width, height = number(message, "w", 1.0, PIXEL_MAX), number(message, "h", 1.0, PIXEL_MAX)
+    if client is None or x is None or y is None or width is None or height is None:
+        return None
+    return Pointer(int(client), x, y, width, height)

@@ -98,7 +98,8 @@
     const order = event.ctrlKey || event.metaKey;
     const key = event.key.toLowerCase();
     if (order && key === "s") { mine(event); send({ do: "save" }); }
-    else if (typing || event.altKey) return;
+    else if (typing) { if (key === "enter" || key === "escape") { const field = event.target; setTimeout(() => field.blur(), 0); } }
+    else if (event.altKey) return;
     else if (order && key === "z") { mine(event); send({ do: event.shiftKey ? "redo" : "undo" }); }
     else if (order && key === "y") { mine(event); send({ do: "redo" }); }
     else if (order) return;

@@ -7,18 +7,17 @@ beside it. The scene is in the server alone: a tab that is closed loses nothing,
 import asyncio
 import time
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
 
-from hapscene.errors import HapsceneError, SceneError, ViewError
+from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.autosave import Recovery
 from hapscene.paint.file_panel import FilePanel
-from hapscene.paint.gate import File, gated, harden
-from hapscene.paint.live import Live, number
+from hapscene.paint.gate import serve
+from hapscene.paint.live import Live, number, pointer_of
 from hapscene.paint.number_panel import NumberPanel
 from hapscene.paint.parts import Parts
 from hapscene.paint.session import Session
@@ -26,7 +25,7 @@ from hapscene.paint.shelf_panel import ShelfPanel
 from hapscene.paint.tool import TOOLS, Tools
 from hapscene.paint.tool_panel import ToolPanel
 from hapscene.paint.touch import Touch
-from hapscene.paint.view import Pointer, View
+from hapscene.paint.view import View
 from hapscene.servo import State
 
 HOST: Final = "127.0.0.1"
@@ -37,11 +36,6 @@ MONITOR_S: Final = 0.025
 
 WORD_S: Final = 0.2
 """How often the line under the picture changes [s]: any faster cannot be read."""
-
-HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" defer></script>'
-
-PIXEL_MAX: Final = 1e5
-"""Largest canvas that is believed [pixels]."""
 
 
 class Page:
@@ -78,7 +72,7 @@ class Page:
         self._start_autosave(session)
         self._ready = False
         self._live = Live(self._act, self._state)
-        self.server = _serve(host, port, self._live)
+        self.server = serve(host, port, self._live.serve)
         self._loop = self.server.get_event_loop()
         view = View(self.server, session)
         touch = Touch(self._live.say)
@@ -131,6 +125,7 @@ class Page:
         changes = session.changes()
         if changes:
             self.parts.view.update(changes)
+            self.server.flush()  # the picture first, the panel after it
         if changes.faces or changes.shelf:
             self._unfelt = True
         elif changes.swatches:
@@ -172,7 +167,7 @@ class Page:
         follow = {"hover": tools.hover, "down": tools.press, "move": tools.drag, "up": tools.release}.get(do)
         if follow is None:
             return False
-        pointer = _pointer(message)
+        pointer = pointer_of(message)
         if pointer is not None:
             await follow(pointer)
         return do == "hover" or pointer is None
@@ -225,7 +220,7 @@ class Page:
         while True:
             await asyncio.sleep(MONITOR_S)
             try:
-                read = await touch.read(time.monotonic())
+                read = touch.read(time.monotonic())
             except HapsceneError as error:
                 self._live.say(str(error), "error")
                 continue
@@ -319,30 +314,3 @@ class Page:
 def _path(session: Session) -> Path:
     assert session.path is not None  # checked at the start, and never taken away
     return session.path
-
-
-def _pointer(message: Mapping[str, Any]) -> Pointer | None:
-    """Where the pointer is, of a message from anybody; None where it does not say."""
-    client = number(message, "client", 0, 2**53)
-    x, y = number(message, "x", -10.0, 10.0), number(message, "y", -10.0, 10.0)
-    width, height = number(message, "w", 1.0, PIXEL_MAX), number(message, "h", 1.0, PIXEL_MAX)
-    if client is None or x is None or y is None or width is None or height is None:
-        return None
-    return Pointer(int(client), x, y, width, height)
-
-
-def _serve(host: str, port: int, live: Live) -> Any:
-    """viser's server behind the gate."""
-    try:
-        import viser
-    except ImportError:
-        raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
-    folder = resources.files("hapscene.paint")
-    files = {
-        "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
-        "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
-    }
-    with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), live.serve):
-        server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
-    harden(server)
-    return server

@@ -132,7 +132,7 @@ class Tools:
             self.take(swatch.name, swatch)
             self._say(f"Picked {self.chosen}.")
         elif self.name == "touch":
-            await self._touch.press(*self._contact(hit, ray[1]))
+            self._touch.press(*self._contact(hit, ray[1]))
 
     async def drag(self, pointer: Pointer) -> None:
         """It moves, the button down."""

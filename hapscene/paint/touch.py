@@ -4,7 +4,7 @@ Only what `hapscene.servo.Servo` offers is used, so that another process, with a
 """
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
@@ -64,24 +64,32 @@ class Touch:
         self._numbers: dict[str, dict[str, float]] = {}
         self._scene: Scene | None = None
         self._sending = False
+        self._wanted: tuple[Scene, str, float] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self, scene: Scene, device: str, tick_s: float) -> None:
-        """Start the process, in place of one that is there; says so if it cannot."""
+        """Start the process, in place of one that is there; says so if it cannot. The last of several orders counts."""
         self.status = "starting"
-        old, self._servo, self._running, self.touching = self._servo, None, False, False
+        self._servo, self._running, self.touching = None, False, False
+        opening = self._wanted is not None
+        self._wanted = (scene, device, tick_s)
+        while not opening and self._wanted is not None:
+            wanted = self._wanted
+            try:
+                servo = await self._in_lane(partial(self._start, *wanted))
+                self.status, self._since = "ready", 0
+            except HapsceneError as error:
+                servo, self.status = None, "failed"
+                self._say(f"The hand cannot touch: {error}", "error")
+            if self._wanted is wanted:
+                self._wanted, self._servo = None, servo
+                self._send()  # what changed meanwhile
 
-        def start() -> Any:
-            if old is not None:
-                old.close()
-            self._opened = self._make(scene, device, tick_s)  # known to `close`, whoever still waits for it
-            return self._opened.__enter__()
-
-        try:
-            self._servo = await self._in_lane(start)
-            self.status, self._since = "ready", 0
-        except HapsceneError as error:
-            self.status = "failed"
-            self._say(f"The hand cannot touch: {error}", "error")
+    def _start(self, scene: Scene, device: str, tick_s: float) -> Any:
+        if self._opened is not None:
+            self._opened.close()
+        self._opened = self._make(scene, device, tick_s)  # known to `close`, whoever still waits for it
+        return self._opened.__enter__()
 
     def close(self) -> None:
         """End the process. Called from any thread, once nothing else calls."""
@@ -97,27 +105,25 @@ class Touch:
 
     # --- the hand ---
 
-    async def press(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> bool:
-        """Come down on a place of the surface; whether there is a hand to do so."""
+    def press(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> bool:
+        """Come down on a place of the surface, as soon as the hand is there; whether there is one."""
         if self._servo is None or not self._alive():
             return False
         self.touching = True
-        if self._starting:
-            return True
-        servo, start, grip = self._servo, p_W_m + HOVER_M * nhat_W, self.grip
-        self._starting = True
-        self._aim = aim_of(p_W_m, nhat_W, force_N, stiffness_N_m, grip)
+        self._aim = aim_of(p_W_m, nhat_W, force_N, stiffness_N_m, self.grip)
+        if not self._starting:
+            self._starting = True
+            self._do(self._come(self._servo, p_W_m + HOVER_M * nhat_W))
+        return True
+
+    async def _come(self, servo: Any, p_W_m: Vector) -> None:
         try:
-            await self._in_lane(lambda: servo.start(start, grip))
+            await self._in_lane(partial(servo.start, p_W_m, self.grip))
             self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
-        except HapsceneError as error:
-            self._say(str(error), "error")
-            self.touching = False
+            if self.touching and self._aim is not None:
+                servo.aim(self._aim, self.grip)
         finally:
             self._starting = False
-        if self.touching and self._aim is not None:
-            servo.aim(self._aim, grip)
-        return self.touching
 
     def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
         """Stroke on to a place of the surface."""
@@ -134,7 +140,7 @@ class Touch:
             state = self._servo.state()
             self._servo.aim(state.p_WP_m + HOVER_M * state.nhat_W, self.grip)
 
-    async def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
+    def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
         """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest."""
         if self._servo is None or not self._running or not self._alive():
             return None
@@ -142,9 +148,8 @@ class Touch:
         self._since = felt.first + len(felt.rows)
         state = self._servo.state()
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
-            servo = self._servo
             self._running = False
-            await self._in_lane(servo.rest)
+            self._do(self._in_lane(self._servo.rest))
         return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_m_s2
 
     # --- what is felt ---
@@ -161,10 +166,9 @@ class Touch:
         self._send()
 
     def _send(self) -> None:
-        if self._servo is None or self._sending:
-            return
-        self._sending = True
-        asyncio.get_running_loop().create_task(self._send_all())
+        if self._servo is not None and not self._sending:
+            self._sending = True
+            self._do(self._send_all())
 
     async def _send_all(self) -> None:
         try:
@@ -176,10 +180,22 @@ class Touch:
                 swatch = next(iter(self._numbers))
                 numbers = self._numbers.pop(swatch)
                 await self._in_lane(partial(servo.tune, swatch, **numbers))
-        except HapsceneError as error:
-            self._say(f"The hand does not feel it: {error}", "error")
         finally:
             self._sending = False
+
+    def _do(self, order: Awaitable[Any]) -> None:
+        """Have an order done without waiting for it; the user is told what it refuses."""
+
+        async def told() -> None:
+            try:
+                await order
+            except HapsceneError as error:
+                if self.status == "ready":
+                    self._say(f"The hand: {error}", "error")
+
+        task = asyncio.get_running_loop().create_task(told())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def _alive(self) -> bool:
         if self._servo.alive:

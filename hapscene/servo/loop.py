@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns, sleep_ns
+from hapscene.constants import TINY
 from hapscene.native import native
 from hapscene.servo.channel import BIN_COUNT, BIN_NS
 from hapscene.twin.loop import beat, take_grip
@@ -82,6 +83,8 @@ def _follow(body: Any, aim: NDArray[np.float64], tick_s: float) -> None:
         pull = (aim[2, i] + FOLLOW_RAD_S * ahead) * tick_s
         after = aim[0, i] + (ahead + pull) * fade
         aim[2, i] = (aim[2, i] - FOLLOW_RAD_S * pull) * fade
+        if abs(ahead) < TINY and abs(aim[2, i]) < TINY:
+            after, aim[2, i] = aim[0, i], 0.0
         hand.target_m[i] = aim[1, i]
         hand.target_m_s[i] = (after - aim[1, i]) / tick_s
         hand.push_N[i] = aim[4, i]

@@ -26,7 +26,7 @@ def run(wire: Connection, name: str, length: int, made: Mapping[str, Any]) -> No
     """
     from hapscene.twin import Twin
 
-    channel = None
+    channel = desk = None
     try:
         twin = Twin(**made)
         channel = open_channel(length, twin.renderer.block, name)
@@ -48,9 +48,10 @@ def run(wire: Connection, name: str, length: int, made: Mapping[str, Any]) -> No
         wire.send((f"the servo's process failed:\n{traceback.format_exc()}", None))
         raise
     finally:
-        if channel is not None:
+        if desk is not None:
             desk.rest()
             del desk
+        if channel is not None:
             channel.close(unlink=False)
 
 

@@ -106,8 +106,9 @@ class Servo:
     ) -> None:
         self.tick_s, self.a_rate_Hz = tick_s, a_rate_Hz
         self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
+        block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
-        self._opened: Channel | None = open_channel(self._length, block_of(tick_s, a_rate_Hz))
+        self._opened: Channel | None = open_channel(self._length, block)
         self._process: Any = None
         self._wire: Any = None
 
@@ -117,9 +118,10 @@ class Servo:
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         self._wire, theirs = context.Pipe()
         arguments = (theirs, self._channel.memory.name, self._length, self._made)
-        self._process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
+        process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
         try:
-            self._process.start()
+            process.start()
+            self._process = process
             theirs.close()
             self._answer(START_S)
         except BaseException:
@@ -145,6 +147,7 @@ class Servo:
             if self._process.is_alive():
                 self._process.kill()
                 self._process.join()
+        if self._wire is not None:
             self._wire.close()
         self._opened.close(unlink=True)
         self._opened = None
@@ -185,9 +188,10 @@ class Servo:
         p = positions(numbers(p_W_m).reshape(1, -1))[0]
         push = positions(numbers(push_W_N).reshape(1, -1))[0]
         held = grip_named(grip) if isinstance(grip, str) else grip
+        row = held.row()
         channel = self._channel.channel[0]
-        channel.aim_count += 1
-        channel.aim_W_m, channel.grip, channel.push_W_N = p, held.row(), push
+        channel.aim_count |= 1  # also where Ctrl-C once left it odd
+        channel.aim_W_m, channel.grip, channel.push_W_N = p, row, push
         channel.aim_count += 1
 
     def tune(self, swatch: str, **numbers: float) -> None:
@@ -259,7 +263,8 @@ class Servo:
     def _answer(self, patience_s: float) -> Any:
         try:
             if not self._wire.poll(patience_s):
-                raise HapsceneError(f"the servo's process did not answer within {patience_s:g} s")
+                self._process.kill()  # a late answer would be taken for that to the next order
+                raise HapsceneError(f"the servo's process did not answer within {patience_s:g} s, and was ended")
             error, result = self._wire.recv()
         except (EOFError, OSError):
             raise HapsceneError(self._gone()) from None

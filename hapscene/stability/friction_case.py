@@ -5,7 +5,6 @@ sliding tool comes to a stop.
 """
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from hapscene.device.hand import Grip
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
+from hapscene.stability.answer import Answer
 from hapscene.stability.chart import draw_panels
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.swatch import Swatch
@@ -60,37 +60,6 @@ OMNI_POINT: Final = PointMass(0.045, 0.1, 0.26, 5.5e-5)
 """The Omni as a point mass (data sheet, damping assumed)."""
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """One answer: what was expected of it and what was found.
-
-    Attributes:
-        id: of the case.
-        what: the quantity and its unit.
-        expected, found: its values.
-        tolerance: largest error allowed.
-        at_most: the answer is a bound: only what is over it is an error.
-    """
-
-    id: str
-    what: str
-    expected: float
-    found: float
-    tolerance: float
-    at_most: bool = False
-
-    @property
-    def error(self) -> float:
-        """Relative; absolute, in the quantity's unit, where 0 is expected."""
-        apart = self.found - self.expected
-        apart = max(0.0, apart) if self.at_most else abs(apart)
-        return apart / abs(self.expected) if self.expected else apart
-
-    @property
-    def ok(self) -> bool:
-        return bool(self.error <= self.tolerance)
 
 
 def friction_cases() -> list[Answer]:

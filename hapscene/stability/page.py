@@ -17,10 +17,9 @@ from hapscene.bench.sheet import Sheet
 from hapscene.constants import TICK_S
 from hapscene.device.model import DEVICES, MARGIN, TOUCH_SPEED_M_S, wall_limit
 from hapscene.output import whole_file
-from hapscene.stability.friction_case import Answer
+from hapscene.stability.answer import Answer
 from hapscene.stability.random_limit import RandomLimit
 from hapscene.stability.stabiliser_case import GESTURES, STABILISERS, STIFFNESSES_N_M, Row
-from hapscene.stability.wall_case import WallCase
 from hapscene.stability.zoo_case import ENERGY_MJ, REST_MM_S, ZooCase
 
 DIVERGED_M_S: Final = 10.0
@@ -34,7 +33,7 @@ RANDOM_COUNT: Final = 240
 class Findings:
     """What the page tells of; parts that were not run are empty."""
 
-    walls: list[WallCase] = field(default_factory=list)
+    walls: list[Answer] = field(default_factory=list)
     limits: list[RandomLimit] = field(default_factory=list)
     stabilisers: list[Row] = field(default_factory=list)
     costs_us: dict[str, float] = field(default_factory=dict)
@@ -66,7 +65,7 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     found = Findings()
     if reference is not None:
         found.walls = wall_cases(reference, say)
-        run.write_rows(folder / "wall_cases.csv", WallCase, found.walls, ("error", "ok"))
+        run.write_rows(folder / "wall_cases.csv", Answer, found.walls, ("error", "ok"))
     found.limits = random_limits(RANDOM_COUNT, say=say)
     run.write_rows(folder / "random_limits.csv", RandomLimit, found.limits, ("error",))
     write_random_chart(folder / "random_limits.png", found.limits)

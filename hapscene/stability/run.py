@@ -12,9 +12,10 @@ from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.output import whole_file, whole_folder
+from hapscene.stability.answer import Answer
 from hapscene.stability.chart import write_random_chart, write_z_width_chart
 from hapscene.stability.random_limit import RandomLimit, random_limits
-from hapscene.stability.wall_case import WallCase, wall_cases
+from hapscene.stability.wall_case import wall_cases
 from hapscene.stability.z_width import DAMPINGS_NS_M, Point, place, say_of, trace_all
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def stability(
         _z_width(folder, device, point, rates_Hz, delays, grip, swatches, say, dampings_Ns_m)
         if cases is not None:
             rows = wall_cases(cases, say)
-            write_rows(folder / "wall_cases.csv", WallCase, rows, ("error", "ok"))
+            write_rows(folder / "wall_cases.csv", Answer, rows, ("error", "ok"))
             missed = [row.id for row in rows if not row.ok]
             say(f"{len(rows)} answers, {len(missed)} beyond tolerance {', '.join(missed)}\n")
         if random_count > 0:

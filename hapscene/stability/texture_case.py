@@ -22,8 +22,8 @@ from hapscene.recording import Recording
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.stability.answer import Answer
 from hapscene.stability.chart import draw_panels
-from hapscene.stability.friction_case import Answer
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.blend import filters, form
 from hapscene.surface.lsf import ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar

@@ -5,7 +5,6 @@ The answers are those of a file, `wall_cases.json`; what the file has no numbers
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ import numpy as np
 from hapscene.device.model import DEVICES
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.stability.answer import Answer
 from hapscene.stability.closed_form import comes_to_rest as rests
 from hapscene.stability.closed_form import limit_of_rest
 from hapscene.stability.critical import comes_to_rest, critical_stiffness, limit_of_motion, motion_growth
@@ -22,6 +22,9 @@ from hapscene.surface.strict_json import parse
 
 FILE_BYTES_MAX: Final = 1_000_000
 """Largest file of cases that is read [bytes]."""
+
+NUMBER_MAX: Final = 1e9
+"""Largest number of a case, of whatever unit [1]."""
 
 LARGEST_BETA: Final = (2.0, 0.8284, 0.5359, 0.3978)
 """Largest BT/m at which any wall rests, at a delay of 0 to 3 ticks, for b = 0 [1]: reference table, W5."""
@@ -33,41 +36,14 @@ PHASES: Final = 16
 """Bounces that a restitution is the mean of [count], the tool meeting the wall at as many instants of a tick."""
 
 
-@dataclass(frozen=True)
-class WallCase:
-    """One answer: what was expected of it and what was found.
-
-    Attributes:
-        id: of the case.
-        what: the quantity and its unit.
-        expected, found: its values.
-        error: relative, or 0 and 1 for a yes or no.
-        tolerance: largest error allowed.
-    """
-
-    id: str
-    what: str
-    expected: float
-    found: float
-    tolerance: float
-
-    @property
-    def error(self) -> float:
-        return abs(self.found - self.expected) / abs(self.expected) if self.expected else abs(self.found)
-
-    @property
-    def ok(self) -> bool:
-        return bool(self.error <= self.tolerance)
-
-
-def wall_cases(path: str | Path, say: Callable[[str], None] = lambda _: None) -> list[WallCase]:
+def wall_cases(path: str | Path, say: Callable[[str], None] = lambda _: None) -> list[Answer]:
     """Run the cases of a file, and after them those that it has no numbers for.
 
     Raises:
         HapsceneError: a file that holds no such cases.
         OSError: the file cannot be read.
     """
-    rows: list[WallCase] = []
+    rows: list[Answer] = []
     for case in read_cases(path):
         rows += run_case(case)
         say(f"{rows[-1].id}: {rows[-1].found:.6g}, expected {rows[-1].expected:.6g}\n")
@@ -82,6 +58,7 @@ def read_cases(path: str | Path) -> list[dict[str, Any]]:
 
     Raises:
         HapsceneError: a file that holds no such cases.
+        OSError: the file cannot be read.
     """
     path = Path(path)
     if path.stat().st_size > FILE_BYTES_MAX:
@@ -92,25 +69,44 @@ def read_cases(path: str | Path) -> list[dict[str, Any]]:
     for n, case in enumerate(cases):
         if not isinstance(case, dict) or {"id", "what", "setup", "expected", "rel_tol"} - set(case):
             raise HapsceneError(f"{path}: case {n} must have id, what, setup, expected and rel_tol")
+        _check_case(f"{path}: case {n}", case)
         if case["id"][:2] not in _FOUND and not case["id"].startswith("W5-apex"):
             raise HapsceneError(f"{path}: case {case['id']!r}: its id must begin with one of {', '.join(_FOUND)}")
     return cases
 
 
-def run_case(case: dict[str, Any]) -> list[WallCase]:
+def _check_case(where: str, case: dict[str, Any]) -> None:
+    """Texts are texts, numbers are numbers, and what is divided by is above 0."""
+    numbers, apex_case = case["setup"], str(case["id"]).startswith("W5-apex")
+    if not isinstance(case["id"], str) or not isinstance(case["what"], str) or not isinstance(numbers, dict):
+        raise HapsceneError(f"{where}: id and what must be texts, setup an object")
+    expected = case["expected"] if apex_case else {"": case["expected"]}
+    if not isinstance(expected, dict) or (apex_case and {"alpha", "beta"} - set(expected)):
+        raise HapsceneError(f"{where}: what is expected of an apex must be alpha and beta")
+    for name, value in {**numbers, "rel_tol": case["rel_tol"], **expected}.items():
+        if type(value) not in (int, float) or not 0.0 <= value <= NUMBER_MAX:
+            raise HapsceneError(f"{where}: {name or 'expected'} must be a number from 0 to {NUMBER_MAX:g}")
+    kind = case["id"][:2]
+    needed = ("delay",) if apex_case else _NEEDED.get(kind, ())
+    for name in needed:
+        if name not in numbers or (name in _POSITIVE.get(kind, ()) and numbers[name] == 0):
+            raise HapsceneError(f"{where}: its setup must have {', '.join(needed)}, and no 0 where it is divided by")
+
+
+def run_case(case: dict[str, Any]) -> list[Answer]:
     """Find the answer of one case of the file: two, stiffness and damping, for the apex of a region."""
     setup, expected, tolerance = case["setup"], case["expected"], case["rel_tol"]
     if case["id"].startswith("W5-apex"):
         alpha, beta = apex(setup["delay"])
         return [
-            WallCase(case["id"], "largest K T²/m [1]", expected["alpha"], alpha, tolerance),
-            WallCase(case["id"] + " at", "its B T/m [1]", expected["beta"], beta, tolerance),
+            Answer(case["id"], "largest K T²/m [1]", expected["alpha"], alpha, tolerance),
+            Answer(case["id"] + " at", "its B T/m [1]", expected["beta"], beta, tolerance),
         ]
     found = _FOUND[case["id"][:2]](setup)
-    return [WallCase(case["id"], case["what"], expected, found, min(tolerance, _TIGHTER.get(case["id"][:2], math.inf)))]
+    return [Answer(case["id"], case["what"], expected, found, min(tolerance, _TIGHTER.get(case["id"][:2], math.inf)))]
 
 
-def own_cases() -> Iterator[WallCase]:
+def own_cases() -> Iterator[Answer]:
     """The cases of the reference table that the file has no numbers for."""
     tick_s = 1e-3
     for name, named in DEVICES.items():
@@ -120,14 +116,14 @@ def own_cases() -> Iterator[WallCase]:
         c, quantum = device.c_N, device.quantum_m
         found = critical_stiffness(device.mass_kg, device.b_Ns_m, tick_s, coulomb_N=c, quantum_m=quantum)
         expected = limit_of_rest(c, quantum)
-        yield WallCase(f"W4-{name}", "K at which a tool rests over an encoder's edge [N/m]", expected, found, 1e-2)
+        yield Answer(f"W4-{name}", "K at which a tool rests over an encoder's edge [N/m]", expected, found, 1e-2)
         rig = Rig(device, tick_s)
         for share in (0.99, 1.01):
             stiffness = share * expected
             came, should = comes_to_rest(rig, stiffness, 0.0), rests(c, stiffness, quantum)
-            yield WallCase(f"W6-{name}-{share}", "comes to rest at half a step (1 yes, 0 no)", should, came, 0.0)
+            yield Answer(f"W6-{name}-{share}", "comes to rest at half a step (1 yes, 0 no)", should, came, 0.0)
     for delay, expected in enumerate(LARGEST_BETA):
-        yield WallCase(f"W5-most-d{delay}", "largest B T/m of any wall [1]", expected, largest_beta(delay), 2e-4)
+        yield Answer(f"W5-most-d{delay}", "largest B T/m of any wall [1]", expected, largest_beta(delay), 2e-4)
 
 
 def apex(delay_ticks: int) -> tuple[float, float]:
@@ -235,6 +231,21 @@ _FOUND: Final[dict[str, Callable[[dict[str, float]], float]]] = {
     "W7": peak_speed,
     "W8": bounce,
 }
+
+_MOTION: Final = ("m", "b", "T", "delay", "B")
+
+_NEEDED: Final = {
+    "W1": _MOTION,
+    "W2": _MOTION,
+    "W3": ("m", "b", "T"),
+    "W5": _MOTION,
+    "W7": ("m", "b", "c", "T", "K"),
+    "W8": ("m", "b", "T", "K", "B", "delay"),
+}
+"""Numbers that a case of each kind must give."""
+
+_POSITIVE: Final = {"W3": ("m", "b", "T"), "W7": ("m", "c", "T", "K"), "W8": ("m", "T", "K")}
+"""Those of them that may not be 0; `critical_stiffness` looks after its own."""
 
 _TIGHTER: Final = {"W3": 1e-6}
 """Tolerances of the reference table where they are below those of its file."""

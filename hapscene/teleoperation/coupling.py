@@ -54,3 +54,5 @@ class Coupling:
         for name in ("damping_Ns_m", "margin_s", "force_limit_N", "allowance_J", "reserve_J"):
             if not getattr(self, name) >= 0.0:
                 raise HapsceneError(f"coupling: {name} must be at least 0, is {getattr(self, name):g}")
+        if math.isinf(self.damping_Ns_m) or math.isinf(self.margin_s):
+            raise HapsceneError("coupling: damping_Ns_m and margin_s must be finite")

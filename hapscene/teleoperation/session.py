@@ -140,7 +140,7 @@ class Session:
                 data, address = self._socket.recvfrom(SIZE + 1)
             except BlockingIOError:
                 break
-            except ConnectionError:  # a peer's port that is not open yet, or no longer
+            except OSError:  # the peer's port is not open yet, or no longer; the network is down
                 continue
             if not self._is_peer(address):
                 self._strangers += 1
@@ -180,7 +180,7 @@ class Session:
         try:
             self._socket.sendto(data, self._peer) if self._role == 1 else self._socket.send(data)
             self._sent += 1
-        except (BlockingIOError, ConnectionError):  # a full buffer, a closed port: lost, as anywhere on the way
+        except OSError:  # a full buffer, a closed port, no network: lost, as anywhere on the way
             pass
 
     def _say_goodbye(self) -> None:

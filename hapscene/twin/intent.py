@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.argument import numbers
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import PathError
+
+NUMBER_MAX: Final = 1e12
+"""Largest number of an intention, of whatever unit [1]: beyond any hand, and nothing made of it overflows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +33,13 @@ class Intent:
     push_W_N: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        n = len(self.target_W_m)
+        n = numbers(self.target_W_m).size // 3
         for name in ("target_W_m", "grip", "push_W_N"):
             array = numbers(getattr(self, name))
-            if array.shape != (n, 3) or n == 0 or not np.isfinite(array).all():
-                raise PathError(f"intent: {name} must be ({n}, 3) finite numbers, a row per tick; it is {array.shape}")
+            if array.shape != (n, 3) or n == 0:
+                raise PathError(f"intent: {name} must be ({max(n, 1)}, 3), a row per tick; it is {array.shape}")
+            if not (np.abs(array) <= NUMBER_MAX).all():
+                raise PathError(f"intent: {name} must be finite, and at most {NUMBER_MAX:g} in size")
             object.__setattr__(self, name, np.ascontiguousarray(array))
         if (self.grip < 0.0).any():
             raise PathError("intent: a grip's spring, damper and mass are at least 0")
@@ -51,11 +57,11 @@ class Intent:
             HapsceneError: no grip of this name.
             PathError: a path that is not (n, 3) finite numbers.
         """
-        path = numbers(target_W_m).reshape(-1, 3)
+        path = np.atleast_2d(numbers(target_W_m))
         if isinstance(grip, str):
             grip = grip_named(grip)
         rows = grip.row() if isinstance(grip, Grip) else numbers(grip)
-        return cls(path, np.broadcast_to(rows, path.shape), np.broadcast_to(numbers(push_W_N), path.shape))
+        return cls(path, _rows(rows, len(path)), _rows(numbers(push_W_N), len(path)))
 
     @classmethod
     def hold(
@@ -65,8 +71,15 @@ class Intent:
         grip: str | Grip = "light",
         push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> "Intent":
-        """Mean one place (3,) [m] for `count` ticks."""
-        return cls.along(np.tile(numbers(target_W_m), (count, 1)), grip, push_W_N)
+        """Mean one place (3,) [m] for `count` ticks.
+
+        Raises:
+            HapsceneError: no grip of this name.
+            PathError: not three finite numbers, or a count that is not a whole number above 0.
+        """
+        if not isinstance(count, int | np.integer) or count < 1:
+            raise PathError(f"intent: count must be a whole number of ticks above 0, is {count!r}")
+        return cls.along(_rows(numbers(target_W_m), int(count)), grip, push_W_N)
 
     def then(self, other: "Intent") -> "Intent":
         """This, and after it another."""
@@ -75,3 +88,8 @@ class Intent:
             np.concatenate((self.grip, other.grip)),
             np.concatenate((self.push_W_N, other.push_W_N)),
         )
+
+
+def _rows(row: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """One row (3,) as (count, 3); what has rows of its own stays as it is."""
+    return np.tile(row, (count, 1)) if row.ndim == 1 else row

@@ -63,8 +63,12 @@ class Twin:
         nominal: Plant | None = None,
         X_WD: ArrayLike | None = None,
     ) -> None:
-        if not 0 <= delay_ticks < DELAY_MAX:
-            raise HapsceneError(f"delay_ticks must be 0 to {DELAY_MAX - 1}, is {delay_ticks}")
+        if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
+            raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
+        if not isinstance(device, PointMass | Omni):
+            raise HapsceneError(f"device must be a PointMass or an Omni, is {device!r:.60}")
+        if handle is not None and not isinstance(handle, Plant):
+            raise HapsceneError(f"handle must be a Plant, is {handle!r:.60}")
         self.device = device
         self.renderer = Renderer(scene, effects, seed, tick_s, a_rate_Hz, limits)
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle

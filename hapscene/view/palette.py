@@ -1,7 +1,11 @@
 """Colours that the colour-blind can tell apart, the same in every plot and picture."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -30,6 +34,32 @@ INK: Final = "#222222"
 SHADE: Final = "#ECEFF3"
 """Behind a plot while the tool touches."""
 
+FORCE: Final = OKABE_ITO["green"]
+"""Arrows of force; no swatch that is shipped has it."""
+
+DISTANCE_MIN: Final = 0.1
+"""Least distance of two swatches' colours in Oklab [1]: what is nearer looks like the same paint once it is shaded."""
+
+_SPARE: Final = (
+    *(OKABE_ITO[name] for name in ("orange", "sky", "vermilion", "yellow", "blue")),
+    *("#6B4200", "#A8E6CF", "#332288", "#F7B9A8", "#5C6B00"),  # beside what paths and arrows have
+)
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours around a scene, "#rrggbb"."""
+
+    background: str
+    strip: str
+    """Behind the legend."""
+    ink: str
+    tool: str
+
+
+LIGHT: Final = Theme(background="#F2F5F9", strip="#FFFFFF", ink=INK, tool="#3F4650")
+DARK: Final = Theme(background="#1D2127", strip="#14171B", ink="#E6E9ED", tool="#D5DAE1")
+
 
 def swatch_colours(count: int) -> list[str]:
     """A colour for each of `count` swatches: grey for the first, which is plain, then the palette in turn."""
@@ -40,3 +70,51 @@ def swatch_colours(count: int) -> list[str]:
 def albedo_colours(swatches: Sequence["Swatch"]) -> list[str]:
     """The swatches' own colours, as "#rrggbb"."""
     return ["#" + "".join(f"{round(channel * 255):02x}" for channel in swatch.albedo_rgb) for swatch in swatches]
+
+
+def distinct_colours(swatches: Sequence["Swatch"], used: Sequence[int]) -> list[str]:
+    """The swatches' own colours; but one that looks like an earlier one's of those `used` gets another.
+
+    Fitted swatches have the colour of the plain one until they are given their own.
+    """
+    colours = albedo_colours(swatches)
+    taken: list[str] = []
+    for index in used:
+        for colour in (colours[index], *_SPARE):
+            if all(_distance(colour, other) >= DISTANCE_MIN for other in taken):
+                colours[index] = colour
+                break
+        taken.append(colours[index])
+    return colours
+
+
+def rgb(colour: str) -> NDArray[np.float64]:
+    """ "#rrggbb" as three numbers from 0 to 1."""
+    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+
+
+def _distance(a: str, b: str) -> float:
+    """Distance in Oklab: Ottosson 2020, "A perceptual color space for image processing"."""
+    return float(np.linalg.norm(_oklab(rgb(a)) - _oklab(rgb(b))))
+
+
+def _oklab(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    cone = np.cbrt(_TO_CONE @ linear)
+    return np.asarray(_FROM_CONE @ cone)
+
+
+_TO_CONE: Final = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_FROM_CONE: Final = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)

@@ -1,10 +1,13 @@
 """Triangles to draw: bodies in the colours of their swatches, and lines as tubes."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hapscene.view.palette import distinct_colours, rgb
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -21,6 +24,9 @@ SHADE_SHARE: Final = 0.5
 TUBE_SIDES: Final = 8
 TUBE_RINGS_MAX: Final = 3000
 
+LATHE_SIDES: Final = 24
+"""Sides of what is turned on a lathe: tool, proxy, arrows."""
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -31,8 +37,13 @@ class Solid:
     colour: NDArray[np.float64]
 
 
+NOTHING: Final = Solid(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
 def joined(solids: list[Solid]) -> Solid:
     """All the triangles as one."""
+    if not solids:
+        return NOTHING
     return Solid(
         np.concatenate([s.corner_m for s in solids]),
         np.concatenate([s.normal for s in solids]),
@@ -40,16 +51,53 @@ def joined(solids: list[Solid]) -> Solid:
     )
 
 
-def scene_solid(scene: "Scene") -> Solid:
-    """Every body of the scene at its pose, each face in the colour of its swatch."""
-    return joined([_body_solid(body, scene) for body in scene.bodies])
+def moved(solid: Solid, X: NDArray[np.float64]) -> Solid:
+    """The triangles at a pose (4, 4), which may stretch them along the axes that they are symmetric about."""
+    if np.array_equal(X, np.eye(4)):
+        return solid
+    normal = _unit(solid.normal @ np.linalg.inv(X[:3, :3]))
+    return Solid(solid.corner_m @ X[:3, :3].T + X[:3, 3], normal, solid.colour)
+
+
+def cut(solid: Solid, chosen: NDArray[np.bool_]) -> Solid:
+    """The triangles that are chosen (k,)."""
+    corner = np.repeat(chosen, 3)
+    return Solid(solid.corner_m[corner], solid.normal[corner], solid.colour[corner])
+
+
+def used_swatches(scene: "Scene") -> list[int]:
+    """Indices of the swatches that some face wears, ascending."""
+    return [int(i) for i in np.unique(np.concatenate([body.face_swatch for body in scene.bodies]))]
+
+
+def scene_solid(scene: "Scene", painted: bool = True) -> Solid:
+    """Every body of the scene at its pose, each face in the colour of its swatch; or, unpainted, of the plain one."""
+    colours = np.array([rgb(colour) for colour in distinct_colours(scene.swatches, used_swatches(scene))])
+    return joined([_body_solid(body, colours, body.face_swatch * painted) for body in scene.bodies])
+
+
+def lathe(profile_m: list[tuple[float, float]], colour: str) -> Solid:
+    """What a profile of (radius, height) [m] encloses when it is turned about z; heights ascend."""
+    angle = np.linspace(0, 2 * np.pi, LATHE_SIDES + 1)
+    around = np.column_stack((np.cos(angle), np.sin(angle)))
+    corner_m, normal = [], []
+    for (r0_m, z0_m), (r1_m, z1_m) in pairwise(profile_m):
+        length_m = np.hypot(r1_m - r0_m, z1_m - z0_m)
+        out, up = (z1_m - z0_m) / length_m, (r0_m - r1_m) / length_m
+        low_m, high_m = (np.column_stack((r * around, np.full(len(angle), z))) for r, z in ((r0_m, z0_m), (r1_m, z1_m)))
+        side = np.column_stack((out * around, np.full(len(angle), up)))
+        quads = ((low_m, 0), (low_m, 1), (high_m, 1), (low_m, 0), (high_m, 1), (high_m, 0))
+        corner_m.append(np.stack([at[k : k + LATHE_SIDES] for at, k in quads], axis=1).reshape(-1, 3))
+        normal.append(np.stack([side[k : k + LATHE_SIDES] for _, k in quads], axis=1).reshape(-1, 3))
+    corners_m = np.concatenate(corner_m)
+    return Solid(corners_m, np.concatenate(normal), np.tile(_linear(rgb(colour)), (len(corners_m), 1)))
 
 
 def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Solid:
-    """A tube around a polyline (n, 3), with rings a radius apart, or wider where it is long."""
-    line_m = _spaced(line_m, radius_m)
+    """A tube around a polyline (n, 3), with rings a diameter apart, or wider where it is long."""
+    line_m = _spaced(line_m, 2 * radius_m)
     if len(line_m) < 2:
-        return Solid(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+        return NOTHING
     along = np.gradient(line_m, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     side = _sides(along)
@@ -61,17 +109,15 @@ def tube(line_m: NDArray[np.float64], radius_m: float, colour: str) -> Solid:
     quads = np.stack((a, b, b + TUBE_SIDES, a, b + TUBE_SIDES, a + TUBE_SIDES), axis=-1).ravel()
     normal = out.reshape(-1, 3)
     corner_m = (line_m[:, None] + radius_m * out).reshape(-1, 3)
-    rgb = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    return Solid(corner_m[quads], normal[quads], np.tile(_linear(rgb), (len(quads), 1)))
+    return Solid(corner_m[quads], normal[quads], np.tile(_linear(rgb(colour)), (len(quads), 1)))
 
 
-def _body_solid(body: "Body", scene: "Scene") -> Solid:
+def _body_solid(body: "Body", colours: NDArray[np.float64], face_swatch: NDArray[np.int16]) -> Solid:
     mesh, X_WB = body.mesh, np.asarray(body.X_WB)
     vertices_m = mesh.vertices_m @ X_WB[:3, :3].T + X_WB[:3, 3]
-    albedo = np.array([swatch.albedo_rgb for swatch in scene.swatches], dtype=float)
-    colour = albedo[body.face_swatch]
+    colour = colours[face_swatch]
     if mesh.colour_rgb is not None:
-        plain = body.face_swatch == 0
+        plain = face_swatch == 0
         colour[plain] = mesh.colour_rgb[plain] / 255
         # under a swatch the file's picture stays visible, as shades of the swatch's colour
         grey = mesh.colour_rgb.mean(axis=1, keepdims=True) + 1.0

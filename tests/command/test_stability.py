@@ -33,7 +33,10 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
         (["--device", "onmi"], "no device 'onmi'; there are: ideal, omni"),
         (["--device", "ideal"], "has no mass"),
         (["--grip", "soft"], "no grip 'soft'"),
-        (["--cases", "missing.json", "--device", "ideal"], "has no mass"),
+        (["--cases", "missing.json"], "missing.json"),
+        (["--docs", "missing"], "--docs missing: no such folder"),
+        (["--zoo", "."], "add --docs"),
+        (["--docs", ".", "--zoo", "missing"], "--zoo missing: no such folder"),
     ],
 )
 def test_refuses(arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -42,7 +45,18 @@ def test_refuses(arguments: list[str], said: str, tmp_path: Path, capsys: pytest
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("arguments", [["--rate", "0"], ["--delay", "-1"], ["--delay", "x"], ["--random", "-1"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--rate", "0"],
+        ["--rate", ","],
+        ["--rate", "1e-9"],
+        ["--rate", "1e12"],
+        ["--delay", "-1"],
+        ["--delay", "x"],
+        ["--random", "-1"],
+    ],
+)
 def test_refuses_numbers(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["stability", "--out", "x", *arguments])

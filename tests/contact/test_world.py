@@ -1,5 +1,8 @@
 """Packing a scene: meshes once, bodies at their poses, balls that hold them, records as attributes."""
 
+import gc
+import weakref
+
 import numpy as np
 import trimesh
 
@@ -81,3 +84,16 @@ def test_a_body_that_pushes_never_overfills_the_planes(world):
     w.near[:2], proxy.near_count = (0, 1), 2
     _carry(w, tuple(map(float, proxy.p_W_m)))
     assert proxy.count == 4 and proxy.body[3] == 1
+
+
+def test_what_is_searched_lives_as_long_as_the_bodies():
+    searches = {}
+    bodies = build_world(two_instances_and_a_ball().bodies, searches).bodies
+    alive = [weakref.ref(search) for search in searches.values()]
+    row = bodies[1]
+    del searches, bodies
+    gc.collect()
+    assert all(search() is not None for search in alive)
+    del row
+    gc.collect()
+    assert all(search() is None for search in alive)

@@ -144,3 +144,9 @@ def tap(point: PointMass, K: float, B: float, delay: int):
     twin = Rig(point, 1e-3, delay, stiffness_N_m=K, damping_Ns_m=B).twin
     twin.reset((0.031, -0.017, 0.0005), (0.0, 0.0, -0.5))
     return twin.run(Intent.hold((0.031, -0.017, -0.003), 3000, "light"))
+
+
+@pytest.mark.parametrize(("tick_s", "delay"), [(0.0, 0), (math.nan, 0), (1e-3, -1), (1e-3, 64), (1e-3, math.nan)])
+def test_a_loop_that_is_none(tick_s: float, delay: float) -> None:
+    with pytest.raises(HapsceneError, match=r"limits: (tick_s|delay_ticks)"):
+        limits_of("omni", tick_s, delay)  # type: ignore[arg-type]

@@ -73,3 +73,9 @@ def test_a_step_of_force_by_another_integrator() -> None:
 def test_a_plant_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(HandleError, match=next(iter(wrong))):
         Plant(**wrong)
+
+
+@pytest.mark.parametrize("number", ["heavy", None, 1e300, [1.0, 2.0]])
+def test_what_is_no_number_of_a_handle(number: object) -> None:
+    with pytest.raises(HandleError, match="plant: k_u_N_m must be"):
+        Plant(k_u_N_m=number)  # type: ignore[arg-type]

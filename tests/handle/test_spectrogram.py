@@ -40,3 +40,15 @@ def test_signals_that_do_not_fit_are_refused() -> None:
         spectrogram_error(0.0 * noise, noise, 1e4)
     with pytest.raises(HandleError, match="shorter than a window"):
         spectrogram_error(noise[:99], noise[:99], 1e4)
+
+
+@pytest.mark.parametrize("rate_Hz", [0.0, -1e4, np.nan, np.inf, 10.0])
+def test_a_rate_at_which_there_is_no_window(rate_Hz: float) -> None:
+    with pytest.raises(HandleError, match="rate_Hz"):
+        spectrogram_error(np.ones(1000), np.ones(1000), rate_Hz)
+
+
+@pytest.mark.parametrize("signal", ["abc", 1.0, np.ones((2, 1000)), np.full(1000, np.nan), np.ones(1000) * 1j, None])
+def test_what_is_no_signal(signal: object) -> None:
+    with pytest.raises(HandleError):
+        spectrogram_error(np.sin(np.arange(1000.0)), signal, 1e4)  # type: ignore[arg-type]

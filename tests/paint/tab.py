@@ -83,7 +83,9 @@ class Tab:
         """The pointer over a place of the scene, seen by `look()`'s camera."""
         x, y, z = self.page.parts.view.shown(p_W_m)
         across = 2 * (6.0 - z) * np.tan(0.4)
-        self.send(do, x=0.5 + x / across * SIZE[1] / SIZE[0], y=0.5 - y / across, w=SIZE[0], h=SIZE[1], client=self.client)
+        self.send(
+            do, x=0.5 + x / across * SIZE[1] / SIZE[0], y=0.5 - y / across, w=SIZE[0], h=SIZE[1], client=self.client
+        )
 
     def control(self, label: str) -> dict[str, Any]:
         """The control of that label, when it is there."""

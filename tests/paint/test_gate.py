@@ -21,7 +21,9 @@ def test_our_own_names_are_served(host: str) -> None:
     assert refusal({"Host": host, "Origin": f"http://{host}"}, LOOPBACK, False, upgrade=True) is None
 
 
-@pytest.mark.parametrize("host", ["", "evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "10.0.0.7:80", "[::1"])
+@pytest.mark.parametrize(
+    "host", ["", "evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "10.0.0.7:80", "[::1"]
+)
 def test_other_names_are_not(host: str) -> None:
     assert refusal({"Host": host}, LOOPBACK, False, upgrade=False)
 

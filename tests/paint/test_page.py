@@ -261,14 +261,23 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
 def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
     """Random events as a browser may send them, and as none does."""
     dice = random.Random(seed)
-    texts = ("", "wood", "friction<0.3", "<b>x</b>", "made.scene.json", "other.scene.json", "no/folder.scene.json", "π" * 50)
+    texts = (
+        "",
+        "wood",
+        "friction<0.3",
+        "<b>x</b>",
+        "made.scene.json",
+        "other.scene.json",
+        "no/folder.scene.json",
+        "π" * 50,
+    )
 
     def value(control: dict[str, Any]) -> Any:
         known, props = control.get("value"), control["props"]
         if isinstance(known, bool) or known is None:
             return True
         if isinstance(known, str):
-            return dice.choice(list(props.get("options") or texts) + ["no such"])
+            return dice.choice([*(props.get("options") or texts), "no such"])
         return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0, 1e308))
 
     for i in range(count):

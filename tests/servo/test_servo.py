@@ -1,11 +1,13 @@
 """The servo as a real process."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 import trimesh
 
 import hapscene
+from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError
 from hapscene.scene.mesh import Mesh
@@ -175,3 +178,41 @@ def test_percentiles_of_a_histogram() -> None:
     counts[0], counts[10] = 99, 1
     assert percentile_us(counts, 0.5) == pytest.approx(0.2)
     assert percentile_us(counts, 0.999) == pytest.approx(0.1 * 2**11)
+
+
+def test_an_aim_that_is_none_does_not_spoil_the_next(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    with pytest.raises(AttributeError):
+        servo.aim((0.0, 0.0, 0.0), None)  # type: ignore[arg-type]
+    servo.aim((0.0, 0.0, -0.004), "medium")
+    until(lambda: servo.state().touching)
+
+
+def test_an_aim_that_was_interrupted_does_not_spoil_the_next(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    servo._channel.channel[0].aim_count += 1  # Ctrl-C while it was written
+    servo.aim((0.0, 0.0, -0.004), "medium")
+    until(lambda: servo.state().touching)
+
+
+@pytest.mark.parametrize("tick_s", [0.0, -1.0, np.nan, np.inf])
+def test_a_period_that_is_none_is_refused(tick_s: float) -> None:
+    with pytest.raises(HapsceneError, match="must be finite and above 0"):
+        Servo(make_scene(), MASS, tick_s=tick_s)
+
+
+def test_what_cannot_be_sent_is_told_and_leaves_no_memory() -> None:
+    servo = Servo(make_scene(), lambda: None)
+    name = servo._channel.memory.name
+    with pytest.raises((AttributeError, TypeError, pickle.PicklingError)), servo:
+        pass
+    with pytest.raises(FileNotFoundError):
+        SharedMemory(name)
+
+
+def test_what_the_process_refuses_is_told_in_a_line(capfd: pytest.CaptureFixture[str]) -> None:
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    with pytest.raises(HapsceneError, match="reach"), Servo(make_scene(), Omni(), X_WD=far):
+        pass
+    assert "Traceback" not in capfd.readouterr().err

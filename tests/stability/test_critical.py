@@ -98,6 +98,10 @@ def test_friction_or_steps_alone() -> None:
         ({"delay_ticks": 256}, "delay_ticks"),
         ({"delay_ticks": 0.5}, "delay_ticks"),
         ({"delay_ticks": math.nan}, "delay_ticks"),
+        ({"mass_kg": 1e-300}, "is a unit wrong"),
+        ({"damping_Ns_m": 1e300}, "is a unit wrong"),
+        ({"damping_Ns_m": 1e-300}, "is a unit wrong"),
+        ({"tick_s": 1e-300}, "is a unit wrong"),
     ],
 )
 def test_numbers_out_of_range(numbers: dict[str, float], name: str) -> None:

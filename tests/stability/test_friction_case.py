@@ -8,7 +8,6 @@ import pytest
 from hapscene.device.point import PointMass
 from hapscene.stability.friction_case import (
     STICK_NS_M,
-    Answer,
     dragged,
     draw_friction,
     loop_area,
@@ -27,13 +26,6 @@ def test_answers(cases) -> None:
     assert answers
     for answer in answers:
         assert answer.ok, answer
-
-
-def test_an_answer_is_judged() -> None:
-    assert Answer("a", "", 2.0, 2.1, 0.06).ok and not Answer("a", "", 2.0, 2.1, 0.04).ok
-    assert Answer("a", "", 0.0, 0.1, 0.2).ok and not Answer("a", "", 0.0, -0.3, 0.2).ok
-    assert Answer("a", "", 4.2, 1.0, 0.0, at_most=True).ok and not Answer("a", "", 4.2, 4.3, 0.0, at_most=True).ok
-    assert not Answer("a", "", 1.0, float("nan"), 0.5).ok
 
 
 def test_periods_of_stick_and_slip_are_alike() -> None:

@@ -81,3 +81,39 @@ def test_a_wrong_answer_is_not_ok() -> None:
     (row,) = run_case(json.loads(json.dumps(case)) | {"expected": 201.0})
     assert not row.ok
     assert row.found == pytest.approx(200.0667, rel=1e-5)
+
+
+CASE = {
+    "id": "W7-x",
+    "what": "speed",
+    "rel_tol": 0.1,
+    "expected": 0.1,
+    "setup": {"m": 0.1, "b": 0.05, "c": 0.1, "T": 5e-4, "K": 800.0},
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"id": 7},
+        {"id": "X1"},
+        {"what": None},
+        {"setup": [1]},
+        {"setup": {"m": 0.1}},
+        {"setup": CASE["setup"] | {"c": 0.0}},
+        {"setup": CASE["setup"] | {"m": "0.1"}},
+        {"setup": CASE["setup"] | {"T": -1.0}},
+        {"setup": CASE["setup"] | {"K": 1e300}},
+        {"expected": {"alpha": 1.0}},
+        {"rel_tol": True},
+        {"id": "W5-apex-d0", "setup": {"delay": 0}},
+        {"id": "W5-apex-d0", "setup": {}, "expected": {"alpha": 1.0, "beta": 1.0}},
+    ],
+)
+def test_a_case_that_is_none(change: dict[str, object], tmp_path: Path) -> None:
+    file = tmp_path / "cases.json"
+    file.write_text(json.dumps([CASE]))
+    assert len(read_cases(file)) == 1
+    file.write_text(json.dumps([CASE | change]))
+    with pytest.raises(HapsceneError, match=r"cases.json"):
+        read_cases(file)

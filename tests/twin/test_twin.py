@@ -99,7 +99,35 @@ def test_wrong_input_is_answered(plate: Scene) -> None:
         act("wave", plate, TICK_S)
     with pytest.raises(PathError, match="choose light, medium or firm"):
         act("tap", plate, TICK_S, "none")
-    with pytest.raises(HapsceneError, match="delay_ticks must be 0 to"):
+    with pytest.raises(HapsceneError, match="delay_ticks must be a whole number"):
         Twin(plate, MASS, delay_ticks=-1)
-    with pytest.raises(PathError, match="finite numbers"):
+    with pytest.raises(HapsceneError, match="must be a PointMass or an Omni"):
+        Twin(plate, "omni")  # type: ignore[arg-type]
+    with pytest.raises(PathError, match="must be finite"):
         Intent.along([[0.0, 0.0, np.nan]])
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Intent.along([]),
+        lambda: Intent.along(None),  # type: ignore[arg-type]
+        lambda: Intent.along(np.zeros((3, 4))),
+        lambda: Intent.along(np.zeros(5)),
+        lambda: Intent.along(np.zeros((3, 3)), np.zeros((2, 3))),
+        lambda: Intent.along(np.zeros((3, 3)), "light", (1e300, 0.0, 0.0)),
+        lambda: Intent.hold((0.0, 0.0, 0.0), 0),
+        lambda: Intent.hold((0.0, 0.0, 0.0), 1.5),  # type: ignore[arg-type]
+        lambda: Intent.hold((0.0, 0.0), 5),
+        lambda: Intent(1.0, 2.0, 3.0),  # type: ignore[arg-type]
+    ],
+)
+def test_an_intention_that_is_none(made: Callable[[], Intent]) -> None:
+    with pytest.raises(PathError):
+        made()
+
+
+def test_one_row_is_for_all_ticks() -> None:
+    intent = Intent.along(np.zeros((4, 3)), (1.0, 2.0, 0.0), (0.0, 0.0, -1.0))
+    assert intent.grip.tolist() == [[1.0, 2.0, 0.0]] * 4
+    assert intent.push_W_N.tolist() == [[0.0, 0.0, -1.0]] * 4

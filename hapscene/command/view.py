@@ -1,0 +1,103 @@
+"""`hapscene view`."""
+
+import argparse
+from pathlib import Path
+from typing import Any, Final
+
+from hapscene.command.word import add_command, name_made
+from hapscene.errors import ViewError
+
+SIDE_MAX: Final = 4096
+"""Longest side of a picture [pixels]: twice of it is what GL can draw everywhere."""
+
+FILM_OPTIONS: Final = ("frames", "seconds", "turn", "painting")
+
+
+def add_view(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "view",
+        _view,
+        "draw a scene, and a touch of it, as a picture or a film",
+        "hapscene view desk.scene.json --out desk.png",
+        "hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark",
+        "hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4",
+    )
+    command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a mesh file")
+    command.add_argument(
+        "--out", required=True, metavar="FILE", help="picture .png; film .gif, or .mp4 (extra `video`)"
+    )
+    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
+    command.add_argument("--touch", metavar="NPZ", help="a touch of it, touch.npz: path and forces; played in a film")
+    command.add_argument("--size", type=size, metavar="WxH", help="in pixels, with the legend (films: 800x600)")
+    shade = command.add_mutually_exclusive_group()
+    shade.add_argument("--light", action="store_true", help="on a light background (default)")
+    shade.add_argument("--dark", action="store_true", help="on a dark background")
+    film = command.add_argument_group("films")
+    film.add_argument("--frames", type=count, help="how many (default 12.5 a second as GIF, 25 as MP4)")
+    film.add_argument("--seconds", type=positive, help="how long (default: as the touch; without one 6)")
+    film.add_argument("--turn", type=float, metavar="DEGREES", help="how far the camera goes around (default 360)")
+    film.add_argument("--painting", action="store_true", default=None, help="begin plain; paint swatch by swatch first")
+
+
+def _view(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    from hapscene.recording import Recording
+    from hapscene.touch import open_scene, speak
+    from hapscene.touch_file import step
+    from hapscene.view.film import RATES_HZ, Film, write_film
+    from hapscene.view.palette import DARK, LIGHT
+    from hapscene.view.picture import write_picture
+
+    kind = Path(options.out).suffix.lower()
+    if kind not in (".png", *RATES_HZ):
+        raise ViewError(f"{options.out}: cannot tell what to draw; end its name with .png, .gif or .mp4")
+    given = {name: getattr(options, name) for name in FILM_OPTIONS if getattr(options, name) is not None}
+    if kind == ".png" and given:
+        raise ViewError(f"{options.out}: is a picture; --{next(iter(given))} is for films, .gif and .mp4")
+    speak(f"loading {options.scene}\n")
+    scene = open_scene(options.scene, options.unit, options.swatch)
+    recording = None if options.touch is None else Recording.load(options.touch)
+    theme = DARK if options.dark else LIGHT
+    with step(speak, f"drawing {options.out}"):
+        if kind == ".png":
+            write_picture(scene, recording, options.out, options.size, theme)
+        else:
+            film = Film(
+                size=options.size or Film.size,
+                seconds=options.seconds,
+                frame_count=options.frames,
+                turn_rad=float(np.radians(given.get("turn", 360.0))),
+                painting=bool(options.painting),
+                theme=theme,
+            )
+            write_film(scene, recording, options.out, film, speak)
+    name_made([Path(options.out)])
+    return 0
+
+
+def size(text: str) -> tuple[int, int]:
+    """A size in pixels, as 800x600."""
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"a size is given as 800x600, not {text!r}")
+    if not (160 <= int(width) <= SIDE_MAX and 160 <= int(height) <= SIDE_MAX):
+        raise argparse.ArgumentTypeError(f"a side has 160 to {SIDE_MAX} pixels")
+    return int(width), int(height)
+
+
+def count(text: str) -> int:
+    """A count of frames."""
+    if not text.isdecimal() or not 2 <= int(text) <= 10_000:
+        raise argparse.ArgumentTypeError("a film has 2 to 10000 frames")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """A number of seconds, above 0."""
+    value = float(text)
+    if not 0.0 < value <= 3600.0:
+        raise argparse.ArgumentTypeError("a film lasts more than 0 and at most 3600 s")
+    return value

@@ -1,0 +1,66 @@
+"""Where a picture is taken from: an orthographic camera that goes around the scene, and holds all of it."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+VIEW_FROM: Final = (0.35, -1.0, 0.75)
+"""Direction from the scene to the camera: from the front, above, a little from the right."""
+
+MARGIN: Final = 1.08
+"""How much wider than the scene the picture is [1]."""
+
+Extent = tuple[float, float, float]
+
+
+def looks(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
+    """Rotations R_SC (3, 3) of a camera that has gone around z by each of these angles."""
+    z = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM)
+    x = np.cross((0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    R = np.column_stack((x, np.cross(z, x), z))
+    return [_about_z(angle) @ R for angle in turns_rad]
+
+
+def seen_size(points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Width and height of what all these looks see of the points (k, 3) [m]."""
+    low_m, high_m = _seen(points_m, R_SC)
+    width_m, height_m, _ = np.maximum(high_m - low_m, 1e-9)
+    return float(width_m), float(height_m)
+
+
+def place(
+    points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]], size: tuple[int, int]
+) -> tuple[list[NDArray[np.float64]], Extent, float]:
+    """Cameras that just hold the points (k, 3) in a picture of `size` pixels.
+
+    Returns:
+        A pose X_SC for each look; half width, half height and range of their view [m]; the size of a pixel [m].
+    """
+    low_m, high_m = _seen(points_m, R_SC)
+    span_m = np.maximum(high_m - low_m, 1e-9)
+    pixel_m = MARGIN * float(max(span_m[0] / size[0], span_m[1] / size[1]))
+    far_m = 2.0 * float(span_m.max())
+    middle_m = (low_m + high_m) / 2
+    poses = []
+    for R in R_SC:
+        X_SC = np.eye(4)
+        X_SC[:3, :3] = R
+        X_SC[:3, 3] = R @ (middle_m + np.array([0.0, 0.0, far_m / 2]))
+        poses.append(X_SC)
+    return poses, (pixel_m * size[0] / 2, pixel_m * size[1] / 2, far_m), pixel_m
+
+
+def _seen(
+    points_m: NDArray[np.float64], R_SC: Sequence[NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest of the points in the cameras' axes (3,), over all looks."""
+    seen_m = [points_m @ R for R in R_SC]
+    return np.min([s.min(axis=0) for s in seen_m], axis=0), np.max([s.max(axis=0) for s in seen_m], axis=0)
+
+
+def _about_z(angle_rad: float) -> NDArray[np.float64]:
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

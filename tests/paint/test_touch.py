@@ -1,0 +1,156 @@
+"""The hand behind the page, with a servo that only takes notes."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.device.hand import GRIPS
+from hapscene.errors import HapsceneError
+from hapscene.paint.touch import HELD_DEVICES, HOVER_M, IDLE_S, Touch, aim_of
+from hapscene.scene.scene import Scene
+from hapscene.servo.servo import Felt, State
+
+UP = np.array([0.0, 0.0, 1.0])
+PLACE = np.array([0.01, 0.02, 0.03])
+
+
+class Notes:
+    """Stands in for a servo."""
+
+    tick_s = 0.001
+
+    def __init__(self, device: str = "omni", refuse: str | None = None) -> None:
+        self.device, self.refuse, self.alive, self.closed = device, refuse, True, False
+        self.orders: list[tuple[Any, ...]] = []
+
+    def __enter__(self) -> "Notes":
+        if self.refuse:
+            raise HapsceneError(self.refuse)
+        return self
+
+    def close(self) -> None:
+        self.closed = True
+
+    def start(self, p_W_m: Any, grip: str) -> None:
+        self.orders.append(("start", tuple(p_W_m)))
+
+    def aim(self, p_W_m: Any, grip: str) -> None:
+        self.orders.append(("aim", tuple(p_W_m)))
+
+    def rest(self) -> None:
+        self.orders.append(("rest",))
+
+    def tune(self, swatch: str, **numbers: float) -> None:
+        self.orders.append(("tune", swatch, numbers))
+
+    def repaint(self, scene: Scene) -> None:
+        self.orders.append(("repaint", scene))
+
+    def state(self) -> State:
+        zero = np.zeros(3)
+        return State(9, PLACE, PLACE, UP, zero, 0.0, 0.0, True, 0, 0, 0, 0)  # type: ignore[arg-type]
+
+    def read(self, since: int) -> Felt:
+        rows = np.zeros(3, [("f_W_N", "f8", (3,))])
+        rows["f_W_N"][:, 2] = 2.0
+        return Felt(since, rows, np.zeros((3, 10)), np.zeros((3, 10)))
+
+
+def run(act: Callable[[Touch, list[Notes], list[str]], Any], refuse: str | None = None) -> None:
+    """Do something with a hand, in an event loop."""
+    made: list[Notes] = []
+    said: list[str] = []
+
+    def make(scene: Scene, device: str, tick_s: float) -> Notes:
+        made.append(Notes(device, refuse))
+        return made[-1]
+
+    async def main() -> None:
+        touch = Touch(lambda text, kind: said.append(text), make)
+        await touch.open(Scene(), "omni", 0.001)
+        await act(touch, made, said)
+        touch.close()
+
+    asyncio.run(main())
+    assert all(notes.closed for notes in made)
+
+
+async def done(notes: Notes, count: int) -> None:
+    while len(notes.orders) < count:
+        await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
+@pytest.mark.parametrize("grip", ["light", "firm"])
+def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: str) -> None:
+    """At rest the grip's pull is the wall's push: k (depth − x) = K x = force."""
+    depth_m = float((PLACE - aim_of(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
+    k = GRIPS[grip].k_N_m
+    x_m = k * depth_m / (k + stiffness_N_m)
+    assert stiffness_N_m * x_m == pytest.approx(1.5)
+
+
+def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        assert touch.read(0.0) is None
+        assert touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        assert made[0].orders[0] == ("start", tuple(PLACE + HOVER_M * UP))
+        assert made[0].orders[1] == ("aim", tuple(aim_of(PLACE, UP, 1.0, 500.0, "medium")))
+        read = touch.read(0.0)
+        assert read is not None and read[1] == pytest.approx([2.0] * 3) and read[2].shape == (3, 10)
+        touch.move(PLACE + 0.001, UP, 1.0, 500.0)
+        touch.lift(5.0)
+        assert made[0].orders[-1] == ("aim", tuple(PLACE + HOVER_M * UP))
+        assert touch.read(5.0 + 0.9 * IDLE_S) is not None
+        touch.read(5.0 + 1.1 * IDLE_S)
+        await done(made[0], 5)
+        assert made[0].orders[-1] == ("rest",) and touch.read(99.0) is None
+
+    run(act)
+
+
+def test_numbers_that_wait_become_one_order() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        for value in range(50):
+            touch.tune("wood", {"stiffness_N_m": float(value)})
+        await done(made[0], 1)
+        await asyncio.sleep(0.05)
+        assert len(made[0].orders) <= 2
+        assert made[0].orders[-1] == ("tune", "wood", {"stiffness_N_m": 49.0})
+
+    run(act)
+
+
+def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        scene = Scene()
+        touch.repaint(scene)
+        orders = [touch.open(Scene(), device, 0.001) for device in HELD_DEVICES]
+        await asyncio.gather(*orders)
+        assert touch.status == "ready" and made[-1].device == HELD_DEVICES[-1]
+        assert all(notes.closed for notes in made[:-1])
+        await asyncio.sleep(0.05)
+        assert any(("repaint", scene) in notes.orders for notes in made)
+
+    run(act)
+
+
+def test_what_the_servo_refuses_is_said() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        assert touch.status == "failed" and "no arm" in said[0]
+        assert not touch.press(PLACE, UP, 1.0, 500.0)
+
+    run(act, refuse="no arm")
+
+
+def test_a_process_that_died_is_noticed_once() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        made[0].alive = False
+        assert not touch.press(PLACE, UP, 1.0, 500.0) and not touch.press(PLACE, UP, 1.0, 500.0)
+        assert touch.status == "failed" and len(said) == 1
+
+    run(act)

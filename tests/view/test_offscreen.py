@@ -1,0 +1,102 @@
+"""Frames without a screen."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import ViewError
+from hapscene.view import offscreen
+from hapscene.view.camera import looks, place
+from hapscene.view.drawing import Drawing, Frame
+from hapscene.view.offscreen import draw, platforms
+from hapscene.view.solid import lathe
+
+
+@pytest.fixture(scope="module")
+def drawing() -> Drawing:
+    """A green cone from three sides."""
+    cone = lathe([(0.05, 0.0), (0.0, 0.1)], "#009E73")
+    poses, extent_m, _ = place(cone.corner_m, looks([0.0, 1.0, 2.0]), (80, 60))
+    return Drawing([cone], [Frame(X_SC, [(0, np.eye(4))]) for X_SC in poses], extent_m, (80, 60), "#102030", 2)
+
+
+def test_frames_come_one_by_one_and_batches_make_no_difference(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offscreen, "BATCH", 2)
+    first, second, _ = drawing.frames
+    try:
+        whole = list(draw(replace(drawing, frames=[first, second, first])))
+    except ViewError as error:
+        pytest.skip(str(error))
+    assert len(whole) == 3 and whole[0].shape == (60, 80, 3)
+    assert whole[0][0, 0].tolist() == [0x10, 0x20, 0x30]
+    assert (whole[0][..., 1] > 100).mean() > 0.1
+    assert np.array_equal(whole[0], whole[2]) and not np.array_equal(whole[0], whole[1])  # of two processes
+
+
+def test_where_nothing_draws_one_line_names_the_packages(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offscreen, "PLATFORMS", {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"})
+    monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
+    with pytest.raises(ViewError) as caught:
+        list(draw(drawing))
+    assert "libosmesa6" in str(caught.value) and "libegl1 libgl1" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_driver_that_crashes_midway_is_told(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    def one_frame(platform: str, job: Drawing) -> Iterator[np.ndarray]:
+        yield np.zeros((60, 80, 3), np.uint8)
+        raise offscreen._Undrawn("ended with code -11")
+
+    monkeypatch.setattr(offscreen, "_draw_with", one_frame)
+    with pytest.raises(ViewError, match=r"midway: ended with code -11"):
+        list(draw(drawing))
+
+
+def test_frame_that_takes_too_long_is_given_up(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offscreen, "TIMEOUT_S", 0.05)
+    monkeypatch.setattr(offscreen, "platforms", lambda: ["osmesa"])
+    with pytest.raises(ViewError, match=r"took longer than 0\.05 s"):
+        list(draw(drawing))
+
+
+def test_platform_is_chosen_by_the_machine_and_by_wish(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)
+    monkeypatch.setattr(offscreen, "_has_gpu", lambda: False)
+    assert platforms() == ["osmesa", "egl"]
+    monkeypatch.setattr(offscreen, "_has_gpu", lambda: True)
+    assert platforms() == ["egl", "osmesa"]
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
+    assert platforms() == ["osmesa", "egl"]
+
+
+ALONE = """
+import ctypes, sys
+load = ctypes.CDLL.__init__
+def refuse(self, name, *rest, **more):
+    if name and any(lib in str(name) for lib in ("libGL.", "libGLX", "libEGL", "libX11")):
+        raise OSError(f"{name}: not installed")
+    load(self, name, *rest, **more)
+ctypes.CDLL.__init__ = refuse
+from hapscene.view.drawing import Drawing
+from hapscene.view.gl import render
+from pathlib import Path
+print(sum(frame.std() > 10 for frame in render(Drawing.load(Path(sys.argv[1])))), "pyglet" in sys.modules)
+"""
+
+
+def test_osmesa_needs_no_other_library(tmp_path: Path, drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
+    from ctypes.util import find_library
+
+    if find_library("OSMesa") is None:
+        pytest.skip("libosmesa6 is not installed")
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
+    drawing.save(tmp_path / "job.npz")
+    done = subprocess.run([sys.executable, "-c", ALONE, tmp_path / "job.npz"], capture_output=True, text=True)
+    assert done.stdout.split() == ["3", "False"], done.stderr[-500:]

@@ -1,0 +1,165 @@
+"""The window, on a screen that is none."""
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import ViewError
+from hapscene.recording import Recording
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.view.palette import FORCE, LIGHT, rgb
+from hapscene.view.stage import TOOL, make_stage
+from hapscene.view.window import Player, check_display, felt, play
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.06, 0.02)), "m"), name="plate", swatch="wood")
+    return scene
+
+
+@pytest.fixture(scope="module")
+def display() -> Iterator[str]:
+    """A display of an Xvfb of its own, with a number that was free."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("Xvfb (package xvfb) is not installed")
+    read, write = os.pipe()
+    # without -noreset it starts anew, deaf for a moment, whenever a screenshot was its only client
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1100x800x24", "-nolisten", "tcp", "-noreset"]
+    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+        os.close(write)
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        try:
+            if not number:
+                pytest.skip("Xvfb does not start here")
+            yield f":{number}"
+        finally:
+            server.terminate()
+
+
+def screenshot(display: str) -> np.ndarray:
+    from PIL import ImageGrab
+
+    return np.asarray(ImageGrab.grab(xdisplay=display).convert("RGB")).astype(int)
+
+
+def close_window(display: str) -> None:
+    """Ask the window to close, as a window manager does when its cross is clicked."""
+    from pyglet.libs.x11 import xlib
+
+    server = xlib.XOpenDisplay(display.encode())
+    root, parent = xlib.Window(), xlib.Window()
+    children, count = ctypes.POINTER(xlib.Window)(), ctypes.c_uint()
+    top = xlib.XDefaultRootWindow(server)
+    xlib.XQueryTree(server, top, ctypes.byref(root), ctypes.byref(parent), ctypes.byref(children), ctypes.byref(count))
+    for k in range(count.value):
+        event = xlib.XEvent()
+        event.xclient.type, event.xclient.window, event.xclient.format = 33, children[k], 32  # ClientMessage
+        event.xclient.message_type = xlib.XInternAtom(server, b"WM_PROTOCOLS", 0)
+        event.xclient.data.l[0] = xlib.XInternAtom(server, b"WM_DELETE_WINDOW", 0)
+        xlib.XSendEvent(server, children[k], 0, 0, ctypes.byref(event))
+    xlib.XSync(server, 0)
+    xlib.XCloseDisplay(server)
+
+
+PLAY = """
+import sys
+from hapscene.recording import Recording
+from hapscene.touch import open_scene
+from hapscene.view.window import play
+play(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "plate")
+print("ended")
+"""
+
+
+@pytest.mark.parametrize("end", ["close", "interrupt"])
+def test_window_shows_the_touch_and_ends_when_told(
+    tmp_path: Path, scene: Scene, recording: Recording, display: str, end: str
+) -> None:
+    from dataclasses import replace
+
+    trimesh.creation.box((0.1, 0.06, 0.02)).export(tmp_path / "plate.ply")
+    wood = Scene()
+    wood.add(tmp_path / "plate.ply", unit="m", swatch="wood")
+    wood.save(tmp_path / "plate.scene.json")
+    held = replace(recording, f_W_N=np.tile([0.0, 0.0, 1.0], (len(recording), 1)))  # the arrow is always there
+    held.save(tmp_path / "touch.npz")
+    command = [sys.executable, "-c", PLAY, str(tmp_path / "plate.scene.json"), str(tmp_path / "touch.npz")]
+    environment = os.environ | {"DISPLAY": display, "PYTHONUNBUFFERED": "1"}
+    force, background = rgb(FORCE) * 255, np.round(rgb(LIGHT.background) * 255)
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            until_s = time.monotonic() + PATIENCE_S
+            seen = False
+            while not seen and process.poll() is None and time.monotonic() < until_s:
+                pixels = screenshot(display)
+                green = np.abs(pixels[220:] - force).max(axis=2) < 60  # below the legend
+                orange = (pixels[..., 0] > 180) & (pixels[..., 2] < 60)
+                grey = (pixels == background).all(axis=2)
+                seen = green.sum() > 30 and orange.sum() > 5000 and grey.mean() > 0.3
+                time.sleep(0.05)  # only so as not to take the processor from what is waited for
+            assert seen, process.stderr.read() if process.poll() is not None and process.stderr else "nothing was shown"
+            if end == "close":
+                close_window(display)
+            else:
+                os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to all of the job
+            out, err = process.communicate(timeout=PATIENCE_S)
+            assert process.returncode == 0 and "ended" in out and "Traceback" not in err, err
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_without_a_display_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not sys.platform.startswith("linux"):
+        pytest.skip("only X11 has a DISPLAY")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(ViewError, match=r"DISPLAY is not set.*ssh -X.*leave --view out.*film\.gif"):
+        check_display()
+
+
+def test_display_that_is_not_there_is_told_in_one_line(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not sys.platform.startswith("linux"):
+        pytest.skip("only X11 has a DISPLAY")
+    monkeypatch.setenv("DISPLAY", ":4242")
+    with pytest.raises(ViewError, match="no window can be opened here") as caught:
+        play(scene, recording)
+    assert "\n" not in str(caught.value) and ("libgl1" in str(caught.value))
+
+
+def test_player_keeps_the_touch_s_own_time(scene: Scene, recording: Recording) -> None:
+    player = Player(make_stage(scene, recording, LIGHT, np.array([1999])), recording)
+    for t_s in (0.0, 0.9004, 1.7, 5.0):
+        shown, line = player.at(t_s)
+        tick = min(int(t_s * 1e3), 1999)
+        assert dict(shown)[TOOL][:3, 3] == pytest.approx(recording.p_WT_m[tick])
+        assert line.split()[0] == f"{recording.t_s[tick]:.2f}"
+    assert player.at(0.9)[1].endswith(f"0.50 N   {recording.swatch_names[recording.swatch[900]]}")
+    assert player.at(0.0)[1].endswith("in the air")
+
+
+def test_closed_loop_is_shown_as_it_truly_went(tmp_path: Path, recording: Recording) -> None:
+    p_W_m, f_motor_W_N = recording.p_WT_m + 1e-4, recording.f_W_N * 0.9
+    np.savez(tmp_path / "hand.npz", p_W_m=p_W_m, f_motor_W_N=f_motor_W_N)
+    true = felt(recording, tmp_path / "hand.npz")
+    assert np.array_equal(true.p_WT_m, p_W_m) and np.array_equal(true.f_W_N, f_motor_W_N)
+    assert np.array_equal(true.p_WP_m, recording.p_WP_m)
