@@ -8,7 +8,10 @@
 
 A map of the package: `tick.py` is one haptic tick, in order, read it first; `records.py` what passes between the
 rooms; `scene/` what is there; `contact/` where the tool touches; `surface/` how it feels; `capture/` from recordings
-to swatches; `device/` the limits of devices; `view/` pictures, plots, sound; `bench/` timings.
+to swatches; `device/` devices, simulated, and their limits; `handle/` the haptography handle; `twin/` hand, device and
+tick in a closed loop; `servo/` the same in a process of its own; `stability/` what holds and where it fails;
+`teleoperation/` leader and follower; `paint/` the painter; `view/` pictures, plots, sound; `exchange/` painted scenes
+for other programs; `bench/` timings.
 """
 
 from importlib import import_module

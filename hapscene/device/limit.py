@@ -45,7 +45,7 @@ class Limits:
         fold_mass_kg: for a device without an actuator in the handle, the mass by which the block's mean acceleration
             is folded into the force, along the normal; 0 for a device with one.
         own_damping_Ns_m: the device's own damping, by which a swatch's acceleration is folded in no further than
-            motors hold it (`hapscene.device.share`); infinite to fold in all of it.
+            motors hold it (`hapscene.surface.fold`); infinite to fold in all of it.
         stiffness_N_m: stiffest wall. A swatch over it is rendered at it.
         damping_Ns_m: most damping of a wall.
         undamped_N_m: stiffest wall without damping, and stiffest spring of any other kind, as friction's.

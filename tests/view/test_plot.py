@@ -10,7 +10,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from hapscene.recording import Recording
-from hapscene.view.plot import envelope, draw_plot, write_plot
+from hapscene.view.plot import draw_plot, envelope, write_plot
 
 
 def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
