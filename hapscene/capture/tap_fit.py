@@ -35,8 +35,8 @@ EXPLAINED_MIN: Final = 0.5
 """Least share of an impact's power that its sinusoid explains [1]; of less it is no measurement."""
 
 SPEED_RATIO: Final = 1.15
-"""Approach speeds up to this ratio are taken as one [1]: at 20 dB, taps at one speed were measured within ±4 %, slow ones
-(50 mm/s) within ±6 %. Smaller tears repeated taps apart, larger pools taps that differ."""
+"""Approach speeds up to this ratio are taken as one [1]: at 20 dB, taps at one speed were measured within ±4 %,
+slow ones (50 mm/s) within ±6 %. Smaller tears repeated taps apart, larger pools taps that differ."""
 
 SPEED_S: Final = (0.025, 0.006)
 """From when to when before the onset the approach speed is measured [s]; later the low-pass mixes in the contact."""

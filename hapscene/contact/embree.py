@@ -96,10 +96,14 @@ def new_ray() -> NDArray[np.float32]:
 
 def _let_backs_pass(arguments: Any) -> None:
     """Embree's filter (RTCFilterFunctionNArguments: valid, user, context, ray, hit): refuse a face met from behind."""
-    pointers = carray(arguments, 5)
-    ray, normal = carray(pointers[3], 7), carray(pointers[4], 3)
+    if INTERPRETED:  # ctypes' pointers are indexed as they are; numba's carray knows no pointers to pointers there
+        pointers, ray, normal = arguments, arguments[3], arguments[4]
+    else:
+        pointers = carray(arguments, 5)
+        ray, normal = carray(pointers[3], 7), carray(pointers[4], 3)
     if ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] >= 0.0:
-        carray(pointers[0], 1)[0] = 0.0  # the int 0 has the same bits
+        valid = pointers[0] if INTERPRETED else carray(pointers[0], 1)
+        valid[0] = 0.0  # the int 0 has the same bits
 
 
 @cache
