@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from importlib import resources
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
 
@@ -169,7 +170,7 @@ def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> Entry:
     """The index's entry of a swatch whose file holds `data`, with a file name that is not among `taken`."""
     stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_")[:80] or "swatch"
     stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
-    names = (stem + tail + SUFFIX for tail in ("", *(f"_{i}" for i in range(2, 100_000))))
+    names = (stem + tail + SUFFIX for tail in chain(("",), (f"_{i}" for i in count(2))))
     held = set(taken)
     file = next(name for name in names if name.casefold() not in held)
     digest = hashlib.sha256(data).hexdigest()
