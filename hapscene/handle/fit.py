@@ -48,8 +48,8 @@ ENOUGH: Final = 1.5
 EVALUATION_MAX: Final = 60
 """Most evaluations of a search [count]. Those that arrive take 10 to 30; a valley that takes more is not the one."""
 
-_FAR: Final = 25.0
-"""Largest logarithm that is tried [1]: from 1e-11 to 1e11, where a search that has lost its way stays finite."""
+_FAR: Final = 20.0
+"""Furthest logarithm that is looked at: 5e8 and 2e-9, inside what a `Plant` takes."""
 
 _FADED: Final = 1e-3
 """What the prior counts in the intervals [1]: just enough that a parameter of which nothing is known has one."""
