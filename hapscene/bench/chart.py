@@ -12,7 +12,7 @@ from hapscene.bench.peer import PEERS, TRIANGLES
 from hapscene.bench.projection import ANGLES_DEG, STEPS
 from hapscene.bench.sheet import Sheet
 from hapscene.output import whole_file
-from hapscene.view.palette import INK, OKABE_ITO
+from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,22 +31,7 @@ PEER_COUNT: Final = 20480
 ROUNDING_M: Final = 1e-18
 """Where an error of zero is drawn [m]: float64's rounding at the scale of a millimetre."""
 
-_STYLE: Final[dict[str, Any]] = {
-    "axes.edgecolor": INK,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 11.5,
-    "font.size": 10,
-    "grid.color": "#E2E2E2",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
+_STYLE: Final[dict[str, Any]] = {**CHART_STYLE, "axes.titlesize": 11.5}
 
 
 def write_charts(sheet: Sheet, folder: Path) -> list[Path]:

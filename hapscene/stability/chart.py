@@ -10,7 +10,7 @@ from hapscene.device.limit import Limits
 from hapscene.output import whole_file
 from hapscene.stability.random_limit import KINDS, RandomLimit
 from hapscene.stability.z_width import STIFFNESS_N_M, Point, Region
-from hapscene.view.palette import INK, OKABE_ITO
+from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,24 +27,6 @@ TOP_N_M: Final = 1.15e5
 LABEL_RATIO: Final = 1.42
 """Least ratio of the heights of two labels on a logarithmic axis [1]: closer ones would overlap."""
 
-_STYLE: Final[dict[str, Any]] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": INK,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 11,
-    "font.size": 10,
-    "grid.color": "#E2E2E2",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
-
 
 def draw_panels(
     path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
@@ -54,7 +36,7 @@ def draw_panels(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with rc_context(cast(Any, _STYLE)):
+    with rc_context(cast(Any, CHART_STYLE)):
         figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure, figure.subplots(rows, columns, squeeze=False))
