@@ -2,8 +2,9 @@
 
 A browser that draws without a graphics card is slow over some 60,000 triangles, and what is sent anew after a stroke
 should be small: so no more is shown than that, in chunks of some thousand, and only chunks whose swatches changed are
-made again. Painted is always the full mesh. A shown face wears the swatch that most of the area it stands for has: the
-picture depends on the painting alone, and undo brings it back.
+made again. Painted is always the full mesh. A shown face wears the swatch that most of the area it stands for has. Over
+it are drawn, raised by a hair, the faces of the full mesh for which that is wrong, and those along a border: so borders
+are seen as they are. The picture depends on the painting alone, and undo brings it back.
 """
 
 import math
@@ -26,7 +27,8 @@ LEAST: Final = 200
 """Least triangles shown of a body, where it has as many [count]: so that a small one beside a large stays itself."""
 
 CHUNK: Final = 3_000
-"""Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene."""
+"""Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
+many of the full mesh at most; where a painting is more chequered, the shown faces must do."""
 
 
 class ChunkKey(NamedTuple):
@@ -44,13 +46,15 @@ class Layer:
         swatch: index in the scene.
         vertices_m: (v, 3) float32 [m], those in use.
         faces: (f, 3) uint32.
-        shown: (f,) int64, which shown faces of the body these are.
+        shown: (s,) int64, which shown faces of the body the first of them are.
+        over: (f − s,) int64, which faces of the full mesh, raised, the others are.
     """
 
     swatch: int
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.uint32]
     shown: NDArray[np.int64]
+    over: NDArray[np.int64]
 
 
 class ShownBody:
@@ -65,7 +69,9 @@ class ShownBody:
 
     def __init__(self, shape: Shape, mesh: Reduced, face_swatch: NDArray[np.int16]) -> None:
         self.mesh = mesh
+        self._shape = shape
         self._face_swatch = face_swatch
+        self._drawn = face_swatch.copy()
         self._area_m2 = area_of(shape.corner_m)
         self._full = np.argsort(mesh.shown_of, kind="stable")
         count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
@@ -74,26 +80,52 @@ class ShownBody:
         self.chunk_count = int(self.chunk.max()) + 1
         self.swatch = np.zeros(len(mesh.faces), np.int16)
         self._wear(np.arange(len(mesh.faces)))
+        self._over = self._wrong()
 
     def update(self, faces: NDArray[np.integer]) -> NDArray[np.int64]:
         """Look again at faces (n,) of the full mesh; the chunks that became others."""
+        faces = faces[self._drawn[faces] != self._face_swatch[faces]]
+        self._drawn[faces] = self._face_swatch[faces]
         lent = self.mesh.lent
         borrowers = lent[np.isin(lent[:, 1], faces), 0]
         shown = np.unique(np.concatenate([self.mesh.shown_of[faces], borrowers]))
-        before = self.swatch[shown]
+        before, over = self.swatch[shown], self._over
         self._wear(shown)
-        return np.unique(self.chunk[shown[before != self.swatch[shown]]]).astype(np.int64)
+        self._over = self._wrong()
+        other = np.concatenate([np.flatnonzero(over != self._over), faces[self._over[faces]]])
+        changed = np.concatenate([shown[before != self.swatch[shown]], self.mesh.shown_of[other]])
+        return np.unique(self.chunk[changed]).astype(np.int64)
 
     def layers(self, chunk: int) -> list[Layer]:
         """The meshes that a chunk is drawn as, one for each swatch in it."""
         inside = np.flatnonzero(self.chunk == chunk)
+        over = np.flatnonzero(self._over)
+        over = over[self.chunk[self.mesh.shown_of[over]] == chunk]
+        over = over if len(over) <= CHUNK else over[:0]
         found = []
-        for swatch in np.unique(self.swatch[inside]):
-            shown = inside[self.swatch[inside] == swatch]
-            used, index = np.unique(self.mesh.faces[shown], return_inverse=True)
-            faces = index.reshape(-1, 3).astype(np.uint32)
-            found.append(Layer(int(swatch), self.mesh.vertices_m[used], faces, shown))
+        for swatch in np.unique(np.concatenate([self.swatch[inside], self._face_swatch[over]])):
+            shown, fine = inside[self.swatch[inside] == swatch], over[self._face_swatch[over] == swatch]
+            vertices_m, faces = _used(self.mesh.vertices_m, self.mesh.faces[shown])
+            if len(fine) and self.mesh.raised_m is not None:
+                raised_m, raised = _used(self.mesh.raised_m, self._shape.mesh.faces[fine])
+                faces = np.concatenate([faces, raised + len(vertices_m)])
+                vertices_m = np.concatenate([vertices_m, raised_m])
+            found.append(Layer(int(swatch), vertices_m, faces.astype(np.uint32), shown, fine))
         return found
+
+    def _wrong(self) -> NDArray[np.bool_]:
+        """Whether each face (M,) of the full mesh is drawn itself: at a border, or where what is shown is wrong."""
+        mesh, swatch, pairs = self.mesh, self._face_swatch, self._shape.pairs
+        if mesh.raised_m is None:
+            return np.zeros(len(swatch), np.bool_)
+        wrong: NDArray[np.bool_] = self.swatch[mesh.shown_of] != swatch
+        seen = np.where(mesh.under >= 0, self.swatch[mesh.under], -1)
+        for corner in self._shape.mesh.faces.T:
+            wrong |= (seen[corner] != swatch) & (seen[corner] >= 0)
+        one, other = pairs.T
+        beside = wrong[one] | wrong[other] | (swatch[one] != swatch[other])  # tips of shown faces lie between corners
+        wrong[one[beside]] = wrong[other[beside]] = True
+        return wrong
 
     def _wear(self, shown: NDArray[np.integer]) -> None:
         """Give shown faces (n,) the swatch of most of the area that they stand for; the lower number where equal."""
@@ -160,6 +192,12 @@ def shares(counts: list[int], most: int) -> list[int]:
     if total <= most:
         return counts
     return [min(n, max(math.floor(most * n / total), LEAST)) for n in counts]
+
+
+def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Of vertices those that faces (n, 3) use, and the faces in these."""
+    used, index = np.unique(faces, return_inverse=True)
+    return vertices_m[used], index.reshape(-1, 3)
 
 
 def _cut(centroid_m: NDArray[np.floating]) -> NDArray[np.int32]:

@@ -52,3 +52,18 @@ def middle(bodies: Sequence[Body], shapes: Sequence[Shape], body: int, face: int
     p_B = shape.centroid_m[face]
     p_W = X_WB[:3, :3] @ p_B + X_WB[:3, 3]
     return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
+
+
+def drape(body: Body, shape: Shape, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
+    """Places (n, 3) in the plane of a hit laid down on its body, along the hit's normal; as they are beside it.
+
+    Each goes to the first face under or over it, from `reach_m` above the plane to as much below.
+    """
+    R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
+    down_B = -hit.nhat_W @ R
+    laid = np.array(p_W_m)
+    for i, start_B_m in enumerate((p_W_m - p) @ R - reach_m * down_B):
+        found = shape.pick(start_B_m, down_B)
+        if found is not None and found[1] <= 2 * reach_m:
+            laid[i] = R @ found[2] + p
+    return laid

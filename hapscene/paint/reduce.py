@@ -1,4 +1,5 @@
-"""A mesh reduced to what a browser draws quickly, and which shown face stands for each of its faces."""
+"""A mesh reduced to what a browser draws quickly, which shown face stands for each of its faces, and how far the full
+one must be raised to be seen over it."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.contact.embree import Search, new_ray
 from hapscene.errors import ViewError
+from hapscene.paint.over import over
 from hapscene.paint.shape import Shape
 from hapscene.scene.topology import area_of, weld
 
@@ -15,6 +18,12 @@ NORMAL_EDGES: Final = 2.0
 """How far apart two faces of one place count when one looks to the side of the other, in edges of the shown mesh [1]:
 enough for the two sides of a wall thinner than an edge not to be taken for each other."""
 
+NEAR: Final = 0.02
+"""How far from the mesh what is shown of it is looked for, in its diagonals [1]: it is never reduced by as much."""
+
+RAISED: Final = 3e-4
+"""How far the full mesh is raised over the shown one, in its diagonals [1]: seen from afar, the picture's depth cannot
+tell less apart, and as much is a quarter of a pixel."""
 
 SLIVER_SINE: Final = 0.045
 """Sine of the angle, 2.6°, under which fast-simplification keeps a triangle as it is [1]: where half of what may be
@@ -39,28 +48,32 @@ class Reduced:
         faces: (S, 3) int32.
         shown_of: (M,) int32, the one shown face that stands for each face of the mesh.
         lent: (k, 2) int32, shown faces that stand for none, and the face of the mesh whose colour each wears.
+        under: (N,) int32, the shown face under or over each vertex of the mesh; −1 where there is none.
+        raised_m: (N, 3) float32, these vertices lifted off what is shown [m]; None where that is the mesh itself.
     """
 
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.int32]
     shown_of: NDArray[np.int32]
     lent: NDArray[np.int32]
+    under: NDArray[np.int32]
+    raised_m: NDArray[np.float32] | None
 
 
 def reduced(shape: Shape, count: int) -> Reduced:
     """A mesh with about `count` faces at most; itself, where it has no more.
 
     By quadric error metrics (Garland & Heckbert 1997, fast-simplification); by clusters of vertices (Rossignac & Borrel
-    1993), where slivers keep those from it. A face of the mesh is stood for by the shown face that is nearest by
-    centroid and normal.
+    1993), where slivers keep those from it. A face of the mesh is stood for by the shown face over or under its
+    centroid; where there is none, by the one nearest by centroid and normal.
 
     Raises:
         ViewError: the package that reduces is not there.
     """
     mesh = shape.mesh
     if len(mesh.faces) <= count:
-        every = np.arange(len(mesh.faces), dtype=np.int32)
-        return Reduced(mesh.vertices_m.astype(np.float32), mesh.faces, every, np.zeros((0, 2), np.int32))
+        every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
+        return Reduced(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
     used, index = np.unique(weld(mesh.vertices_m)[mesh.faces], return_inverse=True)
     vertices_m, faces = mesh.vertices_m[used], index.reshape(-1, 3).astype(np.int32)
     found = None
@@ -68,7 +81,7 @@ def reduced(shape: Shape, count: int) -> Reduced:
         found = _collapsed(vertices_m, faces, count)
     if found is None or len(found[1]) > EXCESS * count:
         found = _clustered(vertices_m, faces, shape.normal, count)
-    return Reduced(found[0].astype(np.float32), found[1], *_stand_for(shape, *found))
+    return Reduced(found[0].astype(np.float32), found[1], *_compared(shape, *found))
 
 
 def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Faces]:
@@ -86,9 +99,7 @@ def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Fa
 
 def _clustered(vertices_m: Places, faces: Faces, normal: NDArray[np.float64], count: int) -> tuple[Places, Faces]:
     """Vertices of one cell of a grid, looking the same way, become one in their middle; the finest such grid."""
-    around = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(normal[:, k], 3), len(vertices_m)) for k in range(3)], axis=1
-    )
+    around = _around(faces, normal, len(vertices_m))
     look = np.rint(around / np.maximum(np.abs(around).max(axis=1, keepdims=True), 1e-300)).astype(np.int64) + 1
     low_m, span_m = vertices_m.min(axis=0), float(np.ptp(vertices_m, axis=0).max())
     coarse, fine = 1.0, float(GRID_MAX)  # cells along the longest side
@@ -129,21 +140,60 @@ def _smallest_sine(corner_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.divide(2 * area_of(corner_m), product, out=np.zeros(len(side)), where=product > 0))
 
 
+def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """The sum (count, 3) of the normals (M, 3) of the faces at each vertex."""
+    corners = faces.ravel()
+    return np.stack([np.bincount(corners, np.repeat(normal[:, k], 3), count) for k in range(3)], axis=1)
+
+
+def _compared(
+    shape: Shape, vertices_m: Places, faces: Faces
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """`Reduced.shown_of`, `lent`, `under` and `raised_m` of a mesh and what is shown of it."""
+    mesh = shape.mesh
+    corner = vertices_m[faces]
+    normal = _unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    look = Search(vertices_m, faces, 0.0)
+    shown_of, over_face_m = _under(look, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
+    shown_of, lent = _stand_for(shape, corner, normal, shown_of)
+    place = weld(mesh.vertices_m)
+    up = _unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
+    under, above_m = _under(look, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
+    lift_m = np.maximum(above_m, 0.0)
+    for corners in place[mesh.faces].T:
+        np.maximum.at(lift_m, corners, over_face_m)
+    lift_m = lift_m[place] + RAISED * mesh.diagonal_m
+    return shown_of, lent, under, (mesh.vertices_m + lift_m[:, None] * up).astype(np.float32)
+
+
+def _under(
+    look: Search, shown_normal: NDArray[np.float64], points_m: Places, normals: NDArray[np.float64], far_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """The shown face (n,) over or under each point, −1 where there is none, and how high above it that is (n,) [m]."""
+    face, above_m = np.zeros(len(points_m), np.int32), np.zeros(len(points_m))
+    over(look.handle, new_ray(), points_m - look.center_m, normals, shown_normal, far_m, face, above_m)
+    return face, above_m
+
+
 def _stand_for(
-    shape: Shape, vertices_m: NDArray[np.float64], faces: NDArray[np.int32]
+    shape: Shape, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The shown face (M,) nearest to each face, by centroid and normal; and for those that are to none, `lent`."""
+    """The shown face (M,) for every face, those of −1 found by centroid and normal; and for those idle, `lent`."""
     from scipy.spatial import cKDTree
 
-    corner = vertices_m[faces]
-    edge = corner[:, 1] - corner[:, 0]
-    cross = np.cross(edge, corner[:, 2] - corner[:, 0])
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    normal = np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
-    scale_m = NORMAL_EDGES / 2 * float(np.median(np.linalg.norm(edge, axis=1)))  # normals that oppose are 2 apart
-    shown = np.hstack([corner.mean(axis=1), scale_m * normal])
+    edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
+    scale_m = NORMAL_EDGES / 2 * edge_m  # normals that oppose are 2 apart
+    shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])
     full = np.hstack([shape.centroid_m, scale_m * shape.normal])
-    shown_of = np.asarray(cKDTree(shown).query(full, workers=-1)[1], np.int32)
-    idle = np.flatnonzero(np.bincount(shown_of, minlength=len(faces)) == 0)
+    lost = np.flatnonzero(shown_of < 0)
+    if len(lost):
+        shown_of[lost] = cKDTree(shown).query(full[lost], workers=-1)[1]
+    idle = np.flatnonzero(np.bincount(shown_of, minlength=len(shown)) == 0)
     lender = cKDTree(full).query(shown[idle])[1] if len(idle) else idle
     return shown_of, np.stack([idle, lender], axis=1).astype(np.int32)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (n, 3) of length 1; zero stays zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))

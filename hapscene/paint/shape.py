@@ -31,6 +31,7 @@ class Shape:
         corner_m: (M, 3, 3) float64, corners of every face [m].
         centroid_m: (M, 3) of every face [m].
         normal: (M, 3) unit normals; zero where a face has no area.
+        pairs: (n, 2) int64, faces on both sides of every edge that has just two.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -50,7 +51,7 @@ class Shape:
         self._queue = np.zeros(len(mesh.faces), np.int32)
         self._painted = np.zeros(len(mesh.faces), np.int32)
         self._round = 0
-        self._pairs, self._bend_rad = self._edges(welded)
+        self.pairs, self._bend_rad = self._edges(welded)
         here = self.centroid_m[0]
         self.brush((0, 0), (here, here), mesh.diagonal_m * 1e-9)  # compiles the walk now, not in the first stroke
 
@@ -101,7 +102,7 @@ class Shape:
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
-        label = connected(self._pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
+        label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
 
     def _edges(self, welded: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -107,7 +107,7 @@ class Tools:
         ray = self._view.ray(pointer)
         drawn = self.name in ("brush", "eraser")
         hit = self._session.pick(*ray) if ray is not None and drawn else None
-        self._ring(hit)
+        self._view.show_ring(hit, self.radius_m)
 
     async def press(self, pointer: Pointer) -> None:
         """The button goes down."""
@@ -124,7 +124,7 @@ class Tools:
         if self.name in ("brush", "eraser"):
             self._session.begin_stroke(ERASE if self.name == "eraser" else self.ink(), self.radius_m)
             self._session.drag_to(*ray)
-            self._ring(hit)
+            self._view.show_ring(hit, self.radius_m)
         elif self.name == "fill":
             self._fill(hit)
         elif self.name == "pick":
@@ -140,7 +140,7 @@ class Tools:
         if ray is None or self._owner != pointer.client:
             return
         if self.name in ("brush", "eraser"):
-            self._ring(self._session.drag_to(*ray))
+            self._view.show_ring(self._session.drag_to(*ray), self.radius_m)
             return
         hit = self._session.pick(*ray)
         if hit is None:
@@ -203,11 +203,3 @@ class Tools:
         assert self._start is not None and self._last is not None
         radius = math.dist(self._start.p_W_m, self._last.p_W_m)
         return self._start.p_W_m, radius if radius > 1e-9 else self.radius_m
-
-    def _ring(self, hit: Hit | None) -> None:
-        colour = (0xF5, 0xF5, 0xF5)
-        index = self.swatch
-        if self.name == "brush" and index is not None:
-            albedo = self._session.scene.swatches[index].albedo_rgb
-            colour = tuple(round(255 * c) for c in albedo)  # type: ignore[assignment]
-        self._view.show_ring(hit, self.radius_m, colour)

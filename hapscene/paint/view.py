@@ -1,6 +1,5 @@
 """What is seen in the browser: the bodies in the colours of their swatches, brush, tool and force; the eye's rays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from hapscene.paint.change import Changes
 from hapscene.paint.display import ChunkKey, Display
-from hapscene.paint.pick import Hit
+from hapscene.paint.pick import Hit, drape
 from hapscene.paint.session import Session
 from hapscene.sight import bounds_of
 from hapscene.view.palette import OKABE_ITO
@@ -19,6 +18,9 @@ SHOWN: Final = 3.0
 
 RING_COUNT: Final = 64
 """Corners of the brush's ring [count]."""
+
+DASH: Final = 4
+"""Sides of the ring that are dark, and then bright [count]."""
 
 ARROW_N: Final = 2.0
 """Force that is shown as long as an eighth of the scene's diagonal [N]: a firm stroke is about as much."""
@@ -128,15 +130,18 @@ class View:
 
     # --- marks ---
 
-    def show_ring(self, hit: Hit | None, radius_m: float, colour: Sequence[int]) -> None:
-        """The brush's ring at a place; None hides it."""
+    def show_ring(self, hit: Hit | None, radius_m: float) -> None:
+        """The brush's ring around a place, laid on the surface; None hides it."""
         self._ring.visible = hit is not None
         if hit is None:
             return
-        self._ring.position = self.shown(hit.p_W_m) + 0.004 * hit.nhat_W
-        self._ring.wxyz = _turn_to(hit.nhat_W)
-        self._ring.scale = max(radius_m * self._scale, 1e-3)
-        self._ring.colors = np.array(colour, np.uint8)
+        side = np.cross(hit.nhat_W, np.eye(3)[np.argmin(np.abs(hit.nhat_W))])
+        side /= np.linalg.norm(side)
+        turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
+        way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
+        body, shape = self._session.scene.bodies[hit.body], self._session.shapes[hit.body]
+        laid = self.shown(drape(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)) + 0.004 * hit.nhat_W
+        self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
 
     def show_box(self, low_high_K_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
         """The edges of a box: its size (3,) [m] and pose; None hides it."""
@@ -193,10 +198,13 @@ class View:
 
     def _make_marks(self) -> None:
         scene, ink = self._server.scene, _rgb(OKABE_ITO["purple"])
-        turn = np.linspace(0.0, 2 * np.pi, RING_COUNT + 1)
-        ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+        dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # seen on every colour
         self._ring = scene.add_line_segments(
-            "/mark/ring", np.stack([ring[:-1], ring[1:]], axis=1), ink, thickness=2.5, thickness_units="screen"
+            "/mark/ring",
+            np.zeros((RING_COUNT, 2, 3), np.float32),
+            np.repeat(dashes, 6).reshape(-1, 2, 3),
+            thickness=2.5,
+            thickness_units="screen",
         )
         corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
         edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from trimesh.creation import icosphere
+from trimesh.triangles import closest_point
 
 import hapscene
+from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.display import CHUNK, LEAST, ChunkKey, Display, shares
 from hapscene.paint.reduce import reduced
@@ -79,29 +81,66 @@ def majority(session: Session, display: Display, b: int) -> list[int]:
     return found
 
 
+def drawn(display: Display, key: ChunkKey) -> list[tuple[int, bytes]]:
+    """What a chunk looks like, to be compared."""
+    return [(layer.swatch, layer.vertices_m[layer.faces].tobytes()) for layer in display.layers(key)]
+
+
+def stroke(session: Session, rng: np.random.Generator, swatch: int) -> None:
+    session.begin_stroke(swatch, 0.003)
+    for x, y in rng.uniform(-0.015, 0.015, (3, 2)):
+        session.drag_to([0.0, 0.0, 1.0], [x, y, -1.0])
+    session.end_stroke()
+
+
 def test_reduced_it_wears_the_larger_part_through_strokes_and_undo(session) -> None:
     display = Display(session, shown_max=2500)
     assert [len(shown.mesh.faces) for shown in display.bodies] == pytest.approx([1205, 1205, 192], abs=40)
-    fresh = [shown.swatch.copy() for shown in display.bodies]
+    fresh = {key: drawn(display, key) for key in display.chunks()}
     wood, paper = session.add_swatch("wood"), session.add_swatch("paper")
     rng = np.random.default_rng(0)
+    now = fresh
     for step in range(8):
-        before = [shown.swatch.copy() for shown in display.bodies]
-        session.begin_stroke((wood, paper)[step % 2], 0.003)
-        for x, y in rng.uniform(-0.015, 0.015, (3, 2)):
-            session.drag_to([0.0, 0.0, 1.0], [x, y, -1.0])
-        session.end_stroke()
+        before = now
+        stroke(session, rng, (wood, paper)[step % 2])
         told = set(display.update(session.changes()))
-        for b, shown in enumerate(display.bodies):
-            changed = np.unique(shown.chunk[shown.swatch != before[b]])
-            assert {ChunkKey(b, int(c)) for c in changed} == {key for key in told if key.body == b}
+        now = {key: drawn(display, key) for key in display.chunks()}
+        assert {key for key in now if now[key] != before[key]} == told
     for b in range(2):
         assert display.bodies[b].swatch.tolist() == majority(session, display, b)
     while session.undo() is not None:
         pass
     display.update(session.changes())
-    for shown, first in zip(display.bodies, fresh, strict=True):
-        np.testing.assert_array_equal(shown.swatch, first)
+    assert {key: drawn(display, key) for key in display.chunks()} == fresh
+
+
+def test_reduced_every_face_is_seen_in_its_own_swatch(session) -> None:
+    display = Display(session, shown_max=2500)
+    wood, paper = session.add_swatch("wood"), session.add_swatch("paper")
+    rng = np.random.default_rng(1)
+    for step in range(12):
+        stroke(session, rng, (wood, paper)[step % 2])
+    display.update(session.changes())
+    layers = [layer for c in range(display.bodies[0].chunk_count) for layer in display.layers(ChunkKey(0, c))]
+    corners = np.concatenate([layer.vertices_m[layer.faces] for layer in layers]).astype(float)
+    wears = np.repeat([layer.swatch for layer in layers], [len(layer.faces) for layer in layers])
+    assert 0 < sum(len(layer.over) for layer in layers) < len(BALL.faces) / 4
+    look = Search(corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3), 0.0)
+    ray, seen = new_ray(), []
+    for face, normal in zip(BALL.triangles_m.mean(axis=1), BALL.normals, strict=True):  # from 10 mm outside
+        start, down = tuple(face + 0.01 * normal - look.center_m), tuple(-normal)
+        seen.append(wears[first_face(look.handle, ray, start, down, 0.02, 0)])
+    np.testing.assert_array_equal(seen, session.scene.bodies[0].face_swatch)
+
+
+def test_a_chequered_chunk_is_not_drawn_twice(session) -> None:
+    scene = Scene()
+    scene.add(mesh_of(icosphere(subdivisions=5, radius=0.02)), name="ball", swatch="wood")
+    other = scene.swatch_index("paper")
+    scene.bodies[0].face_swatch[::2] = other
+    display = Display(Session(scene), shown_max=2500)
+    for key in display.chunks():
+        assert sum(len(layer.faces) for layer in display.layers(key)) <= 2 * CHUNK
 
 
 @pytest.mark.parametrize("thickness_m", [0.004, 0.0004])  # of the thin one the rim is slivers: see SLIVER_SINE
@@ -120,8 +159,13 @@ def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> No
     assert (alike[flat] > -0.1).all()  # no face of the front is shown by one of the back
     ball = reduced(Shape(BALL), 1000)
     assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
-    gap = np.linalg.norm(ball.vertices_m[ball.faces].mean(axis=1)[ball.shown_of] - Shape(BALL).centroid_m, axis=1)
-    assert gap.max() < 0.0025  # less than an edge of what is shown
+    middle = Shape(BALL).centroid_m
+    nearest = closest_point(ball.vertices_m[ball.faces][ball.shown_of].astype(float), middle)
+    gap = np.linalg.norm(nearest - middle, axis=1)
+    assert gap.max() < 0.0005  # what stands for a face is over or under it
+    assert ball.raised_m is not None
+    height = np.linalg.norm(ball.raised_m, axis=1) - 0.02
+    assert (height > 0).all() and height.max() < 0.0005  # above the facets, which lie inside the ball
 
 
 def test_without_the_package_a_large_mesh_says_what_to_install(monkeypatch) -> None:
