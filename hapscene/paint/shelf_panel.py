@@ -108,9 +108,13 @@ class ShelfPanel:
             said = [safe(str(error))]
         where = PLACES[card.place] + (" · <b>painting with it</b>" if chosen else "")
         return (
-            f'<div class="hs-swatch{chosen}"><span class="chip" style="background:{css(card.albedo_rgb)}"></span>'
+            f'<div class="hs-swatch{chosen}"><span class="chip" style="background:{self._colour(card)}"></span>'
             f"<div><b>{safe(card.name)}</b> <span class='dim'>{where}</span><br>{'<br>'.join(said)}</div></div>"
         )
+
+    def _colour(self, card: Card) -> str:
+        """As on the scene, where it is in it."""
+        return css(card.albedo_rgb) if card.index is None else self._parts.view.colours[card.index]
 
     def _card(self, name: Any) -> Card:
         for card in self._cards:
@@ -155,7 +159,7 @@ class ShelfPanel:
             self._put(self._table, f'<div class="hs-card">{safe(str(error))}</div>')
             return
         heads = "".join(
-            f'<th><span style="color:{css(card.albedo_rgb)}">■</span> {safe(card.name)}</th>' for card in (a, b)
+            f'<th><span style="color:{self._colour(card)}">■</span> {safe(card.name)}</th>' for card in (a, b)
         )
         self._put(self._table, f'<table class="hs-table"><tr><th></th>{heads}</tr>{"".join(rows)}</table>')
 

@@ -11,7 +11,7 @@ from hapscene.paint.display import ChunkKey, Display
 from hapscene.paint.pick import Hit, drape
 from hapscene.paint.session import Session
 from hapscene.sight import bounds_of
-from hapscene.view.palette import OKABE_ITO
+from hapscene.view.palette import OKABE_ITO, distinct_colours
 
 SHOWN: Final = 3.0
 """How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
@@ -48,6 +48,7 @@ class View:
 
     Attributes:
         diagonal_m: of the scene [m].
+        colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
     """
 
     def __init__(self, server: Any, session: Session) -> None:
@@ -59,6 +60,7 @@ class View:
         self.diagonal_m = float(np.linalg.norm(high - low))
         self._scale = SHOWN / self.diagonal_m
         self._display = Display(session)
+        self.colours = self._distinct()
         self._layers: dict[ChunkKey, dict[int, Any]] = {}
         self._extent = (high - low) * self._scale
         self._place_camera()
@@ -70,10 +72,12 @@ class View:
 
     def update(self, changes: Changes) -> None:
         """Show what changed: only chunks that look different are sent again."""
-        if changes.swatches:
+        if changes.swatches or changes.shelf:
+            before, self.colours = self.colours, self._distinct()
+            others = {i for i, pair in enumerate(zip(before, self.colours, strict=False)) if pair[0] != pair[1]}
             for layers in self._layers.values():
-                for swatch in set(changes.swatches) & set(layers):
-                    layers[swatch].color = self._colour(swatch)
+                for swatch in others & set(layers):
+                    layers[swatch].color = _rgb(self.colours[swatch])
         self._draw(self._display.update(changes))
 
     def _draw(self, keys: list[ChunkKey]) -> None:
@@ -86,7 +90,7 @@ class View:
                         f"/body/{key.body}/{key.chunk}/{layer.swatch}",
                         layer.vertices_m,
                         layer.faces,
-                        color=self._colour(layer.swatch),
+                        color=_rgb(self.colours[layer.swatch]),
                         flat_shading=True,
                         side="double" if body.two_sided else "front",
                         cast_shadow=False,
@@ -99,9 +103,9 @@ class View:
                     old[swatch].remove()
             self._layers[key] = new
 
-    def _colour(self, swatch: int) -> tuple[int, int, int]:
-        red, green, blue = self._session.scene.swatches[swatch].albedo_rgb
-        return round(255 * red), round(255 * green), round(255 * blue)
+    def _distinct(self) -> list[str]:
+        swatches = self._session.scene.swatches
+        return distinct_colours(swatches, range(len(swatches)))
 
     # --- between W and what is shown ---
 
