@@ -21,7 +21,7 @@
 | `compare`, `compare_*` | how different two surfaces feel, in what a person can tell |
 | `hatt`, `hatt_file`, `hatt_tap`, `hatt_batch`, `arma`, `xml_source` | files of the Penn Haptic Texture Toolkit |
 | `hjif` | MPEG haptics files |
-| `record`, `record_port`, `record_protocol`, `record_meter` | record from a probe on a serial port |
+| `record`, `record_meter` | record from a probe on a serial port (`hapscene.wire`) |
 | `record_file` | the crash-safe file of such a recording: `load_record` |
 | `record_simulator` | a probe without hardware |
 | `batch`, `batch_input`, `batch_manifest`, `batch_pool`, `batch_worker` | fit thousands of recordings: `fit_batch` |

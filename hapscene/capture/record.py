@@ -11,12 +11,9 @@ from typing import Final
 
 from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz
 from hapscene.capture.record_meter import Meter
-from hapscene.capture.record_port import Port
-from hapscene.capture.record_protocol import VERSION, Count, Decoder, Run
 from hapscene.errors import CaptureError
-
-BAUD: Final = 921_600
-"""Default speed of the port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
+from hapscene.wire.port import BAUD, Port
+from hapscene.wire.protocol import VERSION, Count, Decoder, Run
 
 SILENCE_S: Final = 5.0
 """How long a port may give no header [s]. Boards that restart when the port is opened take up to 2 s."""

@@ -27,9 +27,9 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.record_protocol import COLUMN_MAX, Column, Header, Run
 from hapscene.errors import CaptureError
 from hapscene.output import whole_file
+from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 SUFFIX: Final = ".hsrec"
 FIRST_LINE: Final = b"hapscene record 1\n"

@@ -8,7 +8,7 @@ from typing import Final, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.record_protocol import Column, Count
+from hapscene.wire.protocol import Column, Count
 
 TERMINAL_S: Final = 0.1
 """Time between two states of the line on a terminal [s]."""

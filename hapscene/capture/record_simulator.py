@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.record_protocol import Column, Header, header_line, sample_line
+from hapscene.wire.protocol import Column, Header, header_line, sample_line
 
 COLUMNS: Final = (
     Column("acceleration", "m/s2", 1e-3),

@@ -18,24 +18,9 @@ from hapscene.capture.axis import one_axis
 from hapscene.capture.channel import speed_of
 from hapscene.capture.recording_source import AXES, Source, read_source
 from hapscene.errors import CaptureError
+from hapscene.wire.unit import UNITS
 
 Array = NDArray[np.float64]
-
-_LENGTH: Final = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
-_FORCE: Final = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
-
-UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "acceleration": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "mm/s2": 1e-3},
-    "speed": {"m/s": 1.0, "mm/s": 1e-3},
-    "position": _LENGTH,
-    "force": _FORCE,
-    "tangential_force": _FORCE,
-    "friction": {"1": 1.0},
-    "depth": _LENGTH,
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
-}
-"""What one of each unit is in SI, for each quantity that a column may hold. "friction" is tangential over normal force,
-"depth" grows into the surface, "position" is along it; of it the speed is made."""
 
 VECTORS: Final = ("acceleration", "position", "tangential_force")
 """Quantities that may have up to three columns, joined by "+" or named with _x, _y, _z."""

@@ -11,11 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.record import BAUD
-from hapscene.capture.record_port import Port
-from hapscene.capture.record_protocol import WRAP, Column, Decoder, Run, sample_line, sealed
-from hapscene.capture.recording_file import UNITS
 from hapscene.errors import CaptureError, HandleError
+from hapscene.wire.port import BAUD, Port
+from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
+from hapscene.wire.unit import UNITS
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.record_protocol import WRAP, Column, Header, checksum, header_line, sample_line
 from hapscene.handle.plant import Plant
 from hapscene.handle.port import BUFFER, START
 from hapscene.handle.source import SimulatedSource, simulated_grips
+from hapscene.wire.protocol import WRAP, Column, Header, checksum, header_line, sample_line
 
 COLUMNS: Final = (Column("force", "N", 1e-4), Column("acceleration", "m/s2", 1e-3), Column("played", "1", 1.0))
 

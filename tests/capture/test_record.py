@@ -19,9 +19,9 @@ import pytest
 from hapscene.capture.record import Made, record
 from hapscene.capture.record_file import load_record
 from hapscene.capture.record_meter import Meter
-from hapscene.capture.record_protocol import Column, Count, Header, header_line, sample_line
 from hapscene.cli import main
 from hapscene.errors import CaptureError
+from hapscene.wire.protocol import Column, Count, Header, header_line, sample_line
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 

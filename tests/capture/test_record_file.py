@@ -10,10 +10,10 @@ from hapscene import __version__
 from hapscene.capture import load_surface_recording
 from hapscene.capture.batch_worker import Job, fit_job
 from hapscene.capture.record_file import RecordWriter, load_record
-from hapscene.capture.record_protocol import Column, Header, Run
 from hapscene.capture.record_simulator import COLUMNS, FRICTION, strokes
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import swatch_from_json
+from hapscene.wire.protocol import Column, Header, Run
 
 HEADER = Header(1000.0, (Column("acceleration", "g", 0.5), Column("force", "N", 1.0)))
 

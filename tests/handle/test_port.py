@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.capture.record_protocol import Column, Header, header_line, sample_line, sealed
 from hapscene.errors import HandleError
 from hapscene.handle import port as port_module
 from hapscene.handle.plant import Plant
 from hapscene.handle.port import BUFFER, START, PortSource
 from hapscene.handle.port_simulator import COLUMNS, Peer, serve
 from hapscene.handle.source import SimulatedSource, simulated_grips
+from hapscene.wire.protocol import Column, Header, header_line, sample_line, sealed
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.capture.record_protocol import (
+from hapscene.errors import CaptureError
+from hapscene.wire.protocol import (
     WRAP,
     Column,
     Decoder,
@@ -19,7 +20,6 @@ from hapscene.capture.record_protocol import (
     sample_line,
     sealed,
 )
-from hapscene.errors import CaptureError
 
 HEADER = Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01)))
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "probe-protocol.md"

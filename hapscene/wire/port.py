@@ -8,6 +8,9 @@ from typing import Any, Final
 
 from hapscene.errors import CaptureError
 
+BAUD: Final = 921_600
+"""Default speed of a port [bit/s]: the highest that all common USB bridges do; 5 kHz of one column fit through."""
+
 POLL_S: Final = 0.05
 """Longest wait for bytes [s]: half the period of the level meter."""
 
