@@ -64,13 +64,18 @@ class Card:
             return GREY
 
 
+def scene_cards(scene: Scene) -> list[Card]:
+    """Those of the scene's swatches."""
+    return [Card(entry_of(swatch, b""), "scene", index, swatch) for index, swatch in enumerate(scene.swatches)]
+
+
 def shelf(scene: Scene) -> list[Card]:
     """All cards. One of the scene hides those of its name in the library: it may be tuned.
 
     Raises:
         SwatchError: the index of the library is damaged.
     """
-    cards = [Card(entry_of(swatch, b""), "scene", index, swatch) for index, swatch in enumerate(scene.swatches)]
+    cards = scene_cards(scene)
     taken = {card.name for card in cards}
     home = library_folder()
     own = [entry for entry in own_entries() if entry.name not in taken]

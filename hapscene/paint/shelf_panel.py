@@ -11,7 +11,7 @@ import numpy as np
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.heard import PAUSE_S, stroked
 from hapscene.paint.parts import Parts, css, safe
-from hapscene.paint.shelf import Card, matching, shelf
+from hapscene.paint.shelf import Card, matching, scene_cards, shelf
 
 CARD_MAX: Final = 8
 """Most swatches that are shown at once [count]: what a screen holds; the search finds the others."""
@@ -60,11 +60,11 @@ class ShelfPanel:
         """Have the cards as the swatches are: `others` than before, or some of the scene's with new numbers."""
         scene = self._parts.session.scene
         if others:
-            self._cards = shelf(scene)
+            self._cards = self._all()
             self._offer_pair()
         elif swatches:  # what the library knows of them is the same: that takes long to tell
             new: dict[int | None, Any] = {index: scene.swatches[index] for index in swatches}
-            self._cards = [replace(card, source=new.get(card.index, card.source)) for card in self._cards]
+            self._cards = [replace(c, source=new[c.index]) if c.index in new else c for c in self._cards]
         looked_for = (self._parts.tools.chosen, self._search.value)
         if not (others or swatches) and looked_for == self._looked_for:
             return
@@ -79,6 +79,15 @@ class ShelfPanel:
         self._put(self._rest, f'<div class="hs-card dim">{_rest(left, len(found))}</div>' if left or not found else "")
         for card, (told, _) in zip(found[:CARD_MAX], self._rows, strict=True):
             self._put(told, self._tell(card))
+
+    def _all(self) -> list[Card]:
+        """All cards; without the library's, where that is damaged, which the user is told."""
+        scene = self._parts.session.scene
+        try:
+            return shelf(scene)
+        except SwatchError as error:
+            self._parts.live.say(str(error), "error")
+            return scene_cards(scene)
 
     def _match(self) -> list[Card]:
         try:

@@ -120,13 +120,14 @@ class Tools:
         if hit is None:
             self._say("Beside the surface: point at it, then hold Shift and press.")
             return
+        ink = self.ink() if self.name in ("brush", "fill", "box", "sphere") else ERASE
         self._owner, self._start, self._last = pointer.client, hit, hit
         if self.name in ("brush", "eraser"):
-            self._session.begin_stroke(ERASE if self.name == "eraser" else self.ink(), self.radius_m)
+            self._session.begin_stroke(ink, self.radius_m)
             self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
         elif self.name == "fill":
-            self._fill(hit)
+            self._fill(hit, ink)
         elif self.name == "pick":
             swatch = self._session.scene.swatches[self._session.swatch_at(hit)]
             self.take(swatch.name, swatch)
@@ -158,19 +159,26 @@ class Tools:
         """The button goes up; None where it was lost: what was begun ends, boxes and spheres without painting."""
         if pointer is not None and self._owner != pointer.client:
             return
-        if pointer is not None and self._start is not None:
-            count = None
-            if self.name == "box":
-                X_WK, size_m = self._box()
-                count = self._session.fill_box(X_WK, size_m, self.ink())
-            elif self.name == "sphere":
-                count = self._session.fill_sphere(*self._sphere(), self.ink())
-            if count is not None:
-                self._say(f"{count:,} faces painted.")
-        self.finish()
+        try:
+            if pointer is not None and self._start is not None:
+                await self.drag(pointer)  # where the button went up, it was last
+                self._fill_region()
+        finally:
+            self.finish()
 
-    def _fill(self, hit: Hit) -> None:
-        session, ink = self._session, self.ink()
+    def _fill_region(self) -> None:
+        """Paint what the box or the ball holds."""
+        if self.name == "box":
+            X_WK, size_m = self._box()
+            count = self._session.fill_box(X_WK, size_m, self.ink())
+        elif self.name == "sphere":
+            count = self._session.fill_sphere(*self._sphere(), self.ink())
+        else:
+            return
+        self._say(f"{count:,} faces painted.")
+
+    def _fill(self, hit: Hit, ink: int) -> None:
+        session = self._session
         if self.fill == "whole body":
             count = session.fill_body(hit.body, ink)
         elif self.fill == "material":
