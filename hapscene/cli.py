@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
@@ -21,22 +22,32 @@ from hapscene.command.teleoperate import add_teleoperate
 from hapscene.command.touch import add_demo, add_touch
 from hapscene.command.view import add_view
 from hapscene.errors import HapsceneError
+from hapscene.interrupt import interrupted_by_ends
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return the exit code: 0 done, 2 bad input (one line on stderr), 130 interrupted."""
+    """Run a command; return the exit code.
+
+    Returns:
+        0 done, 2 bad input (one line on stderr), 128 and the signal's number where one ended it: 130 for Ctrl-C.
+    """
     _speak_utf8()
     options = _parser().parse_args(arguments)
     warnings.showwarning = _show_warning
+    with interrupted_by_ends():
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         code: int = options.command(options)
         sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         if options.debug:
             raise
         print("hapscene: interrupted; nothing was written", file=sys.stderr)
-        return 130
+        return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left: say no more
         return 1

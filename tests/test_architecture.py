@@ -30,7 +30,7 @@ CORE = (
 )
 """What a loop with a real device needs."""
 
-INNER = ("gesture", "handle", "path", "servo", "sight", "twin")
+INNER = ("gesture", "handle", "interrupt", "path", "servo", "sight", "twin", "wire")
 """What the core does not need, and others build on."""
 
 OUTER = ("bench", "capture", "cli", "command", "exchange", "paint", "stability", "teleoperation", "touch", "view")
@@ -45,6 +45,7 @@ APART = {
     "device": ("surface", "scene", "tick", "renderer"),
     "handle": ("contact", "device", "scene", "tick", "renderer", "twin", "servo"),
     "twin": ("servo",),
+    "wire": ("contact", "device", "scene", "surface", "tick", "renderer", "handle", "twin", "servo"),
     "exchange": ("device", "tick", "renderer", "handle", "twin", "servo"),
 }
 """Rooms that know nothing of some that would not be forbidden to them otherwise."""
@@ -52,8 +53,6 @@ APART = {
 BETWEEN = {
     "bench/paint.py": {"paint"},  # what a designer waits for is measured as all else is
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
-    "handle/port.py": {"capture"},  # a handle on a port is a probe that takes force as well
-    "handle/port_simulator.py": {"capture"},
     "handle/bode.py": {"view"},  # plots beside what they show
     "handle/feel.py": {"view"},
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.fit_option import add_fit_options, fit_options
 from hapscene.command.recording_option import add_recording_options, recording_options
-from hapscene.command.word import add_command
+from hapscene.command.word import add_command, whole
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import Result
@@ -51,7 +51,9 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
         help="recordings from a list: a column recording (relative to the list), and where wanted name, rate, columns, "
         "units",
     )
-    command.add_argument("--jobs", type=_jobs, metavar="N", help="processes here (default: one per core)")
+    command.add_argument(
+        "--jobs", type=whole("a number of processes", 1), metavar="N", help="processes here (default: one per core)"
+    )
     command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
 
 
@@ -59,8 +61,8 @@ def run_batch(options: argparse.Namespace) -> int:
     """Fits a swatch to each recording, into the folder `options.out`; the exit code."""
     from hapscene.capture.batch import fit_batch
     from hapscene.capture.batch_input import gather, read_list
-    from hapscene.capture.interrupt import interrupt_noted
     from hapscene.errors import CaptureError
+    from hapscene.interrupt import interrupt_noted
 
     if options.jobs is not None and options.scheduler is not None:
         raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
@@ -151,10 +153,3 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
-
-
-def _jobs(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("a number of processes is 1 or more")
-    return value

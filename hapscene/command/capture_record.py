@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import add_command
+from hapscene.command.word import add_command, baud, seconds
 
 RATE_TOLERANCE = 0.02
 """How far the samples that come may be off the announced rate before it is told [1]."""
@@ -22,17 +22,17 @@ def add_record(commands: Any) -> None:
         "python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware",
     )
     command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
-    command.add_argument("--baud", type=_baud, default=921_600, help="speed of the port (default 921600)")
-    command.add_argument("--seconds", type=_seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
+    command.add_argument("--baud", type=baud, default=921_600, help="speed of the port (default 921600)")
+    command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
     command.add_argument(
         "-o", "--out", required=True, metavar="FILE", help="the file to write: .hsrec (crash-safe), or .npz at the end"
     )
 
 
 def _record(options: argparse.Namespace) -> int:
-    from hapscene.capture.interrupt import interrupt_noted
     from hapscene.capture.record import REACHED, STOPPED, record
     from hapscene.capture.record_file import SUFFIX
+    from hapscene.interrupt import interrupt_noted
 
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
@@ -61,17 +61,3 @@ def _say(line: str) -> None:
 
 def _note(line: str) -> None:
     print(f"hapscene: note: {line}", file=sys.stderr)
-
-
-def _baud(text: str) -> int:
-    value = int(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError("a speed is a whole number of bits a second, above 0")
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError("a duration is a number of seconds, above 0")
-    return value

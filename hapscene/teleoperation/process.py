@@ -4,12 +4,12 @@ import math
 import socket
 from typing import Any
 
-from hapscene.capture.interrupt import interrupt_noted
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle.loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.interrupt import interrupt_noted
 from hapscene.teleoperation.coupling import Coupling
 from hapscene.teleoperation.follower import new_follower
 from hapscene.teleoperation.leader import new_leader

@@ -1,0 +1,114 @@
+"""Signals that ask a process to end."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from hapscene.cli import main
+from hapscene.interrupt import ENDS, interrupt_noted, interrupted_by_ends
+
+pty = pytest.importorskip("pty", reason="no terminals of this kind here")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
+
+
+@pytest.mark.parametrize("kind", ENDS)
+def test_the_first_interrupts_and_those_after_it_do_not(kind: signal.Signals) -> None:
+    before = signal.getsignal(kind)
+    done = []
+    with pytest.raises(KeyboardInterrupt) as caught, interrupted_by_ends():
+        try:
+            os.kill(os.getpid(), kind)
+            signal.pause()
+        finally:
+            os.kill(os.getpid(), kind)
+            os.kill(os.getpid(), signal.SIGTERM)
+            done.append("put in order")
+    assert done and caught.value.args == (kind,) and signal.getsignal(kind) == before
+
+
+def test_what_is_ignored_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with interrupted_by_ends(), interrupt_noted() as noted:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN and not noted()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_another_thread_may_run_a_command() -> None:
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(main(["plugins"])))
+    thread.start()
+    thread.join()
+    assert codes == [0]
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
+def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -> None:
+    with interrupted_by_ends():
+        with interrupt_noted() as noted:
+            assert not noted()
+            os.kill(os.getpid(), kind)
+            assert noted()
+            for end in ENDS:
+                os.kill(os.getpid(), end)
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+def test_a_command_says_so_and_tells_by_its_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def end(*arguments: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("hapscene.scene.mesh.load_mesh", end)
+    assert main(["check", "any.ply"]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
+
+
+def test_a_terminal_that_is_gone_takes_no_work_along(tmp_path: Path) -> None:
+    """The process leads the session of a terminal that is closed, and speaks before it ends."""
+    script = tmp_path / "speaker.py"
+    script.write_text(
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from hapscene.interrupt import interrupted_by_ends\n"
+        "with interrupted_by_ends():\n"
+        "    try:\n"
+        "        print('ready', flush=True)\n"
+        "        time.sleep(60.0)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('is put in order', flush=True)\n"
+        f"        Path({str(tmp_path / 'order')!r}).touch()\n"
+    )
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execv(sys.executable, [sys.executable, str(script)])
+    said = b""
+    while b"ready" not in said:
+        said += os.read(terminal, 1000)
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    assert (tmp_path / "order").exists()
+
+
+def test_a_command_that_is_ended_leaves_no_unfinished_folder(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hapscene.cli", "demo", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        end_s = time.monotonic() + 60.0
+        while not list(tmp_path.iterdir()):  # the folder that becomes the one asked for, once all is in it
+            assert process.poll() is None and time.monotonic() < end_s
+            time.sleep(0.002)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60.0) == 128 + signal.SIGTERM
+        assert process.stderr.read() == "hapscene: interrupted; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
