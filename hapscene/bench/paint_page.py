@@ -1,140 +1,144 @@
-"""How long the painter's page takes from a click to the changed pixel, in a real browser.
+"""What the painter's page does in a real browser: from click to pixel, the servo beside it, from slider to sound.
 
 python -m hapscene.bench.paint_page
 """
 
-import platform
-import shutil
 import statistics
-import tempfile
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from typing import Any, Final
 
-from hapscene.errors import ViewError
+from hapscene.bench import paint_click, paint_delay
+from hapscene.bench.idle import IdleLoop
+from hapscene.bench.machine import describe_machine
+from hapscene.bench.markdown import shown, table
+from hapscene.bench.paint_browser import SIZE, ball_page, browser, open_tab, orbiting
+from hapscene.bench.paint_click import measure_click
+from hapscene.bench.paint_delay import Delay, measure_delay
+from hapscene.bench.paint_late import QUANTILES, Window, late_us, measure_orbit, measure_rest, measure_stroke
+from hapscene.bench.sheet import Sheet
+from hapscene.paint.page import Page
+from hapscene.servo.prompt import be_prompt
 
-SUBDIVISIONS: Final = (5, 7)
-"""Of the ball that is painted [count]: 20,480 and 327,680 triangles."""
+SMALL: Final = 5
+LARGE: Final = 7
+"""Subdivisions of the balls [count]: 20,480 and 327,680 triangles."""
 
 CLICK_COUNT: Final = 9
-
-SIZE: Final = {"width": 1280, "height": 800}
-
-CHANGE: Final = 40
-"""By how much a channel of the pixel must have changed [0 to 255]: more than light and rounding do."""
-
-ARGUMENTS: Final = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-)
-"""Chromium drawn by the processor."""
-
-WATCH: Final = """
-const get = HTMLCanvasElement.prototype.getContext;
-HTMLCanvasElement.prototype.getContext = function (kind, more) {
-  return get.call(this, kind, String(kind).startsWith("webgl") ? { ...more, preserveDrawingBuffer: true } : more);
-};
-addEventListener("pointerdown", () => { window.pressed_ms = performance.now(); }, true);
-window.watch_pixel = (x, y) => {
-  const seen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
-  const read = () => {
-    const canvas = document.querySelector("canvas[data-engine]"), box = canvas.getBoundingClientRect();
-    const scale = canvas.width / box.width;
-    seen.drawImage(canvas, (x - box.left) * scale, (y - box.top) * scale, 1, 1, 0, 0, 1, 1);
-    return seen.getImageData(0, 0, 1, 1).data;
-  };
-  const before = read();
-  window.pressed_ms = window.took_ms = null;
-  (function look() {
-    const now = read();
-    const change = Math.max(...[0, 1, 2].map((i) => Math.abs(now[i] - before[i])));
-    if (window.pressed_ms !== null && change > CHANGE) window.took_ms = performance.now() - window.pressed_ms;
-    else requestAnimationFrame(look);
-  })();
-};
-""".replace("CHANGE", str(CHANGE))
-"""Watches a pixel from frame to frame: what is drawn is kept, so that it can be read, which makes drawing slower."""
-
-
-class Reaction(NamedTuple):
-    """From click to changed pixel, of `CLICK_COUNT` clicks on a ball of so many triangles [ms]."""
-
-    triangle_count: int
-    median_ms: float
-    worst_ms: float
-
-
-def measure(subdivisions: int, click_count: int = CLICK_COUNT) -> Reaction:
-    """Click with the brush on a ball in a browser, without a graphics card.
-
-    Raises:
-        ViewError: Chromium, playwright or viser is missing.
-    """
-    from trimesh.creation import icosphere
-
-    from hapscene.paint.page import Page
-    from hapscene.paint.session import Session
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
-
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        raise ViewError("playwright is missing: pip install 'hapscene[dev]'") from None
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        raise ViewError("no browser to measure in: apt-get install chromium")
-    scene = Scene()
-    ball = Mesh.from_trimesh(icosphere(subdivisions=subdivisions, radius=0.03), "m")
-    scene.add(ball, name="ball", swatch="wood")
-    scene.swatch_index("epoxy")
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as runner:
-        session = Session(scene, Path(folder) / "ball.scene.json")
-        with Page(session, port=0, with_autosave=False) as page:
-            browser = runner.chromium.launch(executable_path=chromium, args=list(ARGUMENTS))
-            took_ms = _click(browser, page.url, click_count)
-            browser.close()
-    return Reaction(len(ball.faces), statistics.median(took_ms), max(took_ms))
-
-
-def _click(browser: Any, url: str, click_count: int) -> list[float]:
-    """Paint and undo, again and again; from the press to the pixel [ms]."""
-    tab = browser.new_page(viewport=SIZE)
-    tab.set_default_timeout(120_000.0)
-    tab.add_init_script(WATCH)
-    tab.goto(url)
-    tab.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.hand === 'ready'")
-    tab.wait_for_timeout(5000)  # until all of the mesh is drawn, and what the start left is done
-    box = tab.locator("canvas[data-engine]").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    took_ms = []
-    tab.keyboard.down("Shift")
-    tab.mouse.move(x, y)
-    for _ in range(click_count + 1):
-        tab.wait_for_timeout(500)
-        tab.evaluate(f"window.watch_pixel({x}, {y})")
-        tab.mouse.down()
-        tab.mouse.up()
-        tab.wait_for_function("window.took_ms !== null")
-        took_ms.append(float(tab.evaluate("window.took_ms")))
-        tab.evaluate("window.hapscene.send({ do: 'undo' })")
-        tab.wait_for_function("!window.hapscene.state.undo")
-    return took_ms[1:]  # the first has the browser compile its shaders
+WINDOW_COUNT: Final = 5
+WINDOW_S: Final = 3.0
+CHANGE_COUNT: Final = 8
 
 
 def main() -> None:
-    """Print a table."""
-    size = f"{SIZE['width']}×{SIZE['height']}"
-    print(f"from click to changed pixel, Chromium drawing on {platform.machine()}, {size}, {CLICK_COUNT} clicks")
-    for subdivisions in SUBDIVISIONS:
-        found = measure(subdivisions)
-        print(f"{found.triangle_count:9,} triangles: {found.median_ms:5.0f} ms, worst {found.worst_ms:5.0f} ms")
+    """Print tables; takes some minutes."""
+    print(machine_line(), flush=True)
+    clicks: dict[str, Sequence[float]] = {}
+    with browser() as chromium, IdleLoop() as idle:
+        with ball_page(SMALL) as page:
+            clicks[_size(page)] = _click(page, chromium)
+        with ball_page(LARGE) as page:
+            rest = [measure_rest(page, idle, WINDOW_S) for _ in range(WINDOW_COUNT)]
+            clicks[_size(page)] = _click(page, chromium)
+            print(click_table(clicks), flush=True)
+            print(late_table({"nothing is drawn": rest, **_draw(page, chromium, idle)}), flush=True)
+            print(delay_table(_change(page, chromium)), flush=True)
+
+
+def machine_line() -> str:
+    """What the figures are from."""
+    sheet = Sheet()
+    describe_machine(sheet)
+    with ThreadPoolExecutor(1) as lane:
+        priority = "real-time" if lane.submit(be_prompt).result() else "ordinary"
+    told = (f"{figure.name} {figure.value:g}" if isinstance(figure.value, float) else figure.value for figure in sheet)
+    return (
+        f"{', '.join(told)}; Chromium without a graphics card, {SIZE['width']}×{SIZE['height']}; {priority} priority\n"
+    )
+
+
+def click_table(took_ms: Mapping[str, Sequence[float]]) -> str:
+    """From click to changed pixel, by the size of what is painted."""
+    rows = [(size, f"{statistics.median(took):.0f}", f"{max(took):.0f}") for size, took in took_ms.items()]
+    return table(("from click to pixel", "median [ms]", "longest [ms]"), rows)
+
+
+def late_table(windows: Mapping[str, Sequence[Window]]) -> str:
+    """How late ticks began, medians over the windows of what is drawn."""
+    head = (
+        "while",
+        "frames [1/s]",
+        f"ticks begin late: {', '.join(QUANTILES)} [µs]",
+        "empty loop [µs]",
+        "ratio",
+        "left out",
+    )
+    rows = []
+    for name, some in windows.items():
+        pairs = [late_us(some, share) for share in QUANTILES.values()]
+        missed = sum(window.servo.missed for window in some), sum(window.idle.missed for window in some)
+        rows.append(
+            (
+                name,
+                f"{statistics.median(window.frames_s for window in some):.1f}",
+                " / ".join(shown(servo) for servo, _ in pairs),
+                " / ".join(shown(idle) for _, idle in pairs),
+                " / ".join(f"{servo / idle:.2f}" for servo, idle in pairs),
+                f"{missed[0]}, empty {missed[1]}",
+            )
+        )
+    return table(head, rows)
+
+
+def delay_table(delays: Mapping[str, Delay]) -> str:
+    """From the press on a slider to what is felt and heard."""
+    head = (
+        "from slider, while",
+        "felt [ms]",
+        "at the page [ms]",
+        "heard [ms]",
+        "heard, longest [ms]",
+        "gaps in the sound",
+    )
+    rows = []
+    for name, delay in delays.items():
+        medians = (f"{statistics.median(some):.0f}" for some in (delay.felt_ms, delay.arrived_ms, delay.heard_ms))
+        gaps = f"{delay.gap_count} in {delay.sound_s:.0f} s"
+        rows.append((name, *medians, f"{max(delay.heard_ms):.0f}", gaps))
+    return table(head, rows)
+
+
+def _click(page: Page, chromium: Any) -> list[float]:
+    tab = open_tab(chromium, page, paint_click.WATCH)
+    took_ms = measure_click(tab, CLICK_COUNT)
+    tab.close()
+    return took_ms
+
+
+def _draw(page: Page, chromium: Any, idle: IdleLoop) -> dict[str, list[Window]]:
+    tab = open_tab(chromium, page)
+    orbit, stroke = [], []
+    for _ in range(WINDOW_COUNT):
+        orbit.append(measure_orbit(page, idle, tab, WINDOW_S))
+        stroke.append(measure_stroke(page, idle, tab, WINDOW_S))
+    tab.close()
+    return {"the camera goes round": orbit, "a stroke is painted": stroke}
+
+
+def _change(page: Page, chromium: Any) -> dict[str, Delay]:
+    found = {}
+    drawing: dict[str, Callable[[], Any]] = {"the camera rests": nullcontext, "it goes round": lambda: orbiting(page)}
+    for name, drawn in drawing.items():
+        tab = open_tab(chromium, page, paint_delay.WATCH)
+        with drawn():
+            found[name] = measure_delay(page, tab, CHANGE_COUNT)
+        tab.close()
+    return found
+
+
+def _size(page: Page) -> str:
+    return f"{len(page.parts.session.scene.bodies[0].mesh.faces):,} triangles"
 
 
 if __name__ == "__main__":

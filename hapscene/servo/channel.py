@@ -12,12 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.records import ROW
+from hapscene.servo.lateness import BIN_COUNT
 from hapscene.twin.feel import FELT
-
-BIN_COUNT: Final = 24
-"""Bins of the histograms of lateness and of work: bin i counts 2^i to 2^(i+1) times 0.1 µs."""
-
-BIN_NS: Final = 100.0
 
 CHANNEL: Final = np.dtype(
     [
@@ -72,12 +68,3 @@ def open_channel(length: int, block: int, name: str | None = None) -> Channel:
             part.view(np.uint8)[:] = 0
     records = [part.view(np.recarray) for part in parts[:3]]
     return Channel(memory, *records, *(part.reshape(length, block) for part in parts[3:]))
-
-
-def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
-    """Upper edge of the bin in which that share of the counts is reached [µs]; 0 without any."""
-    total = int(histogram.sum())
-    if total == 0:
-        return 0.0
-    at = int(np.searchsorted(np.cumsum(histogram), share * total))
-    return float(BIN_NS * 2.0 ** (min(at, BIN_COUNT - 1) + 1) / 1e3)

@@ -12,14 +12,15 @@ from hapscene.clock import new_clock
 from hapscene.errors import HapsceneError
 from hapscene.servo.channel import Channel, open_channel
 from hapscene.servo.loop import serve
+from hapscene.servo.prompt import be_prompt
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
     from hapscene.twin import Twin
 
 
-def run(wire: Connection, name: str, length: int, made: Mapping[str, Any]) -> None:
-    """The process's main function: `made` are the arguments of `Twin`, `name` and `length` those of the channel.
+def run(wire: Connection, name: str, length: int) -> None:
+    """The process's main function: `name` and `length` are of the channel; the arguments of `Twin` come first.
 
     Ends when it is told to, or when the application is gone. Answers every message with (None, result) or (error text,
     None).
@@ -28,20 +29,20 @@ def run(wire: Connection, name: str, length: int, made: Mapping[str, Any]) -> No
 
     channel = desk = None
     try:
-        twin = Twin(**made)
+        twin = Twin(**_heard(wire))
         channel = open_channel(length, twin.renderer.block, name)
         desk = Desk(twin, channel)
         wire.send((None, None))
         while True:
-            order, arguments = wire.recv()
+            order, arguments = _heard(wire)
             if order == "stop":
                 break
             try:
                 wire.send((None, getattr(desk, order)(*arguments)))
             except HapsceneError as error:
                 wire.send((str(error), None))
-    except (EOFError, KeyboardInterrupt):
-        pass  # the application is gone, or is going: Ctrl-C reaches both
+    except (EOFError, ConnectionError, KeyboardInterrupt):
+        pass  # the application is gone; where signals cannot be held off, Ctrl-C reaches both
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:
@@ -53,6 +54,18 @@ def run(wire: Connection, name: str, length: int, made: Mapping[str, Any]) -> No
             del desk
         if channel is not None:
             channel.close(unlink=False)
+
+
+def _heard(wire: Connection) -> Any:
+    """What the application sends.
+
+    Raises:
+        EOFError: it is gone, maybe in the middle of a word.
+    """
+    try:
+        return wire.recv()
+    except OSError:
+        raise EOFError from None
 
 
 class Desk:
@@ -82,9 +95,9 @@ class Desk:
 
     def repaint(self, scene: "Scene") -> None:
         """Take over a scene's swatches and what is painted with them."""
-        surface = self._twin.renderer.prepare_surface(scene)
+        painting = self._twin.renderer.prepare_painting(scene)
         running = self.rest()
-        self._twin.renderer.take_surface(scene, surface)
+        self._twin.renderer.take_painting(painting)
         if running:
             self._go()
 
@@ -99,8 +112,12 @@ class Desk:
 
     def _go(self) -> None:
         self._channel.channel.pause = 0
-        self._loop = threading.Thread(target=serve, args=self._arguments(), daemon=True)
+        self._loop = threading.Thread(target=self._tick, daemon=True)
         self._loop.start()
+
+    def _tick(self) -> None:
+        be_prompt()
+        serve(*self._arguments())
 
     def _arguments(self) -> tuple[Any, ...]:
         renderer, c = self._twin.renderer, self._channel

@@ -2,7 +2,10 @@
 
 import math
 import multiprocessing
-from collections.abc import Sequence
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.reduction import ForkingPickler
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -14,7 +17,8 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
 from hapscene.records import Flag
-from hapscene.servo.channel import Channel, open_channel, percentile_us
+from hapscene.servo.channel import Channel, open_channel
+from hapscene.servo.lateness import Lateness
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -71,16 +75,6 @@ class Felt(NamedTuple):
     a_handle_m_s2: NDArray[np.float64]
 
 
-class Lateness(NamedTuple):
-    """How late ticks began and how long they took, upper bounds within a factor of two [µs]; ticks left out."""
-
-    late_median_us: float
-    late_p99_us: float
-    busy_median_us: float
-    busy_p99_us: float
-    missed: int
-
-
 class Servo:
     """The tick in real time, in a process of its own, with a simulated hand and device.
 
@@ -91,6 +85,7 @@ class Servo:
         made: more arguments of `Twin`: effects, seed, limits, handle, compensator, X_WD.
 
     Use it as a context: the process starts on entry and ends on exit, and with the application, however that ends.
+    Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's affair.
 
     Raises:
         HapsceneError: on entry, what `Twin` refuses; later, where the process has ended.
@@ -108,22 +103,33 @@ class Servo:
         self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
-        self._opened: Channel | None = open_channel(self._length, block)
+        with _shielded():  # it starts Python's resource tracker
+            self._opened: Channel | None = open_channel(self._length, block)
         self._process: Any = None
         self._wire: Any = None
+        self._shared = False  # both have the memory, and nobody else will
+        self._cancelled = False
 
     def __enter__(self) -> "Servo":
         from hapscene.servo.process import run
 
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         self._wire, theirs = context.Pipe()
-        arguments = (theirs, self._channel.memory.name, self._length, self._made)
+        arguments = (theirs, self._channel.memory.name, self._length)
         process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
         try:
-            process.start()
+            made = ForkingPickler.dumps(self._made)
+            with _shielded():
+                process.start()
             self._process = process
+            if self._cancelled:
+                process.kill()
+                raise HapsceneError("the start of the servo was cancelled")
             theirs.close()
+            self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
             self._answer(START_S)
+            self._channel.memory.unlink()  # from now on it goes with the two processes, even if both are killed
+            self._shared = True
         except BaseException:
             self.close()
             raise
@@ -133,6 +139,12 @@ class Servo:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def cancel(self) -> None:
+        """Have a start that is under way in another thread fail at once: it may take as long as `START_S`."""
+        self._cancelled = True
+        if self._process is not None:
+            self._process.kill()
 
     def close(self) -> None:
         """End the process, kindly if it listens, and give its memory back. Once is enough; twice does no harm."""
@@ -149,7 +161,7 @@ class Servo:
                 self._process.join()
         if self._wire is not None:
             self._wire.close()
-        self._opened.close(unlink=True)
+        self._opened.close(unlink=not self._shared)
         self._opened = None
 
     @property
@@ -239,26 +251,22 @@ class Servo:
         return Felt(first + over, *(part[over:] for part in taken))
 
     def lateness(self) -> Lateness:
-        """How well the loop keeps time, since the process started."""
+        """How well the loop has kept time since the process started."""
         channel = self._channel.channel[0]
-        late, busy = channel.late.copy(), channel.busy.copy()
-        return Lateness(
-            late_median_us=percentile_us(late, 0.5),
-            late_p99_us=percentile_us(late, 0.99),
-            busy_median_us=percentile_us(busy, 0.5),
-            busy_p99_us=percentile_us(busy, 0.99),
-            missed=int(channel.missed),
-        )
+        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
         """Send an order; return its result."""
         if self._opened is None or self._process is None:
             raise HapsceneError("this servo does not run; use it as a context: with Servo(…) as servo")
+        self._send(ForkingPickler.dumps((order, arguments)))
+        return self._answer(ANSWER_S)
+
+    def _send(self, pickled: Any) -> None:
         try:
-            self._wire.send((order, arguments))
+            self._wire.send_bytes(pickled)
         except (OSError, ValueError):
             raise HapsceneError(self._gone()) from None
-        return self._answer(ANSWER_S)
 
     def _answer(self, patience_s: float) -> Any:
         try:
@@ -275,3 +283,16 @@ class Servo:
     def _gone(self) -> str:
         self._process.join(1.0)
         return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+
+
+@contextmanager
+def _shielded() -> Iterator[None]:
+    """A process started within gets no SIGINT and SIGHUP, which a terminal sends to all processes of a job."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
