@@ -19,6 +19,10 @@ class SceneError(HapsceneError):
     """A scene that does not fit together: unknown names, a mesh that changed, a bad pose."""
 
 
+class SaveConflict(SceneError):
+    """Writing would lose somebody's work: ask the user, then write all the same, or elsewhere."""
+
+
 class SwatchError(HapsceneError):
     """A swatch that is missing, of a later version, or describes an unstable surface."""
 

@@ -36,7 +36,7 @@ def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
         with whole_file(path) as part:
             part.write_bytes(content)
     except OSError as reason:
-        raise error(f"{path}: cannot be written: {reason.strerror}") from None
+        raise error(f"{path}: cannot be written: {reason.strerror or reason}") from None
 
 
 @contextmanager

@@ -25,16 +25,19 @@ MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
 def open_scene(
     path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
 ) -> "Scene":
-    """A scene from its file, or around one mesh.
+    """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
     Args:
         path: a scene file (.scene.json), or a mesh file of any known format.
         unit: of the mesh, where its file carries none.
-        swatch: for the whole mesh: a name, or a .swatch file.
+        swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
         two_sided: whether the mesh's inner side is felt as well.
 
     Raises:
         HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
+
+    Warns:
+        ExchangeWarning: what the file of a painted scene does not keep.
     """
     if str(path).endswith(".scene.json"):
         from hapscene.scene.file import load_scene
@@ -43,10 +46,13 @@ def open_scene(
             if value:
                 raise SceneError(f"{path}: is a scene file, which says this itself; leave {option} out")
         return load_scene(path)
+    from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
-    scene = Scene()
-    scene.add(path, unit=unit, swatch=swatch, two_sided=two_sided)
+    scene = None if swatch or two_sided else painted_scene(path, unit)
+    if scene is None:
+        scene = Scene()
+        scene.add(path, unit=unit, swatch=swatch, two_sided=two_sided)
     return scene
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.word import add_command, name_made
-from hapscene.errors import SceneError
+from hapscene.errors import SaveConflict, SceneError
 
 
 def add_export(commands: Any) -> None:
@@ -17,10 +17,12 @@ def add_export(commands: Any) -> None:
         "hapscene export desk.scene.json --out desk.glb",
         "hapscene export desk.scene.json --out desk.gltf --haptics draft",
         "hapscene export desk.scene.json --out desk.x3d",
+        "hapscene export desk.scene.json --out desk.glb --replace",
     )
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
     command.add_argument("--out", required=True, metavar="FILE", help=".glb, .gltf, .ply, .x3d, .obj or .stl")
     command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
     command.add_argument(
         "--haptics",
         choices=["draft"],
@@ -38,7 +40,10 @@ def _export(options: argparse.Namespace) -> int:
             raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
         name = "gltf-haptics"
     scene: Scene = _open(options.scene, options.unit)
-    made = export_scene(scene, options.out, name)
+    try:
+        made = export_scene(scene, options.out, name, options.replace)
+    except SaveConflict as conflict:
+        raise SaveConflict(f"{conflict} (--replace)") from None
     name_made(made)
     name = name or Path(options.out).suffix.lower().lstrip(".")
     print("does not come back from this format: " + "; ".join(EXPORTS[name].loses))
@@ -70,6 +75,7 @@ def add_import(commands: Any) -> None:
     )
     command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
     command.add_argument("--out", required=True, metavar="SCENE", help="scene file to write: NAME.scene.json")
+    command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
     command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
 
 
@@ -77,6 +83,8 @@ def _import(options: argparse.Namespace) -> int:
     from hapscene.exchange import import_scene
 
     scene = import_scene(options.file, options.unit)
+    if Path(options.out).exists() and not options.replace:
+        raise SaveConflict(f"{options.out}: is there already; take another name, or replace it (--replace)")
     scene.save(options.out)
     name_made([Path(options.out)])
     faces = sum(len(body.mesh.faces) for body in scene.bodies)

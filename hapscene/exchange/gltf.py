@@ -51,6 +51,7 @@ def write_gltf(scene: Scene, path: Path, draft: bool = False) -> list[Path]:
     writer = _Writer(scene)
     for body in scene.bodies:
         writer.add_body(body)
+    writer.add_unworn()
     if draft:
         add_haptics(writer.tree, writer.swatch_of_mesh, scene.swatches, writer.add_view)
     blob = b"".join(writer.chunks)
@@ -123,6 +124,13 @@ class _Writer:
             material = {"name": swatch.name, "pbrMetallicRoughness": look, "doubleSided": two_sided, "extras": extras}
             self.materials[key] = self.add("materials", material)
         return self.materials[key]
+
+    def add_unworn(self) -> None:
+        """Materials of the swatches that no face wears. Number 0, plain, is in every scene."""
+        worn = {index for index, _ in self.materials}
+        for index, swatch in enumerate(self.scene.swatches):
+            if index > 0 and index not in worn:
+                self.add_material(index, swatch, two_sided=False)
 
     def add_positions(self, vertices_m: NDArray[np.float64]) -> int:
         rounded = vertices_m.astype("<f4")

@@ -28,6 +28,7 @@ from hapscene.scene.scene import SWATCH_MAX, Scene
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 
 _MARK: Final = "comment hapscene"
+_END: Final = "end_header"
 _HEADER_MAX_B: Final = 16_000_000  # room for 10,000 bodies and 32,767 swatches with long names
 _VERTEX_MAX: Final = 2**31 - 1  # a face names its vertices by int32
 
@@ -36,8 +37,11 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as one binary PLY.
 
     Raises:
-        SceneError: more vertices than PLY counts, or the file cannot be written.
+        SceneError: more vertices than PLY counts, a name that ends the header, or the file cannot be written.
     """
+    for what, named in (("body", scene.bodies), ("swatch", scene.swatches)):
+        for name in (one.name for one in named if _END in one.name):
+            raise SceneError(f"{path}: the {what} {name!r} would end a PLY file's header: rename it, or export to .glb")
     counts = [len(body.mesh.vertices_m) for body in scene.bodies]
     if sum(counts) > _VERTEX_MAX:
         raise SceneError(f"{path}: {sum(counts):,} vertices; a PLY file counts to {_VERTEX_MAX:,}")
@@ -57,7 +61,7 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
     lines += [_swatch_line(i, swatch) for i, swatch in enumerate(scene.swatches)]
     lines += [f"element vertex {len(vertices)}", *(f"property double {axis}" for axis in "xyz")]
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "property int body"]
-    lines += ["property short swatch", *(f"property uchar {c}" for c in ("red", "green", "blue")), "end_header", ""]
+    lines += ["property short swatch", *(f"property uchar {c}" for c in ("red", "green", "blue")), _END, ""]
     write_whole(path, "\n".join(lines).encode() + vertices.astype("<f8").tobytes() + faces.tobytes(), SceneError)
     return [path]
 
@@ -80,7 +84,7 @@ def read_ply(path: Path) -> Scene | None:
         MeshError, SwatchError: a mesh or a swatch in it is broken.
     """
     content = read_bounded(path)
-    header = content[: max(content.find(b"end_header", 0, _HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
+    header = content[: max(content.find(_END.encode(), 0, _HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
     lines = [line.rstrip("\r") for line in header.split("\n")]
     mark = next((line for line in lines if line.startswith(f"{_MARK} scene ")), None)
     if mark is None:
@@ -96,6 +100,7 @@ def read_ply(path: Path) -> Scene | None:
         if values.min() < 0 or values.max() >= count:
             raise SceneError(f"{path}: a face names a {what} that is not among the {count} in the header")
     scene = Scene()
+    index_of = [scene.swatch_index(swatch) for swatch in swatches]
     order = np.argsort(body_of, kind="stable")
     cut = np.searchsorted(body_of[order], np.arange(len(poses) + 1))
     for i, (numbers, name) in enumerate(poses):
@@ -109,7 +114,7 @@ def read_ply(path: Path) -> Scene | None:
             Mesh(p_B, corners.reshape(-1, 3).astype(np.int32)), name=name, pose=X_WB, two_sided=bool(numbers[0])
         )
         for index in np.unique(swatch_of[chosen]):
-            body.face_swatch[swatch_of[chosen] == index] = scene.swatch_index(swatches[index])
+            body.face_swatch[swatch_of[chosen] == index] = index_of[index]
     return scene
 
 

@@ -7,7 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from hapscene.errors import SceneError, no_such
+from hapscene.errors import SaveConflict, SceneError, no_such
+from hapscene.exchange.carried import lose
+from hapscene.exchange.mark import OWN, mark_of
+from hapscene.scene.beside import is_own
+from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
 
 
@@ -21,6 +25,7 @@ class Export:
         write: writes a scene to a file, whole or not at all; gives the files made.
         loses: what does not come back from it, in the words of the table of docs/exchange.md.
         draft: whether it follows a draft of a standard that may still change.
+        beside: suffixes of the files that are written beside.
     """
 
     suffix: str
@@ -28,6 +33,7 @@ class Export:
     write: Callable[[Scene, Path], list[Path]]
     loses: tuple[str, ...]
     draft: bool = False
+    beside: tuple[str, ...] = ()
 
 
 def _gltf(scene: Scene, path: Path) -> list[Path]:
@@ -73,7 +79,7 @@ _X3D_LOSES = ("order of faces", "texture of a swatch not in the library", _OF_TH
 _PLAIN_LOSES = (
     *("bodies and their names", "poses", "two-sided", "shared meshes", _OF_THE_FILE),
     *("painting with a swatch not in the library", "numbers of a swatch not in the library"),
-    "texture of a swatch not in the library",
+    *("texture of a swatch not in the library", "swatches that no face wears"),
 )
 _OBJ_LOSES = (*_PLAIN_LOSES, "order of faces")
 _STL_LOSES = (
@@ -94,22 +100,32 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
         ),
         "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", _ply, _PLY_LOSES),
         "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", _x3d, _X3D_LOSES),
-        "obj": Export(".obj", "OBJ with a material for each swatch, by name", _obj, _OBJ_LOSES),
+        "obj": Export(".obj", "OBJ with a material for each swatch, by name", _obj, _OBJ_LOSES, beside=(".mtl",)),
         "stl": Export(".stl", "STL: the shape alone", _stl, _STL_LOSES),
     }
 )
 """The formats by name, in the order to offer them."""
 
 
-def export_scene(scene: Scene, path: str | os.PathLike[str], name: str | None = None) -> list[Path]:
+def is_mesh_of(scene: Scene, path: Path) -> bool:
+    """Whether a file is one that a scene is made of, which no export may take the place of."""
+    meshes = {body.mesh.path for body in scene.bodies if body.mesh.path is not None and body.mesh.path.exists()}
+    return is_own(path) or (path.exists() and any(path.samefile(mesh) for mesh in meshes))
+
+
+def export_scene(
+    scene: Scene, path: str | os.PathLike[str], name: str | None = None, replace: bool = False
+) -> list[Path]:
     """Write a painted scene for other programs; the files made, each whole or not at all.
 
     Args:
         scene: with a body at least.
         path: the file; its suffix says the format.
         name: of the format, a key of `EXPORTS`, where the suffix leaves a choice: "gltf-haptics".
+        replace: take the place of files that are there; never of a mesh of the scene.
 
     Raises:
+        SaveConflict: a file is there already, and not to be replaced.
         SceneError: no body, an unknown format or suffix, or the file cannot be written.
     """
     path = Path(path)
@@ -128,7 +144,40 @@ def export_scene(scene: Scene, path: str | os.PathLike[str], name: str | None = 
         raise SceneError(f"{path}: the scene has no body, so there is nothing to write")
     if not path.parent.is_dir():
         raise SceneError(f"{path}: cannot be written: there is no folder {path.parent}")
+    for file in (path, *(path.with_suffix(suffix) for suffix in EXPORTS[name].beside)):
+        if is_mesh_of(scene, file):
+            raise SceneError(f"{file}: is a mesh that a scene is made of, so it stays; take another name")
+        if file.exists() and not replace:
+            raise SaveConflict(f"{file}: is there already; take another name, or replace it")
     return EXPORTS[name].write(scene, path)
+
+
+def painted_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene | None:
+    """The scene of a file that says how its surfaces feel; None of any other mesh file.
+
+    Args:
+        path: of a scene as `export_scene` writes it, or a glTF file with a draft of the haptic extension, of which the
+            names of its materials alone are taken.
+        unit: of the latter's numbers. Files of ours are in metres.
+
+    Raises:
+        SceneError, MeshError, SwatchError: as `import_scene`; or another unit than that of a file of ours.
+
+    Warns:
+        ExchangeWarning: what the file does not keep of a scene.
+    """
+    path = Path(path)
+    mark = mark_of(path)
+    if mark is None:
+        return None
+    if mark != OWN:
+        lose(f"{path}: its {mark}, a draft, is not read: faces are painted by the names of their materials alone")
+        return import_scene(path, unit)
+    if unit is not None and unit_name(unit) != "m":
+        raise SceneError(f"{path}: holds a painted scene, in metres; leave the unit {unit} out")
+    loses = next(export.loses for export in EXPORTS.values() if export.suffix == path.suffix.lower())
+    lose(f"{path}: holds a painted scene, without what its format does not keep: {', '.join(loses)}")
+    return import_scene(path)
 
 
 def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene:

@@ -3,6 +3,7 @@
     Transform W (turns z up into X3D's y up)
       Transform (pose) per body: MetadataSet "hapscene body"
         Shape per swatch: Appearance (Material, FrictionalSurface), IndexedTriangleSet over the body's one Coordinate
+      Shape per swatch that no face wears: Appearance, no geometry
 
 `FrictionalSurface` and `SmoothSurface` (no friction) are H3D's own nodes, not part of X3D: other players skip or
 refuse them. With useRelativeValues="false" H3D takes SI units: stiffness in N/m, damping in N s/m. (Its own default
@@ -59,6 +60,9 @@ def write_x3d(scene: Scene, path: Path) -> list[Path]:
     seen: dict[Any, str] = {}
     for body in scene.bodies:
         _add_body(world, scene, body, seen)
+    for index in range(1, len(scene.swatches)):  # those that no face wears; number 0, plain, is in every scene
+        if ("swatch", index) not in seen:
+            _add_appearance(etree.SubElement(world, "Shape"), scene, index, seen)
     write_whole(path, etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True), SceneError)
     return [path]
 

@@ -46,12 +46,16 @@ def read_x3d(path: Path) -> Scene:
     reader = _Reader(path, root)
     world = reader.defined.get(WORLD)
     scene = Scene()
-    for place in [] if world is None else world.iterchildren("Transform"):
+    if world is None:
+        raise SceneError(f"{path}: no body in it: expected a Transform of DEF {WORLD!r} around all")
+    for place in world.iterchildren("Transform"):
         if len(scene.bodies) == BODY_MAX:
             raise SceneError(f"{path}: more than {BODY_MAX:,} bodies")
         reader.add_body(scene, place)
     if not scene.bodies:
         raise SceneError(f"{path}: no body in it: expected a Transform for each within that of DEF {WORLD!r}")
+    for shape in world.iterchildren("Shape"):  # of a swatch that no face wears
+        scene.swatch_index(reader.swatch(reader.child(shape, "Appearance")))
     return scene
 
 

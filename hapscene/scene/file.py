@@ -11,8 +11,8 @@
 `paint` is a list of runs [swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush,
 it is a packed text (`hapscene.scene.painting`), and the version is 2, which older readers refuse. Paths are relative to
 the file, with "/". A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the
-scene got from memory is written beside the file: meshes as NAME.BODY.ply (float64, so they come back to the bit),
-swatches as NAME.SWATCH.swatch.
+scene got from memory is written beside the file, before it: meshes as NAME.BODY.HASH.ply (float64, so they come back to
+the bit), swatches as NAME.SWATCH.HASH.swatch (`hapscene.scene.beside`).
 """
 
 import json
@@ -26,13 +26,14 @@ import numpy as np
 
 from hapscene.errors import SceneError
 from hapscene.output import write_whole
+from hapscene.scene.beside import SCENE_SUFFIX, Beside, beside
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
 from hapscene.scene.painting import read, written
-from hapscene.scene.ply import write_mesh
+from hapscene.scene.ply import mesh_to_ply
 from hapscene.scene.scene import Scene
 
-SUFFIX: Final = ".scene.json"
+SUFFIX: Final = SCENE_SUFFIX
 FORMAT: Final = "hapscene scene"
 VERSION: Final = 2
 """Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings. A file
@@ -47,18 +48,34 @@ BODY_MAX: Final = 10_000
 
 def save_scene(scene: Scene, path: Path) -> None:
     """What `Scene.save` does."""
+    check_place(path)
+    if len(scene.bodies) > BODY_MAX:
+        raise SceneError(f"{path}: {len(scene.bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
+    with beside(path) as files:
+        write_whole(path, _layout(_content(scene, files)).encode(), SceneError)
+
+
+def check_place(path: Path) -> None:
+    """Refuse a path that no scene can be saved to.
+
+    Raises:
+        SceneError: it has another suffix, or is in no folder.
+    """
     if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
         raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
     if not path.parent.is_dir():
         raise SceneError(f"{path}: cannot be written: there is no folder {path.parent}")
-    beside = _Beside(scene, path)
+
+
+def _content(scene: Scene, files: Beside) -> dict[str, Any]:
+    """What the file says; what the scene got from memory is written beside it."""
     index: dict[int, int] = {}
     meshes: list[dict[str, Any]] = []
     bodies: list[dict[str, Any]] = []
     for body in scene.bodies:
         if id(body.mesh) not in index:
             index[id(body.mesh)] = len(meshes)
-            meshes.append(_write_mesh(body, beside))
+            meshes.append(_write_mesh(body, files))
         bodies.append(
             {
                 "name": body.name,
@@ -68,16 +85,13 @@ def save_scene(scene: Scene, path: Path) -> None:
                 "paint": written(body.face_swatch),
             }
         )
-    if len(bodies) > BODY_MAX:
-        raise SceneError(f"{path}: {len(bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
-    content = {
+    return {
         "format": FORMAT,
         "version": 2 if any(isinstance(body["paint"], str) for body in bodies) else 1,
-        "swatches": [_write_swatch(scene, i, beside) for i in range(len(scene.swatches))],
+        "swatches": [_write_swatch(scene, i, files) for i in range(len(scene.swatches))],
         "meshes": meshes,
         "bodies": bodies,
     }
-    write_whole(path, _layout(content).encode(), SceneError)
 
 
 def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
@@ -213,47 +227,24 @@ def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[i
     body.face_swatch[:] = np.array(swatches, np.int16)[painting]
 
 
-class _Beside:
-    """Names for the files that are written beside a scene's, none of them one that the scene is made of."""
-
-    def __init__(self, scene: Scene, path: Path) -> None:
-        self.path = path
-        self.taken = {body.mesh.path.resolve() for body in scene.bodies if body.mesh.path}
-        self.taken |= {source for source in scene.swatch_source if isinstance(source, Path)}
-
-    def name(self, what: str, suffix: str) -> Path:
-        plain = re.sub(r"[^\w.-]+", "_", what)
-        stem = f"{self.path.name.removesuffix(SUFFIX)}.{plain}"
-        names = (stem, *(f"{stem}_{i}" for i in range(2, len(self.taken) + 3)))
-        file = next(f for n in names if (f := self.path.with_name(n + suffix).resolve()) not in self.taken)
-        self.taken.add(file)
-        return file
-
-    def relative(self, file: Path) -> str:
-        try:
-            return Path(os.path.relpath(file.resolve(), self.path.parent.resolve())).as_posix()
-        except ValueError:  # another drive, on Windows
-            return file.resolve().as_posix()
+def _write_mesh(body: Body, files: Beside) -> dict[str, Any]:
+    mesh, unit = body.mesh, body.mesh.unit
+    name = files.name(mesh.path)
+    if name is None:
+        name, unit = files.put(body.name, ".ply", mesh_to_ply(mesh)), "m"
+    return {"path": name, "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
 
 
-def _write_mesh(body: Body, beside: _Beside) -> dict[str, Any]:
-    mesh, file, unit = body.mesh, body.mesh.path, body.mesh.unit
-    if file is None:
-        file, unit = beside.name(body.name, ".ply"), "m"
-        write_mesh(mesh, file)
-    return {"path": beside.relative(file), "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
-
-
-def _write_swatch(scene: Scene, index: int, beside: _Beside) -> str:
-    source = scene.swatch_source[index]
+def _write_swatch(scene: Scene, index: int, files: Beside) -> str:
+    source, swatch = scene.swatch_source[index], scene.swatches[index]
     if isinstance(source, str):
         return source
-    if source is None:
-        from hapscene.surface.swatch_file import save_swatch
+    name = files.name(source)
+    if name is None:
+        from hapscene.surface.swatch_file import swatch_to_bytes
 
-        source = beside.name(scene.swatches[index].name, ".swatch")
-        save_swatch(scene.swatches[index], source)
-    return beside.relative(source)
+        name = files.put(swatch.name, ".swatch", swatch_to_bytes(swatch))
+    return name
 
 
 def _layout(content: dict[str, Any]) -> str:

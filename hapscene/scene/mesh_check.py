@@ -1,11 +1,11 @@
 """A first look at a mesh file's bytes, since trimesh takes some damaged files for smaller ones."""
 
 import io
-import json
 import zipfile
 from typing import Final
 
 from hapscene.errors import MeshError
+from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.ply import declared
 
 FILE_MAX_B: Final = 4_000_000_000
@@ -13,7 +13,10 @@ FILE_MAX_B: Final = 4_000_000_000
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
-    """Refuse a file that is not of its suffix, or is truncated; how many faces it promises, 0 where it does not say.
+    """Refuse a file that is not of its suffix, is truncated, or says that it holds more than it can.
+
+    Returns:
+        how many faces it promises; 0 where it does not say.
 
     Raises:
         MeshError: with what was expected.
@@ -24,8 +27,8 @@ def check(suffix: str, content: bytes, where: str) -> int:
         return _off(content, where)
     if suffix == "stl":
         _stl(content, where)
-    elif suffix == "gltf":
-        _gltf(content, where)
+    elif suffix in ("gltf", "glb"):
+        check_gltf(content, suffix == "glb", where, FILE_MAX_B)
     elif suffix == "3mf":
         open_archive(content, where)
     elif suffix in ("step", "stp"):
@@ -90,15 +93,6 @@ def _stl(content: bytes, where: str) -> None:
             f"{where}: not a readable STL file, or truncated: it is neither text that begins with 'solid', "
             f"nor as long as the {count:,} faces of its binary header need"
         )
-
-
-def _gltf(content: bytes, where: str) -> None:
-    try:
-        root = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise MeshError(f"{where}: not a readable GLTF file, or truncated: {error}") from None
-    if not isinstance(root, dict) or "asset" not in root:
-        raise MeshError(f"{where}: not a readable GLTF file: expected a JSON object with 'asset'")
 
 
 def _step(content: bytes, where: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh
+from hapscene.scene.mesh import FACE_MAX, UNIT_M, UNNAMED, Mesh
 
 if TYPE_CHECKING:
     import trimesh
@@ -71,10 +71,14 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
     if not isinstance(loaded, trimesh.Scene):
         raise MeshError(f"{where}: a {type(loaded).__name__} cannot be touched; a mesh of triangles was expected")
     parts = []
+    made = 0  # a small file can name the same geometry over and over
     for node in loaded.graph.nodes_geometry:
         pose, geometry = loaded.graph[node]
         mesh = loaded.geometry[geometry]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            made += max(len(mesh.faces), len(mesh.vertices))
+            if made > FACE_MAX:
+                raise MeshError(f"{where}: more than {FACE_MAX:,} faces or vertices: reduce the mesh first")
             # A node without a name is called by its number: then the name of its geometry says more.
             parts.append(_part(mesh, [str(geometry if node.isdigit() else node)], pose))
     return parts

@@ -26,8 +26,13 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     path = Path(path)
     if path.suffix.lower() != ".ply":
         raise MeshError(f"{path}: meshes are written as .ply, the one format that keeps their exact positions")
+    write_whole(path, mesh_to_ply(mesh), MeshError)
+
+
+def mesh_to_ply(mesh: Mesh) -> bytes:
+    """The content of a mesh's file."""
     lines = ["ply", "format binary_little_endian 1.0", "comment unit m"]
-    lines += [f"comment {_COMMENT} {' '.join(name.split())}" for name in mesh.group_names]
+    lines += [f"comment {_COMMENT} {_in_a_line(name)}" for name in mesh.group_names]
     lines += [f"element vertex {len(mesh.vertices_m)}", *(f"property double {axis}" for axis in "xyz")]
     lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     fields: list[Any] = [("count", "u1"), ("corners", "<i4", 3), ("group", "<i2")]
@@ -39,9 +44,13 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     faces["count"], faces["corners"], faces["group"] = 3, mesh.faces, mesh.group
     if mesh.colour_rgb is not None:
         faces["rgb"] = mesh.colour_rgb
-    header = "\n".join([*lines, "end_header", ""]).encode()
-    whole = header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes()
-    write_whole(path, whole, MeshError)
+    header = "\n".join([*lines, "end_header", ""]).encode(errors="replace")
+    return header + np.ascontiguousarray(mesh.vertices_m, "<f8").tobytes() + faces.tobytes()
+
+
+def _in_a_line(name: str) -> str:
+    """A name that ends neither its line nor the header."""
+    return " ".join(name.split()).replace("end_header", "end-header")
 
 
 def _header(content: bytes) -> list[str]:

@@ -41,7 +41,7 @@ class Swatch:
             swatch then has a default, or none.
 
     Raises:
-        SwatchError: a number that is not finite or out of range.
+        SwatchError: a number that is not finite or out of range, a text that cannot be written.
     """
 
     name: str
@@ -80,6 +80,7 @@ class Swatch:
                 numbers[param] = float(value)
         object.__setattr__(self, "effects", effects)
         self._check_measured()
+        self._check_texts()
 
     def _check_measured(self) -> None:
         """Intervals are pairs in order, reasons are texts."""
@@ -89,6 +90,25 @@ class Swatch:
                 raise SwatchError(f"swatch {self.name!r}: intervals.{name} must be two numbers, low ≤ high, is {pair}")
         object.__setattr__(self, "intervals", intervals)
         object.__setattr__(self, "absent", dict(self.absent))
+
+    def _check_texts(self) -> None:
+        """Texts can be written: half a character (a lone surrogate), which JSON can escape, cannot."""
+        texts = {
+            "provenance": (self.provenance,),
+            "licence": (self.licence,),
+            "effects": (*self.effects, *(param for numbers in self.effects.values() for param in numbers)),
+            "intervals": tuple(self.intervals),
+            "absent": (*self.absent, *self.absent.values()),
+        }
+        for what, found in texts.items():
+            for text in found:
+                try:
+                    text.encode()
+                except UnicodeEncodeError as error:
+                    raise SwatchError(
+                        f"swatch {self.name!r}: {what} has half a character, which UTF-8 cannot hold: "
+                        f"leave {text[error.start]!r} out"
+                    ) from None
 
     def parameter(self, effect: str, param: str, default: float) -> float:
         """The number that the effect named `effect` gets for its parameter `param`.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError, no_such
-from hapscene.output import whole_file
+from hapscene.output import write_whole
 from hapscene.surface.strict_json import parse
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
@@ -85,14 +85,18 @@ def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
     target = Path(path)
     if target.suffix != SUFFIX:
         raise SwatchError(f"{target}: a swatch's file name must end in {SUFFIX}")
+    write_whole(target, swatch_to_bytes(swatch), SwatchError)
+
+
+def swatch_to_bytes(swatch: Swatch) -> bytes:
+    """The content of a swatch's file.
+
+    Raises:
+        SwatchError: a text in it that would not be read again.
+    """
     for key in _TEXTS:
-        _text(key, getattr(swatch, key))  # nothing is written that would not be read
-    text = swatch_to_json(swatch)
-    try:
-        with whole_file(target) as part:
-            part.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise SwatchError(f"{target}: cannot be written: {error.strerror or error}") from None
+        _text(key, getattr(swatch, key))
+    return swatch_to_json(swatch).encode("utf-8")
 
 
 def swatch_to_json(swatch: Swatch) -> str:

@@ -68,6 +68,33 @@ def test_what_goes_wrong_is_said_in_a_line(
     assert sorted(desk.parent.iterdir()) == before
 
 
+def test_a_file_that_is_there_is_replaced_where_it_is_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (desk.with_name("desk.mtl")).write_text("theirs")
+    for words, name in ((["export", str(desk)], "desk.obj"), (["import", str(desk.with_name("desk.glb"))], desk.name)):
+        if words[0] == "import":
+            assert main(["export", str(desk), "--out", words[1]]) == 0
+            capsys.readouterr()
+        before = {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()}
+        assert main([*words, "--out", str(desk.with_name(name))]) == 2
+        said = capsys.readouterr().err
+        assert "is there already; take another name, or replace it (--replace)" in said and said.count("\n") == 1
+        assert {file: file.read_bytes() for file in desk.parent.iterdir() if file.is_file()} == before
+        assert main([*words, "--out", str(desk.with_name(name)), "--replace"]) == 0
+    assert desk.with_name("desk.mtl").read_text().startswith("newmtl")
+
+
+def test_no_export_takes_the_place_of_a_mesh_of_the_scene(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (mesh,) = desk.parent.glob("desk.tetra.*.ply")
+    before = mesh.read_bytes()
+    assert main(["export", str(desk), "--out", str(mesh), "--replace"]) == 2
+    assert "is a mesh that a scene is made of, so it stays; take another name" in capsys.readouterr().err
+    assert mesh.read_bytes() == before
+    plain = desk.with_name("tetra.ply")
+    plain.write_bytes(before)
+    assert main(["export", str(plain), "--unit", "m", "--out", str(plain), "--replace"]) == 2
+    assert plain.read_bytes() == before and load_scene(desk).bodies
+
+
 def test_a_mesh_with_materials_called_as_swatches(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = desk.with_name("part.obj")
     file.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\nusemtl paper\nf 1 2 3\n")

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.errors import HapsceneError, SceneError
+from hapscene.errors import HapsceneError, MeshError, SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.carried import ExchangeWarning
+from hapscene.exchange.gltf import Z_UP
+from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_to_json
 
@@ -53,6 +55,77 @@ def test_a_pose_may_be_split_into_its_parts(tree: dict, read: Callable, scene: S
         node["translation"] = body.X_WB[:3, 3].tolist()
     for was, now in zip(scene.bodies, read(tree).bodies, strict=True):
         np.testing.assert_allclose(now.X_WB, was.X_WB, rtol=0, atol=1e-15)
+
+
+def _node(tree: dict, body: str) -> dict:
+    return next(n for n in tree["nodes"] if n.get("extras", {}).get("hapscene_body") == body)
+
+
+def _corners(body: Body) -> np.ndarray:
+    """Corners of the faces in W (m, 3, 3) [m]."""
+    return body.mesh.triangles_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+
+
+def test_meshes_at_any_depth_are_of_the_body(tree: dict, read: Callable) -> None:
+    before = read(tree)
+    stone = _node(tree, 'Stein "1" <&>')
+    tree["nodes"].append({"name": "a group made elsewhere", "children": [stone["children"].pop()]})
+    stone["children"].append(len(tree["nodes"]) - 1)
+    for was, now in zip(before.bodies, read(tree).bodies, strict=True):
+        assert was.mesh.digest == now.mesh.digest and np.array_equal(was.face_swatch, now.face_swatch)
+
+
+def test_a_body_hung_on_another_stays_a_body(tree: dict, read: Callable, scene: Scene) -> None:
+    nut, stone = _node(tree, "nut"), _node(tree, 'Stein "1" <&>')
+    index = tree["nodes"].index(nut)
+    tree["nodes"][0]["children"].remove(index)
+    stone["children"].append(index)
+    back = {body.name: body for body in read(tree).bodies}
+    assert len(back) == 3 and len(back["nut"].mesh.faces) == 20
+    X_WB = scene.bodies[0].X_WB @ scene.bodies[1].X_WB
+    np.testing.assert_allclose(back["nut"].X_WB, X_WB, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("parent", ["W", "nothing"])
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 2, -3)])
+def test_an_object_added_elsewhere_is_a_body_as_it_stands_there(
+    scale: tuple[int, int, int], parent: str, tree: dict, read: Callable, scene: Scene
+) -> None:
+    mesh = tree["nodes"][_node(tree, "nut")["children"][1]]["mesh"]
+    assert tree["materials"][tree["meshes"][mesh]["primitives"][0]["material"]]["name"] == "wood"
+    X = scene.bodies[0].X_WB @ np.diag([*scale, 1])
+    below = tree["nodes"][0]["children"] if parent == "W" else tree["scenes"][0]["nodes"]
+    X_node = X if parent == "W" else np.reshape(Z_UP, (4, 4)).T @ X
+    for _ in range(2):
+        below.append(len(tree["nodes"]))
+        tree["nodes"].append({"name": "shelf\n", "mesh": mesh, "matrix": X_node.T.ravel().tolist()})
+    back = read(tree)
+    assert [body.name for body in back.bodies][-2:] == ["shelf", "shelf_2"] and len(back.bodies) == 5
+    nut = next(body for body in back.bodies if body.name == "nut")
+    wood = nut.mesh.triangles_m[nut.face_swatch == back.swatch_source.index("wood")]
+    for shelf in back.bodies[-2:]:
+        seen = _corners(shelf)
+        seen = seen[:, ::-1] if scale[2] < 0 else seen  # mirrored faces are turned round, so that outside is outside
+        np.testing.assert_allclose(seen, wood @ X[:3, :3].T + X[:3, 3], rtol=0, atol=1e-15)
+        assert {back.swatches[i].name for i in shelf.face_swatch} == {"wood"}
+
+
+def test_a_copy_made_elsewhere_is_a_second_body(tree: dict, read: Callable) -> None:
+    nut = copy.deepcopy(_node(tree, "nut"))
+    nut["children"] = [len(tree["nodes"]) + i for i in range(len(nut["children"]))]
+    tree["nodes"] += [copy.deepcopy(tree["nodes"][child]) for child in _node(tree, "nut")["children"]]
+    tree["nodes"][0]["children"].append(len(tree["nodes"]))
+    tree["nodes"].append(nut)
+    back = read(tree)
+    assert [body.name for body in back.bodies][1::2] == ["nut", "nut_2"]
+    assert back.bodies[1].mesh is back.bodies[3].mesh
+
+
+def test_extensions_that_change_no_shape_are_let_be(tree: dict, read: Callable) -> None:
+    before = read(tree)
+    tree["extensionsRequired"] = tree["extensionsUsed"] = ["KHR_materials_variants"]
+    tree["meshes"][0]["primitives"][0]["extensions"] = {"KHR_materials_variants": {"mappings": []}}
+    assert [b.mesh.digest for b in read(tree).bodies] == [b.mesh.digest for b in before.bodies]
 
 
 def test_indices_of_16_bits_and_interleaved_positions(tree: dict, read: Callable) -> None:
@@ -119,9 +192,20 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("nodes.4.extras.hapscene_body", 5, "needs its name"),
         ("nodes.4.extras.two_sided", "yes", "two_sided"),
         ("nodes.4.children", [], "has no mesh"),
+        ("nodes.4.children.0", 4, "within itself"),
+        ("nodes.1.mesh", "0", "by its index"),
+        ("nodes.0.mesh", [0], "by its index"),
         ("meshes.0.primitives.0.mode", 1, "only triangles"),
         ("meshes.0.primitives.0.extensions", {"KHR_draco_mesh_compression": {}}, "without compression"),
+        ("meshes.0.primitives.0.extensions", {"EXT_meshopt_compression": {}}, "without compression"),
+        ("meshes.0.primitives.0.extensions", 5, "must be an object"),
+        ("meshes.0.primitives.0.extensions", [1, "a"], "must be an object"),
+        ("bufferViews.0.extensions", {"EXT_meshopt_compression": {}}, "without compression"),
+        ("extensionsRequired", ["KHR_draco_mesh_compression"], "without compression"),
+        ("extensionsRequired", 5, "list of names"),
+        ("extensionsRequired", [1, "a"], "list of names"),
         ("meshes.0.primitives.0.material", "wood", "by its index"),
+        ("meshes.0.primitives.0.material", -5, "by its index"),
         ("accessors.0.count", 10**12, "past the file's buffer"),
         ("accessors.0.count", 10**30, "whole number"),
         ("accessors.0.count", -1, "whole number"),
@@ -163,11 +247,20 @@ def test_a_small_file_cannot_ask_for_much(tree: dict, read: Callable, monkeypatc
         read(tree)
 
 
+@pytest.mark.parametrize("matrix", [[0.0] * 15 + [1.0], [1e99] * 15 + [1.0]])
+def test_a_world_that_is_nowhere_is_refused(matrix: list[float], tree: dict, read: Callable) -> None:
+    tree["nodes"][0]["matrix"] = matrix
+    tree["scenes"][0]["nodes"].append(len(tree["nodes"]))
+    tree["nodes"].append({"mesh": 0})
+    with pytest.raises(SceneError, match=r"scaled to nothing|not finite|at most"):
+        read(tree)
+
+
 def test_a_foreign_file_cannot_ask_for_much(read: Callable) -> None:
     accessor = {"componentType": 5126, "count": 30_000_000, "type": "VEC3"}  # no data: all zero
     mesh = {"primitives": [{"attributes": {"POSITION": 0}}]}
     tree = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], "meshes": [mesh], "accessors": [accessor]}
-    with pytest.raises(SceneError, match="cannot hold"):
+    with pytest.raises(MeshError, match="30,000,000 elements without data"):
         read(tree | {"scenes": [{"nodes": [0]}], "scene": 0})
 
 

@@ -38,6 +38,9 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
         "painting with a swatch not in the library": said(bool((painted[1][own] == painted[0][own]).all())),
         **of_swatch(before.swatches[1], after, "in the library"),
         **of_swatch(before.swatches[2], after, "not in the library"),
+        "swatches that no face wears": said(
+            all(of_swatch(s, after, "")["numbers of a swatch "] == KEPT for s in before.swatches[3:])
+        ),
         "names and colours of the mesh's file": said(
             bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
         ),
@@ -95,6 +98,8 @@ def said(kept: bool) -> str:
 def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
     folder = tmp_path_factory.mktemp("round")
     before = make_scene(2)
+    for spare in ("leather", Swatch("tuned for tomorrow", stiffness_N_m=111.0)):
+        before.swatch_index(spare)
     found = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,27 @@ def test_what_is_refused_and_why(
     file.write_bytes(content.replace(old, new, 1))
     with pytest.raises(HapsceneError, match=message):
         import_scene(file)
+
+
+@pytest.mark.parametrize("name", ["end_header", "my end_header x", "end_headers", "TextureFile a.png"])
+@pytest.mark.parametrize("what", ["body", "swatch"])
+def test_a_name_that_would_end_the_header_is_refused(
+    what: str, name: str, make_scene: Callable[[int], Scene], tmp_path: Path
+) -> None:
+    """No name is written that cannot be read again; what is refused says what to do."""
+    scene, file = make_scene(0), tmp_path / "desk.ply"
+    if what == "body":
+        scene.bodies[1].name = name
+    else:
+        scene.swatches[2] = replace(scene.swatches[2], name=name)
+    if "end_header" in name:
+        with pytest.raises(SceneError, match=f"the {what} '{name}'.*rename it, or export to .glb"):
+            export_scene(scene, file)
+        assert not file.exists()
+        return
+    export_scene(scene, file)
+    back = import_scene(file)
+    assert name in [body.name for body in back.bodies] + [swatch.name for swatch in back.swatches]
 
 
 def test_a_body_without_faces_is_refused(make_scene: Callable[[int], Scene], tmp_path: Path) -> None:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from hapscene.errors import SceneError
-from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.errors import SaveConflict, SceneError
+from hapscene.exchange import EXPORTS, export_scene, import_scene, is_mesh_of
+from hapscene.scene.ply import write_mesh
 from hapscene.scene.scene import Scene
 
 
@@ -50,6 +51,36 @@ def test_empty_scene_is_refused(tmp_path: Path) -> None:
         export_scene(Scene(), tmp_path / "desk.glb")
 
 
+@pytest.mark.parametrize(
+    ("name", "there"), [(name, "desk" + EXPORTS[name].suffix) for name in EXPORTS] + [("obj", "desk.mtl")]
+)
+def test_what_is_there_is_replaced_when_asked_for(name: str, there: str, scene: Scene, tmp_path: Path) -> None:
+    file = tmp_path / f"desk{EXPORTS[name].suffix}"
+    (tmp_path / there).write_text("theirs")
+    with pytest.raises(SaveConflict, match=f"{there}: is there already"):
+        export_scene(scene, file, name)
+    assert (tmp_path / there).read_text() == "theirs" and len(list(tmp_path.iterdir())) == 1
+    assert tmp_path / there in export_scene(scene, file, name, replace=True)
+    assert (tmp_path / there).read_bytes() != b"theirs"
+
+
+def test_what_the_scene_is_made_of_stays(scene: Scene, tmp_path: Path) -> None:
+    mesh, same = tmp_path / "ball.ply", tmp_path / "link.ply"
+    write_mesh(scene.bodies[0].mesh, mesh)
+    same.symlink_to(mesh)
+    before = mesh.read_bytes()
+    made = Scene()
+    made.add(mesh, unit="m")
+    for file in (mesh, same, tmp_path / "cup.body.0123abcd.ply"):
+        assert is_mesh_of(made, file)
+        with pytest.raises(SceneError, match="is a mesh that a scene is made of, so it stays"):
+            export_scene(made, file, replace=True)
+    assert mesh.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
+    assert not is_mesh_of(made, tmp_path / "other.ply")
+    mesh.unlink()
+    assert not is_mesh_of(made, mesh)
+
+
 @pytest.mark.parametrize("name", EXPORTS)
 def test_a_failed_write_keeps_the_old_file(
     name: str, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -62,7 +93,7 @@ def test_a_failed_write_keeps_the_old_file(
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(SceneError, match="No space left"):
-        export_scene(scene, file, name)
+        export_scene(scene, file, name, replace=True)
     assert file.read_text() == "old" and list(tmp_path.iterdir()) == [file]
 
 

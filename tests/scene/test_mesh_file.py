@@ -1,6 +1,7 @@
 """Every format, written by trimesh and real ones; every way a file can be broken."""
 
 import io
+import tracemalloc
 import warnings
 import zipfile
 
@@ -228,6 +229,40 @@ def test_broken_files_are_one_readable_error(tmp_path, name):
     text = str(error.value)
     assert str(path) in text and "\n" not in text and len(text) - len(str(path)) < 400
     assert error.value.__cause__ is None
+
+
+LIST = "property list uchar int vertex_indices"
+XYZ = "property float x\nproperty float y\nproperty float z"
+MANY = 3_000_000_000
+
+PROMISES = {
+    "binary.stl": bytes(80) + MANY.to_bytes(4, "little") + bytes(100),
+    "called_solid.stl": b"solid x".ljust(80) + MANY.to_bytes(4, "little") + bytes(100),
+    "vertices.ply": ply(vertex_count=MANY),
+    "faces.ply": ply(face_count=MANY),
+    "odd_number.ply": ply().replace(b"vertex 3", b"vertex +3_000_000_000"),
+    "long_number.ply": ply().replace(b"vertex 3", b"vertex " + b"0" * 20 + str(MANY).encode()),
+    "binary.ply": f"ply\nformat binary_little_endian 1.0\nelement vertex {MANY}\n{XYZ}\nend_header\n".encode(),
+    "long_list.ply": f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{XYZ}\nelement face 1\n"
+    f"{LIST.replace('uchar', 'uint')}\nend_header\n".encode()
+    + bytes(36)
+    + MANY.to_bytes(4, "little")
+    + bytes(12),
+    "vertices.off": f"OFF\n{MANY} 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n".encode(),
+    "faces.off": f"OFF\n3 {MANY} 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n".encode(),
+}
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_a_header_that_promises_much_costs_nothing(tmp_path, name):
+    (tmp_path / name).write_bytes(PROMISES[name])
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshError):
+            load_mesh(tmp_path / name, "m")
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
 
 
 CUT_OFF = b"OFF\n# made by hand\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 1 2 3\n3 0 2 3\n"

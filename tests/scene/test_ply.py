@@ -46,6 +46,14 @@ def test_no_other_suffix_and_nothing_half_written(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["folder.ply"]
 
 
+def test_a_group_called_as_the_headers_end_is_renamed(tmp_path):
+    """A mesh whose group's name nobody can change must be read again."""
+    mesh = Mesh(np.eye(3), [[0, 1, 2], [0, 2, 1]], np.array([0, 1]), ("my end_header x", "\ud800"))
+    write_mesh(mesh, tmp_path / "m.ply")
+    back = load_mesh(tmp_path / "m.ply", "m")
+    assert back.digest == mesh.digest and back.group_names == ("my end-header x", "?")
+
+
 def test_groups_that_do_not_fit_are_left_out(tmp_path):
     write_mesh(random_mesh(), tmp_path / "m.ply")
     content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")

@@ -43,6 +43,13 @@ def test_equality_hash_and_pickle_go_by_content() -> None:
         ({"albedo_rgb": (0.1, 0.2)}, "albedo_rgb"),
         ({"albedo_rgb": (0.1, 0.2, 1.1)}, "albedo_rgb"),
         ({"effects": {"push": {"push_N": np.inf}}}, "effects.push.push_N"),
+        ({"provenance": "by \ud800"}, r"provenance.*UTF-8.*'\\ud800'"),
+        ({"licence": "\udfff"}, "licence"),
+        ({"effects": {"\ud800": {}}}, "effects"),
+        ({"effects": {"push": {"\ud800": 1.0}}}, "effects"),
+        ({"intervals": {"\ud800": (0.0, 1.0)}}, "intervals"),
+        ({"absent": {"\ud800": "lost"}}, "absent"),
+        ({"absent": {"taps": "\ud800"}}, "absent"),
     ],
 )
 def test_bad_numbers_are_refused(change: dict[str, object], message: str) -> None:

@@ -1,0 +1,110 @@
+"""What a glTF file says it holds, held against its data: trimesh believes it, so a small file could take all memory."""
+
+import json
+from collections.abc import Iterator
+from typing import Any, Final
+
+from hapscene.errors import MeshError
+
+WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""Bytes of each type of number: glTF 2.0, 3.6.2.2."""
+
+COLUMN_COUNT: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+PACKED_MAX: Final = 8
+"""Most elements of an accessor without data of its own, for each byte of data in the file [count]. They are all zero,
+but for the sparse ones, or come from a compressed mesh, of which the smallest have a few bits each."""
+
+
+def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
+    """Refuse a .gltf, or a (`binary`) .glb, whose accessors name more than the file can hold, or unpack to too much.
+
+    Raises:
+        MeshError: with the first of them; or it is no such file.
+    """
+    tree = _tree(content, binary, where)
+    if tree is None:
+        return
+    views = [_view(view, i, where) for i, view in enumerate(_items(tree, "bufferViews", where))]
+    ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
+    for view in views:
+        ends[view["buffer"]] = max(ends.get(view["buffer"], 0), view["byteOffset"] + view["byteLength"])
+    accessors = _items(tree, "accessors", where)
+    sizes_B = [_size_B(accessor, i, views, sum(ends.values()), where) for i, accessor in enumerate(accessors)]
+    used_B = sum(sizes_B[i] for i in _used(tree, where) if type(i) is int and 0 <= i < len(sizes_B))
+    for total_B in (sum(view["byteLength"] for view in views), sum(sizes_B), used_B):
+        if total_B > most_B:
+            raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")
+
+
+def _tree(content: bytes, binary: bool, where: str) -> dict[str, Any] | None:
+    """The JSON; None where there is none, and trimesh will say why."""
+    text: str | bytes = content
+    if binary:
+        if content[:4] != b"glTF" or content[16:20] != b"JSON":
+            return None
+        length = int.from_bytes(content[12:16], "little")
+        text = content[20 : 20 + length].decode("utf-8-sig", errors="replace")
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        kind = "GLB" if binary else "GLTF"
+        raise MeshError(f"{where}: not a readable {kind} file, or truncated: {error}") from None
+    if not isinstance(tree, dict) or "asset" not in tree:
+        raise MeshError(f"{where}: not a readable GLTF file: expected a JSON object with 'asset'")
+    return tree
+
+
+def _size_B(accessor: dict[str, Any], index: int, views: list[dict[str, int]], held_B: int, where: str) -> int:
+    """Bytes of an accessor's elements."""
+    name = f"accessors[{index}]"
+    count = _whole(accessor, "count", name, where)
+    kind, number = accessor.get("type"), accessor.get("componentType")
+    if not isinstance(kind, str) or kind not in COLUMN_COUNT or type(number) is not int or number not in WIDTH_B:
+        raise MeshError(f"{where}: {name} is of a type that glTF does not know")
+    width_B = COLUMN_COUNT[kind] * WIDTH_B[number]
+    if "bufferView" in accessor:
+        at = _whole(accessor, "bufferView", name, where)
+        if at >= len(views):
+            raise MeshError(f"{where}: {name} names bufferViews[{at}]; there are {len(views)}")
+        stride_B = views[at]["byteStride"] or width_B
+        end = _whole(accessor, "byteOffset", name, where, 0) + (count - 1) * stride_B + width_B
+        if count and end > views[at]["byteLength"]:
+            length_B = views[at]["byteLength"]
+            raise MeshError(f"{where}: {name} has {count:,} elements, more than its {length_B:,} bytes can hold")
+    elif count > PACKED_MAX * held_B:
+        raise MeshError(
+            f"{where}: {name} has {count:,} elements without data of their own; with {held_B:,} bytes of data in the "
+            f"file, at most {PACKED_MAX * held_B:,} are taken"
+        )
+    return count * width_B
+
+
+def _view(view: dict[str, Any], index: int, where: str) -> dict[str, int]:
+    absent = {"buffer": None, "byteLength": None, "byteOffset": 0, "byteStride": 0}
+    return {key: _whole(view, key, f"bufferViews[{index}]", where, default) for key, default in absent.items()}
+
+
+def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
+    """The accessors that the meshes name, as often as they do: trimesh makes each anew."""
+    for mesh in _items(tree, "meshes", where):
+        for primitive in _items(mesh, "primitives", where):
+            attributes = primitive.get("attributes", {})
+            if not isinstance(attributes, dict):
+                raise MeshError(f"{where}: the attributes of a mesh must be an object")
+            yield from attributes.values()
+            yield primitive.get("indices")
+
+
+def _items(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    items = parent.get(key, [])
+    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+        raise MeshError(f"{where}: {key} must be a list of objects")
+    return items
+
+
+def _whole(item: dict[str, Any], key: str, name: str, where: str, default: int | None = None) -> int:
+    value = item.get(key, default)
+    if type(value) is not int or value < 0:
+        raise MeshError(f"{where}: {name}.{key} must be a whole number, 0 or more, is {str(value)[:40]}")
+    return value

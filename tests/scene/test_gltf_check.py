@@ -1,0 +1,142 @@
+"""A small glTF file that names much is refused before it is read; one that another program wrote is not."""
+
+import json
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene.scene.mesh_check as mesh_check
+from hapscene.errors import MeshError
+from hapscene.scene import part
+from hapscene.scene.mesh import load_mesh
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+
+
+def gltf(*accessors: dict[str, Any], blob: bytes = POINTS, **more: Any) -> dict[str, Any]:
+    """A file with one triangle, and more accessors."""
+    first = {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3}
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(blob)}],
+        "buffers": [{"byteLength": len(blob), "uri": "data.bin"}],
+        "accessors": [first, *accessors],
+        **more,
+    }
+
+
+def write(folder: Path, tree: dict[str, Any], suffix: str = "gltf", blob: bytes = POINTS) -> Path:
+    """The file of a tree, as text with its data beside it, or as one."""
+    path = folder / f"small.{suffix}"
+    if suffix == "gltf":
+        (folder / "data.bin").write_bytes(blob)
+        path.write_text(json.dumps(tree))
+        return path
+    tree = tree | {"buffers": [{"byteLength": len(blob)}]}
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = len(text).to_bytes(4, "little") + b"JSON" + text + len(blob).to_bytes(4, "little") + b"BIN\0" + blob
+    path.write_bytes(b"glTF" + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks)
+    return path
+
+
+ZEROS = {"componentType": 5126, "type": "VEC3", "count": 30_000_000}
+SPARSE = {
+    "count": 1,
+    "indices": {"bufferView": 0, "componentType": 5121},
+    "values": {"bufferView": 0, "byteOffset": 4},
+}
+VIEW = {"buffer": 0, "byteLength": len(POINTS)}
+
+MUCH: dict[str, tuple[dict[str, Any], str]] = {
+    "zeros": (gltf(ZEROS), r"accessors\[1\] has 30,000,000 elements without data.*36 bytes of data.*at most 288"),
+    "sparse": (gltf(ZEROS | {"sparse": SPARSE}), "30,000,000 elements without data"),
+    "no data at all": (gltf(accessors=[ZEROS], bufferViews=[], buffers=[]), "0 bytes of data"),
+    "many in a view": (gltf(ZEROS | {"bufferView": 0}), r"accessors\[1\] has 30,000,000 elements, more than its 36"),
+    "zeros by overlapping views": (gltf(ZEROS | {"count": 5000}, bufferViews=[VIEW] * 1000), "at most 288"),
+    "a count that is none": (gltf(ZEROS | {"count": 3e7}), r"accessors\[1\].count must be a whole number"),
+    "a negative view": (gltf(ZEROS | {"bufferView": -1}), "must be a whole number"),
+    "no such view": (gltf(ZEROS | {"bufferView": 1}), r"names bufferViews\[1\]; there are 1"),
+    "a view without length": (gltf(bufferViews=[{"buffer": 0}]), r"bufferViews\[0\].byteLength must be"),
+    "an odd type": (gltf(ZEROS | {"type": ["VEC3"]}), "a type that glTF does not know"),
+    "no list": (gltf(accessors={"0": ZEROS}), "accessors must be a list of objects"),
+}
+
+
+@pytest.mark.parametrize("suffix", ["gltf", "glb"])
+@pytest.mark.parametrize("name", MUCH)
+def test_a_small_file_that_names_much_is_refused_at_once(tmp_path: Path, name: str, suffix: str) -> None:
+    tree, message = MUCH[name]
+    path = write(tmp_path, tree, suffix)
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshError, match=message):
+            load_mesh(path)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("suffix", ["gltf", "glb"])
+def test_zeros_beside_data_are_read(tmp_path: Path, suffix: str) -> None:
+    tree = gltf({"componentType": 5126, "type": "VEC2", "count": 3})  # as texture coordinates of one pixel
+    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 1
+    assert len(load_mesh(write(tmp_path, tree, suffix)).faces) == 1
+
+
+@pytest.mark.parametrize("kind", ["views", "accessors", "primitives"])
+def test_what_is_named_over_and_over_is_counted_each_time(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_check, "FILE_MAX_B", 20_000)
+    tree = gltf()
+    times = {
+        "views": ("bufferViews", tree),
+        "accessors": ("accessors", tree),
+        "primitives": ("primitives", tree["meshes"][0]),
+    }
+    key, parent = times[kind]
+    parent[key] = parent[key] * 600
+    with pytest.raises(MeshError, match="unpacks to 21,600 bytes; at most 20,000"):
+        load_mesh(write(tmp_path, tree))
+    parent[key] = parent[key][:100]
+    assert len(load_mesh(write(tmp_path, tree)).faces) == (100 if kind == "primitives" else 1)
+
+
+def test_a_mesh_in_many_places_is_counted_in_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(part, "FACE_MAX", 1000)
+    tree = gltf(nodes=[{"mesh": 0}] * 400, scenes=[{"nodes": list(range(400))}])
+    with pytest.raises(MeshError, match="more than 1,000 faces or vertices"):
+        load_mesh(write(tmp_path, tree))
+    tree["scenes"] = [{"nodes": list(range(300))}]
+    assert len(load_mesh(write(tmp_path, tree)).faces) == 300
+
+
+def test_the_check_of_a_large_file_is_quick(tmp_path: Path) -> None:
+    """As many views and accessors as a file of 10,000 parts has."""
+    count = 40_000
+    accessors = [{"bufferView": i, "componentType": 5126, "type": "VEC3", "count": 3} for i in range(count)]
+    content = json.dumps(gltf(bufferViews=[VIEW] * count, accessors=accessors)).encode()
+    start_s = time.process_time()
+    mesh_check.check("gltf", content, "large.gltf")
+    assert time.process_time() - start_s < 2.0
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_files_of_another_program_are_read(tmp_path: Path, suffix: str) -> None:
+    scene = trimesh.Scene([trimesh.creation.icosphere(subdivisions=3), trimesh.creation.box((1, 1, 1))])
+    if suffix == "glb":
+        scene.export(tmp_path / "ball.glb")
+    else:
+        for name, content in scene.export(file_type="gltf").items():
+            (tmp_path / ("ball.gltf" if name == "model.gltf" else name)).write_bytes(content)
+    assert len(load_mesh(tmp_path / f"ball.{suffix}").faces) == 1292
