@@ -49,6 +49,14 @@ class Command(NamedTuple):
     flags: Flag
 
 
+class Painting(NamedTuple):
+    """The swatches of a scene and which face wears which, ready to be felt; `Renderer.repaint` in two halves."""
+
+    surface: Surface
+    fit: Fit
+    swatch_names: tuple[str, ...]
+
+
 class Renderer:
     """Renders touch: the same tick drives `run` over a recorded path and `step` in a loop of your own.
 
@@ -195,24 +203,23 @@ class Renderer:
             SceneError: other bodies than the renderer was made with.
             EffectError: a swatch that an effect refuses. Then nothing is changed.
         """
-        self.take_surface(scene, self.prepare_surface(scene))
+        self.take_painting(self.prepare_painting(scene))
 
-    def prepare_surface(self, scene: "Scene") -> Surface:
-        """The slow half of `repaint`: what `take_surface` takes, while ticks go on in another thread."""
+    def prepare_painting(self, scene: "Scene") -> Painting:
+        """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
         if shapes != [(name, len(mesh.faces)) for name, mesh in zip(self._body_names, self._meshes, strict=True)]:
             raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
-        return self._fitted(scene)[1]
+        fit, surface, _ = self._fitted(scene)
+        return Painting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
 
-    def take_surface(self, scene: "Scene", surface: Surface) -> None:
+    def take_painting(self, painting: Painting) -> None:
         """The quick half of `repaint`, between two ticks."""
-        old = self.surface
+        surface, old = painting.surface, self.surface
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = -1  # another one, or the same by another number
-        self.surface = surface
-        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._fit = Fit(scene, self._effects, self.limits, self.tick_s)
+        self.surface, self._fit, self._swatch_names = painting
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
         """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.

@@ -13,6 +13,7 @@ from hapscene.device.limit import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.records import Flag
 from hapscene.surface.effect import Effect, Param
+from hapscene.surface.fit import Fit
 from hapscene.surface.swatch import Swatch
 
 ALL = ["wall", "friction", "lpc_texture", "tap"]
@@ -313,3 +314,26 @@ def test_a_pose_with_a_last_row_of_its_own_is_refused():
 def test_bad_arguments_are_refused_in_words(keys):
     with pytest.raises(hapscene.HapsceneError):
         hapscene.Renderer(flat_scene(), **keys)
+
+
+def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
+    """Its numbers are fitted to the device once, and can be tuned afterwards."""
+    fitted = []
+
+    def counted(*arguments):
+        fitted.append(Fit(*arguments))
+        return fitted[-1]
+
+    renderer = hapscene.Renderer(scene("wood"), device="omni")
+    renderer.run(stroke())
+    monkeypatch.setattr("hapscene.renderer.Fit", counted)
+    other = scene(Swatch("oak", stiffness_N_m=333.0))
+    renderer.repaint(other)
+    assert len(fitted) == 1
+    monkeypatch.undo()
+    fresh = hapscene.Renderer(other, device="omni")
+    for either in (renderer, fresh):
+        either.reset(stroke()[0])
+        either.tune("oak", stiffness_N_m=222.0)
+    assert renderer.clips == fresh.clips
+    assert_same_bits(renderer.run(stroke()), fresh.run(stroke()))

@@ -3,6 +3,7 @@
 import argparse
 from typing import Any, Final, Literal
 
+from hapscene.command.word import whole
 from hapscene.constants import ORDER_MAX
 
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
@@ -32,7 +33,4 @@ def fit_options(options: argparse.Namespace) -> dict[str, Any]:
 def _order(text: str) -> int | Literal["auto"]:
     if text == "auto":
         return "auto"
-    value = int(text) if text.isdecimal() else 0
-    if not 1 <= value <= ORDER_MAX:
-        raise argparse.ArgumentTypeError(f'an order is "auto" or a whole number from 1 to {ORDER_MAX}')
-    return value
+    return whole('an order is "auto", or', 1, ORDER_MAX)(text)

@@ -2,11 +2,13 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hapscene.command.handle_play import add_handle_play
 from hapscene.command.recording_option import add_recording_options
-from hapscene.command.word import add_command, folder, name_made, rate, seed
+from hapscene.command.word import add_command, baud, folder, force, name_made, number, rate, seconds, seed, whole
+
+HZ: Final = "a frequency is a number of Hz"
 
 
 def add_handle(commands: Any) -> None:
@@ -47,22 +49,27 @@ def _add_identify(commands: Any) -> None:
         "-o", "--out", required=True, type=folder, metavar="PATH",
         help="a .handle file; or a folder, for that file, the Bode plot, the responses and the recordings",
     )  # fmt: skip
-    command.add_argument("--grips", type=int, default=5, metavar="N", help="how many grips to play (default 5)")
+    command.add_argument(
+        "--grips", type=whole("a number of grips"), default=5, metavar="N", help="how many grips to play (default 5)"
+    )
     command.add_argument("--name", default="handle", help="of the handle (default: handle)")
     sweep = command.add_argument_group("the sweep")
-    sweep.add_argument("--low", type=float, default=10.0, metavar="HZ", help="where it begins (default 10)")
+    sweep.add_argument("--low", type=number(HZ), default=10.0, metavar="HZ", help="where it begins (default 10)")
     sweep.add_argument(
-        "--high", type=float, default=1000.0, metavar="HZ", help="where it ends (default 1000; paper 200)"
+        "--high", type=number(HZ), default=1000.0, metavar="HZ", help="where it ends (default 1000; paper 200)"
     )
-    sweep.add_argument("--seconds", type=float, default=10.0, metavar="N", help="how long it takes (default 10)")
-    sweep.add_argument("--force", type=float, default=1.0, metavar="N", help="largest force [N] (default 1)")
+    sweep.add_argument("--seconds", type=seconds, default=10.0, metavar="N", help="how long it takes (default 10)")
+    sweep.add_argument("--force", type=force, default=1.0, metavar="N", help="largest force [N] (default 1)")
     device = command.add_argument_group("the device")
-    device.add_argument("--force-limit", type=float, metavar="N", help="peak force of the actuator [N] (default 6.6)")
+    device.add_argument("--force-limit", type=force, metavar="N", help="peak force of the actuator [N] (default 6.6)")
     device.add_argument(
-        "--travel-limit", type=float, metavar="M", help="travel of the coil to a stop [m] (default 0.005)"
+        "--travel-limit",
+        type=number("a travel is a number of m"),
+        metavar="M",
+        help="travel of the coil to a stop [m] (default 0.005)",
     )
     device.add_argument("--accelerometer", type=rate, metavar="HZ", help="its bandwidth, one pole (default 1600)")
-    device.add_argument("--baud", type=int, default=921_600, help="speed of the port (default 921600)")
+    device.add_argument("--baud", type=baud, default=921_600, help="speed of the port (default 921600)")
     command.add_argument("--seed", type=seed, default=0, help="of the simulated noise and grips (default 0)")
     add_recording_options(command)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.recording_option import add_recording_options, recording_options
-from hapscene.command.word import add_command, folder, name_made, seed
+from hapscene.command.word import add_command, folder, name_made, seed, whole
 
 
 def add_handle_play(commands: Any) -> None:
@@ -20,7 +20,9 @@ def add_handle_play(commands: Any) -> None:
     )
     command.add_argument("file", metavar="FILE", help="a recording of `hapscene touch`, or CSV, WAV, NPZ, MAT, .hsrec")
     command.add_argument("--handle", metavar="FILE", help="an identified handle (default: the assumed one)")
-    command.add_argument("--grip", type=int, metavar="N", help="hold it as in its Nth grip (default: their mean)")
+    command.add_argument(
+        "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
+    )
     command.add_argument("--compensator", default="adaptive", help="none, naive, inverse, … (default adaptive)")
     command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
     command.add_argument("--seed", type=seed, default=0, help="of the accelerometer's noise (default 0)")

@@ -3,16 +3,19 @@
 import argparse
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.word import add_command
-from hapscene.errors import SceneError
+from hapscene.command.word import add_command, port
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
 
 SUFFIX: Final = ".scene.json"
+NAP_S: Final = 0.5
+"""How long the main thread sleeps at a time [s]: a signal that comes just before it falls asleep does not wake it."""
+
 DEMO: Final = Path("hapscene-demo")
 """Where the demo scene is copied to."""
 
@@ -26,7 +29,8 @@ def add_paint(commands: Any) -> None:
         "hapscene paint                                  # a copy of the demo scene",
         "hapscene paint cup.scene.json",
         "hapscene paint bunny.ply --unit m --swatch wood",
-        "hapscene paint cup.scene.json --device premium-1.5 --port 9000 --no-browser",
+        "hapscene paint cup.scene.json --device premium-1.5 --grip firm --compensator no-handle",
+        "hapscene paint cup.scene.json --port 9000 --no-browser",
     )
     command.add_argument(
         "scene", nargs="?", metavar="SCENE|MESH", help="a scene file (.scene.json), or a mesh file; else the demo scene"
@@ -35,14 +39,27 @@ def add_paint(commands: Any) -> None:
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
     command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
     command.add_argument(
-        "--device", default="omni", help="what the hand holds: omni (default), phantom-1.0 or premium-1.5"
+        "--device",
+        default="omni",
+        help="what the hand holds: omni (default), or as a mass that reaches everywhere omni-point, phantom-1.0, "
+        "premium-1.5",
     )
-    command.add_argument("--port", type=_port, default=8080, help="where the page is (default 8080; the next if taken)")
+    command.add_argument("--grip", default="medium", help="light, medium (default) or firm")
+    command.add_argument(
+        "--compensator",
+        default="adaptive",
+        metavar="NAME",
+        help="what drives the voice coil in the handle: adaptive (default), flat, inverse, naive; or no-handle, to "
+        "hear what the swatches ask for",
+    )
+    command.add_argument("--port", type=port, default=8080, help="where the page is (default 8080; the next if taken)")
     command.add_argument(
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="to serve at; any but the default lets others on the network paint and save too",
+        help="to serve at (default 127.0.0.1: this computer alone). At any other, whoever reaches it may do all that "
+        "the page can, without a password: paint, touch, save and export to any file that you may write, over those "
+        "that are there too, and change your library of swatches",
     )
     command.add_argument("--no-hand", action="store_true", help="paint only: start no process that touches")
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
@@ -51,21 +68,25 @@ def add_paint(commands: Any) -> None:
 def _paint(options: argparse.Namespace) -> int:
     import webbrowser
 
+    from hapscene.paint.hold import Hold
     from hapscene.paint.page import Page
     from hapscene.touch import speak
 
+    hold = Hold(options.device, options.grip, options.compensator)
     session = open_session(options, speak)
-    with Page(session, options.host, options.port, with_hand=not options.no_hand) as page:
+    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
+    with page, suppress(KeyboardInterrupt):
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
         if not options.no_browser:
             webbrowser.open(page.url)
-        try:
-            while True:
-                time.sleep(3600.0)
-        except KeyboardInterrupt:
-            pass
-    if session.dirty:
+        while True:
+            time.sleep(NAP_S)
+    if page.kept:
         speak(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
+    elif session.changed:
+        speak(f"not saved, and lost: {session.problem or 'no copy was kept'}\n")
+    elif session.dirty:
+        speak(f"nothing was painted, so there is no {session.path}\n")
     return 0
 
 
@@ -75,12 +96,9 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
     Raises:
         HapsceneError: it cannot be loaded.
     """
-    from hapscene.device.model import device_named
     from hapscene.paint.session import Session
     from hapscene.touch import open_scene
 
-    if device_named(options.device).point is None:
-        raise SceneError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
     name = options.scene
     if name is None:
         name = _copy_demo(DEMO)
@@ -88,11 +106,9 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
     else:
         say(f"loading {name}\n")
     if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
-        session = Session.open(Path(name))
-    else:  # of a scene file, it refuses the options
-        session = Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
-    session.choose_device(options.device)
-    return session
+        return Session.open(Path(name))
+    # of a scene file, it refuses the options
+    return Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
 
 
 def _copy_demo(folder: Path) -> Path:
@@ -115,10 +131,3 @@ def _free(mesh: Path) -> Path:
     stem = mesh.name.split(".")[0] or "mesh"
     names = (stem, *(f"{stem}_{i}" for i in range(2, 10_000)))
     return next(path for path in (Path(name + SUFFIX) for name in names) if not path.exists())
-
-
-def _port(text: str) -> int:
-    value = int(text)
-    if not 0 <= value <= 65535:
-        raise argparse.ArgumentTypeError("a port is a whole number from 0 to 65535")
-    return value

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.word import add_command, folder, name_made, rate
+from hapscene.command.word import add_command, folder, name_made, number, whole
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -41,7 +41,11 @@ def add_stability(commands: Any) -> None:
     command.add_argument("--grip", default="light", metavar="NAME", help="of the hand: none, light, medium, firm")
     command.add_argument("--cases", type=Path, metavar="JSON", help="run a file of wall cases with known answers too")
     command.add_argument(
-        "--random", type=_count, default=0, metavar="COUNT", help="chart so many random limits against theory too"
+        "--random",
+        type=whole("a count", 0),
+        default=0,
+        metavar="COUNT",
+        help="chart so many random limits against theory too",
     )
     command.add_argument("--docs", type=Path, metavar="DIR", help="run everything, and write stability.md there too")
     command.add_argument("--zoo", type=Path, metavar="DIR", help="folder of the zoo, for --docs")
@@ -120,23 +124,16 @@ def _swatches(scene: str | None) -> "list[Swatch]":
 
 def _rates(text: str) -> tuple[float, ...]:
     """Rates in Hz, separated by commas, each once."""
-    rates = tuple(dict.fromkeys(rate(part) for part in _parts(text)))
-    for rate_Hz in rates:
-        if not RATE_MIN_HZ <= rate_Hz <= RATE_MAX_HZ:
-            raise argparse.ArgumentTypeError(
-                f"a rate of the force channel is {RATE_MIN_HZ:g} to {RATE_MAX_HZ:g} Hz, not {rate_Hz:g}"
-            )
-    return rates
+    rate = number("a rate of the force channel is a number of Hz", RATE_MIN_HZ, RATE_MAX_HZ)
+    return tuple(dict.fromkeys(rate(part) for part in _parts(text)))
 
 
 def _delays(text: str) -> tuple[int, ...]:
     """Delays in ticks, separated by commas, each once."""
     from hapscene.device.limit import DELAY_MAX
 
-    delays = tuple(dict.fromkeys(int(part) if part.isdecimal() else -1 for part in _parts(text)))
-    if not all(0 <= delay <= DELAY_MAX for delay in delays):
-        raise argparse.ArgumentTypeError(f"a delay is a whole number of ticks from 0 to {DELAY_MAX}")
-    return delays
+    delay = whole("a delay in ticks", 0, DELAY_MAX)
+    return tuple(dict.fromkeys(delay(part) for part in _parts(text)))
 
 
 def _parts(text: str) -> list[str]:
@@ -144,11 +141,3 @@ def _parts(text: str) -> list[str]:
     if not all(parts):
         raise argparse.ArgumentTypeError(f"expected numbers separated by commas, not {text!r}")
     return parts
-
-
-def _count(text: str) -> int:
-    """How many: a whole number, 0 or more."""
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError("a count is a whole number, 0 or more")
-    return value

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from hapscene.command.word import add_command, name_made, rate, seed
+from hapscene.command.word import add_command, force, name_made, number, rate, seconds, seed
 
 
 def add_import(commands: Any) -> None:
@@ -90,9 +90,15 @@ def _add_hjif(kinds: Any) -> None:
     )
     command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
     command.add_argument("-o", "--out", required=True, metavar="HJIF", help="file to write")
-    command.add_argument("--force", type=float, default=1.0, metavar="N", help="normal force [N] (default 1)")
-    command.add_argument("--speed", type=float, default=0.1, metavar="M_S", help="slip speed [m/s] (default 0.1)")
-    command.add_argument("--seconds", type=float, default=2.0, metavar="S", help="length of the texture (default 2)")
+    command.add_argument("--force", type=force, default=1.0, metavar="N", help="normal force [N] (default 1)")
+    command.add_argument(
+        "--speed",
+        type=number("a speed is a number of m/s"),
+        default=0.1,
+        metavar="M_S",
+        help="slip speed [m/s] (default 0.1)",
+    )
+    command.add_argument("--seconds", type=seconds, default=2.0, metavar="S", help="length of the texture (default 2)")
     command.add_argument("--rate", type=rate, metavar="HZ", help="samples a second (default: the texture's own)")
     command.add_argument("--seed", type=seed, default=0, help="of the texture's noise (default 0)")
 

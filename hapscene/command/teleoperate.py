@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.command.recording_option import add_recording_options, recording_options
-from hapscene.command.word import add_command, folder, name_made, seed
+from hapscene.command.word import add_command, folder, name_made, number, port, seconds, seed, whole
 from hapscene.errors import HapsceneError
 
 HOST: Final = "127.0.0.1"
@@ -83,7 +83,7 @@ def _add_follower(parts: Any) -> None:
         "hapscene teleoperate follower --port 47600 --loss 0.1 --delay 50 --jitter 10 --reorder 0.1",
     )
     command.add_argument("--host", default=HOST, help=f"address to listen at (default {HOST}: this machine alone)")
-    command.add_argument("--port", type=_port, default=PORT, help=f"UDP port, 0 for any that is free (default {PORT})")
+    command.add_argument("--port", type=port, default=PORT, help=f"UDP port, 0 for any that is free (default {PORT})")
     command.add_argument("--allow", metavar="HOST", help="the one address that may lead; needed with another --host")
     command.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
     _add_session_options(command)
@@ -122,14 +122,15 @@ def _leader(options: argparse.Namespace) -> int:
 
 def _add_session_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--scheme", choices=SCHEMES, default="wave", help="as at the other end (default wave)")
-    command.add_argument("--duration", type=float, metavar="S", help="seconds; else until Ctrl-C or the peer ends")
+    command.add_argument("--duration", type=seconds, metavar="S", help="seconds; else until Ctrl-C or the peer ends")
     command.add_argument("--summary", metavar="FILE", help="write how it went as JSON, too")
     command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
+    delay, share = number("a delay is a number of ms", 0.0), number("a share is a number", 0.0, 1.0)
     line = command.add_argument_group("to make the line from here worse than it is")
-    line.add_argument("--delay", type=float, default=0.0, metavar="MS", help="delay")
-    line.add_argument("--jitter", type=float, default=0.0, metavar="MS", help="mean of a random delay on top of it")
-    line.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="share that is lost, 0 to 1")
-    line.add_argument("--reorder", type=float, default=0.0, metavar="SHARE", help="share that is overtaken, 0 to 1")
+    line.add_argument("--delay", type=delay, default=0.0, metavar="MS", help="delay")
+    line.add_argument("--jitter", type=delay, default=0.0, metavar="MS", help="mean of a random delay on top of it")
+    line.add_argument("--loss", type=share, default=0.0, metavar="SHARE", help="share that is lost, 0 to 1")
+    line.add_argument("--reorder", type=share, default=0.0, metavar="SHARE", help="share that is overtaken, 0 to 1")
 
 
 def _session(options: argparse.Namespace) -> dict[str, Any]:
@@ -138,8 +139,6 @@ def _session(options: argparse.Namespace) -> dict[str, Any]:
     from hapscene.teleoperation.link import Impairment
 
     duration_s = float("inf") if options.duration is None else options.duration
-    if not duration_s > 0.0:
-        raise HapsceneError(f"--duration must be above 0 s, is {duration_s:g}")
     return {
         "coupling": Coupling(options.scheme),
         "impairment": Impairment(options.delay * 1e-3, options.jitter * 1e-3, options.loss, options.reorder),
@@ -159,15 +158,8 @@ def _tell(summary: dict[str, Any], options: argparse.Namespace) -> int:
     return 0
 
 
-def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError("a port is a whole number from 0 to 65535")
-    return port
-
-
 def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not (host and colon and port.isdecimal() and 0 < int(port) <= 65535):
+    host, _, number_of = text.rpartition(":")
+    if not host:
         raise argparse.ArgumentTypeError(f"{text!r}: expected HOST:PORT, as {HOST}:{PORT}")
-    return host, int(port)
+    return host, whole("a port to send to", 1, 65535)(number_of)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, folder, name_made, rate, seed
+from hapscene.command.word import add_command, folder, name_made, rate, seed, whole
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import EffectError, PathError
 
@@ -56,7 +56,7 @@ def add_touch(commands: Any) -> None:
         metavar="NAME",
         help="what drives the voice coil in the handle: adaptive (default), flat, inverse, naive, none",
     )
-    closed.add_argument("--delay", type=int, metavar="TICKS", help="of the force (default 0)")
+    closed.add_argument("--delay", type=whole("a delay in ticks", 0), metavar="TICKS", help="of the force (default 0)")
     command.add_argument("--no-picture", action="store_true", help="leave scene.png out")
     command.add_argument("--view", action="store_true", help="then play it in a window, at its own speed")
 

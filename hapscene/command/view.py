@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, name_made
+from hapscene.command.word import add_command, name_made, number, whole
 from hapscene.errors import ViewError
 
 SIDE_MAX: Final = 4096
@@ -35,9 +35,22 @@ def add_view(commands: Any) -> None:
     shade.add_argument("--light", action="store_true", help="on a light background (default)")
     shade.add_argument("--dark", action="store_true", help="on a dark background")
     film = command.add_argument_group("films")
-    film.add_argument("--frames", type=count, help="how many (default 12.5 a second as GIF, 25 as MP4)")
-    film.add_argument("--seconds", type=positive, help="how long (default: as the touch; without one 6)")
-    film.add_argument("--turn", type=float, metavar="DEGREES", help="how far the camera goes around (default 360)")
+    film.add_argument(
+        "--frames",
+        type=whole("a count of a film's frames", 2, 10_000),
+        help="how many (default 12.5 a second as GIF, 25 as MP4)",
+    )
+    film.add_argument(
+        "--seconds",
+        type=number("a film lasts a number of seconds", high=3600.0, above=0.0),
+        help="how long (default: as the touch; without one 6)",
+    )
+    film.add_argument(
+        "--turn",
+        type=number("an angle is a number of degrees"),
+        metavar="DEGREES",
+        help="how far the camera goes around (default 360)",
+    )
     film.add_argument("--painting", action="store_true", default=None, help="begin plain; paint swatch by swatch first")
 
 
@@ -86,18 +99,3 @@ def size(text: str) -> tuple[int, int]:
     if not (160 <= int(width) <= SIDE_MAX and 160 <= int(height) <= SIDE_MAX):
         raise argparse.ArgumentTypeError(f"a side has 160 to {SIDE_MAX} pixels")
     return int(width), int(height)
-
-
-def count(text: str) -> int:
-    """A count of frames."""
-    if not text.isdecimal() or not 2 <= int(text) <= 10_000:
-        raise argparse.ArgumentTypeError("a film has 2 to 10000 frames")
-    return int(text)
-
-
-def positive(text: str) -> float:
-    """A number of seconds, above 0."""
-    value = float(text)
-    if not 0.0 < value <= 3600.0:
-        raise argparse.ArgumentTypeError("a film lasts more than 0 and at most 3600 s")
-    return value

@@ -1,8 +1,13 @@
 """What the commands share: how a command is declared, kinds of arguments, and naming what was made."""
 
 import argparse
+import math
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+_Number = TypeVar("_Number", int, float)
 
 
 def add_command(commands: Any, name: str, function: Any, summary: str, *examples: str) -> argparse.ArgumentParser:
@@ -27,20 +32,57 @@ def folder(text: str) -> str:
     return text
 
 
-def seed(text: str) -> int:
-    """A seed: a whole number, 0 or more."""
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError("a seed is a whole number, 0 or more")
-    return value
+def whole(what: str, low: int | None = None, high: int | None = None) -> Callable[[str], int]:
+    """A kind of argument: a whole number within bounds, where there are any.
+
+    Args:
+        what: it is, for who typed something else: "a port".
+        low, high: the least and the largest.
+    """
+    return _kind(f"{what} is a whole number", int, low, high, None)
 
 
-def rate(text: str) -> float:
-    """A rate in Hz, above 0."""
-    rate_Hz = float(text)
-    if not 0.0 < rate_Hz < float("inf"):
-        raise argparse.ArgumentTypeError("a rate is a number of Hz, above 0")
-    return rate_Hz
+def number(
+    told: str, low: float | None = None, high: float | None = None, above: float | None = None
+) -> Callable[[str], float]:
+    """A kind of argument: a finite number within bounds, where there are any.
+
+    Args:
+        told: what it is, for who typed something else: "a rate is a number of Hz".
+        low, high: the least and the largest.
+        above: what it must exceed.
+    """
+    return _kind(told, float, low, high, above)
+
+
+def _kind(
+    told: str, read: Callable[[str], _Number], low: float | None, high: float | None, above: float | None
+) -> Callable[[str], _Number]:
+    if low is not None and high is not None:
+        told += f" from {low:.10g} to {high:.10g}"
+    else:
+        bounds = {"{:.10g} or more": low, "above {:.10g}": above, "at most {:.10g}": high}
+        said = [text.format(bound) for text, bound in bounds.items() if bound is not None]
+        told += f", {' and '.join(said)}" if said else ""
+    least, most = -math.inf if low is None else low, math.inf if high is None else high
+    more_than = -math.inf if above is None else above
+
+    def value_of(text: str) -> _Number:
+        with suppress(ValueError):
+            value = read(text)
+            if least <= value <= most and more_than < value < math.inf:
+                return value
+        raise argparse.ArgumentTypeError(f"{told}, not {text[:40]!r}")
+
+    return value_of
+
+
+baud = whole("a port's speed in bits a second", 1)
+port = whole("a port", 0, 65535)
+seed = whole("a seed", 0)
+force = number("a force is a number of N")
+rate = number("a rate is a number of Hz", above=0.0)
+seconds = number("a duration is a number of seconds", above=0.0)
 
 
 def name_made(made: list[Path]) -> None:

@@ -1,20 +1,22 @@
 """Autosave: what is not saved yet lies beside the scene within a second, and is offered after a killed process.
 
-Beside cup.scene.json a folder .cup.autosave holds the scene as it is painted, written as any scene file is, and a lock
-that the system lets go of with the process, however that ends. Saved or closed, the folder is gone; where it is still
-there and nobody holds its lock, its painter was killed.
+Beside cup.scene.json a folder .cup.autosave holds a lock, which the system lets go of with the process, however that
+ends, and a folder for each painter with the scene as it is painted, written as any scene file is. Saved or closed, the
+painter's folder is gone; those that are not of the painter with the lock are of killed ones, and stay until it is
+decided what becomes of them.
 """
 
-import json
 import shutil
+import tempfile
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 from hapscene.errors import SceneError
-from hapscene.output import write_whole
+from hapscene.scene.beside import is_own
 from hapscene.scene.file import SUFFIX, load_scene
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import write_mesh
@@ -26,15 +28,11 @@ INTERVAL_S: Final = 1.0
 """How often it is looked whether there is something to write [s]: with the time to write it, no more than two seconds
 of work are lost."""
 
-FORMAT: Final = "hapscene autosave"
-VERSION: Final = 1
-
-ABOUT: Final = "about.json"
 LOCK: Final = "lock"
 
 
 def autosave_folder(path: Path) -> Path:
-    """The folder of a scene file's autosave."""
+    """Where what is autosaved of a scene file lies."""
     return path.with_name(f".{path.name.removesuffix(SUFFIX)}.autosave")
 
 
@@ -46,13 +44,11 @@ class Recovery:
         path: the scene file that it is of.
         file: the scene that was autosaved.
         saved_s: when, seconds since 1970.
-        base_sha256: of the scene file that it began with; "" where there was none, or it is not known.
     """
 
     path: Path
     file: Path
     saved_s: float
-    base_sha256: str
 
     def load(self) -> "Scene":
         """The scene as it was painted, independent of the autosave's files.
@@ -71,44 +67,49 @@ class Recovery:
                 scene.swatch_source[i] = None
         return scene
 
+    def discard(self) -> None:
+        """Remove it."""
+        shutil.rmtree(self.file.parent, ignore_errors=True)
+        _tidy(autosave_folder(self.path))
+
 
 def find_recovery(path: Path) -> Recovery | None:
-    """What a killed painter of that scene file left; None without, or while another painter is at it."""
+    """What a killed painter of that scene file left last; None without, or while another painter is at it."""
     folder = autosave_folder(path)
-    file = folder / path.name
-    if not file.is_file():
-        return None
     try:
-        lock = _lock(folder)
+        lock = _lock(folder) if folder.is_dir() else None
+        if lock is None:
+            return None
+        found = _left(path)
+        lock.close()
     except OSError:
         return None  # of someone else's: not ours to offer
-    if lock is None:
-        return None
-    lock.close()
-    try:
-        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        base = str(about["base_sha256"]) if about["format"] == FORMAT else ""
-    except (OSError, ValueError, KeyError, TypeError):
-        base = ""
-    return Recovery(path, file, file.stat().st_mtime, base)
+    _tidy(folder)
+    return found[0] if found else None
 
 
-def discard(path: Path) -> None:
-    """Remove what a killed painter left.
+def _left(path: Path) -> list[Recovery]:
+    """What killed painters of a scene file left, the last first; those that left nothing are cleared away."""
+    found = []
+    for folder in filter(Path.is_dir, autosave_folder(path).iterdir()):
+        file = folder / path.name
+        if file.is_file():
+            found.append(Recovery(path, file, file.stat().st_mtime))
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+    return sorted(found, key=lambda recovery: -recovery.saved_s)
 
-    Raises:
-        SceneError: another painter is at it, or it is someone else's.
-    """
-    folder = autosave_folder(path)
-    if folder.is_dir():
-        try:
-            lock = _lock(folder)
-        except OSError as error:
-            raise SceneError(f"{folder}: cannot be removed: {error.strerror}") from None
-        if lock is None:
-            raise SceneError(f"{path}: is open in another painter")
-        lock.close()
-        shutil.rmtree(folder, ignore_errors=True)
+
+def _tidy(folder: Path) -> None:
+    """Remove the folder of autosaves if nothing is in it, and no painter."""
+    with suppress(OSError):
+        if any(file.name != LOCK for file in folder.iterdir()):
+            return
+        lock = _lock(folder)
+        if lock is not None:
+            lock.close()
+            (folder / LOCK).unlink(missing_ok=True)
+            folder.rmdir()
 
 
 class Sight(NamedTuple):
@@ -130,11 +131,12 @@ class Autosave:
 
     Args:
         path: the scene file.
-        base_sha256: of that file as it was loaded; "" where there is none.
         look: what to write, or None while the scene is busy: see `Sight`.
         interval_s: how often to look.
 
     Attributes:
+        file: where it is written.
+        found: what killed painters left before, the last first.
         problem: why the last attempt failed, in a sentence; None where it did not.
 
     Raises:
@@ -144,70 +146,77 @@ class Autosave:
     def __init__(
         self,
         path: Path,
-        base_sha256: str,
         look: "Callable[[], Sight | None]",
         interval_s: float = INTERVAL_S,
     ) -> None:
-        self.path = path
+        self.path, self.interval_s = path, interval_s
         self.problem: str | None = None
-        self._folder, self._look, self._interval_s = autosave_folder(path), look, interval_s
+        self._look = look
         self._meshes: dict[int, tuple[Mesh, Mesh]] = {}  # those in memory: themselves, and as they lie in the folder
         self._written: object = self  # as no state is: what lies there is from before
         self._number = -1
         self._busy = threading.Lock()
+        folder = autosave_folder(path)
+        lock = None
         try:
-            self._folder.mkdir(exist_ok=True)
-            lock = _lock(self._folder)
+            folder.mkdir(exist_ok=True)
+            lock = _lock(folder)
+            if lock is None:
+                raise SceneError(f"{path}: is open in another painter: close that one, or paint a copy")
+            self.found = _left(path)
+            self.file = Path(tempfile.mkdtemp(prefix="", dir=folder)) / path.name
         except OSError as error:
-            raise SceneError(f"{self._folder}: no autosave: cannot be written: {error.strerror}") from None
-        if lock is None:
-            raise SceneError(f"{path}: is open in another painter: close that one, or paint a copy")
+            if lock is not None:
+                lock.close()
+            raise SceneError(f"{folder}: no autosave: cannot be written: {error.strerror}") from None
         self._lock = lock
-        about = {"format": FORMAT, "version": VERSION, "scene": path.name, "base_sha256": base_sha256}
-        write_whole(self._folder / ABOUT, json.dumps(about).encode(), SceneError)
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapscene autosave", daemon=True)
         self._thread.start()
 
-    def close(self, keep: bool = False) -> None:
-        """Stop. The folder goes, for all is saved or shall be lost; or it stays (`keep`), to be offered next time."""
+    def close(self, keep: bool = False) -> bool:
+        """Stop; whether something stays to be offered next time, which is for `keep` what is not saved."""
         self._end.set()
         self._thread.join()
         if keep:
             self.write()
+        kept = keep and self.file.exists()
+        if not kept:
+            shutil.rmtree(self.file.parent, ignore_errors=True)
         self._lock.close()
-        if not keep or not (self._folder / self.path.name).exists():
-            shutil.rmtree(self._folder, ignore_errors=True)
+        _tidy(autosave_folder(self.path))
+        return kept
 
-    def write(self) -> None:
-        """Write now, if there is something that is not written."""
+    def write(self) -> bool:
+        """Write now, if there is something that is not written; whether nothing is any more."""
         sight = self._look()
         if sight is None:
-            return
+            return False
         with self._busy:
             if sight.number < self._number or sight.state == self._written:
-                return
+                return self.problem is None
             self._number = sight.number
             try:
                 if sight.scene is None:
-                    (self._folder / self.path.name).unlink(missing_ok=True)
+                    self.file.unlink(missing_ok=True)
                 else:
                     self._keep_meshes(sight.scene)
-                    sight.scene.save(self._folder / self.path.name)
+                    sight.scene.save(self.file)
                 self._written, self.problem = sight.state, None
             except Exception as error:  # whatever goes wrong: the next attempt may go right, and must come
                 self.problem = f"no autosave: {error}"
+            return self.problem is None
 
     def _run(self) -> None:
-        while not self._end.wait(self._interval_s):
+        while not self._end.wait(self.interval_s):
             self.write()
 
     def _keep_meshes(self, scene: "Scene") -> None:
-        """Meshes in memory are written once, not with each autosave."""
+        """Meshes that are in memory, or the scene's own, are written once, not with each autosave."""
         for body in scene.bodies:
-            if body.mesh.path is None:
+            if body.mesh.path is None or is_own(body.mesh.path):
                 if id(body.mesh) not in self._meshes:
-                    file = self._folder / f"mesh_{len(self._meshes)}.ply"
+                    file = self.file.with_name(f"mesh_{len(self._meshes)}.ply")
                     write_mesh(body.mesh, file)
                     self._meshes[id(body.mesh)] = (body.mesh, replace(body.mesh, path=file, unit="m"))
                 body.mesh = self._meshes[id(body.mesh)][1]

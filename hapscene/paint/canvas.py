@@ -152,13 +152,18 @@ class Canvas:
         return self.history.undone[-1].what if self.history.undone else None
 
     @property
+    def stroking(self) -> bool:
+        """Whether a stroke is in progress: whatever else is done ends it."""
+        return self._stroke is not None
+
+    @property
     def state(self) -> tuple[int, int]:
         """Another value whenever the scene is another; the old one when it is again as it was."""
         return self.history.state, self._stroke.moves if self._stroke is not None else 0
 
     @property
-    def dirty(self) -> bool:
-        """Whether there is something to save."""
+    def changed(self) -> bool:
+        """Whether the scene is another than it was at first, or saved."""
         return self.state != self._saved
 
     def mark_saved(self) -> None:

@@ -1,13 +1,13 @@
 """Saving, export and looks, in the panel; and the questions that are asked before something is lost."""
 
 import asyncio
+import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from hapscene.errors import SceneError
+from hapscene.errors import SaveConflict, SceneError
 from hapscene.paint.parts import Parts, safe
-from hapscene.paint.save import SaveConflict
 
 SUFFIX = ".scene.json"
 
@@ -66,64 +66,16 @@ class FilePanel:
 
     def show(self, autosaved: str) -> None:
         """Tell whether everything is saved, and what is safe anyway."""
-        dirty = self._parts.session.dirty
-        word = "● Not saved yet." if dirty else "✓ Everything is saved."
-        content = f'<div class="hs-card">{word} {safe(autosaved) if dirty else ""}</div>'
+        session = self._parts.session
+        word = "● Not saved yet." if session.dirty else "✓ Everything is saved."
+        content = f'<div class="hs-card">{word} {safe(autosaved) if session.changed else ""}</div>'
         if self._status.content != content:
             self._status.content = content
 
-    async def save(self, force: bool = False) -> None:
+    async def save(self) -> None:
         """Save to the file that is named; ask first if that is not the one that was loaded."""
-        session = self._parts.session
-        path = Path(str(self._file.value).strip())
-        if not path.name.endswith(SUFFIX):
-            raise SceneError(f"a scene's file name ends in {SUFFIX}")
-        same = session.path is not None and path.resolve() == session.path.resolve()
-        try:
-            saved = await _apart(lambda: session.save(None if same else path, force=force))
-        except SaveConflict as conflict:
-            self._ask(str(conflict))
-            return
-        self._parts.live.say(f"Saved: {saved}")
-
-    def _ask(self, problem: str) -> None:
-        gui, on = self._parts.server.gui, self._parts.on
-        modal = gui.add_modal("Save over it?")
-
-        async def over(target: Any) -> None:
-            modal.close()
-            await self.save(force=True)
-
-        with modal:
-            gui.add_html(f'<div class="hs-card">{safe(problem)}.</div>')
-            gui.add_button("Save over it", color="red").on_click(on(over))
-            gui.add_button("Do not save; I will give another name").on_click(on(lambda target: modal.close()))
-
-    def offer(self, told: str, take: Callable[[], None], leave: Callable[[], None]) -> None:
-        """Ask whether what was found of an interrupted session shall be taken up again."""
-        gui, on = self._parts.server.gui, self._parts.on
-        modal = gui.add_modal("Recover your work?")
-
-        def answer(act: Callable[[], None]) -> Callable[[Any], Any]:
-            def done(target: Any) -> None:
-                modal.close()
-                act()
-
-            return on(done)
-
-        with modal:
-            gui.add_html(f'<div class="hs-card">{safe(told)}</div>')
-            gui.add_button("Recover it").on_click(answer(take))
-            gui.add_button("Leave it", color="gray").on_click(answer(leave))
-
-    def _tell_format(self) -> None:
-        export = self._exports.get(self._format.value)
-        if export is None:
-            return
-        losses = ", ".join(export.loses) or "nothing"
-        self._told.content = f'<div class="hs-card">{safe(export.summary)}.<br>Loses: {safe(losses)}.</div>'
-        stem = self._path.name.removesuffix(SUFFIX)
-        self._target.value = str(self._path.parent / (stem + export.suffix))
+        session, path = self._parts.session, Path(str(self._file.value).strip())
+        await self._write(lambda force: f"Saved: {session.save(path, force)}")
 
     async def _export(self, target: Any) -> None:
         from hapscene.exchange import export_scene
@@ -131,9 +83,79 @@ class FilePanel:
         if self._format.value not in self._exports:
             raise SceneError("no such format")
         name, file = self._format.value, Path(str(self._target.value).strip())
-        still = self._parts.session.snapshot()
-        made = await _apart(lambda: export_scene(still, file, name))
-        self._parts.live.say("Exported: " + ", ".join(str(path) for path in made))
+        session = self._parts.session
+
+        def write(force: bool) -> str:
+            made = export_scene(session.snapshot(), file, name, replace=force)
+            return "Exported: " + ", ".join(str(path) for path in made)
+
+        await self._write(write)
+
+    async def _write(self, write: Callable[[bool], str], force: bool = False) -> None:
+        """Do what `write` does, and tell what it says; ask first, then with force, where that loses somebody's file."""
+        try:
+            said = await asyncio.get_running_loop().run_in_executor(None, write, force)
+        except SaveConflict as conflict:
+            self._ask(
+                "Save over it?",
+                f"{conflict}.",
+                ("Save over it", "red", lambda: self._write(write, True)),
+                ("Do not save; I will give another name", None, lambda: None),
+            )
+            return
+        self._parts.live.say(said)
+        self._tell_path()
+
+    def offer(self, told: str, take: Callable[[], None], discard: Callable[[], None]) -> None:
+        """Ask whether what was found of an interrupted session shall be taken up again."""
+        self._ask(
+            "Recover your work?",
+            told,
+            ("Recover it", None, take),
+            ("Ask me the next time", "gray", lambda: None),
+            ("Discard it", "red", discard),
+        )
+
+    def _ask(self, title: str, told: str, *choices: tuple[str, str | None, Callable[[], Any]]) -> None:
+        """Ask a question; each answer with its colour and what it does. It stands until one of them succeeded."""
+        gui, on = self._parts.server.gui, self._parts.on
+        modal = gui.add_modal(title)
+
+        def answer(act: Callable[[], Any]) -> Callable[[Any], Any]:
+            async def done(target: Any) -> None:
+                result = act()
+                if inspect.isawaitable(result):
+                    await result
+                if not modal.closed:
+                    modal.close()
+
+            return on(done)
+
+        with modal:
+            gui.add_html(f'<div class="hs-card">{safe(told)}</div>')
+            for label, colour, act in choices:
+                gui.add_button(label, color=colour).on_click(answer(act))
+
+    def _tell_path(self) -> None:
+        """Have the panel's title, and where to export to, as the scene file is called."""
+        path = self._parts.session.path
+        if path is not None and path != self._path:
+            self._path = path
+            self._parts.server.gui.set_panel_label(path.name)
+            if self._exports:
+                self._tell_format()
+
+    def _tell_format(self) -> None:
+        from hapscene.exchange import is_mesh_of
+
+        export = self._exports.get(self._format.value)
+        if export is None:
+            return
+        losses = ", ".join(export.loses) or "nothing"
+        self._told.content = f'<div class="hs-card">{safe(export.summary)}.<br>Loses: {safe(losses)}.</div>'
+        stem, scene = self._path.name.removesuffix(SUFFIX), self._parts.session.scene
+        files = (self._path.with_name(f"{stem}{more}{export.suffix}") for more in ("", "_painted"))
+        self._target.value = str(next((file for file in files if not is_mesh_of(scene, file)), ""))
 
 
 def _exports() -> Mapping[str, Any]:
@@ -143,8 +165,3 @@ def _exports() -> Mapping[str, Any]:
     except ImportError:
         return {}
     return EXPORTS
-
-
-async def _apart(work: Callable[[], Any]) -> Any:
-    """Do something slow beside the event loop."""
-    return await asyncio.get_running_loop().run_in_executor(None, work)

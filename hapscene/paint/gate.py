@@ -20,6 +20,11 @@ from urllib.parse import urlsplit
 
 from hapscene.errors import ViewError
 
+PORT_MAX: Final = 65535
+
+PORT_TRIES: Final = 100
+"""How many ports are tried, from the one asked for on [count]."""
+
 SOCKET_PATH: Final = "/hapscene"
 """Where our own WebSocket is; every other is viser's."""
 
@@ -27,7 +32,7 @@ LOOPBACK: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 
 POLICY: Final = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval'; "
-    "connect-src 'self' data: blob: ws: wss:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
+    "connect-src 'self' data: blob:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 )
 """What the page may load: what this server gives, and nothing from the net; no other page may show it in a frame."""
 
@@ -143,11 +148,43 @@ def gated(
             asyncio_server.serve = real  # type: ignore[misc]
 
 
+def free_port(host: str, port: int) -> int:
+    """The first port from `port` on that can be served at; 0, which stands for any, for 0.
+
+    viser tries ports on its own, but waits for ever where none can be had.
+
+    Raises:
+        ViewError: the host is not this computer, or no such port is free.
+    """
+    try:
+        _bind(host, 0)
+    except (OSError, ValueError) as error:
+        raise ViewError(
+            f"the page cannot be served at {host[:60]!r}: {getattr(error, 'strerror', None) or error}; give an address "
+            "of this computer: --host 127.0.0.1 for it alone, 0.0.0.0 for the network"
+        ) from None
+    if port == 0:
+        return 0
+    last = min(port + PORT_TRIES - 1, PORT_MAX)
+    for candidate in range(port, last + 1):
+        with contextlib.suppress(OSError):
+            _bind(host, candidate)
+            return candidate
+    raise ViewError(f"no port from {port} to {last} is free at {host!r}; give another, or --port 0 for any")
+
+
+def _bind(host: str, port: int) -> None:
+    """Listen for a moment at every address of a host, as viser's server will."""
+    places = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    for family, *_, address in places:
+        socket.create_server(address, family=family).close()
+
+
 def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> Any:
     """viser's server behind the gate, with our page and socket.
 
     Raises:
-        ViewError: viser is missing.
+        ViewError: viser is missing, or the host or port cannot be had.
     """
     try:
         import viser
@@ -158,6 +195,7 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
         "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
         "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
     }
+    port = free_port(host, port)
     with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
     harden(server)

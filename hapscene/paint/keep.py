@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Final, Self
 
-from hapscene.errors import SceneError
-from hapscene.paint.autosave import INTERVAL_S, Autosave, Recovery, Sight, discard, find_recovery
+from hapscene.errors import SaveConflict, SceneError
+from hapscene.paint.autosave import INTERVAL_S, Autosave, Recovery, Sight, find_recovery
 from hapscene.paint.canvas import Canvas
-from hapscene.paint.save import Stamp, check_unchanged, stamp_of
-from hapscene.scene.file import load_scene
+from hapscene.paint.save import check_unchanged, stamp_of
+from hapscene.scene.file import check_place, load_scene
 from hapscene.scene.scene import Scene
 
 LOOK_S: Final = 0.2
@@ -25,8 +25,9 @@ class Kept(Canvas):
     def __init__(self, scene: Scene, path: Path | None) -> None:
         super().__init__(scene)
         self.path = path
-        self._stamp: Stamp | None = stamp_of(path) if path is not None else None
+        self._stamp = stamp_of(path) if path is not None else None
         self._autosave: Autosave | None = None
+        self._problem: str | None = None
         self._looks = 0
 
     @classmethod
@@ -41,6 +42,11 @@ class Kept(Canvas):
         session._stamp = stamp
         return session
 
+    @property
+    def dirty(self) -> bool:
+        """Whether there is something to save: it was changed, or there is no file of it yet."""
+        return self.changed or not self._stamp
+
     def save(self, path: Path | None = None, force: bool = False) -> Path:
         """Save the scene, to `path` from now on where one is given; its file.
 
@@ -49,7 +55,8 @@ class Kept(Canvas):
             force: write over a file that is not the one that was loaded.
 
         Raises:
-            SaveConflict: the file changed since it was loaded, or another is there: ask the user, then force.
+            SaveConflict: the file changed since it was loaded; or another is there, or what a killed painter of it
+                left: ask the user, then force.
             SceneError: no path, another suffix, it is open in another painter, or cannot be written.
         """
         with self.lock:
@@ -58,42 +65,67 @@ class Kept(Canvas):
             if target is None:
                 raise SceneError("where shall the scene be saved? give a file NAME.scene.json")
             same = self.path is not None and target.resolve() == self.path.resolve()
-            if not force:
-                check_unchanged(target, self._stamp if same else None)
-            self.scene.save(target)
-            self.path, self._stamp = target, stamp_of(target)
+            check_place(target)
+            old = autosave = self._autosave
+            if old is not None and not same:
+                autosave = Autosave(target, self._look, old.interval_s)  # its lock first of all
+            try:
+                if not force:
+                    self._check(target, same, autosave)
+                self.scene.save(target)
+            except BaseException:
+                if autosave is not None and autosave is not old:
+                    autosave.close()
+                raise
+            self.path, self._stamp, self._autosave = target, stamp_of(target), autosave
             self.mark_saved()
-        if self._autosave is not None:
-            if same:
-                self._autosave.write()  # all is saved: it removes what it wrote
-            else:
-                self.close()
-                self.start_autosave()
+        if old is not None:
+            old.write() if same else old.close()  # all is saved: it removes what it wrote
         return target
 
+    def _check(self, target: Path, same: bool, autosave: Autosave | None) -> None:
+        if not same and (find_recovery(target) if autosave is None else autosave.found):
+            raise SaveConflict(
+                f"{target}: was painted and not saved, for its painter was killed; open it to recover that, or save "
+                "over it, which leaves that to be recovered"
+            )
+        check_unchanged(target, self._stamp if same else None)
+
     def recovery(self) -> Recovery | None:
-        """What a killed painter of this scene left: to be asked for before `start_autosave`; None without."""
+        """What a killed painter of this scene left, the last of them; None without."""
+        if self._autosave is not None:
+            return self._autosave.found[0] if self._autosave.found else None
         return find_recovery(self.path) if self.path is not None else None
 
     def recover(self, recovery: Recovery) -> str:
         """Bring back what a killed painter left, as one step, which undo takes back; what it was.
 
+        It is removed once it is autosaved here, and offered anew until then.
+
         Raises:
             HapsceneError: it cannot be loaded, or is of other bodies.
         """
-        return self.take_painting(recovery.load(), "recovered painting")
+        scene = recovery.load()
+        try:
+            what = self.take_painting(scene, "recovered painting")
+        except SceneError as error:
+            raise SceneError(f"{recovery.file}: {error}") from None
+        if self._autosave is not None and self._autosave.write():
+            recovery.discard()
+        self._forget(recovery)
+        return what
 
-    def discard_recovery(self) -> None:
-        """Remove what a killed painter left.
+    def discard_recovery(self, recovery: Recovery) -> None:
+        """Remove what a killed painter left."""
+        recovery.discard()
+        self._forget(recovery)
 
-        Raises:
-            SceneError: another painter is at it.
-        """
-        if self.path is not None:
-            discard(self.path)
+    def _forget(self, recovery: Recovery) -> None:
+        if self._autosave is not None:
+            self._autosave.found = [left for left in self._autosave.found if left != recovery]
 
     def start_autosave(self, interval_s: float = INTERVAL_S) -> None:
-        """Write what is not saved beside the scene file from now on, over what a killed painter left there.
+        """Write what is not saved beside the scene file from now on; what a killed painter left stays.
 
         Without a path nothing is written: there is no place for it.
 
@@ -101,19 +133,29 @@ class Kept(Canvas):
             SceneError: another painter is at that file, or the folder cannot be written.
         """
         if self.path is not None and self._autosave is None:
-            base = self._stamp.sha256 if self._stamp is not None else ""
-            self._autosave = Autosave(self.path, base, self._look, interval_s)
+            self._autosave = Autosave(self.path, self._look, interval_s)
+
+    @property
+    def autosaves(self) -> bool:
+        """Whether what is not saved is written beside the scene."""
+        return self._autosave is not None
 
     @property
     def problem(self) -> str | None:
         """Why the last autosave failed, in a sentence; None where it did not."""
-        return self._autosave.problem if self._autosave is not None else None
+        return self._autosave.problem if self._autosave is not None else self._problem
 
-    def close(self, keep: bool = False) -> None:
-        """Stop to autosave. What is not saved is lost; or (`keep`) it is written, and offered at the next start."""
-        if self._autosave is not None:
-            self._autosave.close(keep)
-            self._autosave = None
+    def close(self, keep: bool = False) -> bool:
+        """Stop to autosave. What is not saved is lost; or (`keep`) it is written, and offered at the next start.
+
+        Returns:
+            Whether there is something to offer.
+        """
+        if self._autosave is None:
+            return False
+        kept = self._autosave.close(keep)
+        self._problem, self._autosave = self._autosave.problem, None
+        return kept
 
     def _look(self) -> Sight | None:
         """For the autosave: a copy of what is not saved; None while the scene is held for longer than `LOOK_S`."""
@@ -121,6 +163,6 @@ class Kept(Canvas):
             return None
         try:
             self._looks += 1
-            return Sight(self._looks, *((self.snapshot(), self.state) if self.dirty else (None, None)))
+            return Sight(self._looks, *((self.snapshot(), self.state) if self.changed else (None, None)))
         finally:
             self.lock.release()

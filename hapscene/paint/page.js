@@ -16,7 +16,7 @@
     "Hold <b>Shift</b> and drag on the surface to paint. Drag alone turns the view; the wheel zooms.",
     "Press <b>7</b> to touch: hold Shift and drag, feel and hear it. <b>Ctrl-S</b> saves.",
   ];
-  const HOVER_MS = 40, TRACE_S = 3, SPECTRUM_COUNT = 2048, AHEAD_S = 0.05, LATE_S = 0.25;
+  const HOVER_MS = 40, TRACE_S = 3, SPECTRUM_COUNT = 2048, AHEAD_S = 0.04, LATE_S = 0.1, HURRY = 0.08;
   const make = (tag, attributes = {}, ...inside) => {
     const node = Object.assign(document.createElement(tag), attributes);
     node.append(...inside);
@@ -297,11 +297,12 @@
     },
     toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); send({ do: "listen", on: this.on }); },
     label() { soundButton.textContent = this.on ? "Sound on" : "Sound off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
-    play(a, rate, at) {
+    play(a, rate, at, speed = 1) {
       const buffer = this.context.createBuffer(1, a.length, rate);
       buffer.copyToChannel(a, 0);
       const source = this.context.createBufferSource();
       source.buffer = buffer;
+      source.playbackRate.value = speed;
       source.connect(this.gain);
       source.start(at);
       this.heard += a.length;
@@ -310,9 +311,12 @@
     stream(a, rate) {
       if (!this.on || !this.context || this.context.state !== "running" || !a.length) return;
       const now = this.context.currentTime;
-      if (this.next < now || this.next > now + LATE_S) this.next = now + AHEAD_S;
-      this.play(a, rate, this.next);
-      this.next += a.length / rate;
+      if (this.next < now) this.next = now + AHEAD_S;  // at first, and where it ran dry
+      const over_s = this.next - now - AHEAD_S;  // what came at once after a pause waits: hurry, or it stays late for good
+      if (over_s > LATE_S) return;
+      const speed = 1 + HURRY * Math.min(Math.max(over_s / AHEAD_S, 0), 1);
+      this.play(a, rate, this.next, speed);
+      this.next += a.length / rate / speed;
     },
     once(a, rate) { this.wake(); if (this.on && this.context) this.play(a, rate, this.context.currentTime + 0.02); },
   };

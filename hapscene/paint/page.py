@@ -6,7 +6,8 @@ beside it. The scene is in the server alone: a tab that is closed loses nothing,
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -14,9 +15,10 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.paint.autosave import Recovery
 from hapscene.paint.file_panel import FilePanel
 from hapscene.paint.gate import serve
+from hapscene.paint.hand_panel import HandPanel
+from hapscene.paint.hold import Hold
 from hapscene.paint.live import Live, number, pointer_of
 from hapscene.paint.number_panel import NumberPanel
 from hapscene.paint.parts import Parts
@@ -31,8 +33,8 @@ from hapscene.servo import State
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
-MONITOR_S: Final = 0.025
-"""How often what was felt is sent [s]; with the browser's own 50 ms ahead it is heard within 0.15 s."""
+MONITOR_S: Final = 0.015
+"""How often what was felt is sent [s]; with the browser's own 40 ms ahead it is heard 60 ms after it was felt."""
 
 WORD_S: Final = 0.2
 """How often the line under the picture changes [s]: any faster cannot be read."""
@@ -47,10 +49,12 @@ class Page:
         port: the port; a free one near it where it is taken, any for 0.
         with_hand: whether the hand that touches is started.
         with_autosave: whether what is not saved yet is written beside the scene, and found again.
+        hold: what the hand holds at first; None for the session's device.
 
     Attributes:
         server: viser's.
         parts: session, view, tools, touch and socket.
+        kept: once it is closed, whether there is work that is not saved, and offered the next time.
 
     Raises:
         ViewError: viser is not there, or the port cannot be had.
@@ -64,25 +68,35 @@ class Page:
         port: int = PORT,
         with_hand: bool = True,
         with_autosave: bool = True,
+        hold: Hold | None = None,
     ) -> None:
         if session.path is None:
             raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
-        self._recovery = session.recovery() if with_autosave else None
-        self._with_autosave = with_autosave
-        self._start_autosave(session)
-        self._ready = False
+        self._with_autosave, self._with_hand = with_autosave, with_hand
+        self._ready = self.kept = False
+        self._ends = ExitStack()
+        try:
+            self._begin(session, host, port, hold or Hold(session.device))
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, session: Session, host: str, port: int, hold: Hold) -> None:
+        if self._with_autosave:
+            session.start_autosave()
+        self._ends.callback(self._keep, session)
         self._live = Live(self._act, self._state)
         self.server = serve(host, port, self._live.serve)
+        self._ends.callback(self.server.stop)
         self._loop = self.server.get_event_loop()
         view = View(self.server, session)
-        touch = Touch(self._live.say)
+        touch = Touch(self._live.say, hold)
+        self._ends.callback(touch.close)
         tools = Tools(session, view, touch, self._live.say)
         self.parts = Parts(self.server, session, view, tools, touch, self._live, self.changed)
         self._told: Mapping[str, Any] | None = None
         self._unfelt = False
         self._word = ""
-        self._tasks: list[Any] = []
-        self._with_hand = with_hand
         self._make_panel()
 
     @property
@@ -93,12 +107,15 @@ class Page:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/"
 
     def __enter__(self) -> "Page":
-        self._tasks.append(asyncio.run_coroutine_threadsafe(self._monitor(), self._loop))
+        self._start(self._monitor())
         if self._with_hand:
             session = self.parts.session
-            opened = self.parts.touch.open(session.snapshot(), session.device, session.tick_s)
-            self._tasks.append(asyncio.run_coroutine_threadsafe(opened, self._loop))
+            self._start(self.parts.touch.open(session.snapshot(), session.tick_s))
         return self
+
+    def _start(self, task: Coroutine[Any, Any, None]) -> None:
+        """Do something in the event loop until the page closes."""
+        self._ends.callback(asyncio.run_coroutine_threadsafe(task, self._loop).cancel)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -107,15 +124,11 @@ class Page:
 
     def close(self) -> None:
         """Stop to serve. What is not saved stays beside the scene, and is offered the next time."""
-        for task in self._tasks:
-            task.cancel()
-        self.parts.touch.close()
-        self.server.stop()
-        self.parts.session.end_stroke()
-        if not self.parts.session.dirty:
-            self.parts.session.close()
-        elif self.parts.session._autosave is not None:
-            self.parts.session._autosave.write()
+        self._ends.close()
+
+    def _keep(self, session: Session) -> None:
+        session.end_stroke()
+        self.kept = session.close(keep=True)
 
     # --- what happens ---
 
@@ -250,7 +263,7 @@ class Page:
         if state is None or state.tick < 0:
             return "The hand is ready: press 7, hold Shift and drag on the surface."
         if not state.touching or not 0 <= state.swatch < len(session.scene.swatches):
-            return f"In the air · {session.device}, {touch.grip} grip"
+            return f"In the air · {touch.hold}"
         force_N = float(np.linalg.norm(state.f_W_N))
         name = session.scene.swatches[state.swatch].name
         return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"
@@ -265,11 +278,11 @@ class Page:
         with paint:
             self._tool_panel = ToolPanel(self.parts)
         self._shelf_panel = ShelfPanel(self.parts, paint, compare)
+        HandPanel(self.parts, feel)
         self._number_panel = NumberPanel(self.parts, feel)
         self._file_panel = FilePanel(self.parts, file, _path(self.parts.session))
         gui.set_panel_label(_path(self.parts.session).name)
-        if self._recovery is not None:
-            self._offer(self._recovery)
+        self._offer()
         self._ready = True
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
@@ -282,33 +295,30 @@ class Page:
                 await self.parts.tools.release(None)
                 self.changed()
 
-    def _offer(self, recovery: Recovery) -> None:
+    def _offer(self) -> None:
+        """Ask what becomes of what painters that were killed left, one after the other."""
         session = self.parts.session
+        recovery = session.recovery() if self._with_autosave else None
+        if recovery is None:
+            return
 
         def take() -> None:
             session.recover(recovery)
-            self._recovery = None
-            self._start_autosave(session)
+            self._offer()
 
-        def leave() -> None:
-            session.discard_recovery()
-            self._recovery = None
-            self._start_autosave(session)
+        def discard() -> None:
+            session.discard_recovery(recovery)
+            self._offer()
 
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
-        told = f"The last session of {recovery.path.name} ended without saving. Its work up to {when} is still there."
-        self._file_panel.offer(told, take, leave)
-
-    def _start_autosave(self, session: Session) -> None:
-        """From the start, or from when it is decided what becomes of what was found."""
-        if self._with_autosave and self._recovery is None:
-            session.start_autosave()
+        told = f"A session of {recovery.path.name} ended without saving. Its work up to {when} is still there."
+        self._file_panel.offer(told, take, discard)
 
     def _autosave_word(self) -> str:
-        if not self._with_autosave:
-            return ""
-        kept = "A copy is kept beside the file every second, and offered after a crash."
-        return self.parts.session.problem or kept
+        session = self.parts.session
+        if not session.autosaves:
+            return "No copy of it is kept."
+        return session.problem or "A copy is kept beside the file every second, and offered after a crash."
 
 
 def _path(session: Session) -> Path:

@@ -141,7 +141,11 @@ class Tools:
         if ray is None or self._owner != pointer.client:
             return
         if self.name in ("brush", "eraser"):
-            self._view.show_ring(self._session.drag_to(*ray), self.radius_m)
+            with self._session.lock:
+                if not self._session.stroking:  # ended by what else was done, from another page or by a key
+                    self._session.begin_stroke(ERASE if self.name == "eraser" else self.ink(), self.radius_m)
+                hit = self._session.drag_to(*ray)
+            self._view.show_ring(hit, self.radius_m)
             return
         hit = self._session.pick(*ray)
         if hit is None:

@@ -3,16 +3,12 @@
 import math
 from typing import Any
 
-from hapscene.device.hand import GRIPS
 from hapscene.errors import SceneError
 from hapscene.paint.parts import Parts, bounded
 from hapscene.paint.tool import FILLS, RADIUS_SHARE
-from hapscene.paint.touch import HELD_DEVICES
 
 FORCE_N = (0.1, 3.0)
 """Least and most force of the hand [N]: a light touch, and what the weakest device shipped can push back with."""
-
-GRIP_NAMES = tuple(name for name in GRIPS if name != "none")
 
 ALL = "all of it"
 
@@ -64,12 +60,7 @@ class ToolPanel:
                 max=FORCE_N[1],
                 step=0.1,
                 initial_value=tools.force_N,
-                hint="With which the hand presses on the surface",
-            )
-            self._grip = gui.add_dropdown("Grip", GRIP_NAMES, initial_value=parts.touch.grip)
-            first = parts.session.device if parts.session.device in HELD_DEVICES else HELD_DEVICES[0]
-            self._device = gui.add_dropdown(
-                "Device", HELD_DEVICES, initial_value=first, hint="What the hand holds; its limits apply"
+                hint="With which the hand presses on the surface; what it holds is chosen in the tab Feel",
             )
         self._listen()
         self.show()
@@ -82,12 +73,12 @@ class ToolPanel:
         self._fill.visible = self._group.visible = self._group_button.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"
         self._grow.visible = name == "box"
-        self._force.visible = self._grip.visible = self._device.visible = name == "touch"
+        self._force.visible = name == "touch"
         if abs(self._size.value - 2e3 * tools.radius_m) > self._size.step / 2:
             self._size.value = 2e3 * tools.radius_m
 
     def _listen(self) -> None:
-        on, tools, touch = self._parts.on, self._parts.tools, self._parts.touch
+        on, tools = self._parts.on, self._parts.tools
 
         def angle(target: Any) -> None:
             tools.angle_rad = math.radians(bounded(target.value, 0.0, 180.0, math.degrees(tools.angle_rad)))
@@ -101,25 +92,12 @@ class ToolPanel:
         def force(target: Any) -> None:
             tools.force_N = bounded(target.value, *FORCE_N, tools.force_N)
 
-        def grip(target: Any) -> None:
-            touch.grip = target.value if target.value in GRIP_NAMES else touch.grip
-
         self._size.on_update(on(lambda t: tools.resize(5e-4 * bounded(t.value, 0.0, 1e6, 2e3 * tools.radius_m))))
         self._angle.on_update(on(angle))
         self._grow.on_update(on(grow))
         self._fill.on_update(on(fill))
         self._force.on_update(on(force))
-        self._grip.on_update(on(grip))
-        self._device.on_update(on(self._choose_device))
         self._group_button.on_click(on(self._fill_group))
-
-    async def _choose_device(self, target: Any) -> None:
-        session = self._parts.session
-        if target.value not in HELD_DEVICES:
-            raise SceneError("no such device")
-        session.choose_device(target.value)
-        if self._parts.touch.status != "closed":
-            await self._parts.touch.open(session.snapshot(), session.device, session.tick_s)
 
     def _fill_group(self, target: Any) -> None:
         if self._group.value not in self._groups:

@@ -7,16 +7,16 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.device.hand import GRIPS
-from hapscene.device.model import DEVICES, device_named, limits_of
 from hapscene.errors import HapsceneError
+from hapscene.paint.hold import Hold, make_servo
 from hapscene.scene.scene import Scene
-from hapscene.servo import Servo, State
+from hapscene.servo import State
 
 HOVER_M: Final = 0.006
 """How far over the surface the hand waits before and after a touch [m]: clear of it, and there within 0.1 s."""
@@ -24,39 +24,65 @@ HOVER_M: Final = 0.006
 IDLE_S: Final = 1.5
 """How long after a touch the ticks go on [s], so that what rings dies away and is seen to."""
 
-HELD_DEVICES: Final = tuple(name for name, device in DEVICES.items() if device.point is not None)
-"""Devices that a simulated hand can hold."""
+REACTION_S: Final = 0.15
+"""How long after it meets the surface the hand begins to mind its force [s]: about what touch takes to react."""
+
+NOTICED_SHARE: Final = 0.05
+"""Error of force that the hand leaves as it is [1]: no more than is noticed (7 %, Pang, Tan & Durlach 1991)."""
+
+CORRECTION_1_S: Final = 8.0
+"""How fast an error of force is made up for [1/s]: most of it in 0.2 s, slowly against the hand's own 17 ms."""
+
+ARM_ENDS: Final = (
+    "The Omni's arm ends here: from where you pressed it reaches 80 mm along x, 35 mm along y, 60 mm along z. "
+    "Press anew to go on from here; or choose omni-point in the tab Feel, which reaches everywhere."
+)
 
 Vector = NDArray[np.float64]
 
 
+class Contact(NamedTuple):
+    """Where the hand means to touch, the outward normal there, how hard, and how stiff it is."""
+
+    p_W_m: Vector
+    nhat_W: Vector
+    force_N: float
+    stiffness_N_m: float
+
+
 class Touch:
-    """A simulated hand with a device, in a process of its own.
+    """A simulated hand with what it holds, in a process of its own.
 
     Orders that wait for an answer go through a thread, one after the other; those of a kind that wait while one is
     under way become one. Methods are called in the server's event loop.
 
     Args:
         say: shows a line to the user, with its kind.
-        servo: makes the servo of a scene and a device; another one for another kind of hand.
+        hold: what it holds at first.
+        servo: makes the servo of a scene and what is held; another one for another kind of hand.
 
     Attributes:
         status: "starting", "ready", "failed" or "closed".
         touching: whether the button is held.
+        hold: what it holds: another grip at once, all else from the next `open` on.
     """
 
     def __init__(
-        self, say: Callable[[str, str], None], servo: Callable[[Scene, str, float], Any] | None = None
+        self, say: Callable[[str, str], None], hold: Hold, servo: Callable[[Scene, Hold, float], Any] = make_servo
     ) -> None:
         self._say = say
-        self._make = servo or make_servo
+        self._make = servo
         self._lane = ThreadPoolExecutor(1, "hapscene hand")
         self._servo: Any = None
         self._opened: Any = None
         self.status = "closed"
         self.touching = False
-        self.grip = "medium"
-        self._aim: Vector | None = None  # waits until the start is through
+        self.hold = hold
+        self._contact: Contact | None = None  # waits until the start is through
+        self._from_W_m = np.zeros(3)  # where the touch began
+        self._told_end = False
+        self._deeper_m = 0.0
+        self._free = 0  # the last tick in the air
         self._starting = False
         self._since = 0
         self._last_s = -np.inf
@@ -64,15 +90,15 @@ class Touch:
         self._numbers: dict[str, dict[str, float]] = {}
         self._scene: Scene | None = None
         self._sending = False
-        self._wanted: tuple[Scene, str, float] | None = None
+        self._wanted: tuple[Scene, Hold, float] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def open(self, scene: Scene, device: str, tick_s: float) -> None:
+    async def open(self, scene: Scene, tick_s: float) -> None:
         """Start the process, in place of one that is there; says so if it cannot. The last of several orders counts."""
         self.status = "starting"
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
-        self._wanted = (scene, device, tick_s)
+        self._wanted = (scene, self.hold, tick_s)
         while not opening and self._wanted is not None:
             wanted = self._wanted
             try:
@@ -85,15 +111,19 @@ class Touch:
                 self._wanted, self._servo = None, servo
                 self._send()  # what changed meanwhile
 
-    def _start(self, scene: Scene, device: str, tick_s: float) -> Any:
+    def _start(self, scene: Scene, hold: Hold, tick_s: float) -> Any:
         if self._opened is not None:
             self._opened.close()
-        self._opened = self._make(scene, device, tick_s)  # known to `close`, whoever still waits for it
+        self._opened = self._make(scene, hold, tick_s)  # known to `close`, whoever still waits for it
+        if self.status == "closed":
+            raise HapsceneError("the page is closed")
         return self._opened.__enter__()
 
     def close(self) -> None:
         """End the process. Called from any thread, once nothing else calls."""
-        self.status = "closed"
+        starting, self.status = self.status == "starting", "closed"
+        if starting and self._opened is not None:
+            self._opened.cancel()
         self._lane.shutdown(wait=True, cancel_futures=True)
         if self._opened is not None:
             self._opened.close()
@@ -109,27 +139,38 @@ class Touch:
         """Come down on a place of the surface, as soon as the hand is there; whether there is one."""
         if self._servo is None or not self._alive():
             return False
-        self.touching = True
-        self._aim = aim_of(p_W_m, nhat_W, force_N, stiffness_N_m, self.grip)
+        self.touching, self._told_end, self._deeper_m = True, False, 0.0
         if not self._starting:
-            self._starting = True
-            self._do(self._come(self._servo, p_W_m + HOVER_M * nhat_W))
+            self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
+            self._do(self._come(self._servo, self._from_W_m))
+        self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
 
     async def _come(self, servo: Any, p_W_m: Vector) -> None:
         try:
-            await self._in_lane(partial(servo.start, p_W_m, self.grip))
-            self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
-            if self.touching and self._aim is not None:
-                servo.aim(self._aim, self.grip)
+            await self._in_lane(partial(servo.start, p_W_m, self.hold.grip))
         finally:
             self._starting = False
+        if servo is self._servo:
+            self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
+            self._free = self._since
+            self._aim()
 
     def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
-        """Stroke on to a place of the surface."""
-        self._aim = aim_of(p_W_m, nhat_W, force_N, stiffness_N_m, self.grip)
-        if self.touching and self._servo is not None and not self._starting:
-            self._servo.aim(self._aim, self.grip)
+        """Stroke on to a place of the surface; says so where the arm does not reach it."""
+        if not self.touching:
+            return
+        if self.hold.reaches(self._from_W_m, p_W_m):
+            self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
+            self._aim()
+        elif not self._told_end:
+            self._told_end = True
+            self._say(ARM_ENDS, "error")
+
+    def _aim(self) -> None:
+        if self.touching and self._contact is not None and self._servo is not None and not self._starting:
+            aim = aim_of(*self._contact, self.hold.grip) - self._deeper_m * self._contact.nhat_W
+            self._servo.aim(aim, self.hold.grip)
 
     def lift(self, now_s: float) -> None:
         """Off the surface."""
@@ -138,19 +179,43 @@ class Touch:
         self.touching, self._last_s = False, now_s
         if self._servo is not None and not self._starting and self._running:
             state = self._servo.state()
-            self._servo.aim(state.p_WP_m + HOVER_M * state.nhat_W, self.grip)
+            self._servo.aim(state.p_WP_m + HOVER_M * state.nhat_W, self.hold.grip)
 
     def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
-        """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest."""
+        """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
+
+        The acceleration is the handle's, or that asked for where there is no handle.
+        """
         if self._servo is None or not self._running or not self._alive():
             return None
         felt = self._servo.read(self._since)
         self._since = felt.first + len(felt.rows)
         state = self._servo.state()
+        if not state.touching:
+            self._free = state.tick
+        elif (
+            self.touching
+            and not self._starting
+            and state.tick - self._free > REACTION_S / self.tick_s
+            and len(felt.rows)
+        ):
+            felt_N = float((felt.rows["f_W_N"] * felt.rows["nhat_W"]).sum(axis=1).mean())
+            self._mind(felt_N, len(felt.rows) * self.tick_s)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
             self._running = False
             self._do(self._in_lane(self._servo.rest))
-        return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_m_s2
+        return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
+
+    def _mind(self, felt_N: float, over_s: float) -> None:
+        """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part."""
+        assert self._contact is not None
+        force_N = self._contact.force_N
+        missing_N = force_N - felt_N
+        if abs(missing_N) > NOTICED_SHARE * force_N:
+            give_m_N = give_of(self._contact.stiffness_N_m, self.hold.grip)
+            deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * give_m_N
+            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), force_N * give_m_N)
+            self._aim()
 
     # --- what is felt ---
 
@@ -209,14 +274,14 @@ class Touch:
         return await asyncio.get_running_loop().run_in_executor(self._lane, work)
 
 
-def make_servo(scene: Scene, device: str, tick_s: float) -> Servo:
-    """A servo with a hand that holds a device of `HELD_DEVICES`, anywhere in the scene."""
-    return Servo(scene, device_named(device).point, tick_s=tick_s, limits=limits_of(device, tick_s))
-
-
 def aim_of(p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float, grip: str) -> Vector:
     """Where the hand must mean the tool to be for a wall at `p_W_m` to push back with `force_N`.
 
-    The grip's spring and the wall's are in line: the depth that both together give the force at.
+    The depth that the springs of grip and wall, in line, give the force at.
     """
-    return np.asarray(p_W_m - force_N * (1.0 / GRIPS[grip].k_N_m + 1.0 / max(stiffness_N_m, 1.0)) * nhat_W)
+    return np.asarray(p_W_m - force_N * give_of(stiffness_N_m, grip) * nhat_W)
+
+
+def give_of(stiffness_N_m: float, grip: str) -> float:
+    """How far grip and wall give together [m/N]."""
+    return 1.0 / GRIPS[grip].k_N_m + 1.0 / max(stiffness_N_m, 1.0)

@@ -2,12 +2,17 @@
 
 import argparse
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trimesh
@@ -16,13 +21,11 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 from hapscene.cli import main
 from hapscene.command.paint import DEMO, _copy_demo, open_session
-from hapscene.errors import HapsceneError
+from hapscene.paint.autosave import find_recovery
 
 
 def options(scene: str | None = None, **given: object) -> argparse.Namespace:
-    return argparse.Namespace(
-        **{"scene": scene, "unit": None, "swatch": None, "two_sided": False, "device": "omni", **given}
-    )
+    return argparse.Namespace(**{"scene": scene, "unit": None, "swatch": None, "two_sided": False, **given})
 
 
 def quiet(text: str) -> None:
@@ -36,9 +39,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def test_help_says_what_another_address_opens(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["paint", "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    said = re.search(r"--host ADDRESS to serve at \(default 127\.0\.0\.1: this computer alone\)(.*?) --no-hand", told)
+    assert said is not None
+    assert all(word in said[1] for word in ("whoever", "without a password", "paint", "save", "export", "library"))
+
+
 def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
-    session = open_session(options("cube.ply", unit="m", swatch="wood", device="premium-1.5"), quiet)
-    assert session.path == Path("cube.scene.json") and session.device == "premium-1.5"
+    session = open_session(options("cube.ply", unit="m", swatch="wood"), quiet)
+    assert session.path == Path("cube.scene.json")
     assert session.scene.swatches[1].name == "wood" and (session.scene.bodies[0].face_swatch == 1).all()
     session.save()
     assert open_session(options("cube.ply", unit="m"), quiet).path == Path("cube_2.scene.json")
@@ -62,7 +74,9 @@ def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:
         (["none.scene.json"], "none.scene.json"),
         (["cube.ply"], "unit"),
         (["cube.ply", "--unit", "m", "--device", "ideal"], "no mass to move"),
-        (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'"),
+        (["cube.ply", "--unit", "m", "--device", "omi"], "no device 'omi'; there are: omni, omni-point"),
+        (["cube.ply", "--unit", "m", "--grip", "tight"], "no grip 'tight'; there are: firm, light, medium"),
+        (["cube.ply", "--unit", "m", "--compensator", "none"], "no compensator 'none'; there are: adaptive"),
         (["made.scene.json", "--unit", "m"], "leave --unit out"),
     ],
 )
@@ -75,23 +89,56 @@ def test_what_cannot_be_painted_is_one_line(
     assert said in error and error.count("\n") == 1
 
 
-def test_a_device_that_is_none_is_refused(folder: Path) -> None:
-    with pytest.raises(HapsceneError, match="no mass to move"):
-        open_session(options("cube.ply", unit="m", device="ideal"), quiet)
+ENDS = [signal.SIGINT, *(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))]
+
+
+@contextmanager
+def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A painter of the cube in a process, and its address."""
+    words = [*command, "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]
+    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, *words], text=True, cwd=folder, start_new_session=True, **pipes) as process:
+        try:
+            assert process.stdout is not None
+            end_s = time.monotonic() + 120.0
+            while "http://127.0.0.1:" not in (line := process.stdout.readline()):
+                assert line and time.monotonic() < end_s
+            yield process, line.split()[0]
+        finally:
+            process.kill()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
-def test_it_serves_until_ctrl_c_and_leaves_nothing_behind(folder: Path) -> None:
-    command = [sys.executable, "-m", "hapscene.cli", "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]
-    process = subprocess.Popen([*command, "--no-hand"], stdout=subprocess.PIPE, text=True, cwd=folder)
-    assert process.stdout is not None
-    line = ""
-    end_s = time.monotonic() + 120.0
-    while "http://127.0.0.1:" not in line:
-        line = process.stdout.readline()
-        assert line and time.monotonic() < end_s
-    with urllib.request.urlopen(line.split()[0], timeout=60.0) as answer:
-        assert b"/hapscene.js" in answer.read()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60.0) == 0
+@pytest.mark.parametrize("kind", ENDS)
+def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kind: signal.Signals) -> None:
+    with served(folder, "-m", "hapscene.cli") as (process, url):
+        with urllib.request.urlopen(url, timeout=60.0) as answer:
+            assert b"/hapscene.js" in answer.read()
+        os.killpg(process.pid, kind)  # as a terminal, a service manager and `timeout` do; the hand may still start
+        assert process.wait(60.0) == 0
+        assert process.stderr is not None and process.stderr.read() == ""
+        assert process.stdout is not None
+        assert "nothing was painted, so there is no cube.scene.json" in process.stdout.read()
     assert sorted(path.name for path in folder.iterdir()) == ["cube.ply"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")
+def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
+    (folder / "painter.py").write_text(
+        "import sys\n"
+        "from hapscene.cli import main\n"
+        "from hapscene.command import paint\n"
+        "def painted(*arguments, opened=paint.open_session):\n"
+        "    session = opened(*arguments)\n"
+        "    session.fill_body(0, session.add_swatch('wood'))\n"
+        "    return session\n"
+        "if __name__ == '__main__':\n"
+        "    paint.open_session = painted\n"
+        "    sys.exit(main([*sys.argv[1:], '--no-hand']))\n"
+    )
+    with served(folder, "painter.py") as (process, _):
+        process.send_signal(signal.SIGTERM)
+        said, complained = process.communicate(timeout=60.0)
+    assert process.returncode == 0 and complained == "" and "offered the next time" in said
+    kept = find_recovery(folder / "cube.scene.json")
+    assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]

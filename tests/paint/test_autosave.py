@@ -1,5 +1,6 @@
 """Autosave: a killed process loses no more than two seconds, and what it left is offered, once, as a step."""
 
+import re
 import subprocess
 import sys
 import time
@@ -9,7 +10,7 @@ import pytest
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.autosave import autosave_folder, discard, find_recovery
+from hapscene.paint.autosave import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.surface.swatch import Swatch
 
@@ -50,16 +51,17 @@ def test_a_killed_painter_loses_no_more_than_two_seconds(path) -> None:
     painter.kill()
     painter.wait()
     session = Session.open(path)
+    session.start_autosave()
     left = session.recovery()
     assert left is not None and killed_s - left.saved_s < 2.0
     assert "recovered" in session.recover(left)
+    assert session.recovery() is None
     old = [face for face, at_s in lines if at_s < killed_s - 2.0]
     assert len(old) > 3
     slate = session.swatch_named("slate")
     assert (session.scene.body("ball").face_swatch[old] == slate).all()
     paper = session.swatch_named("paper")
     assert session.scene.swatches[paper].stiffness_N_m == 123.0
-    session.start_autosave()
     session.save()
     assert find_recovery(path) is None
     session.close()
@@ -85,7 +87,7 @@ def test_recovery_is_a_step(killed, path) -> None:
     session = Session.open(path)
     before = [body.face_swatch.copy() for body in session.scene.bodies]
     session.recover(session.recovery())
-    assert session.dirty and session.undo_word == "recovered painting"
+    assert session.changed and session.undo_word == "recovered painting"
     np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, killed.scene.bodies[0].face_swatch)
     assert session.scene.swatch_source[-1] is None
     session.undo()
@@ -104,9 +106,43 @@ def test_recovery_refuses_another_scene(killed, path) -> None:
 
 def test_what_is_not_wanted_is_removed(killed, path) -> None:
     session = Session.open(path)
-    session.discard_recovery()
+    left = session.recovery()
+    session.discard_recovery(left)
     assert session.recovery() is None and not autosave_folder(path).exists()
-    discard(path)  # twice does no harm
+    session.discard_recovery(left)  # twice does no harm
+
+
+def test_what_was_found_stays_until_it_is_decided(killed, path) -> None:
+    session = Session.open(path)
+    session.start_autosave(interval_s=60.0)
+    left = session.recovery()
+    session.fill_body("plate", 0)  # while it is asked
+    assert session._autosave.write() and session._autosave.file.exists() and left.file.exists()
+    session._autosave._lock.close()  # it is killed as well
+    again = Session.open(path)
+    again.start_autosave(interval_s=60.0)
+    last = again.recovery()
+    assert last != left and (last.load().body("plate").face_swatch == 0).all()
+    again.recover(last)
+    assert not last.file.exists() and again.recovery() == left  # the next one
+    again.discard_recovery(left)
+    assert again.recovery() is None
+    again.save()
+    again.close()
+    assert not autosave_folder(path).exists()
+
+
+def test_what_cannot_be_recovered_stays(killed, path) -> None:
+    other = hapscene.Scene()
+    other.add(path.parent / "ball.obj", name="cup", unit="mm")
+    session = Session(other, path)
+    session.start_autosave(interval_s=60.0)
+    left = session.recovery()
+    with pytest.raises(SceneError, match=re.escape(str(left.file)) + ".*: open it by itself"):
+        session.recover(left)
+    assert [body.name for body in Session.open(left.file).scene.bodies] == ["ball", "plate"]
+    session.close(keep=True)
+    assert find_recovery(path) == left
 
 
 def test_two_painters_of_one_scene(path) -> None:
@@ -117,8 +153,6 @@ def test_two_painters_of_one_scene(path) -> None:
     with pytest.raises(SceneError, match="is open in another painter"):
         second.start_autosave()
     assert second.recovery() is None  # it is not a killed one's
-    with pytest.raises(SceneError, match="is open in another painter"):
-        second.discard_recovery()
     first.close()
     second.start_autosave()
     second.close()
@@ -129,7 +163,7 @@ def test_what_is_saved_or_undone_is_not_kept(path) -> None:
     session.start_autosave(interval_s=60.0)
     autosave = session._autosave
     assert autosave is not None
-    file = autosave_folder(path) / path.name
+    file = autosave.file
     autosave.write()
     assert not file.exists()
     session.fill_body("ball", 1)
@@ -154,7 +188,7 @@ def test_a_scene_of_meshes_in_memory_and_a_new_name(scene, tmp_path) -> None:
     session.fill_body("plate", 0)
     assert session._autosave is not None
     session._autosave.write()
-    found = hapscene.load_scene(autosave_folder(tmp_path / "new.scene.json") / "new.scene.json")
+    found = hapscene.load_scene(session._autosave.file)
     assert found.body("plate").mesh.digest == scene.body("plate").mesh.digest
     assert scene.body("plate").mesh.path is None
     session.save(tmp_path / "other.scene.json")
@@ -177,15 +211,13 @@ def test_closed_without_saving_it_may_be_kept(path) -> None:
     session = Session.open(path)
     session.start_autosave(interval_s=60.0)
     session.fill_body("ball", 1)
-    session.close(keep=True)
+    assert session.close(keep=True)
     again = Session.open(path)
-    left = again.recovery()
-    assert left is not None
-    again.recover(left)
-    assert (again.scene.body("ball").face_swatch == 1).all()
     again.start_autosave(interval_s=60.0)
+    again.recover(again.recovery())
+    assert (again.scene.body("ball").face_swatch == 1).all()
     again.undo()
-    again.close(keep=True)  # there is nothing to keep
+    assert not again.close(keep=True)  # there is nothing to keep
     assert not autosave_folder(path).exists()
 
 

@@ -3,6 +3,7 @@
 import io
 import os
 import shutil
+import socket
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -150,6 +151,24 @@ FRONT = (0.004, -0.024, 0.0176)
 BESIDE = (0.019, -0.0222, 0.006)
 
 
+def test_the_page_reaches_no_other_server(window: Window) -> None:
+    """Whatever was put into the page, it could tell nobody: not even this computer's other ports."""
+    before = len(window.troubles)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        other.settimeout(0.5)
+        place = f"127.0.0.1:{other.getsockname()[1]}"
+        for way in (f"new WebSocket('ws://{place}')", f"fetch('http://{place}').catch(() => 0)"):
+            blocked = window.ask(
+                "new Promise(done => { document.addEventListener('securitypolicyviolation', "
+                f"e => done(e.effectiveDirective), {{once: true}}); setTimeout(() => done('nothing'), 5000); "
+                f"try {{ {way} }} catch (e) {{}} }})"
+            )
+            assert blocked == "connect-src"
+        with pytest.raises(TimeoutError):
+            other.accept()
+    del window.troubles[before:]  # the browser tells of it
+
+
 def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> None:
     page, tab = window.page, window.tab
     window.see(FRONT, "wood")
@@ -175,9 +194,10 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     assert np.abs(window.pixels() - first).max(axis=2).mean() > 1.0
 
     tab.get_by_role("tab", name="Feel").click()
-    field = tab.locator("input:visible").first
+    field = tab.locator("input[inputmode=decimal]:visible").first
     field.fill("222")
     field.press("Enter")
+    window.wait("document.activeElement.tagName !== 'INPUT'")  # keys are the page's again
     until(lambda: page.parts.session.scene.swatches[2].stiffness_N_m == 222.0, PATIENCE_S)
 
     until(lambda: page.parts.touch.status == "ready", COMPILE_S)

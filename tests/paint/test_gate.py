@@ -3,6 +3,7 @@
 import http.client
 import socket
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -12,7 +13,20 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from hapscene.paint.gate import LOOPBACK, SOCKET_PATH, File, gated, harden, names_of, refusal
+from hapscene.errors import ViewError
+from hapscene.paint.gate import (
+    LOOPBACK,
+    POLICY,
+    PORT_MAX,
+    SOCKET_PATH,
+    File,
+    free_port,
+    gated,
+    harden,
+    names_of,
+    refusal,
+    serve,
+)
 
 
 @pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
@@ -40,6 +54,41 @@ def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
     assert refusal({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
     assert refusal({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
     assert refusal({"Host": "rebound.example:80"}, names, True, upgrade=False)
+
+
+async def nobody(connection: Any) -> None:
+    """Serves nothing."""
+
+
+@pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid", "a..b", "x" * 300])
+def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
+    """viser would try a thousand ports, and then wait for ever."""
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
+        pool.submit(serve, host, 0, nobody).result(timeout=60)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "0.0.0.0"])
+def test_a_port_in_use_gives_the_next_free_one(host: str) -> None:
+    with socket.create_server((host, 0)) as taken:
+        port = taken.getsockname()[1]
+        assert port < free_port(host, port) < port + 50
+    assert free_port(host, 0) == 0
+
+
+def test_no_free_port_is_told() -> None:
+    try:
+        taken = socket.create_server(("127.0.0.1", PORT_MAX))
+    except OSError:
+        taken = None  # somebody else has it: as well
+    with pytest.raises(ViewError, match=r"no port from 65535 to 65535 is free.*--port 0"):
+        free_port("127.0.0.1", PORT_MAX)
+    if taken is not None:
+        taken.close()
+
+
+def test_the_page_may_connect_to_its_own_server_alone() -> None:
+    allowed = next(part for part in POLICY.split("; ") if part.startswith("connect-src"))
+    assert set(allowed.split()[1:]) == {"'self'", "data:", "blob:"}
 
 
 @pytest.fixture(scope="module")

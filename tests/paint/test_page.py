@@ -1,6 +1,7 @@
 """The page through its real protocol: what a browser would send and see."""
 
 import random
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,13 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
+from hapscene.errors import ViewError
+from hapscene.paint.autosave import autosave_folder
+from hapscene.paint.hold import Hold
 from hapscene.paint.page import Page
 from hapscene.paint.session import Session
 from hapscene.scene.file import load_scene
+from hapscene.surface.swatch import Swatch
 
 from .conftest import make_scene
 from .tab import Tab, until
@@ -123,6 +128,22 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
     assert tab.state["swatch"] in ("paper", "leather")
 
 
+def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
+    for name in ("first", "second"):  # as they are fitted: grey, until they are given a colour
+        page.parts.tools.take(name, Swatch(name))
+        stroke(tab)
+        page.parts.tools.radius_m /= 2
+    assert len(set(page.parts.session.scene.bodies[0].face_swatch)) == 3
+
+    def colours() -> set[Any]:
+        nodes = {name: node["props"] for name, node in list(tab.nodes.items()) if name.startswith("/body/0/")}
+        return {tuple(props["color"]) for props in nodes.values() if "color" in props}
+
+    until(lambda: len(colours()) == 3)
+    chips = [c["props"]["content"] for c in tab.controls.values() if 'class="chip"' in str(c["props"].get("content"))]
+    assert all(any(f"background:{colour}" in chip for chip in chips) for colour in page.parts.view.colours[:3])
+
+
 def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
     use(tab, "wood")
     tab.set("Part", "ball: north")
@@ -226,7 +247,7 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
     count = painted(page, 0, "wood")
     tab.close()
     page.close()
-    session._autosave._lock.close()  # as the end of the process does
+    assert page.kept
     again = Session.open(tmp_path / "made.scene.json")
     with Page(again, port=0, with_hand=False) as page:
         tab = Tab(page)
@@ -234,8 +255,55 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
         tab.set("Recover it", True)
         until(lambda: painted(page, 0, "wood") == count)
         tab.close()
-    again.close()
-    session._autosave._end.set()
+
+
+def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: Any) -> Any:
+        raise ViewError("no picture")
+
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    threads = threading.active_count()
+    for place in ("serve", "View"):  # before there is a server, and after
+        with monkeypatch.context() as broken:
+            broken.setattr(f"hapscene.paint.page.{place}", fail)
+            with pytest.raises(ViewError):
+                Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False)
+        assert not autosave_folder(tmp_path / "made.scene.json").exists()
+    for _ in range(2):
+        with Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False) as page:
+            page.parts.session.fill_body(0, 1)
+        assert page.kept
+    until(lambda: threading.active_count() <= threads + 1)  # one thread that the loop lends stays
+
+
+def test_a_stroke_goes_on_after_it_was_saved(page: Page, tab: Tab) -> None:
+    use(tab, "wood")
+    places = np.add(TOP, [[0.0015 * i, 0.0, -0.0001 * i * i] for i in range(9)])
+    tab.point("down", places[0])
+    for i, place in enumerate(places):
+        tab.point("move", place)
+        if i == 3:
+            tab.settle()
+            tab.send("save")
+            until(lambda: any("Saved" in said for said in tab.said))
+            count = painted(page, 0, "wood")
+    tab.point("up", places[-1])
+    tab.settle()
+    assert len(tab.said) == 1 and painted(page, 0, "wood") > count > 0
+    assert tab.state["dirty"]
+
+
+def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
+    with Page(Session(make_scene(tmp_path), tmp_path / "new.scene.json"), port=0, with_hand=False) as page:
+        tab = Tab(page)
+        assert tab.state["dirty"]
+        until(lambda: any("Not saved yet" in c["props"].get("content", "") for c in list(tab.controls.values())))
+        tab.send("save")
+        until(lambda: not tab.state["dirty"])
+        tab.close()
+    assert not page.kept and not autosave_folder(tmp_path / "new.scene.json").exists()
 
 
 def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
@@ -316,6 +384,46 @@ def check_saves_and_loads(page: Page, folder: Path) -> None:
 def test_random_events_leave_a_scene_that_saves_and_loads(page: Page, tab: Tab, tmp_path: Path) -> None:
     shake(page, tab, 400, seed=1)
     check_saves_and_loads(page, tmp_path)
+
+
+def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Hold] = []
+
+    async def opened(scene: Any, tick_s: float) -> None:
+        made.append(page.parts.touch.hold)
+
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    page = Page(session, port=0, with_hand=False, hold=Hold("phantom-1.0", "light", "flat"))
+    assert session.device == "phantom-1.0"
+    monkeypatch.setattr(page.parts.touch, "open", opened)
+    page.parts.touch.status = "ready"
+    with page:
+        tab = Tab(page)
+        use(tab, "wood")
+        stroke(tab)
+        count = painted(page, 0, "wood")
+        assert [tab.control(label)["value"] for label in ("Device", "Grip", "Handle")] == [
+            "phantom-1.0",
+            "light",
+            "flat",
+        ]
+        tab.set("Handle", "no-handle")
+        until(lambda: made == [Hold("phantom-1.0", "light", "no-handle")])
+        until(lambda: any("perfect handle" in c["props"].get("content", "") for c in list(tab.controls.values())))
+        tab.set("Device", "omni")
+        until(lambda: made[1:] == [Hold("omni", "light", "no-handle")])
+        assert session.device == "omni"
+        tab.set("Grip", "firm")  # at once: nothing starts anew
+        until(lambda: page.parts.touch.hold.grip == "firm")
+        tab.set("Device", "hammer")
+        until(lambda: any("no device 'hammer'" in said for said in tab.said))
+        assert len(made) == 2 and session.device == "omni" and painted(page, 0, "wood") == count > 0
+        tab.close()
+    session.close()
 
 
 @pytest.mark.soak

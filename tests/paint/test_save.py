@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 import hapscene
-from hapscene.errors import SwatchError
-from hapscene.paint.save import SaveConflict, check_unchanged, stamp_of, write_swatch
+from hapscene.errors import SaveConflict, SceneError, SwatchError
+from hapscene.paint.autosave import find_recovery
+from hapscene.paint.save import check_unchanged, stamp_of, write_swatch
 from hapscene.paint.session import Session
 from hapscene.surface.swatch import Swatch
 
@@ -31,6 +32,38 @@ def test_saving_is_safe_and_ends_what_is_to_be_saved(session) -> None:
     session.fill_body("plate", 0)
     session.save()
     assert (hapscene.load_scene(session.path).body("plate").face_swatch == 0).all()
+
+
+def test_undone_or_reset_after_saving_the_numbers_that_are_shown_are_saved(session) -> None:
+    paper = session.swatch_named("paper")
+
+    def saved() -> tuple[float, float]:
+        session.save()
+        found = hapscene.load_scene(session.path).swatches[paper].stiffness_N_m
+        return session.scene.swatches[paper].stiffness_N_m, found
+
+    session.tune(paper, stiffness_N_m=300.0)
+    session.save()
+    session = Session.open(session.path)  # the next evening
+    session.tune(paper, stiffness_N_m=100.0)
+    assert saved() == (100.0, 100.0)
+    session.undo()
+    assert saved() == (300.0, 300.0)
+    session.redo()
+    assert saved() == (100.0, 100.0)
+    assert session.reset(paper)
+    assert saved() == (300.0, 300.0)
+    assert len(list(session.path.parent.glob("cup.paper.*.swatch"))) == 1
+
+
+def test_a_scene_without_a_file_is_not_saved(scene, tmp_path) -> None:
+    session = Session(scene, tmp_path / "new.scene.json")
+    assert session.dirty and not session.changed
+    session.start_autosave(60.0)
+    assert not session.close(keep=True)  # there is no work to be offered
+    session.save()
+    assert not session.dirty and not Session.open(session.path).dirty
+    assert Session(scene).dirty
 
 
 def test_a_file_that_changed_meanwhile_is_not_written_over(session) -> None:
@@ -70,6 +103,44 @@ def test_another_name(session, tmp_path) -> None:
     session.save()
 
 
+@pytest.mark.parametrize("force", [False, True])
+def test_another_name_that_is_open_in_another_painter(session, scene, tmp_path, force) -> None:
+    taken = tmp_path / "taken.scene.json"
+    scene.save(taken)
+    before = taken.read_bytes()
+    other = Session.open(taken)
+    other.start_autosave(60.0)
+    session.start_autosave(60.0)
+    with pytest.raises(SceneError, match="open in another painter"):
+        session.save(taken, force)
+    assert taken.read_bytes() == before and session.dirty and session.autosaves
+    assert session.path == tmp_path / "cup.scene.json"
+    session.save()
+    other.close()
+    session.save(taken, force=True)
+    assert taken.read_bytes() != before
+    session.close()
+
+
+@pytest.mark.parametrize("with_autosave", [False, True])
+def test_another_name_whose_painter_was_killed_is_asked_for(session, scene, tmp_path, with_autosave) -> None:
+    taken = tmp_path / "taken.scene.json"
+    other = Session(scene, taken)
+    other.start_autosave(60.0)
+    other.fill_body("ball", other.add_swatch("leather"))
+    other.close(keep=True)  # as when it is ended
+    left = find_recovery(taken)
+    assert left is not None
+    if with_autosave:
+        session.start_autosave(60.0)
+    with pytest.raises(SaveConflict, match="was painted and not saved"):
+        session.save(taken)
+    assert not taken.exists() and session.path != taken
+    session.save(taken, force=True)
+    session.close()
+    assert find_recovery(taken) == left and "leather" in [s.name for s in left.load().swatches]
+
+
 def test_a_new_file_that_someone_makes_first(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "new.scene.json")
     (tmp_path / "new.scene.json").write_text("{}")
@@ -79,7 +150,7 @@ def test_a_new_file_that_someone_makes_first(scene, tmp_path) -> None:
 
 def test_stamps(tmp_path: Path) -> None:
     file = tmp_path / "a"
-    assert stamp_of(file).sha256 == ""
+    assert stamp_of(file) == ""
     check_unchanged(file, None)
     file.write_text("a")
     check_unchanged(file, stamp_of(file))

@@ -93,7 +93,7 @@ def test_whatever_is_done_is_undone_and_done_again_to_the_bit(tmp_path, kinds, s
     while session.undo() is not None:
         states.append(bits(session))
     assert states[-1] == first
-    assert not session.dirty
+    assert not session.changed
     for state in states[-2::-1]:
         assert session.redo() is not None
         assert bits(session) == state
@@ -205,7 +205,7 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(scene, act, message) ->
     with pytest.raises(HapsceneError, match=message):
         act(session)
     assert bits(session) == before
-    assert session.undo_word is None and not session.dirty
+    assert session.undo_word is None and not session.changed
 
 
 def test_a_slider_is_one_step_while_it_moves(scene) -> None:

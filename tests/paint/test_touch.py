@@ -1,6 +1,7 @@
-"""The hand behind the page, with a servo that only takes notes."""
+"""The hand behind the page, with a servo that only takes notes, and with a real one."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,9 +10,12 @@ import pytest
 
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
-from hapscene.paint.touch import HELD_DEVICES, HOVER_M, IDLE_S, Touch, aim_of
+from hapscene.paint.hold import HELD_DEVICES, NO_HANDLE, Hold
+from hapscene.paint.touch import HOVER_M, IDLE_S, Touch, aim_of
 from hapscene.scene.scene import Scene
 from hapscene.servo.servo import Felt, State
+
+from .conftest import plate_mesh
 
 UP = np.array([0.0, 0.0, 1.0])
 PLACE = np.array([0.01, 0.02, 0.03])
@@ -22,8 +26,8 @@ class Notes:
 
     tick_s = 0.001
 
-    def __init__(self, device: str = "omni", refuse: str | None = None) -> None:
-        self.device, self.refuse, self.alive, self.closed = device, refuse, True, False
+    def __init__(self, hold: Hold, refuse: str | None = None) -> None:
+        self.hold, self.refuse, self.alive, self.closed = hold, refuse, True, False
         self.orders: list[tuple[Any, ...]] = []
 
     def __enter__(self) -> "Notes":
@@ -56,7 +60,7 @@ class Notes:
     def read(self, since: int) -> Felt:
         rows = np.zeros(3, [("f_W_N", "f8", (3,))])
         rows["f_W_N"][:, 2] = 2.0
-        return Felt(since, rows, np.zeros((3, 10)), np.zeros((3, 10)))
+        return Felt(since, rows, np.zeros((3, 10)), np.ones((3, 10)))
 
 
 def run(act: Callable[[Touch, list[Notes], list[str]], Any], refuse: str | None = None) -> None:
@@ -64,13 +68,13 @@ def run(act: Callable[[Touch, list[Notes], list[str]], Any], refuse: str | None 
     made: list[Notes] = []
     said: list[str] = []
 
-    def make(scene: Scene, device: str, tick_s: float) -> Notes:
-        made.append(Notes(device, refuse))
+    def make(scene: Scene, hold: Hold, tick_s: float) -> Notes:
+        made.append(Notes(hold, refuse))
         return made[-1]
 
     async def main() -> None:
-        touch = Touch(lambda text, kind: said.append(text), make)
-        await touch.open(Scene(), "omni", 0.001)
+        touch = Touch(lambda text, kind: said.append(text), Hold(), make)
+        await touch.open(Scene(), 0.001)
         await act(touch, made, said)
         touch.close()
 
@@ -101,7 +105,8 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
         assert made[0].orders[0] == ("start", tuple(PLACE + HOVER_M * UP))
         assert made[0].orders[1] == ("aim", tuple(aim_of(PLACE, UP, 1.0, 500.0, "medium")))
         read = touch.read(0.0)
-        assert read is not None and read[1] == pytest.approx([2.0] * 3) and read[2].shape == (3, 10)
+        assert read is not None and read[1] == pytest.approx([2.0] * 3)
+        assert read[2].shape == (3, 10) and (read[2] == 1.0).all()  # the handle's
         touch.move(PLACE + 0.001, UP, 1.0, 500.0)
         touch.lift(5.0)
         assert made[0].orders[-1] == ("aim", tuple(PLACE + HOVER_M * UP))
@@ -129,9 +134,13 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
     async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
         scene = Scene()
         touch.repaint(scene)
-        orders = [touch.open(Scene(), device, 0.001) for device in HELD_DEVICES]
+        orders = []
+        for device in HELD_DEVICES:
+            touch.hold = Hold(device)
+            orders.append(asyncio.ensure_future(touch.open(Scene(), 0.001)))
+            await asyncio.sleep(0.0)
         await asyncio.gather(*orders)
-        assert touch.status == "ready" and made[-1].device == HELD_DEVICES[-1]
+        assert touch.status == "ready" and made[-1].hold.device == list(HELD_DEVICES)[-1]
         assert all(notes.closed for notes in made[:-1])
         await asyncio.sleep(0.05)
         assert any(("repaint", scene) in notes.orders for notes in made)
@@ -154,3 +163,62 @@ def test_a_process_that_died_is_noticed_once() -> None:
         assert touch.status == "failed" and len(said) == 1
 
     run(act)
+
+
+@pytest.mark.parametrize(("device", "ends"), [("omni", True), ("omni-point", False)])
+def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(device: str, ends: bool) -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        touch.hold = Hold(device)
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        touch.move(np.add(PLACE, (0.05, 0.0, 0.0)), UP, 1.0, 500.0)
+        assert len(made[0].orders) == 3 and not said
+        for x_m in (0.4, 0.5):
+            touch.move(np.add(PLACE, (x_m, 0.0, 0.0)), UP, 1.0, 500.0)
+        assert len(made[0].orders) == (3 if ends else 5)
+        assert len(said) == ends and all("choose omni-point" in line for line in said)
+        touch.lift(0.0)
+        touch.press(np.add(PLACE, (0.5, 0.0, 0.0)), UP, 1.0, 500.0)  # the arm is placed anew
+        await done(made[0], len(made[0].orders) + 2)
+        assert made[0].orders[-1][1][0] == PLACE[0] + 0.5 and len(said) == ends
+
+    run(act)
+
+
+async def feel(hold: Hold, force_N: float) -> tuple[Felt, list[str]]:
+    """Press with a real servo on the side of a plate until the force has been right for 0.3 s, then stroke 0.3 s."""
+    scene, said = Scene(), list[str]()
+    scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
+    place, nhat, stiffness = np.array([0.02, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), scene.swatches[1].stiffness_N_m
+    touch = Touch(lambda text, kind: said.append(text), hold)
+    try:
+        await touch.open(scene, 0.001)
+        assert touch.press(place, nhat, force_N, stiffness)
+        end_s, right, newest = time.monotonic() + 60.0, 0, 0
+        while right < 300 or newest < 1000:
+            assert time.monotonic() < end_s and not said, "the force never was what was asked for"
+            await asyncio.sleep(0.025)
+            if (read := touch.read(time.monotonic())) is not None:
+                right = right + len(read[1]) if (abs(read[1] - force_N) < 0.1 * force_N).all() else 0
+                newest = read[0].tick
+        while touch._servo.state().tick < newest + 300:
+            assert time.monotonic() < end_s, "the servo stands still"
+            touch.move(np.add(place, (0.0, 5e-5 * (touch._servo.state().tick - newest), 0.0)), nhat, force_N, stiffness)
+            await asyncio.sleep(0.01)
+        return touch._servo.read(newest), said
+    finally:
+        touch.close()
+
+
+def test_with_the_omni_a_press_gives_the_force_asked_for_and_its_handle_is_heard() -> None:
+    """The arm's friction (0.26 N) and its bending would take a quarter of it: the hand minds what it feels."""
+    felt, said = asyncio.run(feel(Hold("omni", "light", "naive"), 1.0))
+    assert not said and np.isfinite(felt.a_handle_m_s2).all()
+    assert felt.a_m_s2.std() > 0.05 and felt.a_handle_m_s2.std() > 0.05
+    assert (felt.a_handle_m_s2 - felt.a_m_s2).std() > 0.2 * felt.a_m_s2.std()
+
+
+def test_without_a_handle_what_is_asked_for_is_heard() -> None:
+    felt, said = asyncio.run(feel(Hold("omni-point", "medium", NO_HANDLE), 1.0))
+    assert not said and felt.a_m_s2.std() > 0.05
+    assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)

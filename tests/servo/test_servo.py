@@ -21,7 +21,6 @@ from hapscene.errors import HapsceneError, PathError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
-from hapscene.servo.channel import BIN_COUNT, percentile_us
 
 MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
 
@@ -118,8 +117,13 @@ def test_lateness_is_counted(servo: Servo) -> None:
     tick = servo.state().tick
     until(lambda: servo.state().tick > tick + 100)
     late = servo.lateness()
-    assert 0.0 < late.busy_median_us <= late.busy_p99_us
-    assert late.late_median_us <= late.late_p99_us
+    assert 0.0 < late.busy_us() <= late.busy_us(0.99)
+    assert 0.0 < late.late_us() <= late.late_us(0.99)
+    tick = servo.state().tick
+    until(lambda: servo.state().tick > tick + 100)
+    since = servo.lateness().since(late)
+    assert since.late.sum() > 100 and since.busy.sum() > 100
+    assert (since.late >= 0).all() and since.missed >= 0
 
 
 def test_what_the_twin_refuses_is_said_at_the_start() -> None:
@@ -170,14 +174,6 @@ def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
     if not Path("/proc").is_dir():
         pytest.skip("no /proc here to see the process end")
     until(gone)
-
-
-def test_percentiles_of_a_histogram() -> None:
-    counts = np.zeros(BIN_COUNT, np.int64)
-    assert percentile_us(counts, 0.5) == 0.0
-    counts[0], counts[10] = 99, 1
-    assert percentile_us(counts, 0.5) == pytest.approx(0.2)
-    assert percentile_us(counts, 0.999) == pytest.approx(0.1 * 2**11)
 
 
 def test_an_aim_that_is_none_does_not_spoil_the_next(servo: Servo) -> None:
