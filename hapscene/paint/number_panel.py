@@ -43,11 +43,14 @@ class NumberPanel:
         if shape != self._shown:
             self._make(found, swatch.name)
             self._shown = shape
-        notes = "".join(f"<br>⚠ {safe(p.note)}" for p in found if p.note)
-        content = (
-            f'<div class="hs-card"><b>{safe(swatch.name)}</b> as it is painted with; every change is felt and heard at '
-            f"once. Limits are those of the {safe(parts.session.device)}.{notes}</div>"
+        told = (
+            f"as it is painted with; every change is felt and heard at once. Limits are those of the "
+            f"{safe(parts.session.device)}."
+            if found
+            else "is what every face has until it is painted, and stays as it is. A copy of it can be tuned."
         )
+        notes = "".join(f"<br>⚠ {safe(p.note)}" for p in found if p.note)
+        content = f'<div class="hs-card"><b>{safe(swatch.name)}</b> {told}{notes}</div>'
         if self._head.content != content:
             self._head.content = content
         for p in found:
@@ -74,8 +77,11 @@ class NumberPanel:
                 )
                 slider.on_update(on(partial(self._tune, p)))
                 self._sliders[p.name] = slider
-            gui.add_button("Reset", hint="Back to the numbers that the swatch came with").on_click(on(self._reset))
             self._name = gui.add_text("New name", f"my {name}")
+            if not found:  # plain
+                gui.add_button("Copy", hint="A new swatch to tune and to paint with").on_click(on(self._copy))
+                return
+            gui.add_button("Reset", hint="Back to the numbers that the swatch came with").on_click(on(self._reset))
             gui.add_button("Save as new swatch", hint="Into your library: on the shelf from now on").on_click(
                 on(self._save)
             )
@@ -94,10 +100,19 @@ class NumberPanel:
         if not self._parts.session.reset(self._parts.tools.ink()):
             self._parts.live.say("These are the numbers that it came with.")
 
-    def _save(self, target: Any) -> None:
+    def _copy(self, target: Any) -> None:
+        session, name = self._parts.session, self._new_name()
+        index = session.copy_swatch(self._parts.tools.ink(), name)
+        self._parts.tools.take(name, session.scene.swatches[index])
+
+    def _new_name(self) -> str:
         name = str(self._name.value).strip()
         if not name:
             raise SwatchError("give the new swatch a name")
+        return name
+
+    def _save(self, target: Any) -> None:
+        name = self._new_name()
         index = self._parts.tools.ink()
         file = self._parts.session.save_swatch_as(index, name)
         self._parts.tools.take(name, self._parts.session.scene.swatches[index])

@@ -104,7 +104,7 @@ class Touch:
             try:
                 servo = await self._in_lane(partial(self._start, *wanted))
                 self.status, self._since = "ready", 0
-            except HapsceneError as error:
+            except (HapsceneError, OSError) as error:
                 servo, self.status = None, "failed"
                 self._say(f"The hand cannot touch: {error}", "error")
             if self._wanted is wanted:
@@ -236,15 +236,19 @@ class Touch:
             self._do(self._send_all())
 
     async def _send_all(self) -> None:
+        """Send what waits, the painting first; what the servo refuses is told, and holds up nothing."""
         try:
             while self._servo is not None and (self._scene is not None or self._numbers):
                 servo, scene, self._scene = self._servo, self._scene, None
                 if scene is not None:
-                    await self._in_lane(partial(servo.repaint, scene))
-                    continue
-                swatch = next(iter(self._numbers))
-                numbers = self._numbers.pop(swatch)
-                await self._in_lane(partial(servo.tune, swatch, **numbers))
+                    order = partial(servo.repaint, scene)
+                else:
+                    swatch = next(iter(self._numbers))
+                    order = partial(servo.tune, swatch, **self._numbers.pop(swatch))
+                try:
+                    await self._in_lane(order)
+                except HapsceneError as error:
+                    self._refused(error)
         finally:
             self._sending = False
 
@@ -255,19 +259,22 @@ class Touch:
             try:
                 await order
             except HapsceneError as error:
-                if self.status == "ready":
-                    self._say(f"The hand: {error}", "error")
+                self._refused(error)
 
         task = asyncio.get_running_loop().create_task(told())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    def _refused(self, error: HapsceneError) -> None:
+        if self.status == "ready":
+            self._say(f"The hand: {error}", "error")
 
     def _alive(self) -> bool:
         if self._servo.alive:
             return True
         if self.status == "ready":
             self.status, self._running, self.touching = "failed", False, False
-            self._say("The hand's process has ended; choose the device again to start another.", "error")
+            self._say("The hand's process has ended; choose another device, then this one again, to start a new one.", "error")
         return False
 
     async def _in_lane(self, work: Callable[[], Any]) -> Any:

@@ -182,6 +182,19 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
     assert tab.page.parts.tools.chosen == "card <b>board"
 
 
+def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
+    use(tab, "plain")
+    tab.send("size", factor=1.01)
+    until(lambda: any("stays as it is" in str(c["props"].get("content")) for c in list(tab.controls.values())))
+    tab.set("New name", "softer")
+    tab.set("Copy", True)
+    until(lambda: tab.state["swatch"] == "softer")
+    tab.set("Stiffness [N/m]", 200.0)
+    scene = page.parts.session.scene
+    until(lambda: scene.swatches[-1].stiffness_N_m == 200.0)
+    assert scene.swatches[-1].name == "softer" and scene.swatches[0].name == "plain"
+
+
 def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
     tab.set("Swatch A", "plain")
     tab.set("Swatch B", "paper")

@@ -48,6 +48,8 @@ class Notes:
         self.orders.append(("rest",))
 
     def tune(self, swatch: str, **numbers: float) -> None:
+        if swatch == "gone":
+            raise HapsceneError("no swatch named 'gone'")
         self.orders.append(("tune", swatch, numbers))
 
     def repaint(self, scene: Scene) -> None:
@@ -154,6 +156,31 @@ def test_what_the_servo_refuses_is_said() -> None:
         assert not touch.press(PLACE, UP, 1.0, 500.0)
 
     run(act, refuse="no arm")
+
+
+def test_what_is_refused_holds_up_nothing_behind_it() -> None:
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        touch.tune("gone", {"stiffness_N_m": 1.0})
+        touch.tune("wood", {"stiffness_N_m": 300.0})
+        await asyncio.wait_for(done(made[0], 1), 10.0)
+        assert made[0].orders == [("tune", "wood", {"stiffness_N_m": 300.0})] and "gone" in said[0]
+
+    run(act)
+
+
+def test_after_a_start_that_the_system_refused_another_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Notes) -> Notes:
+        raise OSError(28, "No space left on device")
+
+    async def act(touch: Touch, made: list[Notes], said: list[str]) -> None:
+        with monkeypatch.context() as then:
+            then.setattr(Notes, "__enter__", full)
+            await touch.open(Scene(), 0.001)
+        assert touch.status == "failed" and "No space left" in said[-1]
+        await touch.open(Scene(), 0.001)
+        assert touch.status == "ready" and touch.press(PLACE, UP, 1.0, 500.0)
+
+    run(act)
 
 
 def test_a_process_that_died_is_noticed_once() -> None:
