@@ -8,7 +8,7 @@
 | `loop_time` | the same with cold caches; the start of a process |
 | `ray` | the rays of a path, counted and timed by themselves |
 | `crowd`, `instance` | many bodies: one query per body, and Embree's instances instead |
-| `paint`, `paint_page` | painting; in a real browser: clicks (`paint_click`), servo (`paint_late`), sound (`paint_delay`) |
+| `paint`, `paint_page` | painting; and in a browser: `paint_click`, `paint_late` (the servo), `paint_delay` (sound) |
 | `paint_browser`, `paint_hand`, `idle` | the browser, the hand and the empty loop for that |
 | `accuracy` | how far force and proxy are from the truth |
 | `projection` | the proxy's exact solution against alternating projection |

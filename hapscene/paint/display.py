@@ -24,7 +24,8 @@ SHOWN_MAX: Final = 60_000
 """Most triangles shown of a whole scene [count]."""
 
 LEAST: Final = 200
-"""Least triangles shown of a body, where it has as many [count]: so that a small one beside a large stays itself."""
+"""Least triangles shown of a body, where it has as many and others leave them [count]: so that a small one beside a
+large stays itself."""
 
 CHUNK: Final = 3_000
 """Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
@@ -72,7 +73,8 @@ class ShownBody:
         self._shape = shape
         self._face_swatch = face_swatch
         self._drawn = face_swatch.copy()
-        self._area_m2 = area_of(shape.corner_m)
+        # where none has an area, what is painted decides still
+        self._area_m2 = np.maximum(area_of(shape.corner_m), np.finfo(np.float64).tiny)
         self._full = np.argsort(mesh.shown_of, kind="stable")
         count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
         self._start = np.concatenate([[0], np.cumsum(count)])
@@ -187,11 +189,16 @@ class Display:
 
 
 def shares(counts: list[int], most: int) -> list[int]:
-    """How many triangles are shown of bodies of `counts` faces, so that they are about `most` at most together."""
-    total = sum(counts)
-    if total <= most:
+    """How many triangles are shown of bodies of `counts` faces: `most` at most, and 1 at least of each.
+
+    First each has `LEAST`, or its part of `most` where that is less; what is left is shared by size.
+    """
+    if sum(counts) <= most:
         return counts
-    return [min(n, max(math.floor(most * n / total), LEAST)) for n in counts]
+    least = min(LEAST, max(most // len(counts), 1))
+    first = [min(n, least) for n in counts]
+    share = (most - sum(first)) / (sum(counts) - sum(first))
+    return [a + math.floor(share * (n - a)) for n, a in zip(counts, first, strict=True)]
 
 
 def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 from hapscene.output import whole_file, whole_folder
 from hapscene.paint.gallery_plot import GROUNDS, painted_body, scale_of, write_portrait
@@ -56,7 +57,7 @@ def write_gallery(
             body = painted_body(swatch)
             for ground in GROUNDS:
                 write_portrait(swatch, body, scale, ground, folder / f"{stem}-{ground}.png")
-            (folder / f"{stem}.wav").write_bytes(wav([stroked(swatch)]))
+            (folder / f"{stem}.wav").write_bytes(wav(stroked(swatch)))
         made = [page.parent / page.stem / file.name for file in sorted(folder.iterdir())]
     with whole_file(page) as part:
         part.write_text(_page(swatches, stems, page.stem), encoding="utf-8", newline="\n")
@@ -75,6 +76,7 @@ def _page(swatches: Sequence[Swatch], stems: Sequence[str], folder: str) -> str:
 
 def _card(swatch: Swatch, file: str) -> str:
     """One swatch."""
+    file = quote(file)  # a page may be called anything
     name = _plain(swatch.name)
     told = f"{swatch.name}: a painted body, the spectra of its texture, and its tap over time"
     rows = "\n".join(_row(swatch, phrase) for phrase in phrases(swatch))

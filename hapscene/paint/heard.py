@@ -72,19 +72,21 @@ def stroked(
     return Sound(a, rate_Hz)
 
 
-def wav(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> bytes:
-    """Sounds of one rate one after the other, on one scale, as WAV: mono, 16 bit. Silence stays silent."""
+def joined(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
+    """Sounds of one rate, one after the other."""
+    rate_Hz = sounds[0].rate_Hz
+    gap = np.zeros(round(pause_s * rate_Hz))
+    return Sound(np.concatenate([part for sound in sounds for part in (gap, sound.a_m_s2)][1:]), rate_Hz)
+
+
+def wav(sound: Sound) -> bytes:
+    """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
     from scipy.io import wavfile
 
-    rate_Hz = sounds[0].rate_Hz
-    gap, ramp = np.zeros(round(pause_s * rate_Hz)), np.linspace(0.0, 1.0, round(FADE_S * rate_Hz), endpoint=False)
-    parts: list[NDArray[np.float64]] = []
-    for i, sound in enumerate(sounds):
-        a = sound.a_m_s2.copy()
-        a[len(a) - len(ramp) :] *= ramp[::-1]
-        parts += [gap, a] if i else [a]
-    whole = np.concatenate(parts)
-    scale = max(FULL_SCALE_M_S2, float(np.abs(whole).max(initial=0.0)) / 10 ** (PEAK_DBFS / 20))
+    a_m_s2 = sound.a_m_s2.copy()
+    ramp = np.linspace(0.0, 1.0, round(FADE_S * sound.rate_Hz), endpoint=False)
+    a_m_s2[len(a_m_s2) - len(ramp) :] *= ramp[::-1]
+    scale = max(FULL_SCALE_M_S2, float(np.abs(a_m_s2).max(initial=0.0)) / 10 ** (PEAK_DBFS / 20))
     file = io.BytesIO()
-    wavfile.write(file, round(rate_Hz), np.rint(whole / scale * 32767).astype(np.int16))
+    wavfile.write(file, round(sound.rate_Hz), np.rint(a_m_s2 / scale * 32767).astype(np.int16))
     return file.getvalue()

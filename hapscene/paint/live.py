@@ -14,7 +14,7 @@ MESSAGE_BYTES_MAX: Final = 10_000
 """Longest message that is read [bytes]; a page sends some hundred."""
 
 BACKLOG_BYTES_MAX: Final = 500_000
-"""How much may wait for a page that does not read [bytes]: some seconds of traces; more is not sent to it."""
+"""How much may wait for a page that does not read [bytes]: some seconds of traces; no more of them is sent to it."""
 
 PIXEL_MAX: Final = 1e5
 """Largest canvas that is believed [pixels]."""
@@ -78,11 +78,6 @@ class Live:
         """An acceleration (n,) [m/s²] to be heard at once."""
         self._pour(np.concatenate(((2.0, rate_Hz), a_m_s2)))
 
-    @property
-    def heard(self) -> bool:
-        """Whether anybody looks or listens."""
-        return bool(self._sockets)
-
     def _pour(self, numbers: NDArray[Any]) -> None:
         content = numbers.astype("<f4").tobytes()
         for connection in self._sockets:
@@ -91,7 +86,8 @@ class Live:
     def _send(self, connection: Any, content: str | bytes) -> None:
         from websockets.asyncio.server import broadcast
 
-        if connection.transport.get_write_buffer_size() < BACKLOG_BYTES_MAX:
+        old_soon = isinstance(content, bytes)  # a trace, a sound; a word is told once
+        if not old_soon or connection.transport.get_write_buffer_size() < BACKLOG_BYTES_MAX:
             with contextlib.suppress(RuntimeError):  # it is closing
                 broadcast([connection], content)
 

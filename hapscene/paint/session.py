@@ -116,12 +116,17 @@ class Session(Tuned):
         return self._fill(where, hit.body, swatch, lambda found, shape: shape.facet(hit.face, angle_rad))
 
     def fill_group(self, body: int | str, name: str, swatch: int) -> int:
-        """Paint the faces of a group, material or object of the mesh's file.
+        """Paint the faces of a group, material or object of the mesh's file, by its name or a part of that.
 
         Raises:
             MeshError: no face has that name.
         """
         return self._fill(repr(name), body, swatch, lambda found, shape: shape.mesh.faces_of(name))
+
+    def fill_group_at(self, hit: Hit, swatch: int) -> int:
+        """Paint the faces of the very group that a place is in."""
+        where = repr(self.group_at(hit))
+        return self._fill(where, hit.body, swatch, lambda found, shape: shape.mesh.group == shape.mesh.group[hit.face])
 
     def fill_swatch(self, body: int | str | None, old: int, swatch: int) -> int:
         """Paint what is painted with one swatch with another: of one body, or (None) of all."""

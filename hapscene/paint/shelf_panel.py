@@ -6,10 +6,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
-import numpy as np
-
 from hapscene.errors import SwatchError, no_such
-from hapscene.paint.heard import PAUSE_S, stroked
+from hapscene.paint.heard import Sound, joined, stroked
 from hapscene.paint.parts import Parts, css, safe
 from hapscene.paint.shelf import Card, matching, scene_cards, shelf
 
@@ -179,15 +177,12 @@ class ShelfPanel:
     async def _hear(self, *cards: Card) -> None:
         """Have swatches tapped and stroked in the browser, one after the other."""
 
-        def sound() -> tuple[Any, float]:
-            sounds = [stroked(card.swatch) for card in cards]
-            rate_Hz = sounds[0].rate_Hz
-            gap = np.zeros(round(PAUSE_S * rate_Hz))
-            return np.concatenate([part for one in sounds for part in (one.a_m_s2, gap)][:-1]), rate_Hz
+        def made() -> Sound:
+            return joined([stroked(card.swatch) for card in cards])
 
-        a_m_s2, rate_Hz = await asyncio.get_running_loop().run_in_executor(None, sound)
-        self._parts.live.sound(a_m_s2, rate_Hz)
-        if not a_m_s2.any():
+        sound = await asyncio.get_running_loop().run_in_executor(None, made)
+        self._parts.live.sound(sound.a_m_s2, sound.rate_Hz)
+        if not sound.a_m_s2.any():
             self._parts.live.say(f"{cards[0].name} is silent: it has neither texture nor taps.")
 
     @staticmethod

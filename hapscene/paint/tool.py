@@ -186,7 +186,7 @@ class Tools:
         if self.fill == "whole body":
             count = session.fill_body(hit.body, ink)
         elif self.fill == "material":
-            count = session.fill_group(hit.body, session.group_at(hit), ink)
+            count = session.fill_group_at(hit, ink)
         elif self.fill == "same swatch":
             count = session.fill_swatch(hit.body, session.swatch_at(hit), ink)
         else:

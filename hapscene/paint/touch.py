@@ -274,7 +274,7 @@ class Touch:
             return True
         if self.status == "ready":
             self.status, self._running, self.touching = "failed", False, False
-            self._say("The hand's process has ended; choose another device, then this one again, to start a new one.", "error")
+            self._say("The hand's process has ended; to start a new one choose another device, then this one.", "error")
         return False
 
     async def _in_lane(self, work: Callable[[], Any]) -> Any:

@@ -46,8 +46,8 @@ def run_follower(
         session = Session(side, sock, impairment=impairment, seed=seed, allowed=_resolved(allowed))
         session.rehearse()
         host, port = sock.getsockname()
-        speak(f"a follower listens at {host}:{port}\n")
         with interrupt_noted() as noted:
+            speak(f"a follower listens at {host}:{port}\n")
             return session.run(duration_s, noted)
 
 
@@ -75,8 +75,8 @@ def run_leader(
             raise HapsceneError(f"{address[0]}:{address[1]}: cannot be reached: {reason.strerror}") from None
         session = Session(side, sock, gesture.intent, impairment, seed)
         session.rehearse()
-        speak(f"a leader calls {address[0]}:{address[1]}\n")
         with interrupt_noted() as noted:
+            speak(f"a leader calls {address[0]}:{address[1]}\n")
             return session.run(duration_s, noted)
 
 

@@ -23,6 +23,12 @@ needs_browser = pytest.mark.skipif(find_chromium() is None, reason="no Chromium 
 WINDOW_S = 0.5
 
 
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small ball is drawn sooner than a large one."""
+    monkeypatch.setattr(paint_browser, "SETTLE_S", 1.0)
+
+
 @pytest.fixture(scope="module")
 def page() -> Iterator[Page]:
     with ball_page(3) as running:

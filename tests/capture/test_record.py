@@ -21,6 +21,7 @@ from hapscene.capture.record_file import load_record
 from hapscene.capture.record_meter import Meter
 from hapscene.cli import main
 from hapscene.errors import CaptureError
+from hapscene.interrupt import ENDS
 from hapscene.wire.protocol import Column, Count, Header, header_line, sample_line
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -291,7 +292,8 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
     assert first == kept.streams["force"][0] / 0.01 and len(there) > 0.9 * len(kept.missing)
 
 
-def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
+def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
     path = tmp_path / "a.hsrec"
     stop = threading.Event()
     words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
@@ -300,7 +302,7 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path) -
         assert child.stdout is not None and child.stderr is not None
         child.stdout.readline()
         wait_for(lambda: path.stat().st_size > 5000)
-        child.send_signal(signal.SIGINT)
+        child.send_signal(kind)
         said = child.stdout.read()
         assert child.wait(20.0) == 0 and child.stderr.read() == ""
     stop.set()

@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import socket
 import time
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from playwright.sync_api import sync_playwright
 from trimesh.creation import icosphere
 
 import hapscene
+from hapscene.bench.paint_browser import ARGUMENTS, find_chromium
 from hapscene.paint.page import Page
 from hapscene.paint.session import Session
 from hapscene.scene.file import load_scene
@@ -27,22 +27,9 @@ from hapscene.scene.file import load_scene
 from .conftest import mesh_of
 from .tab import until
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = find_chromium()
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
-
-ARGUMENTS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
-)
 
 CANVAS = "document.querySelector('canvas').getBoundingClientRect()"
 

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -38,6 +39,15 @@ def test_page_has_every_swatch_with_pictures_and_sound(tmp_path: Path) -> None:
     assert "&lt;b&gt;oak\\|\\*" in text and "<b>" not in text
     assert "no texture; it was too short" in text
     assert "350 N/m; **assumed**: the recording holds no depth" in text
+
+
+@pytest.mark.usefixtures("no_body")
+@pytest.mark.parametrize("stem", ["my page", "a (b), c", "ü%20#?"])
+def test_links_are_links_whatever_the_page_is_called(stem: str, tmp_path: Path) -> None:
+    gallery.write_gallery([hapscene.load_swatch("wood")], tmp_path / f"{stem}.md")
+    links = ["".join(link) for link in links_of((tmp_path / f"{stem}.md").read_text(encoding="utf-8"))]
+    assert len(links) == 3 and not any(sign in link for link in links for sign in " ,()#?")
+    assert all((tmp_path / unquote(link)).is_file() for link in links)
 
 
 @pytest.mark.usefixtures("no_body")

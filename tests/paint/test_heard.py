@@ -8,7 +8,7 @@ import pytest
 from scipy.io import wavfile
 
 import hapscene
-from hapscene.paint.heard import EASE_S, FULL_SCALE_M_S2, PAUSE_S, START_S, stroked, wav
+from hapscene.paint.heard import EASE_S, FULL_SCALE_M_S2, PAUSE_S, START_S, joined, stroked, wav
 from hapscene.surface.swatch import Swatch
 
 WOOD = hapscene.load_swatch("wood")
@@ -46,17 +46,17 @@ def samples(data: bytes) -> tuple[int, np.ndarray]:
 def test_two_are_compared_on_one_scale() -> None:
     soft = replace(WOOD, effects={"lpc_texture": {"texture_gain": 0.25}, "tap": {"tap_gain": 0.25}})
     first, second = stroked(WOOD), stroked(soft)
-    rate, both = samples(wav([first, second]))
+    rate, both = samples(wav(joined([first, second])))
     n, gap = len(first.a_m_s2), round(PAUSE_S * rate)
     assert len(both) == 2 * n + gap and not both[n : n + gap].any()
     assert both[n + gap :].std() == pytest.approx(0.25 * both[:n].std(), rel=0.01)
-    _, alone = samples(wav([second]))
+    _, alone = samples(wav(second))
     np.testing.assert_array_equal(alone, both[n + gap :])  # as loud alone as beside the other
 
 
 def test_what_is_too_loud_is_turned_down_and_silence_stays() -> None:
     loud = replace(WOOD, effects={"lpc_texture": {"texture_gain": 10.0}, "tap": {"tap_gain": 10.0}})
-    _, found = samples(wav([stroked(loud)]))
+    _, found = samples(wav(stroked(loud)))
     assert np.abs(stroked(loud).a_m_s2).max() > FULL_SCALE_M_S2
     assert 29_000 < np.abs(found).max() < 32767
-    assert not samples(wav([stroked(Swatch("bare"))]))[1].any()
+    assert not samples(wav(stroked(Swatch("bare"))))[1].any()

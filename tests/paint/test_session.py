@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import hapscene
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.session import ERASE, Session
+from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 
@@ -291,3 +292,17 @@ def test_groups(scene) -> None:
     session = Session(scene)
     assert sorted(session.groups("ball")) == [("north", 700), ("south", 580)]
     assert session.group_at(session.hit_at(0, 3)) == "north"
+
+
+def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
+    """Another whose name holds its name, as `fill_group` takes parts of names, stays."""
+    ball = scene.bodies[0].mesh
+    mesh = Mesh(ball.vertices_m, ball.faces, (np.arange(len(ball.faces)) % 3).astype(np.int16), ("lid", "box/lid", "x"))
+    scene.add(mesh, name="box")
+    session = Session(scene)
+    wood, face_swatch = session.add_swatch("wood"), scene.bodies[2].face_swatch
+    assert session.fill_group_at(session.hit_at(2, 3), wood) == 427
+    np.testing.assert_array_equal(face_swatch == wood, mesh.group == 0)
+    assert session.undo_word == "fill 'lid', 427 faces"
+    session.fill_group_at(session.hit_at(2, 3), ERASE)
+    assert session.fill_group("box", "lid", wood) == 427 + 427
