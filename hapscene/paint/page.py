@@ -12,14 +12,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-import numpy as np
-
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.file_panel import FilePanel
 from hapscene.paint.gate import serve
 from hapscene.paint.hand_panel import HandPanel
 from hapscene.paint.hold import Hold
 from hapscene.paint.live import Live, number, pointer_of
+from hapscene.paint.monitor import Monitor
 from hapscene.paint.number_panel import NumberPanel
 from hapscene.paint.parts import Parts
 from hapscene.paint.session import Session
@@ -28,16 +27,9 @@ from hapscene.paint.tool import TOOLS, Tools
 from hapscene.paint.tool_panel import ToolPanel
 from hapscene.paint.touch import Touch
 from hapscene.paint.view import View
-from hapscene.servo import State
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
-
-MONITOR_S: Final = 0.015
-"""How often what was felt is sent [s]; with the browser's own 40 ms ahead it is heard 60 ms after it was felt."""
-
-WORD_S: Final = 0.2
-"""How often the line under the picture changes [s]: any faster cannot be read."""
 
 
 class Page:
@@ -96,7 +88,7 @@ class Page:
         self.parts = Parts(self.server, session, view, tools, touch, self._live, self.changed)
         self._told: Mapping[str, Any] | None = None
         self._unfelt = False
-        self._word = ""
+        self._monitor = Monitor(self.parts, self._tell_now)
         self._make_panel()
 
     @property
@@ -107,7 +99,7 @@ class Page:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/"
 
     def __enter__(self) -> "Page":
-        self._start(self._monitor())
+        self._start(self._monitor.watch())
         if self._with_hand:
             session = self.parts.session
             self._start(self.parts.touch.open(session.snapshot(), session.tick_s))
@@ -213,7 +205,7 @@ class Page:
             "redo": session.redo_word,
             "dirty": session.dirty,
             "title": _path(session).name,
-            "word": self._word,
+            "word": self._monitor.word,
             "hand": self.parts.touch.status,
         }
 
@@ -223,50 +215,10 @@ class Page:
             self._told = state
             self._live.tell(state=state)
 
-    # --- what is felt ---
-
-    async def _monitor(self) -> None:
-        """Show and send what the hand feels, until the page closes."""
-        touch, view = self.parts.touch, self.parts.view
-        next_word_s = 0.0
-        shown = False
-        while True:
-            await asyncio.sleep(MONITOR_S)
-            try:
-                read = touch.read(time.monotonic())
-            except HapsceneError as error:
-                self._live.say(str(error), "error")
-                continue
-            now_s = time.monotonic()
-            if read is not None and read[0].tick >= 0:
-                state, force_N, a_m_s2 = read
-                if len(force_N):
-                    self._live.trace(force_N, a_m_s2, touch.tick_s)
-                view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
-                shown = True
-            elif shown:
-                view.show_touch(None)
-                shown = False
-            if now_s >= next_word_s:
-                next_word_s = now_s + WORD_S
-                self._word = self._told_touch(None if read is None else read[0])
-                self._file_panel.show(self._autosave_word())
-                self._tell()
-
-    def _told_touch(self, state: State | None) -> str:
-        """What is felt, in a line."""
-        session, touch = self.parts.session, self.parts.touch
-        if touch.status == "starting":
-            return "The hand gets ready …"
-        if touch.status != "ready":
-            return "There is no hand to touch with."
-        if state is None or state.tick < 0:
-            return "The hand is ready: press 7, hold Shift and drag on the surface."
-        if not state.touching or not 0 <= state.swatch < len(session.scene.swatches):
-            return f"In the air · {touch.hold}"
-        force_N = float(np.linalg.norm(state.f_W_N))
-        name = session.scene.swatches[state.swatch].name
-        return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"
+    def _tell_now(self) -> None:
+        """Also what changes by itself: what is felt, and what becomes of the copy."""
+        self._file_panel.show(self._autosave_word())
+        self._tell()
 
     # --- how it is set up ---
 
