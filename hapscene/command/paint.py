@@ -33,7 +33,10 @@ def add_paint(commands: Any) -> None:
         "hapscene paint cup.scene.json --port 9000 --no-browser",
     )
     command.add_argument(
-        "scene", nargs="?", metavar="SCENE|MESH", help="a scene file (.scene.json), or a mesh file; else the demo scene"
+        "scene",
+        nargs="?",
+        metavar="SCENE|MESH",
+        help="a scene file (.scene.json), a file that export wrote, or a mesh; else the demo scene",
     )
     command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")

@@ -22,7 +22,7 @@ def add_touch(commands: Any) -> None:
         "hapscene touch bunny.ply --unit m --swatch wood --out out/bunny",
         "hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke",
     )
-    command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a mesh file")
+    command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
     command.add_argument(
         "--path",
         metavar="CSV",

@@ -23,7 +23,7 @@ def add_view(commands: Any) -> None:
         "hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark",
         "hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4",
     )
-    command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a mesh file")
+    command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
     command.add_argument(
         "--out", required=True, metavar="FILE", help="picture .png; film .gif, or .mp4 (extra `video`)"
     )

@@ -7,7 +7,6 @@ it are drawn, raised by a hair, the faces of the full mesh for which that is wro
 are seen as they are. The picture depends on the painting alone, and undo brings it back.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -22,10 +21,6 @@ from hapscene.scene.topology import area_of
 
 SHOWN_MAX: Final = 60_000
 """Most triangles shown of a whole scene [count]."""
-
-LEAST: Final = 200
-"""Least triangles shown of a body, where it has as many and others leave them [count]: so that a small one beside a
-large stays itself."""
 
 CHUNK: Final = 3_000
 """Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
@@ -189,16 +184,16 @@ class Display:
 
 
 def shares(counts: list[int], most: int) -> list[int]:
-    """How many triangles are shown of bodies of `counts` faces: `most` at most, and 1 at least of each.
+    """How many triangles are shown of bodies of `counts` faces: `most` in all, and 1 at least of each.
 
-    First each has `LEAST`, or its part of `most` where that is less; what is left is shared by size.
+    The small ones are shown whole, and those that are reduced alike.
     """
-    if sum(counts) <= most:
-        return counts
-    least = min(LEAST, max(most // len(counts), 1))
-    first = [min(n, least) for n in counts]
-    share = (most - sum(first)) / (sum(counts) - sum(first))
-    return [a + math.floor(share * (n - a)) for n, a in zip(counts, first, strict=True)]
+    found, left = list(counts), most
+    order = sorted(range(len(counts)), key=counts.__getitem__)
+    for k, body in enumerate(order):
+        found[body] = min(counts[body], max(left // (len(order) - k), 1))
+        left -= found[body]
+    return found
 
 
 def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

@@ -36,6 +36,7 @@ class FilePanel:
     def __init__(self, parts: Parts, container: Any, path: Path) -> None:
         self._parts = parts
         self._path = path
+        self._looked = False
         gui, on = parts.server.gui, parts.on
         with container:
             self._file = gui.add_text("Scene file", str(path), hint=f"Ends in {SUFFIX}")
@@ -52,10 +53,20 @@ class FilePanel:
                     self._tell_format()
             with gui.add_folder("Looks"):
                 self._dark = gui.add_checkbox("Dark", False)
-                self._dark.on_update(on(lambda target: self.theme()))
+                self._dark.on_update(on(lambda target: self.choose_look()))
             rows = "".join(f"<tr><td><kbd>{safe(k)}</kbd></td><td>{safe(v)}</td></tr>" for k, v in KEYS)
             with gui.add_folder("Keys"):
                 gui.add_html(f'<table class="hs-table">{rows}</table>')
+        self.theme()
+
+    def prefer(self, dark: bool) -> None:
+        """Light or dark as the first who comes has it, until it is chosen."""
+        if not self._looked:
+            self._looked, self._dark.value = True, dark
+            self.theme()
+
+    def choose_look(self) -> None:
+        self._looked = True
         self.theme()
 
     def theme(self) -> None:

@@ -55,5 +55,6 @@ class HandPanel:
         touch.hold = replace(touch.hold, **{what: target.value})
         session.choose_device(touch.hold.limits)
         self._tell()
+        self._parts.changed()  # the limits are others at once
         if touch.status != "closed":
             await touch.open(session.snapshot(), session.tick_s)

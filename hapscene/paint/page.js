@@ -30,7 +30,10 @@
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/hapscene`);
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => (typeof event.data === "string" ? hear(JSON.parse(event.data)) : take(event.data));
-    socket.onopen = () => send({ do: "listen", on: sound.on });
+    socket.onopen = () => {
+      send({ do: "listen", on: sound.on });
+      send({ do: "look", dark: matchMedia("(prefers-color-scheme: dark)").matches });
+    };
     socket.onclose = () => { say("The connection is lost; nothing is: it is tried again.", "error"); setTimeout(connect, 1000); };
   }
   const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
@@ -323,6 +326,11 @@
 
   // --- go ---
 
+  function hushViser() {  // its notice of software GL lies on the picture; the page is made for that
+    for (const note of document.querySelectorAll(".mantine-Notification-root"))
+      if (note.textContent.startsWith("Software WebGL")) note.style.display = "none";
+  }
+
   window.addEventListener("pointerdown", () => sound.wake());
   function start() {
     document.body.append(root);
@@ -331,6 +339,7 @@
     fit();
     connect();
     new ResizeObserver(fit).observe(document.body);
+    new MutationObserver(hushViser).observe(document.body, { childList: true, subtree: true });
     new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
     setInterval(fit, 300);
     (function frame() { trace.draw(); requestAnimationFrame(frame); })();

@@ -188,6 +188,8 @@ class Page:
             self._live.say(f"{'Undone' if do == 'undo' else 'Done again'}: {what}." if what else f"Nothing to {do}.")
         elif do == "save":
             await self._file_panel.save()
+        elif do == "look":
+            self._file_panel.prefer(message.get("dark") is True)
         elif do == "size":
             factor = number(message, "factor", 0.1, 10.0)
             if factor is not None:

@@ -101,8 +101,7 @@ def parameters_of(
     for e, name, unit, meaning, low, high, default in rows:
         value = fit.asked[0][e, name]
         effect_name = "" if e == WALL else effects[e].name
-        held = {STIFFNESS: limits.stiffness_N_m, "damping_Ns_m": limits.damping_Ns_m}.get(name, math.inf)
-        end = min(held, high, ENDS.get(name, high))
+        end = min(_held(name, limits), high, ENDS.get(name, high))
         found.append(
             Parameter(
                 name=name,
@@ -119,6 +118,13 @@ def parameters_of(
             )
         )
     return tuple(found)
+
+
+def _held(name: str, limits: "Limits") -> float:
+    """How much of a number the device holds: an effect's own spring is one as the wall is."""
+    if name.endswith("stiffness_N_m"):
+        return limits.stiffness_N_m
+    return limits.damping_Ns_m if name.endswith("damping_Ns_m") else math.inf
 
 
 def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: "list[Effect]") -> Swatch:

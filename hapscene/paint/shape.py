@@ -100,6 +100,11 @@ class Shape:
         )
         return np.sort(self._painted[:count]).astype(np.int64)
 
+    def longest_edge_m(self, face: int) -> float:
+        """Of a face [m]."""
+        corners = self.corner_m[face]
+        return float(np.linalg.norm(corners - corners[[1, 2, 0]], axis=1).max())
+
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
         label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))

@@ -1,5 +1,6 @@
 """The shelf: every swatch to paint with, those of the scene first, then the user's library, then the shipped ones."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -94,15 +95,22 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
     words = [term for term in text.split() if not set(term) & set("<>")]
     bounds = [term for term in text.split() if set(term) & set("<>")]
     held = {id(entry) for entry in search([card.entry for card in every], bounds)}
-    return [card for card in every if id(card.entry) in held and all(w.casefold() in _text(card) for w in words)]
+    return [card for card in every if id(card.entry) in held and all(_has(card, w.casefold()) for w in words)]
 
 
-def _text(card: Card) -> str:
+def _has(card: Card, word: str) -> bool:
+    """Whether a word is in the name, begins one of what it feels like, or is one of where it comes from."""
     try:
         said = [phrase.word for phrase in card.phrases]
     except SwatchError:
         said = card.entry.words
-    return " ".join([card.name, *said, card.entry.provenance, card.entry.licence]).casefold()
+    if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*said)):
+        return True
+    return word in _tokens(card.entry.provenance, card.entry.licence)
+
+
+def _tokens(*texts: str) -> list[str]:
+    return re.findall(r"\w+", " ".join(texts).casefold())
 
 
 _known: list[Entry] = []

@@ -126,6 +126,10 @@ class Tools:
             self._session.begin_stroke(ink, self.radius_m)
             self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
+            if self._session.shapes[hit.body].longest_edge_m(hit.face) > 2 * self.radius_m:
+                self._say(
+                    "The faces here are larger than the brush: whole faces are painted. A finer mesh has finer borders."
+                )
         elif self.name == "fill":
             self._fill(hit, ink)
         elif self.name == "pick":

@@ -11,7 +11,7 @@ from hapscene.paint.display import ChunkKey, Display
 from hapscene.paint.pick import Hit, drape
 from hapscene.paint.session import Session
 from hapscene.sight import bounds_of
-from hapscene.view.palette import OKABE_ITO, distinct_colours
+from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours
 
 SHOWN: Final = 3.0
 """How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
@@ -222,7 +222,7 @@ class View:
         self._arrow = scene.add_arrows(
             "/mark/force",
             np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]),
-            _rgb(OKABE_ITO["vermilion"]),
+            _linear(FORCE),
             shaft_radius=size / 4,
             head_radius=size / 1.6,
             head_length=0.25,
@@ -234,6 +234,12 @@ class View:
 def _rgb(colour: str) -> tuple[int, int, int]:
     """Of "#rrggbb"."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def _linear(colour: str) -> tuple[int, int, int]:
+    """Of "#rrggbb", for what viser takes in linear light: arrows."""
+    red, green, blue = (round(255 * (c / 255) ** 2.2) for c in _rgb(colour))
+    return red, green, blue
 
 
 def _turn_to(nhat: Vector) -> Vector:

@@ -1,6 +1,7 @@
 """The hand behind the page, with a servo that only takes notes, and with a real one."""
 
 import asyncio
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -249,3 +250,36 @@ def test_without_a_handle_what_is_asked_for_is_heard() -> None:
     felt, said = asyncio.run(feel(Hold("omni-point", "medium", NO_HANDLE), 1.0))
     assert not said and felt.a_m_s2.std() > 0.05
     assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)
+
+
+def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
+    """A first start compiles, which may take half a minute."""
+
+    class Slow(Notes):
+        begun, given_up = threading.Event(), threading.Event()
+
+        def __enter__(self) -> "Slow":
+            self.begun.set()
+            assert self.given_up.wait(60.0)
+            raise HapsceneError("given up")
+
+        def cancel(self) -> None:
+            self.given_up.set()
+
+    made: list[Slow] = []
+
+    def make(scene: Scene, hold: Hold, tick_s: float) -> Slow:
+        made.append(Slow(hold))
+        return made[-1]
+
+    async def main() -> None:
+        touch = Touch(lambda text, kind: None, Hold(), make)
+        opening = asyncio.create_task(touch.open(Scene(), 0.001))
+        while not Slow.begun.is_set():
+            await asyncio.sleep(0.001)
+        opening.cancel()
+        touch.close()
+
+    start_s = time.monotonic()
+    asyncio.run(main())
+    assert time.monotonic() - start_s < 30.0 and made[0].closed

@@ -83,13 +83,15 @@ def test_the_shelf_has_the_scenes_own_first(library) -> None:
         ("WOOD", ["wood"]),
         ("kitchen soft", ["foam"]),
         ("knocking", ["wood", "paper"]),
+        ("knock", ["wood", "paper"]),
+        ("stiff", []),
         ("firm stiffness>=600", ["wood", "epoxy"]),
         ("friction<0.3 tap_Hz>100", ["epoxy"]),
         ("nothing like it", []),
     ],
 )
 def test_searching_the_shelf(library, text, names) -> None:
-    add(Swatch("foam", stiffness_N_m=80.0, provenance="kitchen"))
+    add(Swatch("foam", stiffness_N_m=80.0, provenance="kitchen, stiffness by hand"))
     found = [card.name for card in matching(shelf(_scene()), text)]
     assert found == names
 
