@@ -52,10 +52,12 @@ def machine_line() -> str:
     describe_machine(sheet)
     with ThreadPoolExecutor(1) as lane:
         priority = "real-time" if lane.submit(be_prompt).result() else "ordinary"
-    told = (f"{figure.name} {figure.value:g}" if isinstance(figure.value, float) else figure.value for figure in sheet)
-    return (
-        f"{', '.join(told)}; Chromium without a graphics card, {SIZE['width']}×{SIZE['height']}; {priority} priority\n"
-    )
+    told = [
+        f"{figure.name} {figure.value:g}" if figure.name == "cores" else f"{figure.name} {figure.value}"
+        for figure in sheet
+    ]
+    told += [f"Chromium without a graphics card, {SIZE['width']}×{SIZE['height']}", f"{priority} priority"]
+    return ", ".join(told) + "\n"
 
 
 def click_table(took_ms: Mapping[str, Sequence[float]]) -> str:
