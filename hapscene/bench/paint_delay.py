@@ -23,29 +23,28 @@ REST_S: Final = 0.7
 
 WATCH: Final = """
 window.watch_force = () => {
-  const { trace, sound } = window.hapscene, add = trace.add, play = sound.play, stream = sound.stream;
-  const change = window.change = { gap_count: 0, sound_s: 0 };
-  let streamed_ms = 0;
+  const { trace, sound } = window.hapscene, add = trace.add, told = sound.told;
+  const change = window.change = { sound_s: 0, gap_count: 0 }, leads_s = new Map(), first = sound.gaps;
   window.next_change = () => Object.assign(change, { pressed_ms: null, arrived_ms: null, heard_ms: null });
   addEventListener("pointerdown", (event) => { change.pressed_ms = event.timeStamp; }, true);
-  trace.add = function (force, a, tick_s, block) {
+  const meet = () => {
+    if (change.arrived_ms !== null && change.heard_ms === null && leads_s.has(change.count))
+      change.heard_ms = change.arrived_ms + 1e3 * (leads_s.get(change.count) + change.at_s);
+  };
+  trace.add = function (force, a, tick_s, block, came) {
     const before = (i) => (i ? force[i - 1] : trace.force.at(-1));
     const at = force.findIndex((f, i) => before(i) > LEAST_N && Math.abs(f - before(i)) > JUMP * before(i));
     if (change.pressed_ms !== null && change.arrived_ms === null && at >= 0)
-      Object.assign(change, { arrived_ms: performance.now(), at_s: at * tick_s });
-    return add.call(this, force, a, tick_s, block);
+      Object.assign(change, { arrived_ms: came.at_ms - performance.timeOrigin, at_s: at * tick_s, count: came.count });
+    change.sound_s += force.length * tick_s;
+    meet();
+    return add.call(this, force, a, tick_s, block, came);
   };
-  sound.stream = function (a, rate) {
-    const now_ms = performance.now();
-    if (now_ms - streamed_ms < 1000 && this.next < this.context.currentTime) change.gap_count += 1;
-    streamed_ms = now_ms;
-    change.sound_s += a.length / rate;
-    return stream.call(this, a, rate);
-  };
-  sound.play = function (a, rate, at, ...more) {
-    if (change.arrived_ms !== null && change.heard_ms === null)
-      change.heard_ms = performance.now() + 1e3 * (at + change.at_s - this.context.currentTime);
-    return play.call(this, a, rate, at, ...more);
+  sound.told = function (what) {
+    leads_s.set(what.count, what.lead_s);
+    change.gap_count = what.gaps - first;
+    meet();
+    return told.call(this, what);
   };
 };
 """.replace("JUMP", str(JUMP)).replace("LEAST_N", str(LEAST_N))

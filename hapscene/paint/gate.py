@@ -194,6 +194,7 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
     files = {
         "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
         "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
+        "/hapscene-sound.js": File("application/javascript; charset=utf-8", (folder / "sound.js").read_bytes()),
     }
     port = free_port(host, port)
     with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):

@@ -12,7 +12,7 @@ from hapscene.paint.parts import Parts
 from hapscene.servo import State
 
 MONITOR_S: Final = 0.015
-"""How often what was felt is sent [s]; with the browser's own 40 ms ahead it is heard 60 ms after it was felt."""
+"""How often what was felt is sent [s]; with the browser's own 35 ms ahead it is heard about 60 ms after it was felt."""
 
 WORD_S: Final = 0.2
 """How often the line under the picture changes [s]: any faster cannot be read."""

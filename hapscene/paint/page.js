@@ -22,32 +22,34 @@
     node.append(...inside);
     return node;
   };
-  let socket = null, state = {}, held = null, lock = false, lastHover = 0, waiting = null;
+  let state = {}, held = null, lock = false, lastHover = 0, waiting = null;
 
   // --- the server ---
 
-  function connect() {
-    socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/hapscene`);
-    socket.binaryType = "arraybuffer";
-    socket.onmessage = (event) => (typeof event.data === "string" ? hear(JSON.parse(event.data)) : take(event.data));
-    socket.onopen = () => {
-      send({ do: "listen", on: sound.on });
-      send({ do: "look", dark: matchMedia("(prefers-color-scheme: dark)").matches });
-    };
-    socket.onclose = () => { say("The connection is lost; nothing is: it is tried again.", "error"); setTimeout(connect, 1000); };
+  const link = new Worker("/hapscene-sound.js");  // has the socket: what is heard must not wait for what is drawn
+  const send = (message) => link.postMessage({ text: JSON.stringify(message) });
+  link.onmessage = ({ data }) => {
+    if (data.text !== undefined) hear(JSON.parse(data.text));
+    else if (data.buffer) take(data.buffer, data.came);
+    else if (data.open) greet();
+    else say("The connection is lost; nothing is: it is tried again.", "error");
+  };
+  function greet() {
+    send({ do: "listen", on: sound.on });
+    send({ do: "look", dark: matchMedia("(prefers-color-scheme: dark)").matches });
   }
-  const send = (message) => { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); };
   function hear(message) {
     if (message.state) { state = message.state; show(); }
     if (message.say !== undefined) say(message.say, message.kind);
   }
-  function take(buffer) {
+  function take(buffer, came) {
     const kind = new Float32Array(buffer, 0, 1)[0];
     if (kind === 1) {
       const [, tick_s, n, block] = new Float32Array(buffer, 0, 4);
       const force = new Float32Array(buffer, 16, n), a = new Float32Array(buffer, 16 + 4 * n, n * block);
-      trace.add(force, a, tick_s, block);
-      sound.stream(a, block / tick_s);
+      trace.add(force, a, tick_s, block, came);
+      if (sound.ear) sound.note(a);
+      else sound.stream(a, block / tick_s, came);
     } else if (kind === 2) {
       const [, rate] = new Float32Array(buffer, 0, 2);
       const a = new Float32Array(buffer, 8);
@@ -283,7 +285,7 @@
   // --- sound: buffers one after the other, at the channel's own rate ---
 
   const sound = {
-    on: true, context: null, gain: null, next: 0, heard: 0, peak: 0, full: 20,
+    on: true, context: null, gain: null, ear: null, next: 0, gaps: 0, heard: 0, peak: 0, full: 20,
     wake() {
       if (!this.on || this.context) { if (this.on && this.context.state === "suspended") this.context.resume(); return; }
       const Context = window.AudioContext || window.webkitAudioContext;
@@ -292,6 +294,7 @@
       this.gain = this.context.createGain();
       const press = this.context.createDynamicsCompressor();
       this.gain.connect(press).connect(this.context.destination);
+      if (this.context.audioWorklet) this.hear();  // by http from another machine there is none
       this.turn();
     },
     turn() {
@@ -300,6 +303,20 @@
     },
     toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); send({ do: "listen", on: this.on }); },
     label() { soundButton.textContent = this.on ? "Sound on" : "Sound off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
+    async hear() {
+      await this.context.audioWorklet.addModule("/hapscene-sound.js");
+      const { port1, port2 } = new MessageChannel();
+      this.ear = new AudioWorkletNode(this.context, "hapscene-sound", { numberOfInputs: 0 });
+      this.ear.port.onmessage = ({ data }) => this.told(data);
+      this.ear.port.postMessage({ wire: port1 }, [port1]);
+      link.postMessage({ ear: port2 }, [port2]);
+      this.ear.connect(this.gain);
+    },
+    told({ gaps }) { this.gaps = gaps; },
+    note(a) {
+      this.heard += a.length;
+      for (const v of a) if (Math.abs(v) > this.peak) this.peak = Math.abs(v);
+    },
     play(a, rate, at, speed = 1) {
       const buffer = this.context.createBuffer(1, a.length, rate);
       buffer.copyToChannel(a, 0);
@@ -308,14 +325,15 @@
       source.playbackRate.value = speed;
       source.connect(this.gain);
       source.start(at);
-      this.heard += a.length;
-      for (const v of a) if (Math.abs(v) > this.peak) this.peak = Math.abs(v);
+      this.note(a);
     },
-    stream(a, rate) {
+    stream(a, rate, { count }) {
       if (!this.on || !this.context || this.context.state !== "running" || !a.length) return;
       const now = this.context.currentTime;
+      if (this.next < now && now < this.next + 5 * LATE_S) this.gaps++;
       if (this.next < now) this.next = now + AHEAD_S;  // at first, and where it ran dry
       const over_s = this.next - now - AHEAD_S;  // what came at once after a pause waits: hurry, or it stays late for good
+      this.told({ count, lead_s: this.next - now, gaps: this.gaps });
       if (over_s > LATE_S) return;
       const speed = 1 + HURRY * Math.min(Math.max(over_s / AHEAD_S, 0), 1);
       this.play(a, rate, this.next, speed);
@@ -337,7 +355,7 @@
     sound.label();
     sound.turn();
     fit();
-    connect();
+    link.postMessage({ url: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/hapscene` });
     new ResizeObserver(fit).observe(document.body);
     new MutationObserver(hushViser).observe(document.body, { childList: true, subtree: true });
     new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });

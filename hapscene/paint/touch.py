@@ -193,6 +193,9 @@ class Touch:
         state = self._servo.state()
         if not state.touching:
             self._free = state.tick
+            if self._deeper_m < 0.0:  # it bounced: less deep than asked for, it might stay off the surface
+                self._deeper_m = 0.0
+                self._aim()
         elif (
             self.touching
             and not self._starting
