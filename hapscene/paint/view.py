@@ -185,7 +185,7 @@ class View:
         """From the front, a little from the right and above, all in view."""
         self._server.scene.set_up_direction("+z")
         camera = self._server.initial_camera
-        away = 0.95 * float(np.linalg.norm(self._extent)) / (2 * np.tan(np.radians(25.0)))
+        away = 1.1 * float(np.linalg.norm(self._extent)) / (2 * np.tan(np.radians(25.0)))
         direction = np.array([0.35, -0.8, 0.6])
         camera.fov = float(np.radians(50.0))
         camera.position = away * direction / np.linalg.norm(direction)
