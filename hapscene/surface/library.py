@@ -168,7 +168,7 @@ def write_index(folder: Path, entries: Iterable[Entry]) -> None:
 
 def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> Entry:
     """The index's entry of a swatch whose file holds `data`, with a file name that is not among `taken`."""
-    stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_")[:80] or "swatch"
+    stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_+-")[:80] or "swatch"
     stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
     names = (stem + tail + SUFFIX for tail in chain(("",), (f"_{i}" for i in count(2))))
     held = set(taken)

@@ -202,3 +202,10 @@ def test_a_library_of_its_own_folder(tmp_path: Path, home: Path, capsys: pytest.
     assert cli.main(["swatch", "show", "oak", "--library", other]) == 0
     assert not home.exists() and find("oak") is None and find("oak", other) == tmp_path / "other" / "oak.swatch"
     assert library_folder() == home
+
+
+@pytest.mark.parametrize("name", ["-rf", "-soft", "+10 % stiffer", "日本-soft", "(-)x", "+-"])
+def test_a_swatch_of_any_name_leaves_the_library_readable(monkeypatch, tmp_path, name) -> None:
+    monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
+    add(Swatch(name))
+    assert [entry.name for entry in own_entries()] == [name]
