@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import PathError
-from hapscene.sight import Look, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.sight import UNSEEN, Look, between, bounds_of, lines_of, look_from_above, window_of
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -219,6 +219,6 @@ def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDAr
         hand.stroke(*first, deep_m)
         hand.stroke(*second, deep_m)
     if hand is None:
-        raise PathError("no body shows an outer face upwards, so no path can be made up; give one by --path")
+        raise PathError(f"{UNSEEN}; or give a path by --path")
     hand.rest(0.2)
     return hand.p_WT_m

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -13,7 +14,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """Give a temporary path in the same folder; on a clean exit it becomes `path`, on any other it is gone.
 
     Args:
-        path: where the file shall be; an old file there stays untouched until the new one is complete.
+        path: where the file shall be; an old file there stays untouched until the new one is complete, which gets its
+            permissions. A link is replaced, not followed.
 
     Raises:
         OSError: the folder is missing or cannot be written.
@@ -24,10 +26,20 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     part = Path(name)
     try:
         yield part
-        part.chmod(0o666 & ~_umask())
+        part.chmod(_mode(path))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_file(path: Path, error: type[Exception]) -> None:
+    """Refuse with `error`, before the work is done, a file that could not be written after it."""
+    if not path.parent.is_dir():
+        raise error(f"{path}: cannot be written: there is no folder {path.parent}")
+    if path.is_dir():
+        raise error(f"{path}: cannot be written: is a folder")
+    if not os.access(path.resolve().parent, os.W_OK):
+        raise error(f"{path}: cannot be written: nothing may be written into {path.resolve().parent}")
 
 
 def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
@@ -65,6 +77,8 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
                 if not (part / name).exists():
                     (path / name).unlink(missing_ok=True)
             for file in sorted(part.iterdir()):
+                if (path / file.name).is_file():
+                    file.chmod(_mode(path / file.name))
                 file.replace(path / file.name)
         else:
             part.chmod(0o777 & ~_umask())
@@ -74,6 +88,13 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
         if not path.exists():
             for parent in made:
                 parent.rmdir()
+
+
+def _mode(path: Path) -> int:
+    """Permissions for a file: those of the one that it replaces, else the usual ones."""
+    if path.is_file() and not path.is_symlink():
+        return stat.S_IMODE(path.stat().st_mode)
+    return 0o666 & ~_umask()
 
 
 def _umask() -> int:

@@ -19,6 +19,12 @@ WINDOW_M: Final = 0.2
 GRID: Final = 25
 """Points along each side of the grid by which a body is looked at from above [count]."""
 
+UNSEEN: Final = (
+    "no body shows an outer face upwards, so nothing can be touched from above; where faces are turned inward "
+    "(`hapscene check` tells), feel both sides: --two-sided"
+)
+"""What is said of a scene that shows nothing."""
+
 
 @dataclass(frozen=True)
 class View:

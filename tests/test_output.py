@@ -1,10 +1,13 @@
 """Files that appear whole or not at all."""
 
+import stat
+import sys
 from pathlib import Path
 
 import pytest
 
-from hapscene.output import whole_file, whole_folder
+from hapscene.errors import ViewError
+from hapscene.output import check_file, whole_file, whole_folder
 
 
 class Broken(Exception):
@@ -60,3 +63,45 @@ def test_file_in_the_way_is_refused(tmp_path: Path) -> None:
     with pytest.raises(NotADirectoryError, match="expected a folder"), whole_folder(tmp_path / "out"):
         pass
     assert (tmp_path / "out").read_text() == "a file"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such permissions there")
+def test_permissions_of_what_is_replaced_stay(tmp_path: Path) -> None:
+    for name in ("file", "out/file", "usual"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("old")
+    (tmp_path / "file").chmod(0o640)
+    (tmp_path / "out" / "file").chmod(0o600)
+    with whole_file(tmp_path / "file") as part:
+        part.write_text("new")
+    with whole_folder(tmp_path / "out") as folder:
+        for name in ("file", "usual"):
+            (folder / name).write_text("new")
+
+    def mode(name: str) -> int:
+        return stat.S_IMODE((tmp_path / name).stat().st_mode)
+
+    assert (mode("file"), mode("out/file")) == (0o640, 0o600) and mode("out/usual") == mode("usual")
+    assert (tmp_path / "file").read_text() == (tmp_path / "out" / "file").read_text() == "new"
+
+
+def test_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "theirs").write_text("old")
+    (tmp_path / "theirs").chmod(0o600)
+    (tmp_path / "usual").touch()
+    (tmp_path / "link").symlink_to("theirs")
+    with whole_file(tmp_path / "link") as part:
+        part.write_text("new")
+    assert (tmp_path / "theirs").read_text() == "old" and not (tmp_path / "link").is_symlink()
+    assert (tmp_path / "link").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+def test_a_place_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_file(tmp_path / "new", ViewError)
+    with pytest.raises(ViewError, match=r"none/x\.png: cannot be written: there is no folder"):
+        check_file(tmp_path / "none" / "x.png", ViewError)
+    with pytest.raises(ViewError, match="is a folder"):
+        check_file(tmp_path, ViewError)
+    monkeypatch.setattr("os.access", lambda path, kind: False)  # the superuser may write anywhere
+    with pytest.raises(ViewError, match="nothing may be written into"):
+        check_file(tmp_path / "new", ViewError)

@@ -28,8 +28,8 @@ def touching(page: Page, strokes: bool) -> Iterator[Any]:
     do(page, lambda: touch.press(*_contact(0.0)))
     moving = asyncio.run_coroutine_threadsafe(_stroke(page), loop) if strokes else None
     try:
-        until(lambda: bool(touch._servo.state().touching), "the painter's hand does not touch the ball")
-        yield touch._servo
+        until(lambda: bool(touch.servo.state().touching), "the painter's hand does not touch the ball")
+        yield touch.servo
     finally:
         if moving is not None:
             moving.cancel()

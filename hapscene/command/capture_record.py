@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.word import add_command, baud, seconds
+from hapscene.wire.port import BAUD
 
 RATE_TOLERANCE = 0.02
 """How far the samples that come may be off the announced rate before it is told [1]."""
@@ -22,7 +23,7 @@ def add_record(commands: Any) -> None:
         "python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware",
     )
     command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
-    command.add_argument("--baud", type=baud, default=921_600, help="speed of the port (default 921600)")
+    command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
     command.add_argument(
         "-o", "--out", required=True, metavar="FILE", help="the file to write: .hsrec (crash-safe), or .npz at the end"

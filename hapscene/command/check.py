@@ -2,9 +2,11 @@
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import add_command
+from hapscene.command.word import UNIT_HELP, add_command
+from hapscene.errors import MeshError
 
 
 def add_check(commands: Any) -> None:
@@ -17,15 +19,18 @@ def add_check(commands: Any) -> None:
         "hapscene check part.stl --unit mm --fix part_mended.ply",
     )
     command.add_argument("mesh", metavar="MESH", help="a mesh file")
-    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--unit", help=UNIT_HELP)
     command.add_argument("--json", action="store_true", help="print JSON")
     command.add_argument("--fix", metavar="OUT", help="mend what can be mended safely, and write it here")
 
 
 def _check(options: argparse.Namespace) -> int:
+    from hapscene.output import check_file
     from hapscene.scene.doctor import examine
     from hapscene.scene.mesh import load_mesh
 
+    if options.fix is not None:
+        check_file(Path(options.fix), MeshError)
     mesh = load_mesh(options.mesh, options.unit)
     report = examine(mesh)
     done: list[str] = []

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import add_command, name_made
+from hapscene.command.word import UNIT_HELP, add_command, name_made
 from hapscene.errors import SaveConflict, SceneError
 
 
@@ -21,7 +21,7 @@ def add_export(commands: Any) -> None:
     )
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
     command.add_argument("--out", required=True, metavar="FILE", help=".glb, .gltf, .ply, .x3d, .obj or .stl")
-    command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--unit", help=UNIT_HELP)
     command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
     command.add_argument(
         "--haptics",
@@ -76,7 +76,7 @@ def add_import(commands: Any) -> None:
     command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
     command.add_argument("--out", required=True, metavar="SCENE", help="scene file to write: NAME.scene.json")
     command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
-    command.add_argument("--unit", help="of a mesh, where its file carries none: m, mm, in, …")
+    command.add_argument("--unit", help=UNIT_HELP)
 
 
 def _import(options: argparse.Namespace) -> int:

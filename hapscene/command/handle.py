@@ -7,6 +7,7 @@ from typing import Any, Final
 from hapscene.command.handle_play import add_handle_play
 from hapscene.command.recording_option import add_recording_options
 from hapscene.command.word import add_command, baud, folder, force, name_made, number, rate, seconds, seed, whole
+from hapscene.wire.port import BAUD
 
 HZ: Final = "a frequency is a number of Hz"
 
@@ -69,7 +70,7 @@ def _add_identify(commands: Any) -> None:
         help="travel of the coil to a stop [m] (default 0.005)",
     )
     device.add_argument("--accelerometer", type=rate, metavar="HZ", help="its bandwidth, one pole (default 1600)")
-    device.add_argument("--baud", type=baud, default=921_600, help="speed of the port (default 921600)")
+    device.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seed", type=seed, default=0, help="of the simulated noise and grips (default 0)")
     add_recording_options(command)
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.word import add_command, port
+from hapscene.command.word import add_command, add_mesh_options, port
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
@@ -38,9 +38,7 @@ def add_paint(commands: Any) -> None:
         metavar="SCENE|MESH",
         help="a scene file (.scene.json), a file that export wrote, or a mesh; else the demo scene",
     )
-    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
-    command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
-    command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
+    add_mesh_options(command)
     command.add_argument(
         "--device",
         default="omni",

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, folder, name_made, rate, seed, whole
+from hapscene.command.word import add_command, add_mesh_options, folder, name_made, rate, seed, whole
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import EffectError, PathError
 
@@ -29,9 +29,7 @@ def add_touch(commands: Any) -> None:
         help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above",
     )
     command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
-    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
-    command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
-    command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
+    add_mesh_options(command)
     command.add_argument("--effects", metavar="A,B,…", help="effects to sum; `hapscene plugins` lists them")
     command.add_argument("--seed", type=seed, default=0, help="of what effects draw at random (default 0)")
     command.add_argument(

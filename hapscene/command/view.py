@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, name_made, number, whole
+from hapscene.command.word import add_command, add_mesh_options, name_made, number, whole
 from hapscene.errors import ViewError
 
 SIDE_MAX: Final = 4096
@@ -27,8 +27,7 @@ def add_view(commands: Any) -> None:
     command.add_argument(
         "--out", required=True, metavar="FILE", help="picture .png; film .gif, or .mp4 (extra `video`)"
     )
-    command.add_argument("--unit", help="of the mesh, where its file carries none: m, mm, in, …")
-    command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
+    add_mesh_options(command, two_sided=False)
     command.add_argument("--touch", metavar="NPZ", help="a touch of it, touch.npz: path and forces; played in a film")
     command.add_argument("--size", type=size, metavar="WxH", help="in pixels, with the legend (films: 800x600)")
     shade = command.add_mutually_exclusive_group()

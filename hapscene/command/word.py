@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 _Number = TypeVar("_Number", int, float)
 
@@ -23,6 +23,17 @@ def add_command(commands: Any, name: str, function: Any, summary: str, *examples
     # also after the command's name, where it is typed when something went wrong
     command.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     return command
+
+
+UNIT_HELP: Final = "of the mesh, where its file carries none: m, mm, in, …"
+
+
+def add_mesh_options(command: Any, two_sided: bool = True) -> None:
+    """How a mesh on the command line is taken up."""
+    command.add_argument("--unit", help=UNIT_HELP)
+    command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
+    if two_sided:
+        command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
 
 
 def folder(text: str) -> str:

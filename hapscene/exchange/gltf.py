@@ -26,6 +26,7 @@ from hapscene.output import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.view.palette import linear
 
 GLB_MAX_B: Final = 2**32 - 1
 """Largest GLB file [bytes]: its length is a uint32."""
@@ -120,7 +121,8 @@ class _Writer:
             extras["sha256"] = digest_of(swatch)
             if (text := text_of(swatch)) is not None:
                 extras["swatch_file"] = text
-            look = {"baseColorFactor": [*_linear(swatch), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
+            colour = [*linear(swatch.albedo_rgb).tolist(), 1.0]
+            look = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}
             material = {"name": swatch.name, "pbrMetallicRoughness": look, "doubleSided": two_sided, "extras": extras}
             self.materials[key] = self.add("materials", material)
         return self.materials[key]
@@ -153,11 +155,6 @@ class _Writer:
         self.chunks += [data, bytes(-len(data) % 4)]
         self.size += len(data) + -len(data) % 4
         return self.add("bufferViews", view)
-
-
-def _linear(swatch: Swatch) -> list[float]:
-    """The albedo, which is given as on a screen (sRGB), in the linear light of glTF: IEC 61966-2-1."""
-    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in swatch.albedo_rgb]
 
 
 def _glb(tree: dict[str, Any], blob: bytes, path: Path) -> bytes:

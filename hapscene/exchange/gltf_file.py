@@ -1,4 +1,4 @@
-"""The two parts of a glTF file: its JSON tree and its buffer, bounded before anything is made of them."""
+"""The parts of a glTF file: its JSON tree and its buffers, bounded before anything is made of them."""
 
 import base64
 import binascii
@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import SceneError
+from hapscene.scene.companion import Companions
 from hapscene.scene.mesh_check import FILE_MAX_B
 
 JSON_MAX_B: Final = 256 * 1024 * 1024
@@ -37,13 +38,14 @@ def read_bounded(path: Path) -> bytes:
     return content
 
 
-def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], bytes]:
-    """JSON tree and first buffer; no other file is opened.
+def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
+    """JSON tree and buffers, those in files beside it among them.
 
     Raises:
-        SceneError: damaged, truncated, or more than is read.
+        SceneError: damaged, truncated, more than is read, or without a file that it needs.
     """
-    blob = b""
+    chunk = b""
+    text = content
     if path.suffix.lower() == ".glb":
         if content[:4] != b"glTF" or len(content) < 20 or content[16:20] != b"JSON":
             raise SceneError(f"{path}: not a GLB file: it must begin with glTF, version 2, and a chunk of JSON")
@@ -52,19 +54,40 @@ def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], bytes]:
             raise SceneError(f"{path}: the file is truncated, or not of version 2: it says {size:,} bytes")
         text, rest = content[20 : 20 + length], content[20 + length :]
         if len(rest) >= 8 and rest[4:8] == b"BIN\0":
-            blob = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
-    else:
-        text = content
+            chunk = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
     tree = _parse(path, text)
-    buffers = tree.get("buffers")
-    if path.suffix.lower() != ".glb" and isinstance(buffers, list) and buffers and isinstance(buffers[0], dict):
-        head, _, data = str(buffers[0].get("uri", "")).partition(";base64,")
-        if head.startswith("data:"):
-            try:
-                blob = base64.b64decode(data, validate=True)
-            except (binascii.Error, ValueError):
-                raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
-    return tree, blob
+    return tree, _buffers(path, tree, chunk)
+
+
+def _buffers(path: Path, tree: dict[str, Any], chunk: bytes) -> list[bytes]:
+    """The content of each buffer; nothing, where what is named needs no data of its own."""
+    found = tree.get("buffers", [])
+    if not isinstance(found, list) or not all(isinstance(buffer, dict) for buffer in found):
+        raise SceneError(f"{path}: buffers must be a list of objects")
+    files = Companions(path, FILE_MAX_B, SceneError)
+    read: dict[Any, bytes] = {}  # by its name: a small file can name a large one over and over
+    blobs = []
+    for index, buffer in enumerate(found):
+        uri = buffer.get("uri")
+        if uri is None:
+            blobs.append(chunk if index == 0 else b"")
+            continue
+        if not isinstance(uri, str):
+            raise SceneError(f"{path}: buffers[{index}].uri must be a text")
+        if uri not in read:
+            read[uri] = _embedded(path, uri) if uri.startswith("data:") else files.get(uri)
+        blobs.append(read[uri])
+    return blobs
+
+
+def _embedded(path: Path, uri: str) -> bytes:
+    _, mark, data = uri.partition(";base64,")
+    try:
+        if not mark:
+            raise ValueError
+        return base64.b64decode(data, validate=True)
+    except (binascii.Error, ValueError):
+        raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
 
 
 def _parse(path: Path, text: bytes) -> dict[str, Any]:

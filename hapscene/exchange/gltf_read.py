@@ -1,7 +1,7 @@
 """A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
 
-Files come from strangers: nothing is made before the file is known to hold it, nodes may not run in circles, no other
-file is opened.
+Files come from strangers: nothing is made before the file is known to hold it, nodes may not run in circles, and of
+other files those alone are opened that lie beside it (`hapscene.scene.companion`).
 
 What another program added is no less part of the scene: a node with a mesh that is no body's becomes a body.
 """
@@ -39,8 +39,8 @@ def read_gltf(path: Path) -> Scene | None:
     content = read_bounded(path)
     if mark_in(path.suffix, content) != OWN:
         return None  # not looked into further: what another program wrote need not please us
-    tree, blob = parts_of(path, content)
-    reader = _Reader(path, tree, blob)
+    tree, blobs = parts_of(path, content)
+    reader = _Reader(path, tree, blobs)
     bodies = reader.bodies()
     if not bodies:
         return None
@@ -71,8 +71,8 @@ class _Node:
 class _Reader(Tree):
     """What was made of the tree so far."""
 
-    def __init__(self, path: Path, tree: dict[str, Any], blob: bytes) -> None:
-        super().__init__(path, tree, blob)
+    def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
+        super().__init__(path, tree, blobs)
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
         self.swatches: dict[int, Swatch | str] = {}
         self.names: set[str] = set()

@@ -1,4 +1,4 @@
-"""The tree and the buffer of a glTF file, each item looked up with care: files come from strangers."""
+"""The tree and the buffers of a glTF file, each item looked up with care: files come from strangers."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -16,8 +16,8 @@ _PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_
 class Tree:
     """A glTF file's parts. What cannot be had of them is a `SceneError` that says why."""
 
-    def __init__(self, path: Path, tree: dict[str, Any], blob: bytes) -> None:
-        self.path, self.tree, self.blob = path, tree, blob
+    def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
+        self.path, self.tree, self.blobs = path, tree, blobs
 
     def fail(self, problem: str) -> SceneError:
         return SceneError(f"{self.path}: {problem}")
@@ -50,7 +50,7 @@ class Tree:
         return found
 
     def accessor(self, index: Any, kind: str, sort: str) -> NDArray[Any]:
-        """Numbers (n,) or (n, 3) of the buffer, which must hold them."""
+        """Numbers (n,) or (n, 3) of a buffer, which must hold them."""
         accessor = self.item("accessors", index)
         where = f"accessors[{index}]"
         dtype = _TYPES.get(accessor.get("componentType", 0)) if _whole(accessor.get("componentType", 0)) else None
@@ -68,12 +68,16 @@ class Tree:
         count, stride, *start = (int(n) for n in layout)
         first = sum(start)
         end = first + (count - 1) * stride + width
-        if end > len(self.blob) or view.get("buffer", 0) != 0:
-            raise self.fail(f"{where} reaches past the file's buffer of {len(self.blob):,} bytes: truncated?")
+        buffer = view.get("buffer", 0)
+        if not _whole(buffer) or buffer >= len(self.blobs):
+            raise self.fail(f"{where} is of a buffer that is not among the {len(self.blobs)} of the file")
+        blob = self.blobs[buffer]
+        if end > len(blob):
+            raise self.fail(f"{where} reaches past the file's buffer of {len(blob):,} bytes: truncated?")
         if stride == width:
-            rows = np.frombuffer(self.blob, dtype, count * _WIDTHS[kind], first)
+            rows = np.frombuffer(blob, dtype, count * _WIDTHS[kind], first)
         else:  # interleaved with other attributes
-            rows = np.ndarray((count, _WIDTHS[kind]), dtype, self.blob, first, (stride, np.dtype(dtype).itemsize))
+            rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
         return rows.reshape(count, 3) if kind == "VEC3" else rows.ravel()
 
 

@@ -23,13 +23,15 @@ from hapscene.output import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.file import BODY_MAX
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.ply import declared
-from hapscene.scene.scene import SWATCH_MAX, Scene
+from hapscene.scene.ply import HEADER_MAX_B, declared
+from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 
 _MARK: Final = "comment hapscene"
 _END: Final = "end_header"
-_HEADER_MAX_B: Final = 16_000_000  # room for 10,000 bodies and 32,767 swatches with long names
+SWATCH_MAX: Final = 4096
+"""Most swatches of a file [count]: each is looked up in the library and held against those before."""
+
 _VERTEX_MAX: Final = 2**31 - 1  # a face names its vertices by int32
 
 
@@ -37,11 +39,14 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as one binary PLY.
 
     Raises:
-        SceneError: more vertices than PLY counts, a name that ends the header, or the file cannot be written.
+        SceneError: more vertices than PLY counts, more than `SWATCH_MAX` swatches, a name that ends the header, or the
+            file cannot be written.
     """
     for what, named in (("body", scene.bodies), ("swatch", scene.swatches)):
         for name in (one.name for one in named if _END in one.name):
             raise SceneError(f"{path}: the {what} {name!r} would end a PLY file's header: rename it, or export to .glb")
+    if len(scene.swatches) > SWATCH_MAX:
+        raise SceneError(f"{path}: {len(scene.swatches):,} swatches; a PLY file of ours holds {SWATCH_MAX:,}")
     counts = [len(body.mesh.vertices_m) for body in scene.bodies]
     if sum(counts) > _VERTEX_MAX:
         raise SceneError(f"{path}: {sum(counts):,} vertices; a PLY file counts to {_VERTEX_MAX:,}")
@@ -84,23 +89,24 @@ def read_ply(path: Path) -> Scene | None:
         MeshError, SwatchError: a mesh or a swatch in it is broken.
     """
     content = read_bounded(path)
-    header = content[: max(content.find(_END.encode(), 0, _HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
+    header = content[: max(content.find(_END.encode(), 0, HEADER_MAX_B), 0)].decode("utf-8", errors="replace")
     lines = [line.rstrip("\r") for line in header.split("\n")]
     mark = next((line for line in lines if line.startswith(f"{_MARK} scene ")), None)
     if mark is None:
         return None
     number = mark.split()[-1]
     check_version(path, int(number) if number.isdecimal() and len(number) < 10 else number)
-    poses = [_rows(path, line, 13) for line in lines if line.startswith(f"{_MARK} body ")]
-    swatches = [_swatch(path, line) for line in lines if line.startswith(f"{_MARK} swatch ")]
-    if len(poses) > BODY_MAX or len(swatches) > SWATCH_MAX:
+    of_body = [line for line in lines if line.startswith(f"{_MARK} body ")]
+    of_swatch = [line for line in lines if line.startswith(f"{_MARK} swatch ")]
+    if len(of_body) > BODY_MAX or len(of_swatch) > SWATCH_MAX:  # before they are looked up
         raise SceneError(f"{path}: more than {BODY_MAX:,} bodies or {SWATCH_MAX:,} swatches")
     vertices, faces, body_of, swatch_of = _arrays(path, content)
-    for what, values, count in (("body", body_of, len(poses)), ("swatch", swatch_of, len(swatches))):
+    for what, values, count in (("body", body_of, len(of_body)), ("swatch", swatch_of, len(of_swatch))):
         if values.min() < 0 or values.max() >= count:
             raise SceneError(f"{path}: a face names a {what} that is not among the {count} in the header")
+    poses = [_rows(path, line, 13) for line in of_body]
     scene = Scene()
-    index_of = [scene.swatch_index(swatch) for swatch in swatches]
+    index_of = [scene.swatch_index(_swatch(path, line)) for line in of_swatch]
     order = np.argsort(body_of, kind="stable")
     cut = np.searchsorted(body_of[order], np.arange(len(poses) + 1))
     for i, (numbers, name) in enumerate(poses):

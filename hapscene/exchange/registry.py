@@ -10,6 +10,7 @@ from typing import Final
 from hapscene.errors import SaveConflict, SceneError, no_such
 from hapscene.exchange.carried import lose
 from hapscene.exchange.mark import OWN, mark_of
+from hapscene.output import check_file
 from hapscene.scene.beside import is_own
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
@@ -142,8 +143,7 @@ def export_scene(
         raise SceneError(f"{path}: a file of the format {name} ends in {' or '.join(takes)}")
     if not scene.bodies:
         raise SceneError(f"{path}: the scene has no body, so there is nothing to write")
-    if not path.parent.is_dir():
-        raise SceneError(f"{path}: cannot be written: there is no folder {path.parent}")
+    check_file(path, SceneError)
     for file in (path, *(path.with_suffix(suffix) for suffix in EXPORTS[name].beside)):
         if is_mesh_of(scene, file):
             raise SceneError(f"{file}: is a mesh that a scene is made of, so it stays; take another name")

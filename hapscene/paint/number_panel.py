@@ -77,9 +77,7 @@ class NumberPanel:
                 )
                 slider.on_update(on(partial(self._tune, p)))
                 self._sliders[p.name] = slider
-            self._name = gui.add_text(
-                "New name", f"my {name.removeprefix('my ')} 2" if name.startswith("my ") else f"my {name}"
-            )
+            self._name = gui.add_text("New name", f"{name} 2" if name.startswith("my ") else f"my {name}")
             if not found:  # plain
                 gui.add_button("Copy", hint="A new swatch to tune and to paint with").on_click(on(self._copy))
                 return

@@ -12,7 +12,7 @@ from hapscene.contact.embree import Search, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.over import over
 from hapscene.paint.shape import Shape
-from hapscene.scene.topology import area_of, weld
+from hapscene.scene.topology import area_of, unit
 
 NORMAL_EDGES: Final = 2.0
 """How far apart two faces of one place count when one looks to the side of the other, in edges of the shown mesh [1]:
@@ -74,7 +74,7 @@ def reduced(shape: Shape, count: int) -> Reduced:
     if len(mesh.faces) <= count:
         every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
         return Reduced(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
-    used, index = np.unique(weld(mesh.vertices_m)[mesh.faces], return_inverse=True)
+    used, index = np.unique(shape.welded[mesh.faces], return_inverse=True)
     vertices_m, faces = mesh.vertices_m[used], index.reshape(-1, 3).astype(np.int32)
     found = None
     if np.count_nonzero(_smallest_sine(shape.corner_m) < SLIVER_SINE) < count / 2:
@@ -152,12 +152,12 @@ def _compared(
     """`Reduced.shown_of`, `lent`, `under` and `raised_m` of a mesh and what is shown of it."""
     mesh = shape.mesh
     corner = vertices_m[faces]
-    normal = _unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
     look = Search(vertices_m, faces, 0.0)
     shown_of, over_face_m = _under(look, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
     shown_of, lent = _stand_for(shape, corner, normal, shown_of)
-    place = weld(mesh.vertices_m)
-    up = _unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
+    place = shape.welded
+    up = unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
     under, above_m = _under(look, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
     lift_m = np.maximum(above_m, 0.0)
     for corners in place[mesh.faces].T:
@@ -191,9 +191,3 @@ def _stand_for(
     idle = np.flatnonzero(np.bincount(shown_of, minlength=len(shown)) == 0)
     lender = cKDTree(full).query(shown[idle])[1] if len(idle) else idle
     return shown_of, np.stack([idle, lender], axis=1).astype(np.int32)
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vectors (n, 3) of length 1; zero stays zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))

@@ -31,6 +31,7 @@ class Shape:
         corner_m: (M, 3, 3) float64, corners of every face [m].
         centroid_m: (M, 3) of every face [m].
         normal: (M, 3) unit normals; zero where a face has no area.
+        welded: (N,) int64, the first vertex at the place of each one: `hapscene.scene.topology.weld`.
         pairs: (n, 2) int64, faces on both sides of every edge that has just two.
     """
 
@@ -41,8 +42,8 @@ class Shape:
         self.normal = np.ascontiguousarray(mesh.normals)
         self._search = Search(mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
         self._ray = new_ray()
-        welded = weld(mesh.vertices_m)
-        self._vertex = welded[mesh.faces].astype(np.int32)  # faces meet where their corners are at one place
+        self.welded = weld(mesh.vertices_m)
+        self._vertex = self.welded[mesh.faces].astype(np.int32)  # faces meet where their corners are at one place
         self._around = np.argsort(self._vertex.ravel(), kind="stable").astype(np.int32)
         count = np.bincount(self._vertex.ravel(), minlength=len(mesh.vertices_m))
         self._start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
@@ -51,7 +52,7 @@ class Shape:
         self._queue = np.zeros(len(mesh.faces), np.int32)
         self._painted = np.zeros(len(mesh.faces), np.int32)
         self._round = 0
-        self.pairs, self._bend_rad = self._edges(welded)
+        self.pairs, self._bend_rad = self._edges()
         here = self.centroid_m[0]
         self.brush((0, 0), (here, here), mesh.diagonal_m * 1e-9)  # compiles the walk now, not in the first stroke
 
@@ -110,9 +111,9 @@ class Shape:
         label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
         return np.asarray(label == label[face])
 
-    def _edges(self, welded: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Faces on both sides (n, 2) of each edge with just two, and by how much it bends (n,) [rad]."""
-        pairs, alike = edges_of(self.mesh.faces, welded).pairs()
+        pairs, alike = edges_of(self.mesh.faces, self.welded).pairs()
         other = np.where(alike, 1.0, -1.0)[:, None] * self.normal[pairs[:, 1]]
         chord = np.linalg.norm(self.normal[pairs[:, 0]] - other, axis=1)
         return pairs, 2 * np.arcsin(np.minimum(chord / 2, 1.0))

@@ -130,6 +130,11 @@ class Touch:
         self._servo = self._opened = None
 
     @property
+    def servo(self) -> Any:
+        """The servo of the hand; None until it is ready."""
+        return self._servo
+
+    @property
     def tick_s(self) -> float:
         return float(self._servo.tick_s)
 

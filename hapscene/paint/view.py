@@ -11,7 +11,7 @@ from hapscene.paint.display import ChunkKey, Display
 from hapscene.paint.pick import Hit, drape
 from hapscene.paint.session import Session
 from hapscene.sight import bounds_of
-from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours
+from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
 SHOWN: Final = 3.0
 """How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
@@ -238,7 +238,7 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 
 def _linear(colour: str) -> tuple[int, int, int]:
     """Of "#rrggbb", for what viser takes in linear light: arrows."""
-    red, green, blue = (round(255 * (c / 255) ** 2.2) for c in _rgb(colour))
+    red, green, blue = (round(255 * float(c)) for c in linear(rgb(colour)))
     return red, green, blue
 
 

@@ -24,6 +24,7 @@ class Body:
         X_WB: (4, 4) float64, pose of B in W.
         two_sided: True where the inside of a face is felt as well as its outside.
         face_swatch: (M,) int16, index into the scene's `swatches`.
+        made_of: the swatch that all its faces had before it was painted, which an eraser brings back; None: unknown.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Body:
     X_WB: NDArray[np.float64]
     two_sided: bool
     face_swatch: NDArray[np.int16]
+    made_of: int | None = None
 
     def __repr__(self) -> str:
         x, y, z = (f"{v:g}" for v in self.X_WB[:3, 3])

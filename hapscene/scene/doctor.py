@@ -9,7 +9,7 @@ from hapscene.constants import SKIN_RATIO
 from hapscene.scene.anatomy import Anatomy, anatomy
 from hapscene.scene.crack import cracks
 from hapscene.scene.intersection import crossings
-from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh import UNIT_M, Mesh
 from hapscene.scene.report import Finding, Report, length, number
 
 CRACK_SKINS: Final = 10.0
@@ -20,6 +20,13 @@ CROSSING_SKINS: Final = 0.1
 
 CROSSING_FACE_MAX: Final = 500_000
 """Most faces that are examined for crossing each other [count]: some ten seconds and a GB."""
+
+HAND_M: Final = (1e-3, 10.0)
+"""Sizes that a hand's tool can feel, smallest and largest [m]: the Omni counts steps of 55 µm, a tick of a fast stroke
+is as long."""
+
+LIKELY_M: Final = (5e-3, 2.0)
+"""Sizes that another unit is proposed for, smallest and largest [m]."""
 
 EXAMPLE_COUNT: Final = 10
 """Faces or vertices that a finding names as examples [count]."""
@@ -43,7 +50,7 @@ _TEXT: Final = {
         "face",
         "wound against the rest of the shell",
         "outward-only contact holds these from inside alone: the tool sinks through them",
-        "turn them, or add the body with two_sided=True",
+        "turn them, or add the body with two_sided=True (--two-sided)",
         True,
     ),
     "inside_out": _Text(
@@ -51,7 +58,7 @@ _TEXT: Final = {
         "face",
         "in closed shells that are wound inward as a whole",
         "outward-only contact lets the tool in everywhere, and holds it inside",
-        "turn the shells, or add the body with two_sided=True",
+        "turn the shells, or add the body with two_sided=True (--two-sided)",
         True,
     ),
     "one_sided": _Text(
@@ -59,14 +66,14 @@ _TEXT: Final = {
         "face",
         "in shells that have no inside and outside, as a Möbius strip",
         "somewhere two neighbours hold from opposite sides, and the tool slips through between them",
-        "add the body with two_sided=True",
+        "add the body with two_sided=True (--two-sided)",
     ),
     "open_edges": _Text(
         "note",
         "edge",
         "with a face on one side alone: the mesh is open",
         "the tool can pass over the rim; from behind, outward-only contact lets it through",
-        "nothing, if the opening is meant; else fill it, or add the body with two_sided=True",
+        "nothing, if the opening is meant; else fill it, or add the body with two_sided=True (--two-sided)",
     ),
     "cracks": _Text(
         "fault",
@@ -129,7 +136,7 @@ _TEXT: Final = {
 def examine(mesh: Mesh) -> Report:
     """Examine a mesh. 80,000 faces take a second, most of it to look for faces that cross each other."""
     body = anatomy(mesh)
-    findings = _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
+    findings = _size(mesh) + _faces(mesh, body) + _edges(body) + _cracks(mesh, body) + _vertices(body)
     examined = len(mesh.faces) <= CROSSING_FACE_MAX
     if examined:
         findings += _crossings(mesh, body)
@@ -155,6 +162,20 @@ def examine(mesh: Mesh) -> Report:
 
 def _skin_m(mesh: Mesh) -> float:
     return SKIN_RATIO * mesh.diagonal_m
+
+
+def _size(mesh: Mesh) -> list[Finding]:
+    """A size that is not a hand's, and the units that would make it one."""
+    size_m = mesh.diagonal_m
+    if HAND_M[0] <= size_m <= HAND_M[1]:
+        return []
+    sizes_m = {unit: size_m * metres / UNIT_M[mesh.unit] for unit, metres in UNIT_M.items()}
+    likely = [f"--unit {u} makes it {length(m)}" for u, m in sizes_m.items() if LIKELY_M[0] <= m <= LIKELY_M[1]]
+    advice = f"check the unit: {', '.join(likely)}" if likely else "scale it in a mesh editor"
+    what = f"{length(size_m)} across: no size for a hand"
+    if size_m < HAND_M[0]:
+        return [Finding("tiny", "fault", 1, what, "hardly: the tool passes over it within a tick or two", advice)]
+    return [Finding("huge", "note", 1, what, "a small piece of it, where the device reaches", advice)]
 
 
 def _finding(kind: str, examples: NDArray[Any], count: int | None = None, more: str = "") -> list[Finding]:

@@ -5,14 +5,15 @@
       "swatches": ["plain", "wood", "mine.swatch"],
       "meshes": [{"path": "meshes/plate.obj", "unit": "mm", "sha256": "…", "face_count": 2400}],
       "bodies": [{"name": "plate", "mesh": 0, "two_sided": false, "pose": [[…], …],
-                  "paint": [[1, 2000], [2, 400]]}]
+                  "paint": [[1, 2000], [2, 400]], "made_of": 1}]
     }
 
-`paint` is a list of runs [swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush,
-it is a packed text (`hapscene.scene.painting`), and the version is 2, which older readers refuse. Paths are relative to
-the file, with "/". A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the
-scene got from memory is written beside the file, before it: meshes as NAME.BODY.HASH.ply (float64, so they come back to
-the bit), swatches as NAME.SWATCH.HASH.swatch (`hapscene.scene.beside`).
+`made_of`, which may be missing, is the swatch that the whole body had before it was painted. `paint` is a list of runs
+[swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush, it is a packed text
+(`hapscene.scene.painting`), and the version is 2, which older readers refuse. Paths are relative to the file, with "/".
+A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the scene got from
+memory is written beside the file, before it: meshes as NAME.BODY.HASH.ply (float64, so they come back to the bit),
+swatches as NAME.SWATCH.HASH.swatch (`hapscene.scene.beside`).
 """
 
 import json
@@ -25,7 +26,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import SceneError
-from hapscene.output import write_whole
+from hapscene.output import check_file, write_whole
 from hapscene.scene.beside import SCENE_SUFFIX, Beside, beside
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
@@ -47,8 +48,9 @@ BODY_MAX: Final = 10_000
 
 
 def save_scene(scene: Scene, path: Path) -> None:
-    """What `Scene.save` does."""
+    """What `Scene.save` does. Through a link, what it points to is written, and named from there."""
     check_place(path)
+    path = path.resolve() if path.is_symlink() else path
     if len(scene.bodies) > BODY_MAX:
         raise SceneError(f"{path}: {len(scene.bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
     with beside(path) as files:
@@ -63,8 +65,7 @@ def check_place(path: Path) -> None:
     """
     if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
         raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
-    if not path.parent.is_dir():
-        raise SceneError(f"{path}: cannot be written: there is no folder {path.parent}")
+    check_file(path, SceneError)
 
 
 def _content(scene: Scene, files: Beside) -> dict[str, Any]:
@@ -76,15 +77,14 @@ def _content(scene: Scene, files: Beside) -> dict[str, Any]:
         if id(body.mesh) not in index:
             index[id(body.mesh)] = len(meshes)
             meshes.append(_write_mesh(body, files))
-        bodies.append(
-            {
-                "name": body.name,
-                "mesh": index[id(body.mesh)],
-                "two_sided": body.two_sided,
-                "pose": body.X_WB.tolist(),
-                "paint": written(body.face_swatch),
-            }
-        )
+        told = {
+            "name": body.name,
+            "mesh": index[id(body.mesh)],
+            "two_sided": body.two_sided,
+            "pose": body.X_WB.tolist(),
+            "paint": written(body.face_swatch),
+        }
+        bodies.append(told if body.made_of is None else {**told, "made_of": body.made_of})
     return {
         "format": FORMAT,
         "version": 2 if any(isinstance(body["paint"], str) for body in bodies) else 1,
@@ -184,13 +184,19 @@ def _parse(path: Path) -> Any:
     return content
 
 
+def _named(path: Path, name: str) -> Path:
+    """The file that a scene file names: from its own folder, or, opened through a link, from where the link is."""
+    own, link = path.resolve().parent / name, path.parent / name
+    return own if path.is_symlink() and (own.exists() or not link.exists()) else link
+
+
 def _load_swatch(scene: Scene, place: _Place, path: Path) -> int:
     name = place.value
-    return scene.swatch_index(path.parent / name if name.endswith(".swatch") else name)
+    return scene.swatch_index(_named(path, name) if name.endswith(".swatch") else name)
 
 
 def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
-    file, unit = path.parent / place.get("path", str), place.get("unit", str)
+    file, unit = _named(path, place.get("path", str)), place.get("unit", str)
     if unit not in UNIT_M:
         raise place.fail(f"no unit of length {unit[:60]!r}; there are: {', '.join(UNIT_M)}")
     mesh = load_mesh(file, unit)
@@ -225,6 +231,8 @@ def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[i
         raise place.fail(f"'paint' {error}") from None
     body = scene.add(mesh, name=name, pose=pose, two_sided=two_sided)
     body.face_swatch[:] = np.array(swatches, np.int16)[painting]
+    if "made_of" in place.value:
+        body.made_of = swatches[place.index("made_of", len(swatches))]
 
 
 def _write_mesh(body: Body, files: Beside) -> dict[str, Any]:

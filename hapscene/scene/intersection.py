@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.scene.topology import Index
+from hapscene.scene.topology import Index, unit
 
 Points = NDArray[np.float64]
 
@@ -36,11 +36,10 @@ def crossings(triangles_m: Points, tolerance_m: float) -> Crossing:
     """
     crossing, lying = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
     a, b, c = np.moveaxis(triangles_m, 1, 0)
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+    normal = unit(np.cross(b - a, c - a))
+    has_area = (normal != 0.0).any(axis=1)
     for pairs in overlapping(triangles_m.min(axis=1), triangles_m.max(axis=1)):
-        pairs = pairs[(length[pairs] > 0).all(axis=(1, 2))]
+        pairs = pairs[has_area[pairs].all(axis=1)]
         first, second = pairs.T
         above = _heights(triangles_m[second], a[first], normal[first])
         flat = pairs[(np.abs(above) <= tolerance_m).all(axis=1)]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
+from hapscene.scene.topology import unit
 
 if TYPE_CHECKING:
     import trimesh
@@ -118,9 +119,7 @@ class Mesh:
     def normals(self) -> NDArray[np.float64]:
         """Unit normal of every face (M, 3), outward by winding; zero where a face has no area."""
         a, b, c = np.moveaxis(self.triangles_m, 1, 0)
-        cross = np.cross(b - a, c - a)
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.asarray(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+        return unit(np.cross(b - a, c - a))
 
     def faces_of(self, name: str) -> NDArray[np.bool_]:
         """Faces of a group, material or object (M,) bool.

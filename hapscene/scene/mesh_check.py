@@ -9,7 +9,17 @@ from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.ply import declared
 
 FILE_MAX_B: Final = 4_000_000_000
-"""Largest mesh file, or content of an archive, that is read [bytes]."""
+"""Largest mesh file that is read [bytes]."""
+
+UNPACKED_MAX_B: Final = 250_000_000
+"""Largest content of an archive that is read [bytes]. To read a mesh takes 9 (STL) to 60 times its size (text)."""
+
+UNPACKED_RATIO_MAX: Final = 100
+"""Most times its own size that an archive may unpack to [1]: meshes unpack to 2 to 20 times, what is made to fill the
+memory to a thousand times."""
+
+UNPACKED_FREE_B: Final = 5_000_000
+"""Content that an archive of any size may unpack to [bytes]."""
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
@@ -30,14 +40,14 @@ def check(suffix: str, content: bytes, where: str) -> int:
     elif suffix in ("gltf", "glb"):
         check_gltf(content, suffix == "glb", where, FILE_MAX_B)
     elif suffix == "3mf":
-        open_archive(content, where)
+        open_archive(content, where, "reduce the mesh, or export it as .stl or .ply")
     elif suffix in ("step", "stp"):
         _step(content, where)
     return 0
 
 
-def open_archive(content: bytes, where: str) -> zipfile.ZipFile:
-    """A zip archive that unpacks to no more than `FILE_MAX_B`.
+def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
+    """A zip archive that unpacks to no more than the memory is sure to hold; `advice` is what to do where it is more.
 
     Raises:
         MeshError: it is no archive, or unpacks to more.
@@ -47,8 +57,9 @@ def open_archive(content: bytes, where: str) -> zipfile.ZipFile:
     except (zipfile.BadZipFile, OSError, ValueError) as error:
         raise MeshError(f"{where}: not a readable zip archive, or truncated: {error}") from None
     size = sum(member.file_size for member in archive.infolist())
-    if size > FILE_MAX_B:
-        raise MeshError(f"{where}: unpacks to {size:,} bytes; at most {FILE_MAX_B:,} are read")
+    most = min(UNPACKED_MAX_B, max(UNPACKED_RATIO_MAX * len(content), UNPACKED_FREE_B))
+    if size > most:
+        raise MeshError(f"{where}: unpacks to {size:,} bytes; of an archive this large {most:,} are read: {advice}")
     return archive
 
 
@@ -80,19 +91,39 @@ def _off(content: bytes, where: str) -> int:
     return int(words[1])
 
 
+def stl_faces(content: bytes) -> bytes:
+    """A binary STL without what some programs write after its faces; an ASCII one as it is."""
+    return content if _is_text(content) else content[: _binary_end(content)]
+
+
 def _stl(content: bytes, where: str) -> None:
     """A binary STL says its count of faces, 50 bytes each; an ASCII one ends with `endsolid`."""
-    count = int.from_bytes(content[80:84], "little")
-    if len(content) == 84 + 50 * count:
-        return
-    if content.lstrip()[:5].lower() == b"solid" and b"\0" not in content[:1000]:
+    if _is_text(content):
         if b"endsolid" not in content[-1000:].lower():
             raise MeshError(f"{where}: the file is truncated: an ASCII STL file ends with 'endsolid'")
-    elif len(content) < 84 + 50 * count or len(content) < 84:
+        return
+    end = _binary_end(content)
+    if len(content) < end:
         raise MeshError(
             f"{where}: not a readable STL file, or truncated: it is neither text that begins with 'solid', "
-            f"nor as long as the {count:,} faces of its binary header need"
+            f"nor as long as the {(end - 84) // 50:,} faces of its binary header need"
         )
+    if end == 84 < len(content):
+        raise MeshError(f"{where}: its binary header says 0 faces, {len(content) - end:,} bytes follow: export it anew")
+
+
+def _is_text(content: bytes) -> bool:
+    """Whether an STL is an ASCII one. Some binary ones begin with `solid` too."""
+    return (
+        len(content) != _binary_end(content)
+        and content.lstrip()[:5].lower() == b"solid"
+        and b"\0" not in content[:1000]
+    )
+
+
+def _binary_end(content: bytes) -> int:
+    """Where the faces of a binary STL end [bytes]."""
+    return 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
 def _step(content: bytes, where: str) -> None:

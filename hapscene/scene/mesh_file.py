@@ -5,8 +5,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from hapscene.errors import MeshError
+from hapscene.scene.companion import Companions, Packed
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, unit_name, warn
-from hapscene.scene.mesh_check import FILE_MAX_B, check, open_archive
+from hapscene.scene.mesh_check import FILE_MAX_B, check, open_archive, stl_faces
 from hapscene.scene.part import Part, join, parts_of
 from hapscene.scene.ply import ply_groups
 
@@ -35,8 +36,6 @@ def read_mesh(path: Path, unit: str | None) -> Mesh:
 
 def _open(path: Path) -> tuple[str, bytes, Any]:
     """Suffix and content of a file, or of the one mesh in an archive, and what finds the files beside it."""
-    from trimesh.resolvers import FilePathResolver
-
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         raise MeshError(f"{path}: no mesh format {path.suffix!r}; there are: {', '.join(FORMATS)}")
@@ -50,24 +49,17 @@ def _open(path: Path) -> tuple[str, bytes, Any]:
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from None
     if not content:
         raise MeshError(f"{path}: the file is empty")
-    return _unzip(path, content) if suffix == "zip" else (suffix, content, FilePathResolver(str(path)))
+    return _unzip(path, content) if suffix == "zip" else (suffix, content, Companions(path, FILE_MAX_B))
 
 
 def _unzip(path: Path, content: bytes) -> tuple[str, bytes, Any]:
-    from trimesh.resolvers import ZipResolver
-
-    archive = open_archive(content, str(path))
+    archive = open_archive(content, str(path), "unpack it and load the mesh itself")
     found = [n for n in archive.namelist() if _suffix(n) in FORMATS[:-1] and not n.startswith("__MACOSX")]
     if len(found) != 1:
         what = ", ".join(found[:5]) or "none"
         raise MeshError(f"{path}: expected one mesh file in the archive, found {what}; unpack it and load each")
-    try:
-        files = {name: io.BytesIO(archive.read(name)) for name in archive.namelist()}
-    except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
-        raise MeshError(f"{path}: not a readable zip archive: {error}") from None
-    folder = str(PurePosixPath(found[0]).parent)
-    resolver = ZipResolver(files, namespace=None if folder == "." else folder)
-    return _suffix(found[0]), files[found[0]].getvalue(), resolver
+    packed = Packed(path, archive, found[0])
+    return _suffix(found[0]), packed.member(found[0]), packed
 
 
 def _suffix(name: str) -> str:
@@ -81,6 +73,7 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
 
         return [read_obj(content.decode("utf-8", errors="replace"), str(path), resolver)], None
     face_count = check(suffix, content, str(path))
+    content = stl_faces(content) if suffix == "stl" else content
     loaded = _load(path, suffix, content, resolver)
     parts = parts_of(loaded, str(path))
     if (found := sum(len(part.faces) for part in parts)) < face_count:
@@ -97,10 +90,10 @@ def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:
 
     try:
         return trimesh.load_scene(io.BytesIO(content), file_type=suffix, resolver=resolver, process=False)
+    except MeshError:
+        raise
     except Exception as error:  # its loaders raise anything at all on a damaged file
-        if suffix == "gltf" and isinstance(error, KeyError | OSError):
-            reason = f"a file that it needs is not beside it: {error.args[-1]}"
-        elif isinstance(error, ValueError) and (text := str(error).strip()):
+        if isinstance(error, ValueError) and (text := str(error).strip()):
             reason = text.split("\n")[0][:200]
         else:  # words about the loader's insides would help no one
             reason = f"damaged, or of a kind that trimesh does not read ({type(error).__name__})"

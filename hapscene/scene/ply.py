@@ -12,7 +12,9 @@ from hapscene.output import write_whole
 from hapscene.scene.mesh import Mesh
 
 _COMMENT: Final = "hapscene group"
-_HEADER_MAX_B: Final = 4_000_000  # room for 32,767 group names
+
+HEADER_MAX_B: Final = 16_000_000
+"""Longest header that is read [bytes]: room for 10,000 bodies, 32,767 groups or swatches with long names."""
 
 
 def write_mesh(mesh: Mesh, path: str | Path) -> None:
@@ -54,7 +56,7 @@ def _in_a_line(name: str) -> str:
 
 
 def _header(content: bytes) -> list[str]:
-    end = content.find(b"end_header", 0, _HEADER_MAX_B)
+    end = content.find(b"end_header", 0, HEADER_MAX_B)
     return content[: max(end, 0)].decode("utf-8", errors="replace").splitlines()
 
 
@@ -83,8 +85,8 @@ def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | 
     """Groups (m,) and their names as `write_mesh` wrote them, or None."""
     start = f"comment {_COMMENT} "
     names = [line[len(start) :] for line in _header(content) if line.startswith(start)]
-    (mesh,) = loaded.geometry.values()
     try:
+        (mesh,) = loaded.geometry.values()
         group = np.asarray(mesh.metadata["_ply_raw"]["face"]["data"]["group"]).ravel().astype(np.int64)
     except (KeyError, ValueError, TypeError, IndexError):
         return None

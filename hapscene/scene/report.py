@@ -103,9 +103,10 @@ def number(count: int, noun: str) -> str:
 
 def length(length_m: float) -> str:
     """A length [m] in the unit that reads best."""
-    for unit, metres in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if length_m >= metres:
-            return f"{length_m / metres:.4g} {unit}"
+    for unit, metres in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)):
+        rounded = float(f"{length_m / metres:.4g}")  # first of all: 999.99 nm are 1 µm
+        if rounded >= 1.0:
+            return f"{rounded:.10g} {unit}"
     return f"{length_m * 1e9:.2g} nm" if length_m >= 1e-11 else "0 mm"
 
 

@@ -13,7 +13,7 @@ from hapscene.scene.anatomy import FLAT_RATIO, anatomy, height_of
 from hapscene.scene.body import Body, rigid
 from hapscene.scene.mesh import Mesh, load_mesh, warn
 from hapscene.scene.region import Region
-from hapscene.scene.topology import weld, winding_is_mixed
+from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
 from hapscene.surface.swatch import PLAIN, Swatch
 
 if TYPE_CHECKING:
@@ -68,13 +68,15 @@ class Scene:
             SwatchError: the swatch is unknown or broken.
 
         Warns:
-            MeshWarning: no face has an area; or some are wound against their neighbours, and `two_sided` is off.
+            MeshWarning: no face has an area; or, with `two_sided` off, some are wound against their neighbours, or all
+                of a closed mesh inward.
         """
         shape = self._mesh(mesh, unit)
         name = self._name(name, shape)
         body = Body(name, shape, rigid(pose, name), bool(two_sided), np.zeros(len(shape.faces), np.int16))
         if swatch is not None:
-            body.face_swatch[:] = self.swatch_index(swatch)
+            body.made_of = self.swatch_index(swatch)
+            body.face_swatch[:] = body.made_of
         if _is_flat(shape):
             warn(
                 f"body {name!r}: none of its {len(shape.faces):,} faces has an area, so it can never be touched: is "
@@ -238,14 +240,16 @@ def _is_flat(mesh: Mesh) -> bool:
 
 def _warn_of_winding(body: Body) -> None:
     mesh = body.mesh
-    if not winding_is_mixed(mesh.faces, weld(mesh.vertices_m)):
-        return
-    turned = int(np.count_nonzero(anatomy(mesh).winding.turned))
-    if not turned:  # the edges in question were those of copies, or of faces without area
-        return
-    file = mesh.path or "MESH"
-    warn(
-        f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are wound against their neighbours, so "
-        "they are felt from inside alone; two_sided=True feels both sides, "
-        f"`hapscene check {file} --fix FIXED.ply` turns them"
-    )
+    edges = edges_of(mesh.faces, weld(mesh.vertices_m))
+    turned, what = 0, ""
+    if winding_is_mixed(edges):
+        turned = int(np.count_nonzero(anatomy(mesh).winding.turned))  # none, where they are copies, or have no area
+        what = "wound against their neighbours, so they are felt from inside alone"
+    elif edges.closed and volume_of(mesh.triangles_m) < 0:
+        turned = len(mesh.faces)
+        what = "wound inward, so the tool goes in from outside unfelt, and is held inside"
+    if turned:
+        warn(
+            f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are {what}; two_sided=True (--two-sided) "
+            f"feels both sides, `hapscene check {mesh.path or 'MESH'} --fix FIXED.ply` turns them"
+        )

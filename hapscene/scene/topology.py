@@ -7,7 +7,7 @@ the eye sees. -0.0 and 0.0 are the same place.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Index = NDArray[np.int64]
 
@@ -70,6 +70,11 @@ class Edges:
         counts = np.zeros(self.corners.size, np.int64)
         counts[self.order] = np.repeat(self.count, self.count)
         return counts.reshape(-1, 3)
+
+    @property
+    def closed(self) -> bool:
+        """Whether every edge has just two faces."""
+        return bool(len(self.count) and (self.count == 2).all())
 
     def pairs(self) -> tuple[Index, NDArray[np.bool_]]:
         """Faces on both sides (n, 2) of each edge with just two, and whether (n,) they are wound alike."""
@@ -144,13 +149,26 @@ def winding_of(edges: Edges, area: NDArray[np.float64]) -> Winding:
     return Winding(turned | tie, shell, one_sided)
 
 
-def winding_is_mixed(faces: NDArray[np.integer], welded: Index) -> bool:
+def winding_is_mixed(edges: Edges) -> bool:
     """Whether any edge with two faces has them wound against each other: the quick question."""
-    _, alike = edges_of(faces, welded).pairs()
+    _, alike = edges.pairs()
     return not bool(alike.all())
+
+
+def unit(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Vectors (n, 3) of length 1; zero stays zero."""
+    vectors = np.asarray(vectors, np.float64)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
 def area_of(triangles_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Area of triangles (M, 3, 3) → (M,) [m²]."""
     a, b, c = np.moveaxis(triangles_m, 1, 0)
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def volume_of(triangles_m: NDArray[np.float64]) -> float:
+    """Volume that closed triangles (M, 3, 3) enclose [m³]; negative where they are wound inward."""
+    a, b, c = np.moveaxis(triangles_m - triangles_m.mean(axis=(0, 1)), 1, 0)  # far from the origin digits are lost
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hapscene.device.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.gesture import HOVER_M, STROKE_M_S, Hand, explore
-from hapscene.sight import Line, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.sight import UNSEEN, Line, between, bounds_of, lines_of, look_from_above, window_of
 from hapscene.twin.intent import Intent
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class _Place:
             if len(lines) == 2:
                 break
         else:
-            raise PathError("no body shows an outer face upwards, so there is nothing to touch from above")
+            raise PathError(f"{UNSEEN}; or follow a path: --hand follow --path hand.csv")
         self.line: Line = lines[0]
         self.middle_m = between(*lines[0], 0.5)
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)

@@ -1,15 +1,15 @@
-"""Frames drawn without a screen, by a process of their own: `python -m hapscene.view.offscreen JOB.npz`.
+"""Frames drawn without a screen, by a process of their own: `python -m hapscene.view.offscreen DIR`.
 
-The platform of GL is fixed when it is first imported, so a second one can only be tried in a second process; and a
-driver that crashes takes only the picture with it. The process writes each frame's pixels to its standard output.
+The platform of GL is fixed when it is first imported, so a second one can only be tried in a second process. It writes
+each frame's pixels to its standard output.
 """
 
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, closing
+from contextlib import closing
+from ctypes.util import find_library
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Timer
@@ -19,10 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
+from hapscene.view.apart import Apart, apart, go_with_the_other, job_folder
 from hapscene.view.drawing import Drawing
 
 PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
 """GL without a screen, and the system packages that each is in."""
+
+LIBRARIES: Final = {"osmesa": ("OSMesa",), "egl": ("EGL", "GL")}
+"""The libraries in them."""
+
+DRAWING: Final = "drawing.npz"
+"""What the process is handed."""
 
 TIMEOUT_S: Final = 120.0
 """Longest that a frame may take [s]. The first takes longest: a million triangles take 6."""
@@ -84,25 +91,18 @@ def _draw_with(platform: str, drawing: Drawing) -> Generator[NDArray[np.uint8]]:
     """
     width, height = drawing.size
     environment = os.environ | {"PYOPENGL_PLATFORM": platform}
-    with ExitStack() as open_things:
-        job = Path(open_things.enter_context(tempfile.TemporaryDirectory(prefix="hapscene-"))) / "job.npz"
-        drawing.save(job)
-        complaint = open_things.enter_context(tempfile.TemporaryFile())
-        command = [sys.executable, "-m", "hapscene.view.offscreen", str(job)]
-        process = open_things.enter_context(
-            subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=complaint)
-        )
-        try:
-            assert process.stdout is not None
+    with job_folder() as job:
+        drawing.save(job / DRAWING)
+        with apart("hapscene.view.offscreen", job, environment, subprocess.PIPE) as drawer:
+            pipe = drawer.process.stdout
+            assert pipe is not None
             for _ in drawing.frames:
-                content, late = _read(process.stdout, width * height * 3, process)
+                content, late = _read(pipe, width * height * 3, drawer.process)
                 if late:
                     raise _Undrawn(f"took longer than {TIMEOUT_S:g} s")
                 if len(content) < width * height * 3:
-                    raise _Undrawn(_reason(process, complaint))
+                    raise _Undrawn(_reason(platform, drawer))
                 yield np.frombuffer(content, np.uint8).reshape(height, width, 3)
-        finally:
-            process.kill()
 
 
 def _read(pipe: IO[bytes], count: int, process: "subprocess.Popen[bytes]") -> tuple[bytes, bool]:
@@ -121,12 +121,10 @@ def _read(pipe: IO[bytes], count: int, process: "subprocess.Popen[bytes]") -> tu
         timer.cancel()
 
 
-def _reason(process: "subprocess.Popen[bytes]", complaint: IO[bytes]) -> str:
-    """The last line that the process wrote on its way out."""
-    code = process.wait()
-    complaint.seek(0)
-    lines = [line.strip() for line in complaint.read().decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1][:120] if lines else f"ended with code {code}"
+def _reason(platform: str, drawer: Apart) -> str:
+    """Why the process ended without a frame: what PyOpenGL says where a library is not there, tells no one that."""
+    told = drawer.reason()
+    return told if all(map(find_library, LIBRARIES[platform])) else "not installed"
 
 
 def _render(job: Path) -> None:
@@ -135,13 +133,15 @@ def _render(job: Path) -> None:
 
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(2, 1)  # what a driver prints must not come between the pixels
-        for pixels in render(Drawing.load(job)):
+        for pixels in render(Drawing.load(job / DRAWING)):
             out.write(pixels.tobytes())
             out.flush()
 
 
 if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    go_with_the_other(folder)
     try:
-        _render(Path(sys.argv[1]))
+        _render(folder)
     except (KeyboardInterrupt, BrokenPipeError):
         sys.exit(1)

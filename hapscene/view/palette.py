@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -117,9 +117,14 @@ def _distance(a: str, b: str) -> float:
     return float(np.linalg.norm(_oklab(rgb(a)) - _oklab(rgb(b))))
 
 
+def linear(srgb: ArrayLike) -> NDArray[np.float64]:
+    """What is given as on a screen, 0 … 1, in linear light: IEC 61966-2-1."""
+    c = np.asarray(srgb, np.float64)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
 def _oklab(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    cone = np.cbrt(_TO_CONE @ linear)
+    cone = np.cbrt(_TO_CONE @ linear(srgb))
     return np.asarray(_FROM_CONE @ cone)
 
 

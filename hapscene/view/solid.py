@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.scene.topology import unit
 from hapscene.view.palette import distinct_colours, rgb
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def moved(solid: Solid, X: NDArray[np.float64]) -> Solid:
     """The triangles at a pose (4, 4), which may stretch them along the axes that they are symmetric about."""
     if np.array_equal(X, np.eye(4)):
         return solid
-    normal = _unit(solid.normal @ np.linalg.inv(X[:3, :3]))
+    normal = unit(solid.normal @ np.linalg.inv(X[:3, :3]))
     return Solid(solid.corner_m @ X[:3, :3].T + X[:3, 3], normal, solid.colour)
 
 
@@ -136,13 +137,13 @@ def _corner_normals(mesh: "Mesh") -> NDArray[np.float64]:
     Faces count by their angle at the vertex: how a flat side is cut into triangles makes no difference.
     """
     triangle = mesh.triangles_m
-    ahead = _unit((np.roll(triangle, -1, axis=1) - triangle).reshape(-1, 3))
-    back = _unit((np.roll(triangle, 1, axis=1) - triangle).reshape(-1, 3))
+    ahead = unit((np.roll(triangle, -1, axis=1) - triangle).reshape(-1, 3))
+    back = unit((np.roll(triangle, 1, axis=1) - triangle).reshape(-1, 3))
     angle = np.arccos(np.clip(np.einsum("ij,ij->i", ahead, back), -1.0, 1.0))
     face = np.repeat(mesh.normals, 3, axis=0)
     at, count = mesh.faces.ravel(), len(mesh.vertices_m)
     around = np.column_stack([np.bincount(at, angle * face[:, k], count) for k in range(3)])
-    smooth = _unit(around)[at]
+    smooth = unit(around)[at]
     crease = np.einsum("ij,ij->i", face, smooth) < CREASE_COS
     return np.where(crease[:, None], face, smooth)
 
@@ -169,11 +170,6 @@ def _sides(along: NDArray[np.float64]) -> NDArray[np.float64]:
             length = np.linalg.norm(last)
         last = side[i] = last / length
     return side
-
-
-def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
 
 
 def _linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,9 +5,7 @@ Its own, since a window's loop belongs to the process's main thread, and a drive
 
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.recording import Recording
+from hapscene.view.apart import apart, go_with_the_other, job_folder
 from hapscene.view.camera import looks
 from hapscene.view.drawing import Shown
 from hapscene.view.legend import entries_of
@@ -38,9 +37,6 @@ VIEW_RAD: Final = np.radians(30.0)
 
 SIZE: Final = (1000, 750)
 """Of the window [pixels]."""
-
-END_S: Final = 3.0
-"""How long the window's process may take to end after it was interrupted [s]."""
 
 _FILM: Final = "`hapscene view SCENE --touch touch.npz --out film.gif` needs none"
 
@@ -76,8 +72,7 @@ def play(scene: "Scene", recording: Recording, title: str = "", theme: Theme = L
     stage = make_stage(scene, recording, theme, np.linspace(0, end, count + 1).round().astype(np.int64)[1:])
     legend = [*((e.text, e.colour) for e in entries_of(scene, theme, path=True, tool=True)), ("force", FORCE)]
     words = {"title": title, "legend": legend, "background": theme.background, "ink": theme.ink}
-    with tempfile.TemporaryDirectory(prefix="hapscene-") as name:
-        folder = Path(name)
+    with job_folder() as folder:
         stage.save(folder / "stage.npz")
         recording.save(folder / "touch.npz")
         (folder / "words.json").write_text(json.dumps(words), encoding="utf-8")
@@ -98,21 +93,11 @@ def felt(recording: Recording, hand: Path) -> Recording:
 def _run(folder: Path) -> str:
     """Run the window's process to its end; return why it failed, or nothing."""
     environment = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
-    command = [sys.executable, "-m", "hapscene.view.window", str(folder)]
-    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+    with apart("hapscene.view.window", folder, environment) as window:
         try:
-            _, complaint = process.communicate()
-        except KeyboardInterrupt:  # at a terminal the process got it as well
-            process.terminate()
-            try:
-                process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
+            return window.reason() if window.process.wait() else ""
+        except KeyboardInterrupt:
             return ""
-    if process.returncode == 0:
-        return ""
-    lines = [line.strip() for line in complaint.splitlines() if line.strip()]
-    return lines[-1][:160] if lines else f"ended with code {process.returncode}"
 
 
 class Player:
@@ -169,10 +154,9 @@ def _main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    import signal
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
+    directory = Path(sys.argv[1])
+    go_with_the_other(directory)
     try:
-        _main(Path(sys.argv[1]))
-    except KeyboardInterrupt:
+        _main(directory)
+    except KeyboardInterrupt:  # at a terminal it comes here as well
         sys.exit(0)

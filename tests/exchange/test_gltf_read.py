@@ -216,9 +216,13 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("accessors.1.count", 4, "do not make triangles"),
         ("bufferViews.0.byteStride", 4, "whole number"),
         ("bufferViews.0.byteOffset", 1 << 39, "past the file's buffer"),
-        ("bufferViews.0.buffer", 1, "past the file's buffer"),
+        ("bufferViews.0.buffer", 1, "not among the 1 of the file"),
         ("buffers.0.uri", "data:;base64,????", "not base64"),
-        ("buffers.0.uri", "small.bin", "past the file's buffer"),
+        ("buffers.0.uri", "data:text/plain,abc", "not base64"),
+        ("buffers.0.uri", 7, "must be a text"),
+        ("buffers", {}, "list of objects"),
+        ("buffers.0.uri", "https://example.org/small.bin", "which is not beside it"),
+        ("buffers.0.uri", "small.bin", r"needs the file 'small\.bin', which is not beside it"),
         ("materials.0.extras.swatch_file", "{}", "swatch"),
         ("materials.1.extras.sha256", "0", None),
         ("accessors", {}, "accessors"),
@@ -237,6 +241,23 @@ def test_what_is_refused_and_why(path: str, value: Any, message: str | None, tre
             read(tree)
         return
     with pytest.raises(HapsceneError, match=message):
+        read(tree)
+
+
+def test_data_in_files_beside_it_are_read(tree: dict, read: Callable, tmp_path: Path) -> None:
+    """As Blender and others write it."""
+    before = read(tree)
+    content = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
+    (tmp_path / "the data.bin").write_bytes(content)
+    tree["buffers"] = [{"byteLength": 3, "uri": "data:;base64,AAAA"}, {"byteLength": len(content)}]
+    for view in tree["bufferViews"]:
+        view["buffer"] = 1
+    for uri in ("the%20data.bin", "../elsewhere/the data.bin"):
+        tree["buffers"][1]["uri"] = uri
+        for was, now in zip(before.bodies, read(tree).bodies, strict=True):
+            assert was.mesh.digest == now.mesh.digest and np.array_equal(was.face_swatch, now.face_swatch)
+    (tmp_path / "the data.bin").write_bytes(content[:-4])
+    with pytest.raises(SceneError, match=r"past the file's buffer of .* truncated"):
         read(tree)
 
 

@@ -1,6 +1,8 @@
 """Scenes to paint: a ball, a plate thinner than the brush, both at poses; and the user's library somewhere else."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,6 +12,11 @@ from trimesh.creation import box, icosphere
 import hapscene
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from hapscene.paint.page import Page
+
+    from .tab import Tab
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:
@@ -56,3 +63,27 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def scene(tmp_path: Path) -> Scene:
     """`make_scene`."""
     return make_scene(tmp_path)
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
+    """The page of `make_scene`, without a hand, in a folder of its own."""
+    from hapscene.paint.page import Page
+    from hapscene.paint.session import Session
+
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    with Page(session, port=0, with_hand=False) as made:
+        yield made
+    session.close()
+
+
+@pytest.fixture
+def tab(page: "Page") -> "Iterator[Tab]":
+    """A tab of the page, without a browser."""
+    from .tab import Tab
+
+    opened = Tab(page)
+    yield opened
+    opened.close()

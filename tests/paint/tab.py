@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 
 from hapscene.paint.gate import SOCKET_PATH
 from hapscene.paint.page import Page
+from hapscene.paint.shelf_panel import USE
 
 SIZE = (800, 600)
 
@@ -95,8 +96,20 @@ class Tab:
         """Give a control a value, as the user would."""
         self.post("GuiUpdateMessage", uuid=self.control(label)["uuid"], updates={"value": value})
 
+    def choose(self, name: str) -> None:
+        """Take a swatch to paint with: search for it on the shelf, and press the button of its card."""
+        self.set("Search", name)
+        self.settle()
+        card = f"<b>{name}</b>"
+        told = [(c["props"].get("content") or "", c) for c in list(self.controls.values())]
+        place = next(i for i, (text, _) in enumerate(told) if "hs-swatch" in text and card in text)
+        button = next(c for _, c in told[place:] if USE in (c["props"].get("options") or ()))
+        self.post("GuiUpdateMessage", uuid=button["uuid"], updates={"value": USE})
+        self.set("Search", "")
+        self.settle()
+
     def settle(self) -> None:
-        """Until the page has done all that was sent on both sockets so far."""
+        """Until the page has done all that was sent on both sockets so far, and all that it told of that has come."""
         count = self.page.parts.live.refused
         self.ours.send("no message of ours: it is counted")
         until(lambda: self.page.parts.live.refused > count)
@@ -104,6 +117,13 @@ class Tab:
         self.look(position=[0.0, 0.0, 6.0 + 1e-9 * self._marks])
         client = self.page.server.get_clients()[self.client]
         until(lambda: client.camera.position[2] == 6.0 + 1e-9 * self._marks)
+        mark = f"mark {self._marks}"
+        self.page.server.get_event_loop().call_soon_threadsafe(self.page.parts.live.say, mark)
+        until(lambda: mark in self.said)
+        self.said.remove(mark)
+        shown = self.page.server.gui.add_html(mark)
+        until(lambda: any(c["props"].get("content") == mark for c in list(self.controls.values())))
+        shown.remove()
 
     def _read_viser(self) -> None:
         unpack = zstandard.ZstdDecompressor()

@@ -2,7 +2,6 @@
 
 import random
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,33 +26,10 @@ TOP = (0.01, 0.0, 0.02)
 """On top of the ball."""
 
 
-@pytest.fixture
-def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
-    monkeypatch.chdir(tmp_path)
-    make_scene(tmp_path).save(tmp_path / "made.scene.json")
-    session = Session.open(tmp_path / "made.scene.json")
-    with Page(session, port=0, with_hand=False) as made:
-        yield made
-    session.close()
-
-
-@pytest.fixture
-def tab(page: Page) -> Iterator[Tab]:
-    opened = Tab(page)
-    yield opened
-    opened.close()
-
-
 def painted(page: Page, body: int, name: str) -> int:
     """How many faces of a body wear a swatch."""
     names = [swatch.name for swatch in page.parts.session.scene.swatches]
     return int((page.parts.session.scene.bodies[body].face_swatch == names.index(name)).sum()) if name in names else 0
-
-
-def use(tab: Tab, name: str) -> None:
-    """Choose a swatch on the shelf, by its button."""
-    tab.page.parts.tools.take(name, name)
-    tab.settle()
 
 
 def stroke(tab: Tab) -> None:
@@ -65,7 +41,7 @@ def stroke(tab: Tab) -> None:
 
 
 def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
-    use(tab, "wood")
+    tab.choose("wood")
     stroke(tab)
     count = painted(page, 0, "wood")
     assert 0 < count < 1280 and tab.state["dirty"] and "brush" in tab.state["undo"]
@@ -85,7 +61,7 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
 
 
 def test_only_the_chunk_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
-    use(tab, "wood")
+    tab.choose("wood")
     tab.nodes.clear()
     stroke(tab)
     until(lambda: any(n.startswith("/body/0/") for n in tab.nodes))
@@ -93,7 +69,7 @@ def test_only_the_chunk_that_changed_is_sent_again(page: Page, tab: Tab) -> None
 
 
 def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
-    use(tab, "leather")
+    tab.choose("leather")
     tab.send("tool", name="sphere")
     tab.point("down", TOP)
     tab.point("move", np.add(TOP, (0.008, 0.0, 0.0)))
@@ -113,14 +89,14 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
     tab.point("up", TOP)
     tab.settle()
     assert painted(page, 0, "leather") == len(ball.mesh.faces)
-    use(tab, "paper")
+    tab.choose("paper")
     tab.send("tool", name="box")
     tab.point("down", TOP)
     tab.point("move", np.add(TOP, (0.006, 0.006, -0.002)))
     tab.point("up", TOP)
     tab.settle()
     assert 0 < painted(page, 0, "paper") < len(ball.mesh.faces)
-    use(tab, "wood")
+    tab.choose("wood")
     tab.send("tool", name="pick")
     tab.point("down", TOP)
     tab.point("up", TOP)
@@ -145,7 +121,7 @@ def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
 
 
 def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
-    use(tab, "wood")
+    tab.choose("wood")
     tab.set("Part", "ball: north")
     tab.set("Fill this part", True)
     until(lambda: painted(page, 0, "wood"))
@@ -153,7 +129,7 @@ def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
 
 
 def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
-    use(tab, "paper")
+    tab.choose("paper")
     index = page.parts.session.swatch_named("paper")
     before = page.parts.session.scene.swatches[index].stiffness_N_m
     tab.set("Stiffness [N/m]", 321.0)
@@ -166,7 +142,7 @@ def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) 
 
 
 def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
-    use(tab, "paper")
+    tab.choose("paper")
     tab.set("Stiffness [N/m]", 123.0)
     tab.set("New name", "card <b>board")
     tab.settle()
@@ -183,7 +159,7 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
 
 
 def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
-    use(tab, "plain")
+    tab.choose("plain")
     tab.send("size", factor=1.01)
     until(lambda: any("stays as it is" in str(c["props"].get("content")) for c in list(tab.controls.values())))
     tab.set("New name", "softer")
@@ -218,7 +194,7 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
 
 
 def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
-    use(tab, "wood")
+    tab.choose("wood")
     stroke(tab)
     path = page.parts.session.path
     path.write_text(path.read_text() + "\n")
@@ -233,7 +209,7 @@ def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> N
 
 def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, tab: Tab) -> None:
     other = Tab(page)
-    use(tab, "wood")
+    tab.choose("wood")
     tab.set("Size [mm]", 7.0)
     until(lambda: other.control("Size [mm]")["value"] == 7.0)
     tab.point("down", TOP)
@@ -255,7 +231,7 @@ def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypa
     session = Session.open(tmp_path / "made.scene.json")
     page = Page(session, port=0, with_hand=False).__enter__()
     tab = Tab(page)
-    use(tab, "wood")
+    tab.choose("wood")
     stroke(tab)
     count = painted(page, 0, "wood")
     tab.close()
@@ -292,7 +268,7 @@ def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
 
 
 def test_a_stroke_goes_on_after_it_was_saved(page: Page, tab: Tab) -> None:
-    use(tab, "wood")
+    tab.choose("wood")
     places = np.add(TOP, [[0.0015 * i, 0.0, -0.0001 * i * i] for i in range(9)])
     tab.point("down", places[0])
     for i, place in enumerate(places):
@@ -416,7 +392,7 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
     page.parts.touch.status = "ready"
     with page:
         tab = Tab(page)
-        use(tab, "wood")
+        tab.choose("wood")
         stroke(tab)
         count = painted(page, 0, "wood")
         assert [tab.control(label)["value"] for label in ("Device", "Grip", "Handle")] == [

@@ -1,6 +1,5 @@
 """The tools in hand, through the page's real protocol."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,31 +8,13 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.paint.page import Page
-from hapscene.paint.session import Session
 
-from .conftest import make_scene
 from .tab import Tab, until
 
 TOP = np.array([0.01, 0.0, 0.02])
 """On top of the ball."""
 
 ASIDE = np.array([0.018, 0.0, 0.018])
-
-
-@pytest.fixture
-def page(tmp_path: Path, library: Path) -> Iterator[Page]:
-    make_scene(tmp_path).save(tmp_path / "made.scene.json")
-    session = Session.open(tmp_path / "made.scene.json")
-    with Page(session, port=0, with_hand=False) as made:
-        yield made
-    session.close()
-
-
-@pytest.fixture
-def tab(page: Page) -> Iterator[Tab]:
-    opened = Tab(page)
-    yield opened
-    opened.close()
 
 
 def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -229,11 +229,11 @@ async def feel(hold: Hold, force_N: float) -> tuple[Felt, list[str]]:
             if (read := touch.read(time.monotonic())) is not None:
                 right = right + len(read[1]) if (abs(read[1] - force_N) < 0.1 * force_N).all() else 0
                 newest = read[0].tick
-        while touch._servo.state().tick < newest + 300:
+        while touch.servo.state().tick < newest + 300:
             assert time.monotonic() < end_s, "the servo stands still"
-            touch.move(np.add(place, (0.0, 5e-5 * (touch._servo.state().tick - newest), 0.0)), nhat, force_N, stiffness)
+            touch.move(np.add(place, (0.0, 5e-5 * (touch.servo.state().tick - newest), 0.0)), nhat, force_N, stiffness)
             await asyncio.sleep(0.01)
-        return touch._servo.read(newest), said
+        return touch.servo.read(newest), said
     finally:
         touch.close()
 

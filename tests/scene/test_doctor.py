@@ -11,6 +11,7 @@ from hapscene.errors import MeshError
 from hapscene.scene.doctor import examine
 from hapscene.scene.mend import mend
 from hapscene.scene.mesh import Mesh
+from hapscene.scene.report import length
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
 V, F = np.array(BALL.vertices), np.array(BALL.faces)
@@ -36,6 +37,11 @@ def t_junction(gap_m: float) -> Mesh:
     """Two triangles on one side of an edge, one on the other."""
     vertices = [[0, 0, 0], [0.1, 0, 0], [0.05, 0.1, 0], [0.05, -0.1, 0], [0.05, gap_m, 0]]
     return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
+
+
+def cube(edge_m: float, unit: str = "m") -> Mesh:
+    box = trimesh.creation.box((edge_m, edge_m, edge_m))
+    return Mesh(np.array(box.vertices), np.array(box.faces), unit=unit)
 
 
 FAN = Mesh(
@@ -159,3 +165,44 @@ def test_eighty_thousand_faces_take_seconds():
     start = time.perf_counter()
     assert not examine(mesh).findings
     assert time.perf_counter() - start < 30  # about one, on an idle core
+
+
+@pytest.mark.parametrize(
+    ("edge_m", "unit", "kind", "advice"),
+    [
+        (2e-5, "mm", "tiny", "check the unit: --unit m makes it 34.64 mm, --unit ft makes it 10.56 mm"),
+        (2e-5, "m", "tiny", "scale it in a mesh editor"),
+        (0.1, "m", None, ""),
+        (0.001, "m", None, ""),
+        (100.0, "m", "huge", "check the unit: --unit cm makes it 1.732 m, --unit mm makes it 173.2 mm"),
+    ],
+)
+def test_a_size_that_is_no_hands_is_told_with_the_unit_that_may_be_right(edge_m, unit, kind, advice):
+    found = [finding for finding in examine(cube(edge_m, unit)).findings if finding.kind in ("tiny", "huge")]
+    assert [finding.kind for finding in found] == ([kind] if kind else [])
+    assert [finding.advice for finding in found] == ([advice] if kind else [])
+
+
+def test_what_turns_inside_out_into_what_is_felt_is_told():
+    text = examine(Mesh(V, F[:, ::-1])).text()
+    assert "FAULT: 1,280 faces in closed shells that are wound inward" in text
+    assert "two_sided=True (--two-sided)" in text
+
+
+@pytest.mark.parametrize(
+    ("length_m", "text"),
+    [
+        (12.3456, "12.35 m"),
+        (0.99999, "1 m"),
+        (0.999949, "999.9 mm"),
+        (0.0005, "500 µm"),
+        (9.99999e-7, "1 µm"),
+        (9.87654e-7, "987.7 nm"),
+        (1e-9, "1 nm"),
+        (4.4e-10, "0.44 nm"),
+        (1e-13, "0 mm"),
+        (12345.6, "12350 m"),
+    ],
+)
+def test_lengths_are_told_in_the_unit_that_reads_best(length_m, text):
+    assert length(length_m) == text

@@ -67,6 +67,33 @@ def test_the_file_is_readable_and_moves_with_its_folder(tmp_path):
     assert len(hapscene.load_scene(tmp_path / "new" / "my.scene.json").bodies) == 3
 
 
+def test_a_scene_is_opened_and_saved_through_a_link(tmp_path):
+    (tmp_path / "old").mkdir()
+    scene = build(tmp_path / "old")
+    scene.save(tmp_path / "old" / "my.scene.json")
+    (tmp_path / "links").mkdir()
+    link = tmp_path / "links" / "my.scene.json"
+    link.symlink_to("../old/my.scene.json")
+    through = hapscene.load_scene(link)
+    same(scene, through)
+    through.paint("ball", "plain")
+    through.save(link)
+    assert link.is_symlink() and [file.name for file in link.parent.iterdir()] == ["my.scene.json"]
+    same(through, hapscene.load_scene(tmp_path / "old" / "my.scene.json"))
+
+
+def test_a_scene_may_be_linked_with_all_its_files(tmp_path):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "old").mkdir()
+    build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
+    (tmp_path / "old" / "my.scene.json").rename(tmp_path / "store" / "1")
+    (tmp_path / "old" / "my.scene.json").symlink_to(tmp_path / "store" / "1")
+    assert len(hapscene.load_scene(tmp_path / "old" / "my.scene.json").bodies) == 3
+    (tmp_path / "old" / "meshes" / "ball.stl").unlink()
+    with pytest.raises(HapsceneError, match=r"meshes/ball\.stl: no such file"):
+        hapscene.load_scene(tmp_path / "old" / "my.scene.json")
+
+
 def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
     scene = hapscene.Scene()
     scene.add(trimesh.creation.box((1, 1, 1)), name="a b", unit="m")
@@ -175,6 +202,8 @@ HOSTILE = [
     (edit("bodies", 0, "paint", [[True, 320]]), "must be a list of"),
     (edit("bodies", 0, "paint", 5), "'paint' must be a list of runs or a packed text"),
     (edit("bodies", 0, "paint", "all"), "'paint' is packed, and damaged"),
+    (edit("bodies", 0, "made_of", 9), "'made_of' is 9; there are 3"),
+    (edit("bodies", 0, "made_of", None), "'made_of' must be a whole number"),
     (edit("bodies", [{}] * 10_001), "10,001 bodies; at most 10,000"),
 ]
 

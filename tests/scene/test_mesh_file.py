@@ -296,3 +296,61 @@ def test_a_folder_is_no_mesh(tmp_path):
     (tmp_path / "folder.stl").mkdir()
     with pytest.raises(MeshError, match="cannot be read"):
         load_mesh(tmp_path / "folder.stl", "m")
+
+
+def packed(content: bytes, member: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(member, content)
+        if member.endswith(".model"):
+            archive.writestr("[Content_Types].xml", "<Types/>")
+    return stream.getvalue()
+
+
+BOMBS = {
+    "stl.zip": packed(bytes(20_000_000), "ball.stl"),
+    "obj.zip": packed(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 2_000_000, "ball.obj"),
+    "model.3mf": packed(b"<model>" + b'<triangle v1="0" v2="1" v3="2"/>' * 500_000 + b"</model>", "3D/3dmodel.model"),
+    "beside.3mf": packed(bytes(20_000_000), "junk.bin"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_small_archive_that_unpacks_to_much_is_not_unpacked(tmp_path, name):
+    (tmp_path / name).write_bytes(BOMBS[name])
+    assert len(BOMBS[name]) < 150_000
+    tracemalloc.start()
+    try:
+        advice = "export it as .stl" if name.endswith("3mf") else "unpack it and load the mesh itself"
+        with pytest.raises(MeshError, match=f"unpacks to .* bytes; of an archive this large .* are read: .*{advice}"):
+            load_mesh(tmp_path / name, "m")
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_archives_as_programs_write_them_are_read(tmp_path):
+    plate = trimesh.creation.box((1, 1, 1))
+    for _ in range(6):
+        plate = plate.subdivide()
+    text = plate.export(file_type="stl_ascii").encode()
+    (tmp_path / "plate.zip").write_bytes(packed(text, "plate.stl"))
+    assert len(text) > 5_000_000 and len(text) > 15 * (tmp_path / "plate.zip").stat().st_size
+    assert len(load_mesh(tmp_path / "plate.zip", "m").faces) == len(plate.faces)
+    plate.export(tmp_path / "plate.3mf")
+    assert len(load_mesh(tmp_path / "plate.3mf").faces) == len(plate.faces)
+
+
+@pytest.mark.parametrize("header", [b"", b"solid made of"])
+def test_what_follows_the_faces_of_a_binary_stl_is_left(tmp_path, header):
+    content = header.ljust(80, b"\0") + ball("stl")[80:]
+    (tmp_path / "ball.stl").write_bytes(content)
+    (tmp_path / "more.stl").write_bytes(content + b"colours of another program")
+    whole, more = (load_mesh(tmp_path / f"{name}.stl", "m") for name in ("ball", "more"))
+    assert more.digest == whole.digest and len(more.faces) == 320
+
+
+def test_a_binary_stl_that_says_it_has_no_faces_is_told(tmp_path):
+    (tmp_path / "ball.stl").write_bytes(bytes(84) + ball("stl")[84:])
+    with pytest.raises(MeshError, match=r"ball\.stl: its binary header says 0 faces, 16,000 bytes follow: export it"):
+        load_mesh(tmp_path / "ball.stl", "m")

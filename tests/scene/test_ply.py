@@ -59,3 +59,24 @@ def test_groups_that_do_not_fit_are_left_out(tmp_path):
     content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")
     (tmp_path / "m.ply").write_bytes(content)
     assert load_mesh(tmp_path / "m.ply", "m").group_names == ("default",)
+
+
+HEAD = "ply\nformat ascii 1.0\n"
+VERTEX = "property float x\nproperty float y\nproperty float z\n"
+FACE = "property list uchar int vertex_indices\n"
+
+
+@pytest.mark.parametrize(
+    "elements",
+    [
+        "",
+        f"element vertex 0\n{VERTEX}",
+        f"element vertex 0\n{VERTEX}element face 0\n{FACE}",
+        f"comment hapscene group a\nelement vertex 0\n{VERTEX}element face 0\n{FACE}property short group\n",
+        f"comment hapscene scene 1\nelement vertex 0\n{VERTEX}element face 0\n{FACE}",
+    ],
+)
+def test_a_file_of_nothing_is_told(tmp_path, elements):
+    (tmp_path / "m.ply").write_text(f"{HEAD}{elements}end_header\n")
+    with pytest.raises(MeshError, match=r"m\.ply: no faces: a mesh needs at least one triangle"):
+        load_mesh(tmp_path / "m.ply", "m")

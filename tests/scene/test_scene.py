@@ -184,7 +184,16 @@ def test_mixed_winding_is_said_once_and_not_of_two_sided_bodies():
         scene.add(mesh)  # an instance: it was said
         hapscene.Scene().add(mesh, two_sided=True)
         hapscene.Scene().add(flipped_ball(3, 0))
-        hapscene.Scene().add(flipped_ball(3, 1280))  # all alike: not mixed
+
+
+def test_a_mesh_that_is_inside_out_is_told():
+    with pytest.warns(MeshWarning, match=r"'body': 1,280 of 1,280 faces are wound inward.*\(--two-sided\).*--fix"):
+        hapscene.Scene().add(flipped_ball(3, 1280))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hapscene.Scene().add(flipped_ball(3, 1280), two_sided=True)
+        ball = flipped_ball(3, 1280)
+        hapscene.Scene().add(Mesh(ball.vertices_m, ball.faces[1:]))  # a bowl, as may be meant
 
 
 def test_the_zoos_flipped_ball_is_noticed(shared):

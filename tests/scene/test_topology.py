@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hapscene.scene import topology
-from hapscene.scene.topology import area_of, edges_of, first_of, weld, winding_is_mixed, winding_of
+from hapscene.scene.topology import area_of, edges_of, first_of, volume_of, weld, winding_is_mixed, winding_of
 
 BALL = trimesh.creation.icosphere(subdivisions=3)
 
@@ -54,9 +54,9 @@ def test_turned_faces_are_found_one_by_one(share):
     vertices, faces = np.array(BALL.vertices), np.array(BALL.faces)
     chosen = np.random.default_rng(1).random(len(faces)) < share
     faces[chosen] = faces[chosen][:, ::-1]
-    welded = weld(vertices)
-    assert winding_is_mixed(faces, welded)
-    winding = winding_of(edges_of(faces, welded), area_of(vertices[faces]))
+    edges = edges_of(faces, weld(vertices))
+    assert winding_is_mixed(edges)
+    winding = winding_of(edges, area_of(vertices[faces]))
     np.testing.assert_array_equal(winding.turned, chosen)
     assert not winding.one_sided.any()
 
@@ -85,3 +85,13 @@ def test_a_moebius_strip_has_one_side():
     faces = np.array(faces)
     winding = winding_of(edges_of(faces, weld(vertices)), area_of(vertices[faces]))
     assert winding.one_sided.all() and not winding.turned.any()
+
+
+def test_volume_and_closure():
+    far = np.asarray(BALL.vertices) + np.array([100.0, 0.0, 0.0])
+    faces = np.asarray(BALL.faces)
+    assert volume_of(far[faces]) == pytest.approx(BALL.volume, rel=1e-9)
+    assert volume_of(far[faces[:, ::-1]]) == pytest.approx(-BALL.volume, rel=1e-9)
+    edges = edges_of(faces, weld(far))
+    assert edges.closed and not edges_of(faces[1:], weld(far)).closed
+    assert not edges_of(np.array([[0, 0, 0]]), np.arange(1)).closed

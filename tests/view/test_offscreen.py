@@ -49,6 +49,20 @@ def test_where_nothing_draws_one_line_names_the_packages(drawing: Drawing, monke
     assert "\n" not in str(caught.value)
 
 
+def test_a_library_that_is_not_there_is_told_without_the_words_of_ours(
+    drawing: Drawing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offscreen, "LIBRARIES", {"osmesa": ("NoSuchOSMesa",), "egl": ("NoSuchEGL",)})
+    monkeypatch.setattr(offscreen, "platforms", lambda: ["osmesa", "egl"])
+    monkeypatch.setattr(offscreen.sys, "executable", "/bin/false")
+    with pytest.raises(ViewError) as caught:
+        list(draw(drawing))
+    assert str(caught.value) == (
+        "no GL can draw here; install one of these system packages: osmesa (not installed) needs libosmesa6; "
+        "egl (not installed) needs libegl1 libgl1"
+    )
+
+
 def test_driver_that_crashes_midway_is_told(drawing: Drawing, monkeypatch: pytest.MonkeyPatch) -> None:
     def one_frame(platform: str, job: Drawing) -> Iterator[np.ndarray]:
         yield np.zeros((60, 80, 3), np.uint8)

@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,7 @@ print("ended")
 """
 
 
-@pytest.mark.parametrize("end", ["close", "interrupt"])
+@pytest.mark.parametrize("end", ["close", "interrupt", "kill"])
 def test_window_shows_the_touch_and_ends_when_told(
     tmp_path: Path, scene: Scene, recording: Recording, display: str, end: str
 ) -> None:
@@ -99,32 +100,44 @@ def test_window_shows_the_touch_and_ends_when_told(
     wood.save(tmp_path / "plate.scene.json")
     held = replace(recording, f_W_N=np.tile([0.0, 0.0, 1.0], (len(recording), 1)))  # the arrow is always there
     held.save(tmp_path / "touch.npz")
+    (tmp_path / "temporary").mkdir()
     command = [sys.executable, "-c", PLAY, str(tmp_path / "plate.scene.json"), str(tmp_path / "touch.npz")]
-    environment = os.environ | {"DISPLAY": display, "PYTHONUNBUFFERED": "1"}
-    force, background = rgb(FORCE) * 255, np.round(rgb(LIGHT.background) * 255)
+    environment = os.environ | {"DISPLAY": display, "PYTHONUNBUFFERED": "1", "TMPDIR": str(tmp_path / "temporary")}
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         try:
-            until_s = time.monotonic() + PATIENCE_S
-            seen = False
-            while not seen and process.poll() is None and time.monotonic() < until_s:
-                pixels = screenshot(display)
-                green = np.abs(pixels[220:] - force).max(axis=2) < 60  # below the legend
-                orange = (pixels[..., 0] > 180) & (pixels[..., 2] < 60)
-                grey = (pixels == background).all(axis=2)
-                seen = green.sum() > 30 and orange.sum() > 5000 and grey.mean() > 0.3
-                time.sleep(0.05)  # only so as not to take the processor from what is waited for
-            assert seen, process.stderr.read() if process.poll() is not None and process.stderr else "nothing was shown"
+            wait_for(lambda: shows_the_touch(display), process)
             if end == "close":
                 close_window(display)
-            else:
+            elif end == "interrupt":
                 os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to all of the job
-            out, err = process.communicate(timeout=PATIENCE_S)
-            assert process.returncode == 0 and "ended" in out and "Traceback" not in err, err
+            else:
+                process.kill()
+            out, err = process.communicate(timeout=PATIENCE_S)  # with the last process that has these pipes
+            assert "Traceback" not in err, err
+            assert end == "kill" or (process.returncode == 0 and "ended" in out)
         finally:
-            if process.poll() is None:
+            with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def wait_for(seen: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while process.poll() is None and time.monotonic() < until_s:
+        if seen():
+            return
+        time.sleep(0.05)  # only so as not to take the processor from what is waited for
+    pytest.fail(process.stderr.read() if process.poll() is not None and process.stderr else "nothing was shown")
+
+
+def shows_the_touch(display: str) -> bool:
+    pixels = screenshot(display)
+    green = np.abs(pixels[220:] - rgb(FORCE) * 255).max(axis=2) < 60  # below the legend
+    orange = (pixels[..., 0] > 180) & (pixels[..., 2] < 60)
+    grey = (pixels == np.round(rgb(LIGHT.background) * 255)).all(axis=2)
+    return bool(green.sum() > 30 and orange.sum() > 5000 and grey.mean() > 0.3)
 
 
 def test_without_a_display_one_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
