@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -68,6 +69,7 @@ def touch(
     a_rate_Hz: float = ACCELERATION_RATE_HZ,
     title: str = "",
     with_picture: bool = True,
+    dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
     """Touch a scene along a path and write `MADE` into a folder: all of it, or, where it fails, nothing.
@@ -83,6 +85,7 @@ def touch(
         a_rate_Hz: rate of the acceleration channel [Hz].
         title: what the plots and the summary call the scene.
         with_picture: whether to draw scene.png. Where it cannot be drawn, `say` gets one line why.
+        dark: whether pictures are on dark ground.
         say: is given the progress, piece by piece.
 
     Returns:
@@ -100,9 +103,11 @@ def touch(
             renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz)
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT)
+        if not recording.touching.any():
+            say(f"nothing was touched: {why_nothing(scene, p_WT)}\n")
         if t_s is not None:
             recording = replace(recording, t_s=t_s)
-        missing = write_touch(scene, recording, folder, title, with_picture, say)
+        missing = write_touch(scene, recording, folder, title, with_picture, say, dark=dark)
         made = sorted((file.name for file in folder.iterdir()), key=MADE.index)
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
@@ -117,13 +122,14 @@ def touch_by_hand(
     *,
     title: str = "",
     with_picture: bool = True,
+    dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
     **told: Any,
 ) -> list[Path]:
     """Touch a scene in closed loop, contact forces moving the tool; write `MADE_BY_HAND` into a folder, or nothing.
 
     Args:
-        scene, out, title, with_picture, say: as `touch` has them.
+        scene, out, title, with_picture, dark, say: as `touch` has them.
         intent: what the hand means to do.
         ready: makes the twin.
         told: goes into the summary's `hand`.
@@ -143,17 +149,47 @@ def touch_by_hand(
             twin = ready()
         with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
             feel = twin.run(intent)
+        if not feel.recording.touching.any():
+            say(f"nothing was touched: {why_nothing(scene, feel.recording.p_WT_m)}\n")
         hand = {**told, **summarise_feel(feel)}
         missing = write_touch(
-            scene, feel.recording, folder, title, with_picture, say, a_heard_m_s2=feel.a_handle_m_s2, hand=hand
+            scene, feel.recording, folder, title, with_picture, say, feel.a_handle_m_s2, dark, hand=hand
         )
         with step(say, "writing hand.npz, hand.png"):
             feel.save(folder / "hand.npz")
-            write_hand_plot(feel, folder / "hand.png", title)
+            write_hand_plot(feel, folder / "hand.png", title, dark)
         made = sorted((file.name for file in folder.iterdir()), key=MADE_BY_HAND.index)
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
     return [Path(out) / name for name in made]
+
+
+def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
+    """Why a path (n, 3) [m] touches nothing of a scene, and what to do: a sentence."""
+    from hapscene.renderer import Renderer
+    from hapscene.scene.report import length
+
+    both_sides = copy(scene)
+    both_sides.bodies = [replace(body, two_sided=True) for body in scene.bodies]
+    met = Renderer(both_sides, effects=[]).run(p_WT)
+    if met.touching.any():
+        name = met.body_names[int(met.body[met.touching][0])]
+        return (
+            f"the path goes through {name!r} from behind its faces, which are felt from outside alone; feel both sides "
+            '(--two-sided, or in a scene file "two_sided": true), or see what `hapscene check` says of the mesh'
+        )
+    gaps_m = {}
+    for body in scene.bodies:
+        p_BT = (p_WT - body.X_WB[:3, 3]) @ body.X_WB[:3, :3]
+        low_m, high_m = body.mesh.bounds_m
+        gaps_m[body.name] = float(np.linalg.norm(np.maximum(np.maximum(low_m - p_BT, p_BT - high_m), 0), axis=1).min())
+    name = min(gaps_m, key=gaps_m.__getitem__)
+    size = length(scene.body(name).mesh.diagonal_m)
+    how_near = f"passes {length(gaps_m[name])} from" if gaps_m[name] > 0 else "misses the faces of"
+    return (
+        f"the path {how_near} {name!r}, the nearest body, which is {size} across; are both in the same place, "
+        "the path in m, the mesh in its right unit (--unit)?"
+    )
 
 
 def _counted(scene: "Scene") -> str:

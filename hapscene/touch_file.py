@@ -71,28 +71,33 @@ def write_touch(
     with_picture: bool,
     say: Callable[[str], None],
     a_heard_m_s2: NDArray[np.float64] | None = None,
+    dark: bool = False,
     **more: Any,
 ) -> dict[str, str]:
     """Write `MADE` into `folder`, `more` into its summary; return what is missing, and why.
 
-    feel.wav has the accelerations `a_heard_m_s2` (n, block), where they are not those that the recording asks for.
+    feel.wav has the accelerations `a_heard_m_s2` (n, block), where they are not those that the recording asks for. With
+    `dark`, pictures are on dark ground.
     """
-    from hapscene.view.palette import albedo_colours
+    from hapscene.view.palette import DARK, LIGHT, albedo_colours
     from hapscene.view.picture import write_picture
     from hapscene.view.plot import write_plot
     from hapscene.view.sound import write_sound
 
     missing: dict[str, str] = {}
     with ThreadPoolExecutor(1) as beside:  # the picture is drawn by another process meanwhile
-        picture = beside.submit(write_picture, scene, recording, folder / "scene.png") if with_picture else None
+        picture = None
+        if with_picture:
+            theme = DARK if dark else LIGHT
+            picture = beside.submit(write_picture, scene, recording, folder / "scene.png", None, theme)
         with step(say, "writing touch.npz, touch.csv, feel.wav"):
             recording.save(folder / "touch.npz")
             recording.save_csv(folder / "touch.csv")
             heard = recording if a_heard_m_s2 is None else replace(recording, a_m_s2=a_heard_m_s2)
             full_scale_m_s2 = write_sound(heard, folder / "feel.wav")
         with step(say, "plotting plots.png"):
-            heading = f"{title}: {len(recording)} ticks, {np.count_nonzero(recording.touching)} in contact"
-            write_plot(recording, folder / "plots.png", heading, albedo_colours(scene.swatches))
+            heading = f"{title}: {len(recording):,} ticks, {np.count_nonzero(recording.touching):,} in contact"
+            write_plot(recording, folder / "plots.png", heading, albedo_colours(scene.swatches), dark)
         if picture is not None:
             with step(say, "drawing scene.png"):
                 try:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.io import wavfile
 
 from hapscene.errors import EffectError, SceneError, ViewError
@@ -13,8 +14,9 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import open_scene, touch
+from hapscene.touch import open_scene, touch, touch_by_hand, why_nothing
 from hapscene.touch_file import MADE, summarise
+from hapscene.view.palette import DARK, LIGHT
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +43,14 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ViewError("no picture, since no GL: osmesa (none) needs libosmesa6")
 
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_plots_are_light_or_dark(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:
+    for dark, page in ((False, LIGHT.page), (True, DARK.page)):
+        touch(scene, tmp_path, p_WT, dark=dark)
+        with Image.open(tmp_path / "plots.png") as plots:
+            assert "#{:02X}{:02X}{:02X}".format(*plots.convert("RGB").getpixel((0, 0))) == page
 
 
 def test_job_makes_every_file_and_they_agree(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:
@@ -133,3 +143,45 @@ def test_scene_file_and_mesh_open_alike(tmp_path: Path, scene: Scene) -> None:
     opened = open_scene(tmp_path / "cube.stl", unit="mm", two_sided=True)
     assert opened.bodies[0].mesh.diagonal_m == pytest.approx(0.02 * np.sqrt(3))
     assert opened.bodies[0].two_sided
+
+
+def bowl(two_sided: bool = False) -> Scene:
+    """A ball wound inward, but for one face, which is not there."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.01)
+    scene = Scene()
+    scene.add(Mesh(np.array(ball.vertices), np.array(ball.faces)[1:, ::-1]), name="bowl", two_sided=two_sided)
+    return scene
+
+
+def line(start_m: tuple[float, float, float], end_m: tuple[float, float, float]) -> np.ndarray:
+    return np.linspace(start_m, end_m, 300)
+
+
+def test_a_path_that_touches_nothing_is_told_why(tmp_path: Path, scene: Scene) -> None:
+    said: list[str] = []
+    touch(scene, tmp_path / "out", line((0.0, 0.0, 0.06), (0.0, 0.0, 0.03)), with_picture=False, say=said.append)
+    lines = [text for text in said if text.startswith("nothing was touched")]
+    assert len(lines) == 1 and lines[0].endswith("(--unit)?\n")
+    assert "the path passes 20 mm from 'plate', the nearest body, which is 142.8 mm across" in lines[0]
+
+
+def test_faces_that_are_turned_away_are_told_of() -> None:
+    into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
+    assert "goes through 'bowl' from behind its faces" in why_nothing(bowl(), into)
+    both_sides = why_nothing(bowl(two_sided=True), line((0.0, 0.0, 0.001), (0.0, 0.0, 0.002)))
+    assert "misses the faces of 'bowl'" in both_sides
+
+
+def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
+    from hapscene.device.point import PointMass
+    from hapscene.twin import Intent, Twin
+
+    said: list[str] = []
+    into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
+    made_of = bowl()
+
+    def ready() -> Twin:
+        return Twin(made_of, PointMass(0.045, 0.1, 0.26, 5.5e-5))
+
+    touch_by_hand(made_of, tmp_path / "out", Intent.along(into, "light"), ready, with_picture=False, say=said.append)
+    assert "nothing was touched: the path goes through 'bowl'" in "".join(said)

@@ -11,8 +11,9 @@ from hapscene.bench.order import ORDERS, RECORDINGS
 from hapscene.bench.peer import PEERS, TRIANGLES
 from hapscene.bench.projection import ANGLES_DEG, STEPS
 from hapscene.bench.sheet import Sheet
-from hapscene.output import whole_file
-from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
+from hapscene.surface.swatch_file import load_swatch
+from hapscene.view.chart import save_both
+from hapscene.view.palette import CHART_STYLE, EDGE, INK, OKABE_ITO, albedo_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,24 +36,23 @@ _STYLE: Final[dict[str, Any]] = {**CHART_STYLE, "axes.titlesize": 11.5}
 
 
 def write_charts(sheet: Sheet, folder: Path) -> list[Path]:
-    """Write those charts as PNG whose figures the sheet has; return their paths."""
+    """Write those charts as PNG, on light and on dark ground, whose figures the sheet has; return their paths."""
     charts: dict[str, tuple[bool, int, Callable[..., None]]] = {
-        "speed": (True, 2, _draw_speed),
-        "accuracy": (True, 2, _draw_accuracy),
-        "groove": (True, 1, _draw_groove),
-        "crowd": (True, 1, _draw_crowd),
+        "speed": (bool(sheet.cases("sphere ")), 2, _draw_speed),
+        "accuracy": (bool(sheet.cases("sphere ")), 2, _draw_accuracy),
+        "groove": (bool(sheet.cases("groove ")), 1, _draw_groove),
+        "crowd": (bool(sheet.cases("1 body")), 1, _draw_crowd),
         "handle": (bool(sheet.cases("handle, ")), 2, draw_handle),
         "texture": (bool(sheet.cases("recording ")), 1, _draw_texture),
     }
     made = []
     for name, (known, panels, draw) in charts.items():
         if known:
-            made.append(folder / f"{name}.png")
-            _write(made[-1], panels, sheet, draw)
+            made += _write(folder / f"{name}.png", panels, sheet, draw)
     return made
 
 
-def _write(path: Path, panels: int, sheet: Sheet, draw: Callable[..., None]) -> None:
+def _write(path: Path, panels: int, sheet: Sheet, draw: Callable[..., None]) -> list[Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -63,8 +63,7 @@ def _write(path: Path, panels: int, sheet: Sheet, draw: Callable[..., None]) -> 
         draw(sheet, *axes)
         for ax in axes:
             ax.set_axisbelow(True)
-        with whole_file(path) as part:
-            figure.savefig(part, format="png", dpi=120, metadata={"Software": "hapscene"})
+        return save_both(figure, path)
 
 
 def _style() -> AbstractContextManager[None]:
@@ -145,6 +144,7 @@ def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     left.legend(loc="upper right", fontsize=8.5)
     right.set_ylabel("distance from the proxy to the mesh [µm]")
     right.set_title("Proxy to the facets")
+    _plain_ticks(right, y=(0.001, 0.01, 0.1, 1, 10))
     right.legend(loc="best", fontsize=8.5)
 
 
@@ -200,6 +200,7 @@ def _draw_crowd(sheet: Sheet, ax: "Axes") -> None:
     ax.set(xscale="log", yscale="log", xlabel="bodies", ylabel="time per tick, or per ray [µs]")
     counts = [int(sheet.number(name, "bodies")) for name in names]
     ax.set_xticks(counts, [f"{count:,}" for count in counts])
+    _plain_ticks(ax, y=(0.1, 1, 10, 100, 1000))
     ax.minorticks_off()
     ax.set_title("Many bodies, the tool slides over one")
     ax.legend(loc="upper left", fontsize=9)
@@ -207,13 +208,14 @@ def _draw_crowd(sheet: Sheet, ax: "Axes") -> None:
 
 def _draw_texture(sheet: Sheet, ax: "Axes") -> None:
     """Distance to held-out recordings against time per tick, by order."""
-    colours = ("blue", "orange", "green", "vermilion")
+    colours = albedo_colours([load_swatch(name) for name in RECORDINGS])
     orders = [order for order in ORDERS if (f"tick, order {order}", "tick median") in sheet]
     times = [sheet.number(f"tick, order {order}", "tick median") for order in orders]
     for name, colour, marker in zip(RECORDINGS, colours, "os^D", strict=True):
         case = f"recording {name}"
         distances = [sheet.number(case, f"order {order} distance") for order in orders]
-        ax.plot(times, distances, color=OKABE_ITO[colour], marker=marker, label=name)
+        ax.plot(times, distances, color=EDGE, linewidth=4.0)
+        ax.plot(times, distances, color=colour, marker=marker, markeredgecolor=EDGE, linewidth=2.4, label=name)
     top = ax.get_ylim()[1]
     for time, order in zip(times, orders, strict=True):
         ax.annotate(f"{order}", (time, top), (0, 4), textcoords="offset points", ha="center", fontsize=9)
@@ -230,5 +232,5 @@ def _plain_ticks(ax: "Axes", x: tuple[float, ...] = (), y: tuple[float, ...] = (
         ax.set_xticks(x, [f"{value:g}" for value in x])
         ax.xaxis.minorticks_off()
     if y:
-        ax.set_yticks(y, [f"{value:g}" for value in y])
+        ax.set_yticks(y, [f"{value:,g}" for value in y])
         ax.yaxis.minorticks_off()

@@ -11,6 +11,7 @@ from hapscene.bench.peer import CITED, PEERS, TRIANGLES
 from hapscene.bench.projection import ANGLES_DEG, STEPS
 from hapscene.bench.sheet import QUANTILES, Sheet
 from hapscene.output import whole_file
+from hapscene.view.chart import picture
 
 AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),
@@ -30,18 +31,18 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
 
 def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
     """Write the page; `charts` are paths of the pictures as seen from it."""
-    picture = {Path(chart).stem: chart for chart in charts}
-    parts = [_head(sheet), _aims(sheet), _contact(sheet, picture), _tick(sheet), _cold(sheet), _rays(sheet)]
-    parts += [_accuracy(sheet, picture), _groove(sheet, picture)]
-    if "texture" in picture:
-        parts.append(_texture(sheet, picture))
+    known = {Path(chart).stem: chart for chart in charts}
+    parts = [_head(sheet), _aims(sheet), _contact(sheet, known), _tick(sheet), _cold(sheet), _rays(sheet)]
+    parts += [_accuracy(sheet, known), _groove(sheet, known)]
+    if "texture" in known:
+        parts.append(_texture(sheet, known))
     if sheet.cases("synthesis, "):
         parts.append(_synthesis(sheet))
     if sheet.cases("twin, "):
         parts.append(twin_section(sheet))
-    if "handle" in picture:
-        parts.append(handle_section(sheet, picture))
-    parts.append(_crowd(sheet, picture))
+    if "handle" in known:
+        parts.append(handle_section(sheet, known))
+    parts.append(_crowd(sheet, known))
     with whole_file(path) as part:
         part.write_text("\n".join(parts), encoding="utf-8")
 
@@ -81,7 +82,7 @@ def _aims(sheet: Sheet) -> str:
     return "## Aims\n" + table(("", "aim", "measured", "held"), rows)
 
 
-def _contact(sheet: Sheet, picture: dict[str, str]) -> str:
+def _contact(sheet: Sheet, charts: dict[str, str]) -> str:
     """Contact over mesh size, beside other renderers."""
     rows = []
     for case in (*sheet.cases("sphere "), *sheet.cases("zoo ")):
@@ -97,7 +98,8 @@ def _contact(sheet: Sheet, picture: dict[str, str]) -> str:
     names = [f"{peer.name}, median / p99" for peer in PEERS]
     built = "; ".join(f"{p.name.split()[0]} {p.build_ms[0]:g} to {p.build_ms[1]:g}" for p in PEERS[1:])
     return f"""## Contact
-![Contact time over mesh size, and tick time over order]({picture["speed"]})
+
+{picture(charts["speed"], "Contact time over mesh size, and tick time over order")}
 
 {table(("case", "triangles", "contact [µs]", *names, "build [ms]"), rows)}
 CHAI3D 3.3.0 and HAPI 1.3.1: {CITED}.
@@ -183,7 +185,7 @@ face that no cache holds.
 {table(head, rows)}"""
 
 
-def _accuracy(sheet: Sheet, picture: dict[str, str]) -> str:
+def _accuracy(sheet: Sheet, charts: dict[str, str]) -> str:
     rows = []
     for case in sheet.cases("sphere "):
         if (case, "force direction error median") in sheet:
@@ -207,7 +209,8 @@ def _accuracy(sheet: Sheet, picture: dict[str, str]) -> str:
         by up to its skin (5e-6 of the mesh's diagonal) times the sine of the edge's angle. Others at 20 k triangles
         ({CITED}): {others}."""
     return f"""## Accuracy against time
-![Direction error and gap against contact time]({picture["accuracy"]})
+
+{picture(charts["accuracy"], "Direction error and gap against contact time")}
 
 {table(head, rows)}
 {paragraph(said)}
@@ -221,7 +224,7 @@ def _pair(sheet: Sheet, case: str, name: str, scale: float, quantiles: tuple[str
     return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
 
 
-def _groove(sheet: Sheet, picture: dict[str, str]) -> str:
+def _groove(sheet: Sheet, charts: dict[str, str]) -> str:
     rows = []
     for angle_deg in ANGLES_DEG:
         case = f"groove {angle_deg:g}°"
@@ -233,7 +236,8 @@ def _groove(sheet: Sheet, picture: dict[str, str]) -> str:
         rows.append((f"{angle_deg:g}°", *times, *exact))
     head = ("groove", "alternating, to 1 µm [ns]", "projections", "active set [ns]", "its error [µm]")
     return f"""## The proxy's solution: exact, and why
-![Error against time in a groove]({picture["groove"]})
+
+{picture(charts["groove"], "Error against time in a groove")}
 
 {table(head, rows)}
 Alternating projection leaves cos α of the error at each step, so the sharper the groove the longer it takes. The active
@@ -241,7 +245,7 @@ set of at most three planes is solved at once.
 """
 
 
-def _texture(sheet: Sheet, picture: dict[str, str]) -> str:
+def _texture(sheet: Sheet, charts: dict[str, str]) -> str:
     rows = []
     for name in RECORDINGS:
         case = f"recording {name}"
@@ -249,7 +253,8 @@ def _texture(sheet: Sheet, picture: dict[str, str]) -> str:
         rows.append((name, *distances, f"{sheet.number(case, 'floor'):.2f}", f"{sheet.number(case, 'chosen order'):g}"))
     head = ("recording", *(f"order {order}" for order in ORDERS), "its two halves", "chosen order")
     return f"""## Texture: order against time
-![Log-spectral distance against time per tick]({picture["texture"]})
+
+{picture(charts["texture"], "Log-spectral distance against time per tick")}
 
 Log-spectral distance [dB], 20 to 1000 Hz, of a model of one half of a recording to the other half, both ways round:
 
@@ -278,7 +283,7 @@ def _synthesis(sheet: Sheet) -> str:
 {table(head, rows)}"""
 
 
-def _crowd(sheet: Sheet, picture: dict[str, str]) -> str:
+def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:
     """Many bodies: both ways, and which is taken."""
     rows = []
     for case in (*sheet.cases("1 body"), *sheet.cases("10")):
@@ -303,7 +308,8 @@ def _crowd(sheet: Sheet, picture: dict[str, str]) -> str:
         "commit of instances [µs]",
     )
     return f"""## Many bodies: one query per body, or Embree's instances
-![Contact time over the number of bodies]({picture["crowd"]})
+
+{picture(charts["crowd"], "Contact time over the number of bodies")}
 
 Spheres of 1,280 triangles on a grid, 0.2 m apart; the tool slides over one. hapscene lists the bodies whose balls are
 near, and asks each. The other way, one top-level scene over instances (`hapscene/bench/instance.py`, low build quality,

@@ -2,6 +2,7 @@
 
 from hapscene.bench.markdown import paragraph, shown, table
 from hapscene.bench.sheet import Sheet
+from hapscene.view.chart import picture
 
 
 def twin_section(sheet: Sheet) -> str:
@@ -22,7 +23,7 @@ def twin_section(sheet: Sheet) -> str:
 {table(("device", "times real time", "tick [µs]"), rows)}"""
 
 
-def handle_section(sheet: Sheet, picture: dict[str, str]) -> str:
+def handle_section(sheet: Sheet, charts: dict[str, str]) -> str:
     """How well the compensators play, and what each costs."""
     from hapscene.bench.handle import FIRM, PLANTS, SIGNALS, SPREAD
 
@@ -39,7 +40,8 @@ def handle_section(sheet: Sheet, picture: dict[str, str]) -> str:
         limits. Time is that of one sample, plant and all."""
     head = ("compensator", *(f"{signal}" for signal in SIGNALS), "sample [µs]")
     return f"""## The handle: error against time
-![Error against time of the compensators]({picture["handle"]})
+
+{picture(charts["handle"], "Error against time of the compensators")}
 
 {paragraph(said)}
 

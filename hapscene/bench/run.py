@@ -33,7 +33,9 @@ MAIN: Final = "sphere 82 k"
 """The case that the whole tick is measured on."""
 
 
-def bench(out: Path, quick: bool = False, docs: Path | None = None, zoo: Path | None = None) -> None:
+def bench(
+    out: Path, quick: bool = False, docs: Path | None = None, zoo: Path | None = None, table: Path | None = None
+) -> None:
     """Measure speed and accuracy on this machine and write bench.csv, bench.md and charts into `out`.
 
     Args:
@@ -41,20 +43,23 @@ def bench(out: Path, quick: bool = False, docs: Path | None = None, zoo: Path | 
         quick: fewer cases, shorter paths, fewer repeats.
         docs: the project's folder of documents: its benchmark.md and bench/ are made anew as well.
         zoo: folder of reference cases; by default ../shared/zoo beside the checkout, where it is there.
+        table: a bench.csv from before, to draw and write from it; nothing is measured then.
 
     Raises:
-        HapsceneError: under NUMBA_DISABLE_JIT=1, where times mean nothing; no such `docs` or `zoo`.
+        HapsceneError: under NUMBA_DISABLE_JIT=1, where times mean nothing; no such `docs` or `zoo`; `table` is none.
         OSError: `out` cannot be written.
     """
-    if INTERPRETED:
+    if INTERPRETED and table is None:
         raise HapsceneError("the benchmark times compiled code: run it without NUMBA_DISABLE_JIT")
     for folder in (docs, zoo):
         if folder is not None and not folder.is_dir():
             raise HapsceneError(f"{folder}: no such folder")
     if zoo is None and (SHARED / "zoo").is_dir():
         zoo = SHARED / "zoo"
+    sheet = Sheet.read(table) if table is not None else None
     out.mkdir(parents=True, exist_ok=True)
-    sheet = measure(quick, zoo, SHARED / "data" / "recordings", _say)
+    if sheet is None:
+        sheet = measure(quick, zoo, SHARED / "data" / "recordings", _say)
     made = write_results(sheet, out)
     if docs is not None:
         made.append(publish(made, docs))

@@ -14,10 +14,12 @@ def add_bench(commands: Any) -> None:
         _bench,
         "measure the time per tick on this machine",
         "hapscene bench --out out/bench",
+        "hapscene bench --from out/bench/bench.csv --out out/again",
     )
     command.add_argument("--out", default="out/bench", metavar="DIR", help="folder to write into (default out/bench)")
     command.add_argument("--quick", action="store_true", help="fewer cases, in a third of the time")
     command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
+    command.add_argument("--from", dest="table", type=Path, metavar="CSV", help="draw this bench.csv; measure nothing")
     command.add_argument("--zoo", metavar="DIR", help="folder of recorded paths and meshes to run as well")
 
 
@@ -26,5 +28,5 @@ def _bench(options: argparse.Namespace) -> int:
 
     docs = None if options.docs is None else Path(options.docs)
     zoo = None if options.zoo is None else Path(options.zoo)
-    bench(Path(options.out), options.quick, docs, zoo)
+    bench(Path(options.out), options.quick, docs, zoo, options.table)
     return 0

@@ -78,6 +78,10 @@ def _paint(options: argparse.Namespace) -> int:
     page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
     with page, suppress(KeyboardInterrupt):
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
+        if session.problem:
+            speak(f"{session.problem}\n")
+        if page.public:
+            speak("open to the network: whoever reaches this computer may paint here, and save over your files\n")
         if not options.no_browser:
             webbrowser.open(page.url)
         while True:

@@ -56,6 +56,7 @@ def add_touch(commands: Any) -> None:
     )
     closed.add_argument("--delay", type=whole("a delay in ticks", 0), metavar="TICKS", help="of the force (default 0)")
     command.add_argument("--no-picture", action="store_true", help="leave scene.png out")
+    _add_dark(command)
     command.add_argument("--view", action="store_true", help="then play it in a window, at its own speed")
 
 
@@ -91,6 +92,7 @@ def _touch(options: argparse.Namespace) -> int:
         a_rate_Hz=options.rate,
         title=Path(options.scene).name,
         with_picture=not options.no_picture,
+        dark=options.dark,
         say=speak,
     )
     name_made(made)
@@ -103,6 +105,7 @@ def _show(options: argparse.Namespace, scene: Any) -> None:
     if not options.view:
         return
     from hapscene.recording import Recording
+    from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.window import felt, play
 
     out = Path(options.out)
@@ -110,7 +113,7 @@ def _show(options: argparse.Namespace, scene: Any) -> None:
     if options.hand is not None:
         recording = felt(recording, out / "hand.npz")
     print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
-    play(scene, recording, f"hapscene: {Path(options.scene).name}")
+    play(scene, recording, f"hapscene: {Path(options.scene).name}", DARK if options.dark else LIGHT)
 
 
 def _check_hand(options: argparse.Namespace) -> None:
@@ -163,6 +166,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
         ready,
         title=f"{Path(options.scene).name}: {options.hand}, {options.grip} grip, {options.device}",
         with_picture=not options.no_picture,
+        dark=options.dark,
         say=speak,
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
@@ -180,6 +184,11 @@ def add_demo(commands: Any) -> None:
         "hapscene demo",
     )
     command.add_argument("--out", default="out/demo", type=folder, metavar="DIR", help="folder (default out/demo)")
+    _add_dark(command)
+
+
+def _add_dark(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--dark", action="store_true", help="pictures, and the window, on dark ground")
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -192,5 +201,5 @@ def _demo(options: argparse.Namespace) -> int:
     with as_file(files("hapscene_assets")) as folder:
         scene = open_scene(folder / "demo.scene.json")
     path = explore(scene, TICK_S)
-    name_made(touch(scene, options.out, path, title="demo.scene.json", say=speak))
+    name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=speak))
     return 0

@@ -56,6 +56,7 @@ def add_view(commands: Any) -> None:
 def _view(options: argparse.Namespace) -> int:
     import numpy as np
 
+    from hapscene.output import check_file
     from hapscene.recording import Recording
     from hapscene.touch import open_scene, speak
     from hapscene.touch_file import step
@@ -69,6 +70,7 @@ def _view(options: argparse.Namespace) -> int:
     given = {name: getattr(options, name) for name in FILM_OPTIONS if getattr(options, name) is not None}
     if kind == ".png" and given:
         raise ViewError(f"{options.out}: is a picture; --{next(iter(given))} is for films, .gif and .mp4")
+    check_file(Path(options.out), ViewError)
     speak(f"loading {options.scene}\n")
     scene = open_scene(options.scene, options.unit, options.swatch)
     recording = None if options.touch is None else Recording.load(options.touch)

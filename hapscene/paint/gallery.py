@@ -8,7 +8,7 @@ from typing import Final
 from urllib.parse import quote
 
 from hapscene.output import whole_file, whole_folder
-from hapscene.paint.gallery_plot import GROUNDS, painted_body, scale_of, write_portrait
+from hapscene.paint.gallery_plot import painted_body, scale_of, write_portraits
 from hapscene.paint.heard import START_S, stroked, wav
 from hapscene.paint.word import Phrase, phrases
 from hapscene.surface.library import entry_of
@@ -55,8 +55,7 @@ def write_gallery(
         for swatch, stem in zip(swatches, stems, strict=True):
             say(f"{swatch.name}\n")
             body = painted_body(swatch)
-            for ground in GROUNDS:
-                write_portrait(swatch, body, scale, ground, folder / f"{stem}-{ground}.png")
+            write_portraits(swatch, body, scale, folder, stem)
             (folder / f"{stem}.wav").write_bytes(wav(stroked(swatch)))
         made = [page.parent / page.stem / file.name for file in sorted(folder.iterdir())]
     with whole_file(page) as part:

@@ -11,22 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.metric import model_spectrum
-from hapscene.capture.report_figure import COLOURS
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
 from hapscene.errors import ViewError
 from hapscene.output import whole_file
 from hapscene.surface.portrait import TAP_M_S
 from hapscene.surface.swatch import Swatch
+from hapscene.view.chart import turn_dark
+from hapscene.view.palette import CHART_STYLE, DARK, INK, LIGHT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GROUNDS: Final = {"light": "#FFFFFF", "dark": "#0D1117"}
+GROUNDS: Final = {"light": LIGHT.page, "dark": DARK.page}
 """Ground of the picture by theme: that of pages that show Markdown."""
 
-STROKES: Final = ((0.5, 0.05, "blue", (0, (1, 1.2))), (1.0, 0.1, "orange", "-"), (2.0, 0.2, "green", (0, (6, 2))))
-"""Strokes whose spectra are drawn: normal force [N], slip speed [m/s], colour, dash. Light, plain, brisk."""
+STROKES: Final = ((0.5, 0.05, (0, (1, 1.2))), (1.0, 0.1, "-"), (2.0, 0.2, (0, (6, 2))))
+"""Strokes whose spectra are drawn: normal force [N], slip speed [m/s], dash. Light, plain, brisk. None has a colour:
+those are the swatches'."""
+
+STYLE: Final[dict[str, Any]] = CHART_STYLE | {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
+"""Matplotlib's settings."""
 
 RANGE_DB: Final = 50.0
 """Range of the spectra below the highest of the gallery [dB]: what is lower is not felt beside it."""
@@ -55,7 +60,6 @@ class _Line(NamedTuple):
     """A spectrum: what was stroked how, its looks, its level (k,)."""
 
     stroke: str
-    colour: str
     dash: Any
     level_dB: NDArray[np.float64]
 
@@ -97,16 +101,14 @@ def painted_body(swatch: Swatch) -> Pixels | None:
     return np.asarray(Image.fromarray(whole, "RGBA").resize(size, Image.Resampling.BOX))
 
 
-def write_portrait(swatch: Swatch, body: Pixels | None, scale: Scale, ground: str, path: str | Path) -> None:
-    """Draw a swatch as PNG, on one of `GROUNDS`."""
+def write_portraits(swatch: Swatch, body: Pixels | None, scale: Scale, folder: Path, stem: str) -> None:
+    """Draw a swatch as PNG on each of `GROUNDS`: STEM-light.png, STEM-dark.png."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    theme = list(GROUNDS).index(ground)
-    colour = {name: pair[theme] for name, pair in COLOURS.items()} | {"ground": GROUNDS[ground]}
-    with rc_context(cast(Any, _style(colour))):
+    with rc_context(cast(Any, STYLE)):
         figure = Figure(figsize=(9.6, 2.9), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.08))
         FigureCanvasAgg(figure)
         first, second, third = figure.subplots(1, 3, width_ratios=(1.0, 1.5, 1.0))
@@ -115,9 +117,12 @@ def write_portrait(swatch: Swatch, body: Pixels | None, scale: Scale, ground: st
             first.text(0.5, 0.5, "no picture:\nno GL here", ha="center", va="center", transform=first.transAxes)
         else:
             first.imshow(body, interpolation="antialiased")
-        _draw_spectra(second, swatch, scale, colour)
-        _draw_tap(third, swatch, scale, colour)
-        _reduced(figure, Path(path))
+        _draw_spectra(second, swatch, scale)
+        _draw_tap(third, swatch, scale)
+        for ground in GROUNDS:
+            if ground == "dark":
+                turn_dark(figure)
+            _reduced(figure, folder / f"{stem}-{ground}.png")
 
 
 def _reduced(figure: "Figure", path: Path) -> None:
@@ -131,11 +136,11 @@ def _reduced(figure: "Figure", path: Path) -> None:
             picture.convert("RGB").quantize(256).save(part, format="PNG", optimize=True)
 
 
-def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale, colour: dict[str, str]) -> None:
+def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """Spectra of the texture, at the strokes that differ within what it was made for."""
     frequency = _frequencies()
     for line in _spectra(swatch, frequency):
-        axes.semilogx(frequency, line.level_dB, color=colour[line.colour], linestyle=line.dash, label=line.stroke)
+        axes.semilogx(frequency, line.level_dB, color=INK, linestyle=line.dash, label=line.stroke)
     axes.set(xlim=ACCELERATION_BAND_HZ, ylim=(scale.top_dB - RANGE_DB, scale.top_dB))
     axes.set(xlabel="frequency [Hz]", ylabel="[dB re 1 (m/s²)²/Hz]")
     axes.set_title("stroked", loc="left")
@@ -147,14 +152,14 @@ def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale, colour: dict[str, 
         axes.legend(loc="best", handlelength=2.4, borderaxespad=0.3, labelspacing=0.25)
 
 
-def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale, colour: dict[str, str]) -> None:
+def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """The tap at the speed that taps are told at."""
     count = round(1e-3 * TAP_MS * ACCELERATION_RATE_HZ)
     wave = np.zeros(count)
     if swatch.taps is not None:
         transient = swatch.taps.transient(TAP_M_S, ACCELERATION_RATE_HZ)[:count]
         wave[: len(transient)] = transient
-    axes.plot(1e3 * np.arange(count) / ACCELERATION_RATE_HZ, wave, color=colour["purple"])
+    axes.plot(1e3 * np.arange(count) / ACCELERATION_RATE_HZ, wave, color=INK)
     axes.set(xlim=(0.0, TAP_MS), ylim=(-scale.tap_m_s2, scale.tap_m_s2), xlabel="time [ms]", ylabel="[m/s²]")
     axes.set_title(f"tapped at {1e3 * TAP_M_S:g} mm/s" if swatch.taps is not None else "no tap", loc="left")
 
@@ -166,27 +171,16 @@ def _spectra(swatch: Swatch, frequency_Hz: NDArray[np.float64]) -> list[_Line]:
     if texture is None:
         return []
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
-    for force_N, speed_m_s, colour, dash in STROKES:
+    for force_N, speed_m_s, dash in STROKES:
         at = min(force_N, texture.force_max_N), min(speed_m_s, texture.speed_max_m_s)
         shown = f"{at[0]:.2g} N, {1e3 * at[1]:.0f} mm/s"
         if shown in found:
             continue
         a, variance = texture.model(*at)
         power = gain**2 * model_spectrum(a, variance, texture.rate_Hz, frequency_Hz)
-        found[shown] = _Line(shown, colour, dash, 10.0 * np.log10(np.maximum(power, 1e-12)))
+        found[shown] = _Line(shown, dash, 10.0 * np.log10(np.maximum(power, 1e-12)))
     return list(found.values())
 
 
 def _frequencies() -> NDArray[np.float64]:
     return np.geomspace(*ACCELERATION_BAND_HZ, 400)
-
-
-def _style(colour: dict[str, str]) -> dict[str, Any]:
-    """Matplotlib's settings for a ground."""
-    ink, muted = colour["ink"], colour["muted"]
-    text = {f"{part}.color": ink for part in ("text", "xtick", "ytick")} | {"axes.labelcolor": ink}
-    size = {"font.size": 10.0, "axes.titlesize": 10.0, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
-    frame = {"axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": muted, "legend.frameon": False}
-    grid = {"axes.grid": True, "axes.axisbelow": True, "grid.color": colour["grid"], "grid.linewidth": 0.6}
-    grounds = {f"{part}.facecolor": colour["ground"] for part in ("figure", "axes", "savefig")}
-    return {**text, **size, **frame, **grid, **grounds}

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from hapscene.device.limit import Limits
-from hapscene.output import whole_file
 from hapscene.stability.random_limit import KINDS, RandomLimit
 from hapscene.stability.z_width import STIFFNESS_N_M, Point, Region
+from hapscene.view.chart import save_both
 from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ def draw_panels(
         figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure, figure.subplots(rows, columns, squeeze=False))
-        with whole_file(path) as part:
-            figure.savefig(part, format="png", dpi=120, metadata={"Software": "hapscene"})
+        save_both(figure, path)
 
 
 def write_random_chart(path: Path, cases: Sequence[RandomLimit]) -> None:
@@ -152,8 +151,6 @@ def _draw_caps(ax: "Axes", caps: Limits) -> None:
 
 def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
     """The swatches, each with its name beside it."""
-    from matplotlib.patheffects import withStroke
-
     height = 0.0
     for point in sorted(points, key=lambda p: p.stiffness_N_m):
         K, B = point.stiffness_N_m, point.damping_Ns_m
@@ -168,7 +165,7 @@ def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
             ha="left" if B > 0.1 else "right",
             fontsize=9,
             arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
-            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            bbox={"facecolor": "white", "linewidth": 0.0, "pad": 0.5},
             zorder=4,
         )
     for label, marker, colour in (("swatch that rests", "o", "green"), ("swatch that buzzes", "X", "vermilion")):

@@ -21,6 +21,7 @@ from hapscene.stability.answer import Answer
 from hapscene.stability.random_limit import RandomLimit
 from hapscene.stability.stabiliser_case import GESTURES, STABILISERS, STIFFNESSES_N_M, Row
 from hapscene.stability.zoo_case import ENERGY_MJ, REST_MM_S, ZooCase
+from hapscene.view.chart import picture
 
 DIVERGED_M_S: Final = 10.0
 """Speed from which a motion is said to diverge [m/s]."""
@@ -128,7 +129,7 @@ def _walls(found: Findings, charts: str) -> str:
             held = sum(row.ok for row in some)
             rows.append((kind, some[0].what, f"{held} of {len(some)}", f"{max(row.error for row in some):.1e}"))
         text.append(table(("case", "what", "within tolerance", "largest relative error"), rows))
-    text.append(f"![Simulated against predicted limits]({charts}/random_limits.png)\n")
+    text.append(picture(f"{charts}/random_limits.png", "Simulated against predicted limits") + "\n")
     rows = []
     for kind in dict.fromkeys(row.kind for row in found.limits):
         errors = [row.error for row in found.limits if row.kind == kind]
@@ -167,7 +168,8 @@ Stiffest wall with damping / without [N/m]:
 def _z_width(found: Findings, charts: str) -> str:
     said = "\n".join(f"- {line}" for line in found.words)
     return f"""## Z-width of the Omni
-![Stable stiffness over damping]({charts}/z_width.png)
+
+{picture(f"{charts}/z_width.png", "Stable stiffness over damping")}
 
 The stable region of a light grip, of the full Omni and of the Omni as a point mass, at three rates and two delays; the
 closed form of the point mass without friction; the limits above; the shipped swatches as points.
@@ -178,7 +180,8 @@ closed form of the point mass without friction; the limits above; the shipped sw
 
 def _stabilisers(found: Findings, charts: str) -> str:
     devices = list(dict.fromkeys(row.device for row in found.stabilisers))
-    parts = [f"## Stabilisers on the same cases\n![Stabilisers]({charts}/stabilisers.png)\n"]
+    chart = picture(f"{charts}/stabilisers.png", "Speed at rest, energy out and stiffness kept, by stabiliser")
+    parts = [f"## Stabilisers on the same cases\n\n{chart}\n"]
     for device in devices:
         rows = []
         for name in STABILISERS:
@@ -218,7 +221,8 @@ def _answers(title: str, rows: Sequence[Answer], chart: str, said: str) -> str:
         expected = f"{'≤ ' if row.at_most else ''}{shown(row.expected)}"
         cells.append((row.id, row.what, expected, shown(row.found), "yes" if row.ok else "**no**"))
     return f"""## {title}
-![{title}]({chart})
+
+{picture(chart, title)}
 
 {paragraph(said)}
 
@@ -239,7 +243,8 @@ def _zoo(found: Findings, charts: str) -> str:
         {worst(lambda r: r.rest_mm_s)} mm/s; most energy {worst(lambda r: r.energy_mJ)} mJ."""
     missed = f"\nNot held: {', '.join(failed)}.\n" if failed else ""
     return f"""## The zoo, closed loop
-![The zoo]({charts}/zoo.png)
+
+{picture(f"{charts}/zoo.png", "The zoo")}
 
 {paragraph(said)}
 {missed}"""

@@ -23,12 +23,14 @@ if TYPE_CHECKING:
 
 FILES: Final = (
     "z_width.png",
+    "z_width-dark.png",
     "z_width.csv",
     "swatches.csv",
     "words.txt",
     "wall_cases.csv",
     "random_limits.csv",
     "random_limits.png",
+    "random_limits-dark.png",
 )
 """What may be made."""
 

@@ -18,6 +18,9 @@ SPAN_MM_S: Final = (1e-2, 1e4)
 SPAN_MJ: Final = (1e-3, 1e3)
 """Axes; what lies beyond is drawn at their ends."""
 
+LANES: Final = 0.75
+"""How much of a row its marks take [1]: the rest tells rows apart."""
+
 MARKERS: Final = ("o", "s", "^", "D")
 COLOURS: Final = (OKABE_ITO["blue"], OKABE_ITO["vermilion"], OKABE_ITO["green"])
 
@@ -31,7 +34,7 @@ def draw_stabilisers(path: Path, rows: Sequence[Row], costs_us: Mapping[str, flo
         costs_us: time that each stabiliser adds to the tick, by its name.
     """
     devices = list(dict.fromkeys(row.device for row in rows))
-    draw_panels(path, len(devices), 3, (4.6, 3.7), lambda figure, axes: _draw(figure, axes, rows, devices, costs_us))
+    draw_panels(path, len(devices), 3, (4.6, 4.4), lambda figure, axes: _draw(figure, axes, rows, devices, costs_us))
 
 
 def _draw(figure: Any, axes: Any, rows: Sequence[Row], devices: list[str], costs_us: Mapping[str, float]) -> None:
@@ -40,7 +43,8 @@ def _draw(figure: Any, axes: Any, rows: Sequence[Row], devices: list[str], costs
         own = [row for row in rows if row.device == device]
         _panel(line[0], own, names, [1e3 * row.late_m_s for row in own], SPAN_MM_S)
         line[0].axvline(1e3 * REST_M_S, color=INK, linewidth=0.8, linestyle="--")
-        line[0].set(title=f"{device}: speed where it should rest", xlabel="late rms speed [mm/s]; dashed: rest")
+        title = f"{device[0].upper()}{device[1:]}: speed where it should rest"
+        line[0].set(title=title, xlabel="late rms speed [mm/s]; dashed: rest")
         _panel(line[1], own, names, [1e3 * row.out_J for row in own], SPAN_MJ)
         line[1].axvline(1e3 * OUT_J, color=INK, linewidth=0.8, linestyle="--")
         line[1].set(title="Energy out", xlabel="most given to the hand [mJ]; dashed: 2 mJ")
@@ -63,7 +67,7 @@ def _panel(
         for g, gesture in enumerate(gestures):
             chosen = [i for i, row in enumerate(rows) if (row.stiffness_N_m, row.gesture) == (stiffness, gesture)]
             x = [values[i] if span is None else min(max(values[i], span[0]), span[1]) for i in chosen]
-            lane = (s * len(gestures) + g) / (len(stiffnesses) * len(gestures)) - 0.4
+            lane = LANES * ((s * len(gestures) + g + 0.5) / (len(stiffnesses) * len(gestures)) - 0.5)
             y = [names.index(rows[i].stabiliser) + lane for i in chosen]
             axis.plot(
                 x,

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.view.drawing import Drawing, Shown, same
-from hapscene.view.palette import rgb
+from hapscene.view.palette import EDGE, rgb
 from hapscene.view.solid import Solid, joined, moved
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
 """Light from everywhere."""
 
-LIGHTS: Final = (((-0.5, 0.8, 1.0), 2.6), ((1.0, 0.1, 0.6), 0.9))
+LIGHTS: Final = (((-0.5, 0.8, 1.0), 2.2), ((1.0, 0.1, 0.6), 0.9))
 """Lights that stand beside the camera: where, in its axes, and how strong."""
 
 CAPTION_PT: Final = 18
@@ -104,7 +104,8 @@ def watch(
             step = round(CAPTION_PT * 1.6)
             y = self.viewport_size[1] - step
             for text, colour in legend:
-                self._fill(12, y, CAPTION_PT, CAPTION_PT, colour)
+                self._fill(12, y, CAPTION_PT, CAPTION_PT, EDGE)  # or paper were lost on a light ground
+                self._fill(13, y + 1, CAPTION_PT - 2, CAPTION_PT - 2, colour)
                 self._write(text, 12 + CAPTION_PT + 10, y + 2)
                 y -= step
             self._write(line, 12, 14)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from hapscene.output import whole_file
+from hapscene.view.chart import save_chart
 from hapscene.view.palette import INK, OKABE_ITO
-from hapscene.view.plot import STYLE, envelope, legend_above, shade
+from hapscene.view.plot import DPI, STYLE, envelope, legend_above, shade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,15 +16,13 @@ if TYPE_CHECKING:
     from hapscene.twin.feel import Feel
 
 
-def write_hand_plot(feel: "Feel", path: str | Path, title: str = "") -> None:
-    """Draw heights, forces, accelerations and the motors' work over time as PNG.
+def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool = False) -> None:
+    """Draw heights, forces, accelerations and the motors' work over time as PNG, on light or dark ground.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    figure = draw_hand_plot(feel, title)
-    with whole_file(path) as part:
-        figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+    save_chart(draw_hand_plot(feel, title), path, DPI, dark)
 
 
 def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":

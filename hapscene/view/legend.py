@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapscene.view.palette import AIR, FORCE, PATH, Theme, distinct_colours
+from hapscene.view.palette import AIR, EDGE, FORCE, PATH, Theme, distinct_colours
 from hapscene.view.solid import used_swatches
 from hapscene.view.stage import PROXY_COLOUR
 
@@ -109,7 +109,7 @@ def draw_strip(placed: Sequence[Placed], width: int, height: int, theme: Theme) 
     """The strip as an image of Pillow's."""
     from PIL import Image, ImageDraw
 
-    strip = Image.new("RGB", (width, height), theme.strip)
+    strip = Image.new("RGB", (width, height), theme.page)
     pen, size = ImageDraw.Draw(strip), font_size(width)
     font = _font(size)
     for item in placed:
@@ -139,7 +139,7 @@ def _draw_sign(pen: "ImageDraw", item: Placed, size: int, theme: Theme) -> int:
         middle, r = x + width // 2, round(size * 0.4)
         pen.ellipse((middle - r, y - r, middle + r, y + r), fill=entry.colour, outline=theme.ink)
     else:
-        edge = "#808080" if entry.kind == "patch" else None
+        edge = EDGE if entry.kind == "patch" else None
         pen.rectangle((x, y - half[entry.kind], x + width, y + half[entry.kind]), fill=entry.colour, outline=edge)
     if entry.kind == "bar":  # with ends, so that it is seen to be measured
         for end in (x, x + width):

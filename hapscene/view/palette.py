@@ -31,6 +31,9 @@ AIR: Final = "#8A93A0"
 INK: Final = "#222222"
 """Text, and lines that carry no category."""
 
+EDGE: Final = "#808080"
+"""Around a swatch's own colour, which may be that of the ground; seen on light and on dark."""
+
 CHART_STYLE: Final[dict[str, Any]] = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
@@ -70,14 +73,14 @@ class Theme:
     """Colours around a scene, "#rrggbb"."""
 
     background: str
-    strip: str
-    """Behind the legend."""
+    page: str
+    """That of pages that show Markdown; behind legends, and dark charts."""
     ink: str
     tool: str
 
 
-LIGHT: Final = Theme(background="#F2F5F9", strip="#FFFFFF", ink=INK, tool="#3F4650")
-DARK: Final = Theme(background="#1D2127", strip="#14171B", ink="#E6E9ED", tool="#D5DAE1")
+LIGHT: Final = Theme(background="#F2F5F9", page="#FFFFFF", ink=INK, tool="#3F4650")
+DARK: Final = Theme(background="#1D2127", page="#0D1117", ink="#E6E9ED", tool="#D5DAE1")
 
 
 def swatch_colours(count: int) -> list[str]:

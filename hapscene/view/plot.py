@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.output import whole_file
 from hapscene.recording import Recording
+from hapscene.view.chart import save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
 
 if TYPE_CHECKING:
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 COLUMN_COUNT: Final = 2000
 """Columns that a long signal is reduced to, each drawn from its least to its greatest value: peaks stay."""
+
+DPI: Final = 110
+"""Of plots of a touch [1/in]: 1430 pixels wide."""
 
 WINDOW_S: Final = 0.05
 """Window of the spectrogram [s]: lines 20 Hz apart, and a tap still looks short."""
@@ -28,7 +31,13 @@ FREQUENCY_MAX_HZ: Final = 1000.0
 """Highest frequency drawn [Hz]: above it no one feels."""
 
 
-def write_plot(recording: Recording, path: str | Path, title: str = "", colours: Sequence[str] | None = None) -> None:
+def write_plot(
+    recording: Recording,
+    path: str | Path,
+    title: str = "",
+    colours: Sequence[str] | None = None,
+    dark: bool = False,
+) -> None:
     """Draw swatch, force, depth, acceleration and its spectrogram over time as PNG.
 
     Args:
@@ -36,13 +45,12 @@ def write_plot(recording: Recording, path: str | Path, title: str = "", colours:
         path: where the file shall be.
         title: stands over the plots.
         colours: of the swatches, "#rrggbb" for each of `recording.swatch_names`; else a palette.
+        dark: on dark ground.
 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    figure = draw_plot(recording, title, colours)
-    with whole_file(path) as part:
-        figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+    save_chart(draw_plot(recording, title, colours), path, DPI, dark)
 
 
 def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
@@ -162,7 +170,6 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
         vmax=top_dB,
         extent=extent,
     )
-    ax.set_facecolor("black")
     bar.set_visible(True)
     ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
 

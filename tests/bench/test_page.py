@@ -93,10 +93,11 @@ def _add_rest(sheet: Sheet) -> None:
 def test_every_chart_is_written_and_shown_on_the_page(sheet: Sheet, tmp_path: Path) -> None:
     made = write_results(sheet, tmp_path)
     charts = {file.name for file in made if file.suffix == ".png"}
-    assert charts == {"speed.png", "accuracy.png", "groove.png", "texture.png", "crowd.png", "handle.png"}
+    names = ("speed", "accuracy", "groove", "texture", "crowd", "handle")
+    assert charts == {f"{name}{ground}.png" for name in names for ground in ("", "-dark")}
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in made if file.suffix == ".png")
     page = (tmp_path / "bench.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"\]\(([a-z]+\.png)\)", page)) == charts
+    assert set(re.findall(r'(?:src|srcset)="([^"]+)"', page)) == charts
     assert "nan" not in page
 
 
@@ -121,11 +122,20 @@ def test_page_in_docs_is_made_anew_from_the_table(sheet: Sheet, tmp_path: Path) 
     docs.mkdir()
     page = publish(write_results(sheet, out), docs)
     first = page.read_text(encoding="utf-8")
-    assert "(bench/speed.png)" in first
-    assert all((docs / path).is_file() for path in re.findall(r"\]\((bench/[^)]+)\)", first))
+    shown = re.findall(r'(?:src|srcset)="([^"]+)"', first)
+    assert "bench/speed.png" in shown
+    assert all((docs / path).is_file() for path in (*shown, *re.findall(r"\]\((bench/[^)]+)\)", first)))
     page.write_text("by hand")
     publish(write_results(Sheet.read(docs / "bench" / "bench.csv"), out), docs)
     assert page.read_text(encoding="utf-8") == first
+
+
+def test_charts_are_drawn_anew_from_a_table(sheet: Sheet, tmp_path: Path) -> None:
+    write_results(sheet, tmp_path)
+    bench(tmp_path / "again", table=tmp_path / "bench.csv")
+    made = sorted(file.name for file in tmp_path.iterdir() if file.is_file())
+    assert made == sorted(file.name for file in (tmp_path / "again").iterdir())
+    assert all((tmp_path / name).read_bytes() == (tmp_path / "again" / name).read_bytes() for name in made)
 
 
 def test_without_recordings_the_texture_is_left_out(sheet: Sheet, tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
     swatches = [Swatch("steel", 20_000.0), Swatch("felt", 200.0)]
     args = ("premium-1.5", (1000.0,), (0,), grip_named("light"), swatches)
     made = stability(tmp_path / "out", *args, dampings_Ns_m=(0.0, 2.0))
-    assert {file.name for file in made} == {"z_width.png", "z_width.csv", "swatches.csv", "words.txt"}
+    charts = {"z_width.png", "z_width-dark.png"}
+    assert {file.name for file in made} == {*charts, "z_width.csv", "swatches.csv", "words.txt"}
     with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["damping_Ns_m"]) for row in rows] == [0.0, 2.0]

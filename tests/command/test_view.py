@@ -9,6 +9,8 @@ from PIL import Image
 
 from hapscene.cli import main
 from hapscene.recording import Recording
+from hapscene.scene.scene import Scene
+from hapscene.view.palette import DARK, Theme
 
 
 @pytest.fixture
@@ -36,6 +38,7 @@ def test_mesh_is_drawn_with_a_swatch_in_the_size_asked_for(
     ("arguments", "error"),
     [
         (["--out", "a.bmp"], "end its name with .png, .gif or .mp4"),
+        (["--out", "none/a.png"], "none/a.png: cannot be written: there is no folder none"),
         (["--out", "a.png", "--frames", "9"], "--frames is for films"),
         (["--out", "a.png", "--turn", "0"], "--turn is for films"),
         (["--out", "a.gif", "--touch", "none.npz"], "none.npz: no such file"),
@@ -64,10 +67,17 @@ def test_touch_is_shown_in_a_window_when_it_is_done(
     tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[Recording] = []
+    themes: list[Theme] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("hapscene.view.window.play", lambda scene, recording, title: shown.append(recording))
+
+    def play(scene: Scene, recording: Recording, title: str, theme: Theme) -> None:
+        shown.append(recording)
+        themes.append(theme)
+
+    monkeypatch.setattr("hapscene.view.window.play", play)
     out = str(tmp_path / "out")
-    assert main(["touch", plate, "--unit", "m", "--out", out, "--no-picture", "--view"]) == 0
+    assert main(["touch", plate, "--unit", "m", "--out", out, "--no-picture", "--view", "--dark"]) == 0
+    assert themes == [DARK]
     assert np.array_equal(shown[0].p_WT_m, Recording.load(tmp_path / "out" / "touch.npz").p_WT_m)
 
 
@@ -79,3 +89,14 @@ def test_no_display_is_told_before_the_work(
     assert main(["touch", plate, "--unit", "m", "--out", str(tmp_path / "out"), "--view"]) == 2
     assert "no display" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["view", "check"])
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    command: str, tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("hapscene.scene.mesh.load_mesh", lambda *arguments: pytest.fail("loaded"))
+    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
+    option, name = ("--out", "a.gif") if command == "view" else ("--fix", "a.ply")
+    assert main([command, plate, "--unit", "m", option, str(tmp_path / "none" / name)]) == 2
+    assert capsys.readouterr().err.endswith(f"there is no folder {tmp_path / 'none'}\n")

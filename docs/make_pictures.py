@@ -1,0 +1,118 @@
+"""Makes the pictures of README, tutorial and architecture anew: `python docs/make_pictures.py`, some minutes.
+
+In the environment of `make demo`. Each is made on light and on dark ground. The window needs Xvfb (package xvfb), and
+is left out without it.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageGrab
+
+from hapscene.bench.chart import write_charts
+from hapscene.bench.handle import measure
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+IMG = DOCS / "img"
+SCENE = ROOT / "assets" / "demo.scene.json"
+
+WINDOW_S = 9.73
+"""When the window's picture is taken [s]: the tool strokes the plate."""
+
+PATIENCE_S = 120.0
+
+PLAY = f"""
+import sys
+from hapscene.recording import Recording
+from hapscene.touch import open_scene
+from hapscene.view import window
+from hapscene.view.palette import DARK, LIGHT
+window.Player.now = lambda player: player.at({WINDOW_S})
+window._run = lambda folder: window._main(folder) or ""
+window.play(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "hapscene", DARK if sys.argv[3] else LIGHT)
+"""
+"""The window, opened by this process itself and standing still."""
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory(prefix="hapscene-") as name:
+        folder = Path(name)
+        pebble = _pebble(folder)
+        write_charts(measure(), IMG)  # of the handle
+        for dark in ("", "-dark"):
+            option = ["--dark"] if dark else []
+            out = folder / f"demo{dark}"
+            _hapscene("demo", "--out", out, *option)
+            for picture in ("scene", "plots"):
+                shutil.copyfile(out / f"{picture}.png", IMG / f"{picture}{dark}.png")
+            _hapscene("view", pebble, "--size", "800x560", "--out", IMG / f"pebble{dark}.png", *option)
+            film = ("--painting", "--turn", 0, "--size", "720x450", "--seconds", 15, "--frames", 150)
+            _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", DOCS / f"demo{dark}.gif", *option)
+            if shutil.which("Xvfb") is None:
+                print(f"without window{dark}.png: there is no Xvfb")
+            else:
+                _window(out / "touch.npz", dark).save(IMG / f"window{dark}.png", optimize=True)
+
+
+def _hapscene(*words: Any) -> None:
+    subprocess.run([sys.executable, "-m", "hapscene.cli", *map(str, words)], cwd=ROOT, check=True)
+
+
+def _pebble(folder: Path) -> Path:
+    """The tutorial's scene, made by the tutorial's own programs."""
+    programs = re.findall(r"```python\n(.*?)```", (DOCS / "tutorial.md").read_text(encoding="utf-8"), re.DOTALL)
+    for program in programs[:2]:
+        subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
+    return folder / "pebble.scene.json"
+
+
+def _window(touch: Path, dark: str) -> Image.Image:
+    """The window at `WINDOW_S` of a touch."""
+    with _display() as display:
+        command = [sys.executable, "-c", PLAY, str(SCENE), str(touch), dark]
+        with subprocess.Popen(command, env=os.environ | {"DISPLAY": display}) as process:
+            try:
+                return _drawn(display)
+            finally:
+                process.terminate()
+
+
+def _drawn(display: str) -> Image.Image:
+    """The screen, the window over all of it, once something is drawn and stays."""
+    end_s, last = time.monotonic() + PATIENCE_S, b""
+    while time.monotonic() < end_s:
+        time.sleep(1.0)
+        screen = ImageGrab.grab(xdisplay=display).convert("RGB")
+        if len(screen.getcolors(1 << 24) or ()) > 100 and screen.tobytes() == last:
+            return screen.quantize(256)
+        last = screen.tobytes()
+    raise SystemExit("the window never opened")
+
+
+@contextmanager
+def _display() -> Iterator[str]:
+    """A screen that is none, as large as the window."""
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1000x750x24", "-nolisten", "tcp", "-noreset"]
+    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
+        os.close(write)
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        try:
+            yield f":{number}"
+        finally:
+            server.terminate()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""That the page can be read: contrast of all its text, light and dark; nothing cut in a small window."""
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
+
+from trimesh.creation import icosphere
+
+import hapscene
+from hapscene.bench.paint_browser import browser, do, find_chromium
+from hapscene.paint.page import Page
+from hapscene.paint.session import Session
+from hapscene.paint.shelf_panel import _dim
+from hapscene.paint.word import Phrase
+
+from .conftest import mesh_of
+
+pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
+
+TABS = ("Paint", "Feel", "Compare", "File")
+
+LONG = "polished_mahogany_veneer_of_the_old_harpsichord_lid_sample_17b"
+
+CONTRAST_MIN = 4.5
+"""Of text to its ground: WCAG 2.1, 1.4.3, level AA."""
+
+FAINT = """least => {
+  const parse = text => { const n = text.match(/[\\d.]+/g).map(Number); return n.length > 3 ? n : [...n, 1]; };
+  const over = (a, b) => [0, 1, 2].map(i => a[i] * a[3] + b[i] * (1 - a[3])).concat(1);
+  const linear = v => v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4;
+  const light = c => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]) + 0.05;
+  const dark = document.documentElement.dataset.mantineColorScheme === 'dark';
+  const faint = [], walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  let count = 0;
+  while (walk.nextNode()) {
+    const text = walk.currentNode.textContent.trim(), node = walk.currentNode.parentElement;
+    if (text.length < 2 || /SCRIPT|STYLE/.test(node.tagName) || node.closest(':disabled') || !node.checkVisibility())
+      continue;
+    let opacity = 1, ground = dark ? [20, 20, 20, 1] : [255, 255, 255, 1];
+    const layers = [];
+    for (let n = node; n; n = n.parentElement) {
+      opacity *= Number(getComputedStyle(n).opacity);
+      layers.unshift(parse(getComputedStyle(n).backgroundColor));
+    }
+    for (const layer of layers) ground = over(layer, ground);
+    const colour = parse(getComputedStyle(node).color);
+    colour[3] *= opacity;
+    const [a, b] = [light(over(colour, ground)), light(ground)];
+    count += 1;
+    if (Math.max(a, b) / Math.min(a, b) < least) faint.push(`${text}: ${(Math.max(a, b) / Math.min(a, b)).toFixed(2)}`);
+  }
+  return [count, faint];
+}"""
+"""How much text is seen, and that whose contrast is less than that, with it; what cannot be pressed now is left out."""
+
+CUT = """() => [...document.querySelectorAll('#hs *, .hs-card, .hs-swatch, .hs-swatch *, .hs-table, input[inputmode]')]
+  .filter(n => n.checkVisibility() && n.clientWidth && n.scrollWidth > n.clientWidth + 1)
+  .map(n => `${n.tagName} ${n.value || n.textContent}`)"""
+"""What is wider than the place it has."""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    folder = tmp_path_factory.mktemp("looks")
+    os.environ["HAPSCENE_LIBRARY"] = str(folder / "library")
+    scene = hapscene.Scene()
+    scene.add(mesh_of(icosphere(subdivisions=2, radius=0.03)), name="ball", swatch="wood")
+    session = Session(scene, folder / "ball.scene.json")
+    session.copy_swatch(1, LONG)
+    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+        do(page, lambda: page.parts.tools.take(LONG, session.scene.swatches[2]))
+        do(page, page.changed)
+        yield page
+    session.close()
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(params=["light", "dark"])
+def tab(request: pytest.FixtureRequest, page: Page, chromium: Any) -> Iterator[Any]:
+    """The page in a small window, as bright as the browser likes it."""
+    do(page, lambda: page._file_panel.prefer(request.param == "dark"))
+    page._file_panel._looked = False  # the next who comes chooses anew
+    with chromium.new_context(viewport={"width": 800, "height": 600}, color_scheme=request.param) as context:
+        tab = context.new_page()
+        tab.goto(page.url)
+        tab.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
+        tab.wait_for_function(f"document.documentElement.dataset.mantineColorScheme === '{request.param}'")
+        yield tab
+
+
+def test_text_is_readable_and_whole(tab: Any) -> None:
+    for name in TABS:
+        tab.get_by_role("tab", name=name, exact=True).click()
+        tab.wait_for_function("document.querySelectorAll('[role=tab][aria-selected=true]').length === 1")
+        count, faint = tab.evaluate(FAINT, CONTRAST_MIN)
+        assert count > 40 and not faint, f"{name}: {faint}"
+        assert tab.evaluate(CUT) == [], name
+
+
+def test_units_stay_with_their_numbers() -> None:
+    told = _dim(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
+    assert told == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
+    assert _dim(Phrase("taps", "no taps", "none")) == ""
+
+
+def test_what_is_not_saved_is_marked_and_no_tool(tab: Any, page: Page) -> None:
+    save = tab.locator("#hs-bar button", has_text="Save")
+    assert page.parts.session.dirty
+    assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")
+    marked = save.evaluate("n => getComputedStyle(n, '::before').content + getComputedStyle(n).backgroundColor")
+    assert marked == '"●"rgba(0, 0, 0, 0)'

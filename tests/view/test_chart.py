@@ -1,0 +1,62 @@
+"""Charts on light and on dark ground."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import rc_context
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from PIL import Image
+
+from hapscene.view.chart import dark_twin, picture, save_both, turn_dark
+from hapscene.view.palette import CHART_STYLE, DARK, INK, OKABE_ITO, rgb
+
+
+@pytest.fixture
+def figure() -> Figure:
+    """A chart with a line, points with white middles, a named arrow, a legend and a grid."""
+    with rc_context(CHART_STYLE):
+        figure = Figure(figsize=(4, 3), layout="constrained")
+        axes = figure.subplots()
+        axes.plot([1, 2, 3], [1, 5, 2], "o-", color=OKABE_ITO["blue"], markerfacecolor="white", label="felt")
+        axes.axhline(2.0, color=INK, linestyle="--", label="limit")
+        axes.annotate("here", (2, 5), (1.2, 4.5), arrowprops={"arrowstyle": "-", "color": INK}, bbox={"fc": "white"})
+        axes.set(xlabel="time [s]", ylabel="force [N]", xscale="log")
+        axes.legend()
+    return figure
+
+
+def test_greys_change_sides_and_colours_stay(figure: Figure) -> None:
+    axes = figure.axes[0]
+    felt, limit = axes.lines
+    turn_dark(figure)
+    assert to_hex(figure.get_facecolor()) == to_hex(axes.get_facecolor()) == to_hex(felt.get_markerfacecolor())
+    assert to_hex(axes.get_facecolor()).upper() == DARK.page
+    assert to_hex(felt.get_color()).upper() == OKABE_ITO["blue"]
+    (told,) = axes.texts
+    assert told.arrow_patch is not None and told.get_bbox_patch() is not None
+    inks = [limit.get_color(), axes.xaxis.label.get_color(), told.get_color(), told.arrow_patch.get_edgecolor()]
+    inks += [label.get_color() for label in (*axes.get_xticklabels(), *axes.get_legend().get_texts())]
+    assert {to_hex(colour).upper() for colour in inks} == {DARK.ink}
+    assert to_hex(told.get_bbox_patch().get_facecolor()).upper() == DARK.page
+    grid = rgb(to_hex(axes.xaxis.get_gridlines()[0].get_color()))
+    assert (rgb(DARK.page) < grid).all() and grid.mean() < 0.3
+
+
+def test_both_grounds_are_written_and_alike(figure: Figure, tmp_path: Path) -> None:
+    light, dark = save_both(figure, tmp_path / "force.png", dpi=60)
+    assert (light.name, dark.name) == ("force.png", "force-dark.png") and dark == dark_twin(light)
+    a, b = (np.asarray(Image.open(file).convert("RGB")).astype(float) for file in (light, dark))
+    assert (a[0, 0] == 255).all() and np.array_equal(b[0, 0], np.round(255 * rgb(DARK.page)))
+    blue = 255 * rgb(OKABE_ITO["blue"])
+    felt = [np.abs(x - blue).max(axis=2) < 10 for x in (a, b)]  # the rims of lines are mixed with the ground
+    inked = [np.abs(x - x[0, 0]).max(axis=2) > 100 for x in (a, b)]
+    assert felt[0].sum() > 50 and (felt[0] == felt[1]).mean() > 0.995
+    assert inked[0].sum() > 500 and (inked[0] == inked[1]).mean() > 0.97
+
+
+def test_page_offers_both() -> None:
+    told = picture("bench/speed.png", 'of "ours" & <theirs>')
+    assert 'srcset="bench/speed-dark.png"' in told and 'src="bench/speed.png"' in told
+    assert "&quot;ours&quot; &amp; &lt;theirs&gt;" in told
