@@ -30,8 +30,8 @@ class Canvas:
     Attributes:
         scene: painted in place; nobody else should change it meanwhile.
         shapes: of its bodies, in their order; bodies that share a mesh share one.
-        defaults: what the eraser brings back, a swatch for each body: that of all its faces at the start, where they
-            had one, else plain.
+        defaults: what the eraser brings back, a swatch for each body: what it is made of; where nobody has said, that
+            of all its faces at the start, or plain.
         entries: the scene's swatches, with what `reset` brings back.
         history: what can be undone and done again.
         lock: held while anything changes; hold it to read several things that belong together.
@@ -47,6 +47,8 @@ class Canvas:
         made: dict[int, Shape] = {}
         self.shapes = [made.get(id(b.mesh)) or made.setdefault(id(b.mesh), Shape(b.mesh)) for b in scene.bodies]
         self.defaults = [_ground(body) for body in scene.bodies]
+        for body, ground in zip(scene.bodies, self.defaults, strict=True):
+            body.made_of = ground  # saved: the eraser brings back the same the next time
         self.history = History()
         self.entries = [Entry(*pair) for pair in zip(scene.swatches, scene.swatch_source, strict=True)]
         self.lock = threading.RLock()
@@ -291,5 +293,7 @@ class Canvas:
 
 
 def _ground(body: Body) -> int:
+    if body.made_of is not None:
+        return body.made_of
     first = int(body.face_swatch[0])
     return first if (body.face_swatch == first).all() else 0

@@ -13,10 +13,11 @@ SUFFIX = ".scene.json"
 
 KEYS = (
     ("1 … 7", "brush, fill, box, sphere, eraser, pick, touch"),
-    ("Shift + drag", "use the tool (L: without Shift)"),
+    ("Shift + drag", "use the tool (L: the other way round)"),
     ("[  ]", "smaller, larger brush"),
     ("Ctrl Z, Ctrl Y", "undo, redo"),
     ("Ctrl S", "save"),
+    ("Enter, Esc", "a typed number counts, or not"),
     ("drag, wheel", "turn the view, zoom"),
     ("right drag", "move the view"),
     ("W A S D Q E", "walk through the scene"),
@@ -110,8 +111,8 @@ class FilePanel:
             self._ask(
                 "Save over it?",
                 f"{conflict}.",
-                ("Save over it", "red", lambda: self._write(write, True)),
                 ("Do not save; I will give another name", None, lambda: None),
+                ("Save over it", "red", lambda: self._write(write, True)),
             )
             return
         self._parts.live.say(said)
@@ -128,7 +129,10 @@ class FilePanel:
         )
 
     def _ask(self, title: str, told: str, *choices: tuple[str, str | None, Callable[[], Any]]) -> None:
-        """Ask a question; each answer with its colour and what it does. It stands until one of them succeeded."""
+        """Ask a question; each answer with its colour and what it does. It stands until one of them succeeded.
+
+        Enter gives the first: one that loses nothing.
+        """
         gui, on = self._parts.server.gui, self._parts.on
         modal = gui.add_modal(title)
 

@@ -42,7 +42,10 @@ TEXT_MAX: Final = 4096
 NUMBER_MAX: Final = 1e15
 """Largest number of a field without bounds [1]: what is larger cannot be sent to the other pages."""
 
-HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" defer></script>'
+KINDS: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
+"""Types of what is served, by suffix."""
+
+HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" type="module"></script>'
 """What is put into viser's page."""
 
 _building = threading.Lock()
@@ -191,16 +194,20 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
     except ImportError:
         raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
     folder = resources.files("hapscene.paint")
-    files = {
-        "/hapscene.css": File("text/css; charset=utf-8", (folder / "page.css").read_bytes()),
-        "/hapscene.js": File("application/javascript; charset=utf-8", (folder / "page.js").read_bytes()),
-        "/hapscene-sound.js": File("application/javascript; charset=utf-8", (folder / "sound.js").read_bytes()),
-    }
+    names = {"/hapscene.css": "page.css", "/hapscene.js": "page.js"}
+    names |= {f"/hapscene-{name}": name for name in ("plot.js", "sound.js")}
+    files = {place: File(KINDS[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()}
     port = free_port(host, port)
     with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
     harden(server)
     return server
+
+
+def stop(server: Any) -> None:
+    """Have it end, and say nothing on the terminal."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
 
 
 def harden(server: Any) -> None:
@@ -239,9 +246,15 @@ def _is_value(updates: Any, handle: Any) -> bool:
             return False
         low, high = getattr(handle, "min", None), getattr(handle, "max", None)
         return (-NUMBER_MAX if low is None else low) <= value <= (NUMBER_MAX if high is None else high)
+    if isinstance(known, tuple):  # a colour
+        return isinstance(value, list | tuple) and len(value) == len(known) and all(_is_byte(part) for part in value)
     if isinstance(known, str):
         return isinstance(value, str) and len(value) <= TEXT_MAX
     return False
+
+
+def _is_byte(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255
 
 
 def _name(url: str) -> str | None:

@@ -1,5 +1,6 @@
 """A canvas with its file: saved over nobody else's work, and not lost with the process."""
 
+import os
 from pathlib import Path
 from typing import Final, Self
 
@@ -28,6 +29,7 @@ class Kept(Canvas):
         self._stamp = stamp_of(path) if path is not None else None
         self._autosave: Autosave | None = None
         self._problem: str | None = None
+        self._interval_s: float | None = None  # of the autosave, where one is wanted
         self._looks = 0
 
     @classmethod
@@ -37,6 +39,7 @@ class Kept(Canvas):
         Raises:
             SceneError, MeshError, SwatchError: as `hapscene.load_scene`.
         """
+        path = path.resolve() if path.is_symlink() else path  # a painter of the link is one of the file
         stamp = stamp_of(path)  # before it is read: what changes meanwhile counts as changed
         session = cls(load_scene(path), path)
         session._stamp = stamp
@@ -67,8 +70,8 @@ class Kept(Canvas):
             same = self.path is not None and target.resolve() == self.path.resolve()
             check_place(target)
             old = autosave = self._autosave
-            if old is not None and not same:
-                autosave = Autosave(target, self._look, old.interval_s)  # its lock first of all
+            if self._interval_s is not None and not same:
+                autosave = Autosave(target, self._look, self._interval_s)  # its lock first of all
             try:
                 if not force:
                     self._check(target, same, autosave)
@@ -78,6 +81,7 @@ class Kept(Canvas):
                     autosave.close()
                 raise
             self.path, self._stamp, self._autosave = target, stamp_of(target), autosave
+            self._problem = None
             self.mark_saved()
         if old is not None:
             old.write() if same else old.close()  # all is saved: it removes what it wrote
@@ -127,13 +131,20 @@ class Kept(Canvas):
     def start_autosave(self, interval_s: float = INTERVAL_S) -> None:
         """Write what is not saved beside the scene file from now on; what a killed painter left stays.
 
-        Without a path nothing is written: there is no place for it.
+        Without a path nothing is written: there is no place for it. Nor is it in a folder that cannot be written, as
+        `problem` then says, until the scene is saved elsewhere.
 
         Raises:
-            SceneError: another painter is at that file, or the folder cannot be written.
+            SceneError: another painter is at that file.
         """
-        if self.path is not None and self._autosave is None:
+        self._interval_s = interval_s
+        if self.path is None or self._autosave is not None:
+            return
+        folder = self.path.resolve().parent
+        if os.access(folder, os.W_OK):
             self._autosave = Autosave(self.path, self._look, interval_s)
+        else:
+            self._problem = f"no autosave: nothing may be written into {folder}; save the scene elsewhere"
 
     @property
     def autosaves(self) -> bool:
@@ -151,6 +162,7 @@ class Kept(Canvas):
         Returns:
             Whether there is something to offer.
         """
+        self._interval_s = None
         if self._autosave is None:
             return False
         kept = self._autosave.close(keep)

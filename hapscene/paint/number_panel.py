@@ -2,14 +2,19 @@
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from hapscene.errors import SwatchError
 from hapscene.paint.parameter import Parameter
 from hapscene.paint.parts import Parts, bounded, safe
+from hapscene.surface.swatch import Swatch
 
 STEP_COUNT = 200
 """About how many steps a slider has [count]: finer than what is felt apart, 2 % of stiffness at its middle."""
+
+
+NAME_MAX: Final = 24
+"""Longest name over the sliders [characters]: a longer one would run out of the panel."""
 
 
 class NumberPanel:
@@ -34,14 +39,14 @@ class NumberPanel:
         """Have the sliders as the swatch is."""
         parts = self._parts
         index = parts.tools.swatch
-        if index is None:  # its adding was undone: painting with it adds it again
-            self._clear()
+        if index is None:  # not painted with yet, or that was undone
+            self._clear(f"<b>{safe(parts.tools.chosen)}</b> has its numbers here as soon as it is painted with.")
             return
         found = [p for p in parts.session.parameters(index) if p.applies]
         swatch = parts.session.scene.swatches[index]
         shape = (index, swatch.name, parts.session.device, *((p.name, p.minimum, p.maximum) for p in found))
         if shape != self._shown:
-            self._make(found, swatch.name)
+            self._make(found, swatch)
             self._shown = shape
         told = (
             f"as it is painted with; every change is felt and heard at once. Limits are those of the "
@@ -55,46 +60,52 @@ class NumberPanel:
             self._head.content = content
         for p in found:
             slider = self._sliders[p.name]
-            if abs(slider.value - p.value) > 1e-9 * max(1.0, abs(p.value)):
-                slider.value = p.value
+            if slider.value != _told(p.value):
+                slider.value = _told(p.value)
+        if found and tuple(self._colour.value) != rgb_of(swatch):
+            self._colour.value = rgb_of(swatch)
 
-    def _make(self, found: list[Parameter], name: str) -> None:
-        gui, on = self._parts.server.gui, self._parts.on
+    def _make(self, found: list[Parameter], swatch: Swatch) -> None:
+        gui, on, name = self._parts.server.gui, self._parts.on, swatch.name
         self._clear()
         with self._container:
-            self._folder = gui.add_folder(f"Numbers of {name}")
+            self._folder = gui.add_folder(f"Numbers of {_short(name)}")
         with self._folder:
             for p in found:
                 step = _step(p.maximum - p.minimum)
                 unit = "" if p.unit in ("1", "") else f" [{p.unit}]"
                 slider = gui.add_slider(
                     _capital(p.label) + unit,
-                    min=p.minimum,
-                    max=max(math.floor(p.maximum / step + 1e-9) * step, p.value),
+                    min=min(p.minimum, _told(p.value)),
+                    max=max(math.floor(p.maximum / step + 1e-9) * step, _told(p.value)),
                     step=step,
-                    initial_value=p.value,
+                    initial_value=_told(p.value),
                     hint=f"{_capital(p.meaning)}; {p.reset:.4g} to begin with",
                 )
                 slider.on_update(on(partial(self._tune, p)))
                 self._sliders[p.name] = slider
+            if found:
+                self._colour = gui.add_rgb("Colour", rgb_of(swatch), hint="As it is shown, and exported")
+                self._colour.on_update(on(self._recolour))
             self._name = gui.add_text("New name", f"{name} 2" if name.startswith("my ") else f"my {name}")
-            if not found:  # plain
-                gui.add_button("Copy", hint="A new swatch to tune and to paint with").on_click(on(self._copy))
-                return
-            gui.add_button("Reset", hint="Back to the numbers that the swatch came with").on_click(on(self._reset))
-            gui.add_button("Save as new swatch", hint="Into your library: on the shelf from now on").on_click(
-                on(self._save)
-            )
+            for label, hint, act in BUTTONS[: None if found else 1]:  # plain can only be copied
+                gui.add_button(label, hint=hint).on_click(on(partial(act, self)))
 
-    def _clear(self) -> None:
+    def _clear(self, told: str = "") -> None:
         if self._folder is not None:
             self._folder.remove()
         self._folder, self._sliders, self._shown = None, {}, ()
-        self._head.content = ""
+        content = told and f'<div class="hs-card">{told}</div>'
+        if self._head.content != content:
+            self._head.content = content
 
     def _tune(self, p: Parameter, target: Any) -> None:
         value = bounded(target.value, p.minimum, p.maximum, p.value)
         self._parts.session.tune(self._parts.tools.ink(), **{p.name: value})
+
+    def _recolour(self, target: Any) -> None:
+        red, green, blue = target.value
+        self._parts.session.recolour(self._parts.tools.ink(), (red / 255, green / 255, blue / 255))
 
     def _reset(self, target: Any) -> None:
         if not self._parts.session.reset(self._parts.tools.ink()):
@@ -126,6 +137,29 @@ def _step(span: float) -> float:
     rough = span / STEP_COUNT
     power = 10.0 ** math.floor(math.log10(rough))
     return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= rough * 0.999))
+
+
+def _told(value: float) -> float:
+    """What a field shows of a number: four figures, which it has room for; the swatch keeps it all."""
+    return float(f"{value:.4g}")
+
+
+def _short(name: str) -> str:
+    """A name that a folder's head has room for."""
+    return name if len(name) <= NAME_MAX else name[: NAME_MAX - 1] + "…"
+
+
+BUTTONS: Final = (
+    ("Copy", "A second swatch, to tune and to paint with; what is painted stays as it is", NumberPanel._copy),
+    ("Save as new swatch", "Into your library under the new name, which it has from now on", NumberPanel._save),
+    ("Reset", "Back to what the swatch came with", NumberPanel._reset),
+)
+
+
+def rgb_of(swatch: Swatch) -> tuple[int, int, int]:
+    """Its colour, 0 to 255 each."""
+    red, green, blue = (round(255 * c) for c in swatch.albedo_rgb)
+    return red, green, blue
 
 
 def _capital(text: str) -> str:

@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Any, Final
 
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.paint.file_panel import FilePanel
-from hapscene.paint.gate import serve
+from hapscene.paint.file_panel import SUFFIX, FilePanel
+from hapscene.paint.gate import LOOPBACK, serve, stop
 from hapscene.paint.hand_panel import HandPanel
 from hapscene.paint.hold import Hold
 from hapscene.paint.live import Live, number, pointer_of
@@ -79,7 +79,7 @@ class Page:
         self._ends.callback(self._keep, session)
         self._live = Live(self._act, self._state)
         self.server = serve(host, port, self._live.serve)
-        self._ends.callback(self.server.stop)
+        self._ends.callback(stop, self.server)
         self._loop = self.server.get_event_loop()
         view = View(self.server, session)
         touch = Touch(self._live.say, hold)
@@ -97,6 +97,11 @@ class Page:
         host = self.server.get_host()
         name = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, host)
         return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/"
+
+    @property
+    def public(self) -> bool:
+        """Whether other computers may reach it."""
+        return self.server.get_host() not in LOOPBACK
 
     def __enter__(self) -> "Page":
         self._start(self._monitor.watch())
@@ -265,14 +270,17 @@ class Page:
             self._offer()
 
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
-        told = f"A session of {recovery.path.name} ended without saving. Its work up to {when} is still there."
+        name = recovery.path.name.removesuffix(SUFFIX)
+        told = f"A session of {name} ended without saving. Its work up to {when} is still there."
         self._file_panel.offer(told, take, discard)
 
     def _autosave_word(self) -> str:
         session = self.parts.session
+        if session.problem:
+            return session.problem
         if not session.autosaves:
             return "No copy of it is kept."
-        return session.problem or "A copy is kept beside the file every second, and offered after a crash."
+        return "A copy is kept beside the file every second, and offered after a crash."
 
 
 def _path(session: Session) -> Path:

@@ -1,6 +1,7 @@
 """Saving a scene over its file: never over what someone else wrote there meanwhile, unless told to."""
 
 import hashlib
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,10 @@ def write_swatch(swatch: "Swatch", path: Path | None, replace_old: bool) -> tupl
     if path is None:
         from hapscene.surface.library import add, library_folder
 
-        entry = add(swatch, replace=replace_old)
+        try:
+            entry = add(swatch, replace=replace_old)
+        except SwatchError as error:
+            raise SwatchError(re.sub(r" \(--\w+\)", "", str(error))) from None  # here nobody types options
         file = library_folder() / entry.file
         return file.resolve(), file
     from hapscene.surface.swatch_file import save_swatch

@@ -10,6 +10,7 @@ from hapscene.errors import SwatchError, no_such
 from hapscene.paint.heard import Sound, joined, stroked
 from hapscene.paint.parts import Parts, css, safe
 from hapscene.paint.shelf import Card, matching, scene_cards, shelf
+from hapscene.paint.word import Phrase
 
 CARD_MAX: Final = 8
 """Most swatches that are shown at once [count]: what a screen holds; the search finds the others."""
@@ -68,13 +69,14 @@ class ShelfPanel:
             return
         self._looked_for = looked_for
         self._compare()
-        found = self._match()
+        found, problem = self._match()
         names = tuple(card.name for card in found[:CARD_MAX])
         if names != self._found:
             self._lay_out(found[:CARD_MAX])
             self._found = names
         left = len(found) - len(names)
-        self._put(self._rest, f'<div class="hs-card dim">{_rest(left, len(found))}</div>' if left or not found else "")
+        told = problem or (_rest(left, len(found)) if left or not found else "")
+        self._put(self._rest, told and f'<div class="hs-card dim">{safe(told)}</div>')
         for card, (told, _) in zip(found[:CARD_MAX], self._rows, strict=True):
             self._put(told, self._tell(card))
 
@@ -87,12 +89,12 @@ class ShelfPanel:
             self._parts.live.say(str(error), "error")
             return scene_cards(scene)
 
-    def _match(self) -> list[Card]:
+    def _match(self) -> tuple[list[Card], str]:
+        """What the search finds, or all and why it finds nothing: a bound may be half typed."""
         try:
-            return matching(self._cards, str(self._search.value))
+            return matching(self._cards, str(self._search.value)), ""
         except SwatchError as error:
-            self._parts.live.say(str(error), "error")
-            return self._cards
+            return self._cards, str(error)
 
     def _lay_out(self, cards: list[Card]) -> None:
         gui, on = self._parts.server.gui, self._parts.on
@@ -110,7 +112,7 @@ class ShelfPanel:
     def _tell(self, card: Card) -> str:
         chosen = " chosen" if card.name == self._parts.tools.chosen else ""
         try:
-            said = [f"{safe(p.word)} <span class='dim'>{safe(p.figure)}</span>" for p in card.phrases]
+            said = [f"{safe(p.word)} {_dim(p)}" for p in card.phrases]
         except SwatchError as error:
             said = [safe(str(error))]
         where = PLACES[card.place] + (" · <b>painting with it</b>" if chosen else "")
@@ -158,15 +160,16 @@ class ShelfPanel:
         try:
             a, b = (self._card(dropdown.value) for dropdown in self._pair)
             rows = [
-                f"<tr><th>{safe(p.quality)}</th><td>{safe(p.word)}<br><span class='dim'>{safe(p.figure)}</span></td>"
-                f"<td>{safe(q.word)}<br><span class='dim'>{safe(q.figure)}</span></td></tr>"
+                f"<tr><th>{safe(p.quality)}</th><td>{safe(p.word)}<br>{_dim(p)}</td>"
+                f"<td>{safe(q.word)}<br>{_dim(q)}</td></tr>"
                 for p, q in zip(a.phrases, b.phrases, strict=True)
             ]
         except SwatchError as error:
             self._put(self._table, f'<div class="hs-card">{safe(str(error))}</div>')
             return
         heads = "".join(
-            f'<th><span style="color:{self._colour(card)}">■</span> {safe(card.name)}</th>' for card in (a, b)
+            f'<th><span class="chip" style="background:{self._colour(card)}"></span> {safe(card.name)}</th>'
+            for card in (a, b)
         )
         self._put(self._table, f'<table class="hs-table"><tr><th></th>{heads}</tr>{"".join(rows)}</table>')
 
@@ -189,6 +192,14 @@ class ShelfPanel:
     def _put(handle: Any, content: str) -> None:
         if handle.content != content:
             handle.content = content
+
+
+def _dim(phrase: Phrase) -> str:
+    """The figure of a phrase, a line broken only between two of its numbers; nothing where the word says it all."""
+    if phrase.figure in ("none", "no texture"):
+        return ""
+    kept = safe(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
+    return f"<span class='dim'>{kept}</span>"
 
 
 def _rest(left: int, found: int) -> str:

@@ -7,16 +7,21 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.paint.history import faces_word
 from hapscene.paint.pick import Hit
 from hapscene.paint.session import ERASE, FACET_RAD, Session
 from hapscene.paint.touch import Touch
 from hapscene.paint.view import Pointer, View
 from hapscene.scene.scene import SwatchLike
+from hapscene.surface.swatch import PLAIN
 
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch")
 
 FILLS: Final = ("facet", "whole body", "material", "same swatch")
 """What the bucket fills from the place that is clicked."""
+
+FIRST: Final = "wood"
+"""The swatch to begin with where a scene has none but plain: a first stroke must be seen."""
 
 RADIUS_SHARE: Final = (0.002, 0.03, 0.3)
 """Smallest brush, brush at the start and largest brush, in diagonals of the scene [1]."""
@@ -43,8 +48,9 @@ class Tools:
     def __init__(self, session: Session, view: View, touch: Touch, say: Callable[[str], None]) -> None:
         self._session, self._view, self._touch, self._say = session, view, touch, say
         self.name = "brush"
-        self.chosen = session.scene.swatches[-1].name
-        self._source: SwatchLike = session.scene.swatches[-1]
+        last = session.scene.swatches[-1]
+        self._source: SwatchLike = FIRST if last is PLAIN else last
+        self.chosen = FIRST if last is PLAIN else last.name
         self.radius_m = RADIUS_SHARE[1] * view.diagonal_m
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
@@ -171,6 +177,8 @@ class Tools:
             if pointer is not None and self._start is not None:
                 await self.drag(pointer)  # where the button went up, it was last
                 self._fill_region()
+                if self.name in ("brush", "eraser") and not self._session.end_stroke():
+                    self._say(self._nothing())
         finally:
             self.finish()
 
@@ -183,7 +191,13 @@ class Tools:
             count = self._session.fill_sphere(*self._sphere(), self.ink())
         else:
             return
-        self._say(f"{count:,} faces painted.")
+        self._say(f"{faces_word(count)} painted." if count else "There is no face inside that is not painted so.")
+
+    def _nothing(self) -> str:
+        """Why a stroke has changed nothing."""
+        if self.name == "eraser":
+            return "Nothing is painted here."
+        return f"It is {self.chosen} already. Choose another swatch at the right: Paint with it."
 
     def _fill(self, hit: Hit, ink: int) -> None:
         session = self._session
@@ -195,7 +209,7 @@ class Tools:
             count = session.fill_swatch(hit.body, session.swatch_at(hit), ink)
         else:
             count = session.fill_facet(hit, ink, self.angle_rad)
-        self._say(f"{count:,} faces painted." if count else "It is painted so already.")
+        self._say(f"{faces_word(count)} painted." if count else self._nothing())
 
     def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:
         """Place, outward normal, force and stiffness for the hand."""

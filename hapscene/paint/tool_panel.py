@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from hapscene.errors import SceneError
+from hapscene.paint.history import faces_word
 from hapscene.paint.parts import Parts, bounded
 from hapscene.paint.tool import FILLS, RADIUS_SHARE
 
@@ -108,7 +109,7 @@ class ToolPanel:
             count = parts.session.fill_body(body, parts.tools.ink())
         else:
             count = parts.session.fill_group(body, name, parts.tools.ink())
-        parts.live.say(f"{count:,} faces painted.")
+        parts.live.say(f"{faces_word(count)} painted." if count else "It is painted so already.")
 
 
 def _groups(parts: Parts) -> list[tuple[Any, str]]:

@@ -18,17 +18,24 @@ from hapscene.paint.hold import Hold, make_servo
 from hapscene.scene.scene import Scene
 from hapscene.servo import State
 
-HOVER_M: Final = 0.006
-"""How far over the surface the hand waits before and after a touch [m]: clear of it, and there within 0.1 s."""
+HOVER_M: Final = 0.002
+"""How far over the surface the hand waits before a touch [m]: from higher up it lands with more than it means to."""
+
+LIFT_M: Final = 0.006
+"""How far it means to go off the surface after a touch [m]: even a light grip takes the Omni off against its friction.
+"""
 
 IDLE_S: Final = 1.5
 """How long after a touch the ticks go on [s], so that what rings dies away and is seen to."""
 
 REACTION_S: Final = 0.15
-"""How long after it meets the surface the hand begins to mind its force [s]: about what touch takes to react."""
+"""How long after it meets or leaves the surface the hand begins to mind its force [s]: what touch takes to react."""
 
 NOTICED_SHARE: Final = 0.05
 """Error of force that the hand leaves as it is [1]: no more than is noticed (7 %, Pang, Tan & Durlach 1991)."""
+
+ADDED_N: Final = 0.5
+"""Most that the hand adds to a lighter force than this [N]: what the Omni's friction, 0.26 N, takes, and some more."""
 
 CORRECTION_1_S: Final = 8.0
 """How fast an error of force is made up for [1/s]: most of it in 0.2 s, slowly against the hand's own 17 ms."""
@@ -82,7 +89,7 @@ class Touch:
         self._from_W_m = np.zeros(3)  # where the touch began
         self._told_end = False
         self._deeper_m = 0.0
-        self._free = 0  # the last tick in the air
+        self._met, self._met_since = False, 0  # whether it is on the surface, and from which tick on
         self._starting = False
         self._since = 0
         self._last_s = -np.inf
@@ -158,7 +165,7 @@ class Touch:
             self._starting = False
         if servo is self._servo:
             self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
-            self._free = self._since
+            self._met, self._met_since = False, self._since
             self._aim()
 
     def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
@@ -184,7 +191,7 @@ class Touch:
         self.touching, self._last_s = False, now_s
         if self._servo is not None and not self._starting and self._running:
             state = self._servo.state()
-            self._servo.aim(state.p_WP_m + HOVER_M * state.nhat_W, self.hold.grip)
+            self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.hold.grip)
 
     def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
         """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
@@ -196,17 +203,13 @@ class Touch:
         felt = self._servo.read(self._since)
         self._since = felt.first + len(felt.rows)
         state = self._servo.state()
-        if not state.touching:
-            self._free = state.tick
-            if self._deeper_m < 0.0:  # it bounced: less deep than asked for, it might stay off the surface
+        if state.touching != self._met:
+            self._met, self._met_since = state.touching, state.tick
+            if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
                 self._deeper_m = 0.0
                 self._aim()
-        elif (
-            self.touching
-            and not self._starting
-            and state.tick - self._free > REACTION_S / self.tick_s
-            and len(felt.rows)
-        ):
+        long_so = state.tick - self._met_since > REACTION_S / self.tick_s
+        if self.touching and not self._starting and long_so and len(felt.rows):
             felt_N = float((felt.rows["f_W_N"] * felt.rows["nhat_W"]).sum(axis=1).mean())
             self._mind(felt_N, len(felt.rows) * self.tick_s)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
@@ -215,14 +218,17 @@ class Touch:
         return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
 
     def _mind(self, felt_N: float, over_s: float) -> None:
-        """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part."""
+        """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part.
+
+        In the air nothing is felt: a light press goes on until it is through the arm's friction.
+        """
         assert self._contact is not None
         force_N = self._contact.force_N
         missing_N = force_N - felt_N
         if abs(missing_N) > NOTICED_SHARE * force_N:
             give_m_N = give_of(self._contact.stiffness_N_m, self.hold.grip)
             deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * give_m_N
-            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), force_N * give_m_N)
+            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), max(force_N, ADDED_N) * give_m_N)
             self._aim()
 
     # --- what is felt ---

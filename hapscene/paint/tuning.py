@@ -97,17 +97,34 @@ class Tuned(Kept):
         """
         with self.lock:
             index = self._tunable(swatch)
-            old = self.entries[index]
-            new = Entry(tuned(old.swatch, numbers, self._effect_list()), None, old.original or old)
-            now_s = self.clock()
-            join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
-            if new.swatch != old.swatch:
-                what = f"{', '.join(numbers)} of {old.swatch.name!r}"
-                self.change_swatch(what, SwatchDelta(index, old, new), ("tune", index, *sorted(numbers)), join)
-            return new.swatch
+            old = self.entries[index].swatch
+            new = tuned(old, numbers, self._effect_list())
+            return self._alter(index, new, f"{', '.join(numbers)} of {old.name!r}", ("tune", index, *sorted(numbers)))
+
+    def recolour(self, swatch: int, albedo_rgb: tuple[float, float, float]) -> Swatch:
+        """Give a swatch another colour; the swatch as it is now. What a picker does within a second is one step.
+
+        Raises:
+            SwatchError: it is not three numbers from 0 to 1.
+            SceneError: it is plain, which stays.
+        """
+        with self.lock:
+            index = self._tunable(swatch)
+            old = self.entries[index].swatch
+            return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
+
+    def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
+        """Put a swatch in place of what is there: one step with what was done of the same key within a second."""
+        old = self.entries[index]
+        now_s = self.clock()
+        join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
+        if swatch != old.swatch:
+            new = Entry(swatch, None, old.original or old)
+            self.change_swatch(what, SwatchDelta(index, old, new), key, join)
+        return swatch
 
     def reset(self, swatch: int) -> bool:
-        """Bring back the numbers that a swatch had before it was tuned; whether they were others."""
+        """Bring back the numbers and the colour that a swatch had before; whether they were others."""
         with self.lock:
             index = self.ink(swatch, 0)
             old = self.entries[index]

@@ -1,9 +1,11 @@
 """Autosave: a killed process loses no more than two seconds, and what it left is offered, once, as a step."""
 
+import os
 import re
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,3 +233,19 @@ def test_whoever_holds_the_scene_may_save_and_close(path) -> None:
         session.close()
     assert not autosave_folder(path).exists()
     assert (hapscene.load_scene(path).body("ball").face_swatch == 1).all()
+
+
+def test_a_scene_in_a_folder_that_cannot_be_written_is_painted_and_saved_elsewhere(path, tmp_path, monkeypatch) -> None:
+    allowed = os.access
+    monkeypatch.setattr("os.access", lambda where, kind: Path(where) != path.parent and allowed(where, kind))
+    session = Session.open(path)
+    session.start_autosave(interval_s=60.0)
+    session.fill_body("ball", 1)
+    assert not session.autosaves and re.match("no autosave: nothing may be written into", session.problem)
+    assert not autosave_folder(path).exists()
+    with pytest.raises(SceneError, match=r"cup\.scene\.json: cannot be written"):
+        session.save()
+    (tmp_path / "mine").mkdir()
+    session.save(tmp_path / "mine" / "cup.scene.json")
+    assert session.autosaves and session.problem is None
+    session.close()

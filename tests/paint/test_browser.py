@@ -217,3 +217,80 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     assert not window.troubles
     ours = ("blob:", "data:", page.url, page.url.replace("http", "ws"))
     assert not [url for url in window.requests if not url.startswith(ours)]
+
+
+def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
+    page, tab = window.page, window.tab
+    index = page.parts.tools.swatch
+
+    def stiffness() -> float:
+        return page.parts.session.scene.swatches[index].stiffness_N_m
+
+    def type_in(text: str, end: str) -> str:
+        field.click()
+        tab.keyboard.press("Control+a")
+        tab.keyboard.type(text)
+        assert stiffness() == before  # not at each key
+        tab.keyboard.press(end)
+        window.wait("document.activeElement !== document.querySelector('input[inputmode=decimal]')")
+        return field.input_value()
+
+    tab.get_by_role("tab", name="Feel").click()
+    field = tab.locator("input[inputmode=decimal]:visible").first
+    field.wait_for()
+    steps, before = len(page.parts.session.history.done), stiffness()
+    for text, end in (("432", "Enter"), ("187", "Tab")):
+        type_in(text, end)
+        until(lambda number=float(text): stiffness() == number, PATIENCE_S)
+        before = stiffness()
+    assert len(page.parts.session.history.done) <= steps + 2  # one each, or one in all
+    assert type_in("99", "Escape") == "187" and stiffness() == 187.0
+    type_in("999999", "Enter")
+    window.wait("document.getElementById('hs-say').textContent.includes('999999')")
+    assert stiffness() == 187.0 and field.input_value() == "187"
+
+
+def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Window) -> None:
+    page, tab = window.page, window.tab
+    camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
+
+    def drag() -> tuple[bool, bool]:
+        """Whether something was painted, and whether the view turned."""
+        state, place = page.parts.session.state, np.array(camera.position)
+        x, y = window.at(FRONT)
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        tab.mouse.move(x + 20, y + 5, steps=4)
+        tab.mouse.up()
+        until(
+            lambda: page.parts.session.state != state or np.abs(np.array(camera.position) - place).max() > 0.01,
+            PATIENCE_S,
+        )
+        return page.parts.session.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
+
+    page.parts.tools.take("wood", "wood")
+    tab.mouse.move(*window.at(FRONT))
+    tab.keyboard.press("1")
+    tab.keyboard.press("l")
+    window.wait("window.hapscene.state.tool === 'brush'")
+    assert drag() == (True, False)
+    tab.keyboard.down("Shift")
+    assert drag() == (False, True)
+    tab.keyboard.up("Shift")
+    tab.keyboard.press("l")
+    assert drag() == (False, True)
+
+
+def test_while_a_question_stands_keys_wait(window: Window) -> None:
+    """Ctrl-S behind it would ask once more."""
+    page, tab = window.page, window.tab
+    path = page.parts.session.path
+    assert page.parts.session.dirty
+    path.write_text(path.read_text() + "\n")
+    tab.keyboard.press("Control+s")
+    tab.get_by_text("Save over it?").first.wait_for()
+    for keys in ("Control+s", "Control+z", "2"):
+        tab.keyboard.press(keys)
+    tab.get_by_role("button", name="Do not save").click()
+    window.wait("!document.querySelector('.mantine-Modal-content')")
+    assert window.ask("window.hapscene.state.tool") == "brush" and page.parts.session.dirty

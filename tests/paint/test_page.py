@@ -14,6 +14,7 @@ import hapscene
 from hapscene.errors import ViewError
 from hapscene.paint.autosave import autosave_folder
 from hapscene.paint.hold import Hold
+from hapscene.paint.number_panel import rgb_of
 from hapscene.paint.page import Page
 from hapscene.paint.session import Session
 from hapscene.scene.file import load_scene
@@ -60,7 +61,7 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
         assert np.array_equal(a.face_swatch, b.face_swatch)
 
 
-def test_only_the_chunk_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
+def test_only_the_body_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     tab.nodes.clear()
     stroke(tab)
@@ -171,6 +172,24 @@ def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
     assert scene.swatches[-1].name == "softer" and scene.swatches[0].name == "plain"
 
 
+def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, tab: Tab) -> None:
+    tab.choose("paper")
+    scene, paper = page.parts.session.scene, page.parts.session.swatch_named("paper")
+    before = scene.swatches[paper]
+    tab.set("New name", "card")
+    tab.settle()
+    tab.set("Copy", True)
+    until(lambda: tab.state["swatch"] == "card")
+    tab.settle()
+    for value in ([10, 20, 300], [1, 2], [1, 2, 3, 4], "red", [1.5, 2, 3], [True, 2, 3]):
+        tab.set("Colour", value)
+    tab.set("Colour", [10, 20, 30])
+    until(lambda: scene.swatches[-1].albedo_rgb == (10 / 255, 20 / 255, 30 / 255))
+    assert scene.swatches[paper] == before and painted(page, 1, "paper") == len(scene.bodies[1].mesh.faces)
+    tab.send("undo")
+    until(lambda: tuple(tab.control("Colour")["value"]) == rgb_of(before))
+
+
 def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
     tab.set("Swatch A", "plain")
     tab.set("Swatch B", "paper")
@@ -191,6 +210,11 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
     until(lambda: names() == ["leather"])
     tab.set("Search", "no such thing")
     until(lambda: not names())
+    tab.set("Search", "friction<")  # half typed: all are there, and it is told beside them
+    until(names)
+    assert any("friction<" in str(c["props"].get("content")) for c in list(tab.controls.values()))
+    tab.settle()
+    assert not any("friction" in said for said in tab.said)
 
 
 def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
@@ -335,6 +359,8 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
             return True
         if isinstance(known, str):
             return dice.choice([*(props.get("options") or texts), "no such"])
+        if isinstance(known, list | tuple):  # a colour
+            return [dice.randrange(-20, 276) for _ in known]
         return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0, 1e308))
 
     for i in range(count):

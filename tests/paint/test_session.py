@@ -158,6 +158,18 @@ def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
     assert session.undo_word == "erase 'north', 700 faces"
 
 
+def test_the_eraser_brings_back_the_same_after_save_and_load(scene, tmp_path) -> None:
+    session = Session(scene, tmp_path / "made.scene.json")
+    paper = session.swatch_named("paper")
+    session.fill_sphere([0.0, 0.08, 0.0], 0.01, session.add_swatch("wood"))
+    session.fill_body("ball", paper)
+    session.save()
+    again = Session.open(tmp_path / "made.scene.json")
+    assert again.defaults == [0, paper]
+    assert again.fill_body("plate", ERASE) > 0 and again.fill_body("ball", ERASE) == 1280
+    assert (again.scene.bodies[1].face_swatch == paper).all() and not again.scene.bodies[0].face_swatch.any()
+
+
 def test_regions_are_where_they_say(scene) -> None:
     session = Session(scene)
     wood = session.add_swatch("wood")
@@ -253,9 +265,11 @@ def test_tuned_then_reset_then_saved_as_new(scene, tmp_path, library) -> None:
     session.save(tmp_path / "a.scene.json")
     back = hapscene.load_scene(tmp_path / "a.scene.json")
     assert back.swatches[paper].stiffness_N_m == 120.0
+    slate = session.add_swatch(SLATE)
+    session.save_swatch_as(slate, "soft paper 2")
+    session.undo()
     with pytest.raises(HapsceneError, match="in the library already"):
-        session.save_swatch_as(session.add_swatch(SLATE), "soft paper 2") and session.undo()
-        session.save_swatch_as(session.add_swatch(SLATE), "soft paper 2")
+        session.save_swatch_as(slate, "soft paper 2")
 
 
 def test_changes_tell_each_watcher_its_own(scene) -> None:

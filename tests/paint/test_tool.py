@@ -7,8 +7,11 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
+import hapscene
 from hapscene.paint.page import Page
+from hapscene.paint.session import Session
 
+from .conftest import make_scene
 from .tab import Tab, until
 
 TOP = np.array([0.01, 0.0, 0.02])
@@ -63,3 +66,33 @@ def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: 
     tab.send("undo")
     until(lambda: tab.state["redo"])
     tab.settle()  # the socket is alive
+
+
+def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
+    page.parts.tools.take("plain", "plain")
+    for tool, told in (("brush", "plain already. Choose another"), ("eraser", "Nothing is painted here")):
+        tab.send("tool", name=tool)
+        tab.point("down", TOP)
+        tab.point("up", TOP)
+        tab.settle()
+        assert sum(told in said for said in tab.said) == 1
+    assert not page.parts.session.changed
+
+
+def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) -> None:
+    make_scene(tmp_path)
+    scene = hapscene.Scene()
+    scene.add(tmp_path / "ball.obj", name="ball", unit="mm")
+    session = Session(scene, tmp_path / "ball.scene.json")
+    with Page(session, port=0, with_hand=False) as page:
+        tab = Tab(page)
+        until(
+            lambda: any("<b>wood</b> has its numbers" in str(c["props"].get("content")) for c in tab.controls.values())
+        )
+        tab.point("down", (0.0, 0.0, 0.02))
+        tab.point("up", (0.0, 0.0, 0.02))
+        tab.settle()
+        assert scene.swatches[1].name == "wood" and (scene.bodies[0].face_swatch == 1).any()
+        assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
+        tab.close()
+    session.close()

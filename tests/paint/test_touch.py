@@ -12,7 +12,7 @@ import pytest
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
 from hapscene.paint.hold import HELD_DEVICES, NO_HANDLE, Hold
-from hapscene.paint.touch import HOVER_M, IDLE_S, Touch, aim_of
+from hapscene.paint.touch import HOVER_M, IDLE_S, LIFT_M, Touch, aim_of
 from hapscene.scene.scene import Scene
 from hapscene.servo.servo import Felt, State
 
@@ -112,7 +112,7 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
         assert read[2].shape == (3, 10) and (read[2] == 1.0).all()  # the handle's
         touch.move(PLACE + 0.001, UP, 1.0, 500.0)
         touch.lift(5.0)
-        assert made[0].orders[-1] == ("aim", tuple(PLACE + HOVER_M * UP))
+        assert made[0].orders[-1] == ("aim", tuple(PLACE + LIFT_M * UP))
         assert touch.read(5.0 + 0.9 * IDLE_S) is not None
         touch.read(5.0 + 1.1 * IDLE_S)
         await done(made[0], 5)
@@ -244,6 +244,33 @@ def test_with_the_omni_a_press_gives_the_force_asked_for_and_its_handle_is_heard
     assert not said and np.isfinite(felt.a_handle_m_s2).all()
     assert felt.a_m_s2.std() > 0.05 and felt.a_handle_m_s2.std() > 0.05
     assert (felt.a_handle_m_s2 - felt.a_m_s2).std() > 0.2 * felt.a_m_s2.std()
+
+
+@pytest.mark.parametrize(
+    ("grip", "force_N", "peak_N"), [("medium", 0.5, 0.8), ("medium", 1.0, 1.6), ("light", 0.2, 0.6)]
+)
+def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: float) -> None:
+    """The arm's friction is 0.26 N: a press lighter than that must go on until it is through it."""
+
+    async def land() -> np.ndarray:
+        scene = Scene()
+        scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
+        place, nhat = np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.0, 1.0])
+        touch = Touch(lambda text, kind: None, Hold("omni", grip, NO_HANDLE))
+        try:
+            await touch.open(scene, 0.001)
+            touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
+            felt_N, end_s = np.zeros(0), time.monotonic() + 60.0
+            while np.count_nonzero(felt_N) < 500:
+                assert time.monotonic() < end_s, "it never arrives"
+                await asyncio.sleep(0.015)
+                if (read := touch.read(time.monotonic())) is not None:
+                    felt_N = np.append(felt_N, read[1])
+            return felt_N
+        finally:
+            touch.close()
+
+    assert force_N / 2 < asyncio.run(land()).max() < peak_N
 
 
 def test_without_a_handle_what_is_asked_for_is_heard() -> None:
