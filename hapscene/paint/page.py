@@ -17,7 +17,7 @@ from hapscene.paint.file_panel import SUFFIX, FilePanel
 from hapscene.paint.gate import LOOPBACK, serve, stop
 from hapscene.paint.hand_panel import HandPanel
 from hapscene.paint.hold import Hold
-from hapscene.paint.live import Live, number, pointer_of
+from hapscene.paint.live import PIXEL_MAX, Live, number, pointer_of
 from hapscene.paint.monitor import Monitor
 from hapscene.paint.number_panel import NumberPanel
 from hapscene.paint.parts import Parts
@@ -195,6 +195,10 @@ class Page:
             await self._file_panel.save()
         elif do == "look":
             self._file_panel.prefer(message.get("dark") is True)
+        elif do == "frame":
+            client, width, height = (number(message, key, 0, PIXEL_MAX) for key in ("client", "w", "h"))
+            if client is not None and width and height:
+                self.parts.view.frame(int(client), width / height)
         elif do == "size":
             factor = number(message, "factor", 0.1, 10.0)
             if factor is not None:

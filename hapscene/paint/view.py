@@ -16,6 +16,9 @@ from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rg
 SHOWN: Final = 3.0
 """How large a scene is shown, its diagonal in viser's units: what the browser's near plane and keys are made for."""
 
+FOV_RAD: Final = float(np.radians(50.0))
+"""Of the camera, from top to bottom [rad]."""
+
 RING_COUNT: Final = 64
 """Corners of the brush's ring [count]."""
 
@@ -185,11 +188,22 @@ class View:
         """From the front, a little from the right and above, all in view."""
         self._server.scene.set_up_direction("+z")
         camera = self._server.initial_camera
-        away = 1.1 * float(np.linalg.norm(self._extent)) / (2 * np.tan(np.radians(25.0)))
-        direction = np.array([0.35, -0.8, 0.6])
-        camera.fov = float(np.radians(50.0))
-        camera.position = away * direction / np.linalg.norm(direction)
+        camera.fov = FOV_RAD
+        camera.position = self._eye()
         camera.look_at = (0.0, 0.0, 0.0)
+
+    def _eye(self, aspect: float = 1.0) -> Vector:
+        """Where all is in view of a canvas `aspect` times as wide as high."""
+        away = 1.1 * float(np.linalg.norm(self._extent)) / (2 * np.tan(FOV_RAD / 2)) / min(aspect, 1.0)
+        direction = np.array([0.35, -0.8, 0.6])
+        return np.asarray(away * direction / np.linalg.norm(direction))
+
+    def frame(self, client: int, aspect: float) -> None:
+        """Have all in view of a page that comes, and whose canvas is `aspect` times as wide as high."""
+        page = self._server.get_clients().get(client)
+        if page is not None and aspect < 1.0:
+            page.camera.position = self._eye(aspect)
+            page.camera.look_at = (0.0, 0.0, 0.0)  # which the other takes along
 
     def _light(self) -> None:
         """Soft from everywhere, and a key light from above left: every face is seen, and its shape."""

@@ -61,6 +61,17 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
         assert np.array_equal(a.face_swatch, b.face_swatch)
 
 
+def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab: Tab) -> None:
+    for bad in ({"client": 99}, {"w": 0}, {"w": "x"}, {"h": -1.0}, {"h": None}):
+        tab.send("frame", **{"client": tab.client, "w": 400, "h": 800, **bad})
+    tab.settle()
+    camera = page.server.get_clients()[tab.client].camera
+    assert np.linalg.norm(camera.position) == pytest.approx(6.0)
+    tab.send("frame", client=tab.client, w=400, h=800)
+    far = 2 * np.linalg.norm(page.server.initial_camera.position)
+    until(lambda: np.linalg.norm(camera.position) == pytest.approx(far) and not np.any(camera.look_at))
+
+
 def test_only_the_body_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     tab.nodes.clear()
