@@ -62,6 +62,11 @@ def add_paint(commands: Any) -> None:
         "the page can, without a password: paint, touch, save and export to any file that you may write, over those "
         "that are there too, and change your library of swatches",
     )
+    command.add_argument(
+        "--accept-changed",
+        action="store_true",
+        help="keep the painting of a scene whose mesh has changed, where it has as many faces",
+    )
     command.add_argument("--no-hand", action="store_true", help="paint only: start no process that touches")
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
 
@@ -111,7 +116,7 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
     else:
         say(f"loading {name}\n")
     if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
-        return Session.open(Path(name))
+        return Session.open(Path(name), options.accept_changed)
     # of a scene file, it refuses the options
     return Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
 

@@ -195,7 +195,7 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
         raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
     folder = resources.files("hapscene.paint")
     names = {"/hapscene.css": "page.css", "/hapscene.js": "page.js"}
-    names |= {f"/hapscene-{name}": name for name in ("plot.js", "sound.js")}
+    names |= {f"/hapscene-{name}": name for name in ("number.js", "plot.js", "sound.js")}
     files = {place: File(KINDS[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()}
     port = free_port(host, port)
     with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
@@ -208,6 +208,31 @@ def stop(server: Any) -> None:
     """Have it end, and say nothing on the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
+
+
+async def enter(server: Any, client: int, name: str, value: float) -> str | None:
+    """Give a slider a number, as its user would; what else was made of it, in a sentence, or None.
+
+    Args:
+        server: viser's.
+        client: who does.
+        name: viser's name of the slider; any other control is left alone.
+        value: the nearest that it can have counts.
+    """
+    from viser import GuiSliderHandle
+    from viser._messages import GuiUpdateMessage
+
+    slider = server.gui._gui_input_handle_from_uuid.get(name)
+    if not isinstance(slider, GuiSliderHandle):
+        return None
+    bounded = min(max(value, slider.min), slider.max)
+    await server.gui._handle_gui_updates(client, GuiUpdateMessage(name, {"value": bounded}))
+    if not slider._impl.removed:
+        told = GuiUpdateMessage(name, {"value": slider.value})
+        server.gui._websock_interface.queue_message(told)  # to all: viser spares the one who typed
+    if bounded == value:
+        return None
+    return f"{slider.label}: from {slider.min:g} to {slider.max:g}; {value:g} became {bounded:g}."
 
 
 def harden(server: Any) -> None:

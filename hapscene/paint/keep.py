@@ -33,15 +33,19 @@ class Kept(Canvas):
         self._looks = 0
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: Path, accept_changed: bool = False) -> Self:
         """Load a scene file to paint it.
+
+        Args:
+            path: NAME.scene.json.
+            accept_changed: as `hapscene.load_scene` has it.
 
         Raises:
             SceneError, MeshError, SwatchError: as `hapscene.load_scene`.
         """
         path = path.resolve() if path.is_symlink() else path  # a painter of the link is one of the file
         stamp = stamp_of(path)  # before it is read: what changes meanwhile counts as changed
-        session = cls(load_scene(path), path)
+        session = cls(load_scene(path, accept_changed), path)
         session._stamp = stamp
         return session
 

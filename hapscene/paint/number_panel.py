@@ -12,6 +12,8 @@ from hapscene.surface.swatch import Swatch
 STEP_COUNT = 200
 """About how many steps a slider has [count]: finer than what is felt apart, 2 % of stiffness at its middle."""
 
+FIGURES: Final = 4
+"""How many figures of a number a field has room for [count]."""
 
 NAME_MAX: Final = 24
 """Longest name over the sliders [characters]: a longer one would run out of the panel."""
@@ -82,6 +84,7 @@ class NumberPanel:
                     initial_value=_told(p.value),
                     hint=f"{_capital(p.meaning)}; {p.reset:.4g} to begin with",
                 )
+                slider.precision = FIGURES  # of the field: else it rounds to the step what is typed
                 slider.on_update(on(partial(self._tune, p)))
                 self._sliders[p.name] = slider
             if found:
@@ -140,8 +143,8 @@ def _step(span: float) -> float:
 
 
 def _told(value: float) -> float:
-    """What a field shows of a number: four figures, which it has room for; the swatch keeps it all."""
-    return float(f"{value:.4g}")
+    """What a field shows of a number; the swatch keeps it all."""
+    return float(f"{value:.{FIGURES}g}")
 
 
 def _short(name: str) -> str:

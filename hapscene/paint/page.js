@@ -1,5 +1,6 @@
 // The part of the page that viser has not: pointer and keys on the canvas, the tools over it, traces, spectrum and sound.
 // Speaks JSON with the server (`hapscene/paint/live.py`); numbers come as little-endian float32, kind first.
+import { typeNumbers } from "/hapscene-number.js";
 import { newTrace } from "/hapscene-plot.js";
 
 const TOOLS = [
@@ -103,20 +104,6 @@ window.addEventListener("pointerup", lift, true);
 window.addEventListener("pointercancel", lift, true);
 window.addEventListener("blur", () => { if (held) { send({ do: "leave" }); held = null; } });
 const asked = () => document.querySelector(".mantine-Modal-content") !== null;  // a question stands, and comes first
-// A number that is typed counts when it is whole: at Enter, Tab or a click elsewhere; Escape brings back the old one.
-const isNumber = (node) => node instanceof HTMLInputElement && node.inputMode === "decimal";
-let before = null;
-window.addEventListener("focusin", ({ target }) => { if (isNumber(target)) before = target.value; }, true);
-window.addEventListener("input", (event) => { if (event.isTrusted && isNumber(event.target)) event.stopImmediatePropagation(); }, true);
-function count(field) {
-  if (!isNumber(field) || field.value === before) return;
-  const typed = field.value;
-  if (typed === "") field.value = before;
-  else field.dispatchEvent(new InputEvent("input", { bubbles: true }));
-  before = field.value;
-  if (Number(before) !== Number(typed)) say(`"${typed}" is no number, or not within the limits.`, "error");
-}
-window.addEventListener("pointerdown", ({ target }) => { if (target !== document.activeElement) count(document.activeElement); }, true);
 window.addEventListener("keydown", (event) => {
   const typing = /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName || "") && event.target.type !== "range";
   const order = event.ctrlKey || event.metaKey;
@@ -124,8 +111,6 @@ window.addEventListener("keydown", (event) => {
   if (order && key === "s") { mine(event); if (!asked()) { event.target.blur(); send({ do: "save" }); } }
   else if (typing) {
     const field = event.target;
-    if (key === "escape" && isNumber(field)) field.value = before;
-    if (key === "enter" || key === "tab") count(field);
     if (key === "enter" || key === "escape") setTimeout(() => field.blur(), 0);
   } else if (asked()) return;
   else if (event.altKey) return;
@@ -150,13 +135,15 @@ const button = (text, key, title, act) => {
 };
 const gap = () => bar.append(make("span", { className: "gap" }));
 const tools = new Map(TOOLS.map(([name, text, key, title]) => [name, button(text, key, title, () => send({ do: "tool", name }))]));
+const ink = make("span", { id: "hs-ink", title: "The swatch that is painted with" });
+bar.append(ink);
 gap();
 const lockButton = button("Lock Shift", "L", "Plain drags use the tool, and Shift with a drag turns the view", () => setLock(!lock));
 gap();
 const undo = button("Undo", "Ctrl Z", "", () => send({ do: "undo" }));
 const redo = button("Redo", "Ctrl Y", "", () => send({ do: "redo" }));
 const save = button("Save", "Ctrl S", "", () => send({ do: "save" }));
-button("Hint", "H", "Show or hide the hint", () => { hint.hidden = !hint.hidden; });
+button("?", "", "Show or hide the hint (H)", () => { hint.hidden = !hint.hidden; });
 const hint = make("div", { id: "hs-hint" });
 HINT.forEach((line, i) => hint.append(make("p", { innerHTML: `<b>${i + 1}</b>${line.replace(/<b>/g, "<kbd>").replace(/<\/b>/g, "</kbd>")}` })));
 hint.append(make("button", { type: "button", title: "Hide", onclick: () => { hint.hidden = true; } }, "×"));
@@ -186,6 +173,8 @@ function setLock(on) {
 }
 function show() {
   for (const [name, node] of tools) node.setAttribute("aria-pressed", String(name === state.tool));
+  ink.textContent = state.swatch || "";
+  ink.style.setProperty("--chip", state.colour || "transparent");
   undo.disabled = !state.undo;
   redo.disabled = !state.redo;
   undo.title = state.undo ? `Undo: ${state.undo}` : "Nothing to undo";
@@ -226,7 +215,7 @@ const sound = {
     if (this.gain) this.gain.gain.value = (this.on ? 1 : 0) * (10 ** (volume.value / 20) / this.full);
   },
   toggle() { this.on = !this.on; this.wake(); this.turn(); this.label(); send({ do: "listen", on: this.on }); },
-  label() { soundButton.textContent = this.on ? "Sound on" : "Sound off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
+  label() { soundButton.textContent = this.on ? "Sound: on" : "Sound: off"; soundButton.setAttribute("aria-pressed", String(this.on)); },
   async hear() {
     await this.context.audioWorklet.addModule("/hapscene-sound.js");
     const { port1, port2 } = new MessageChannel();
@@ -272,8 +261,13 @@ function hushViser() {  // its notice of software GL lies on the picture; the pa
   for (const note of document.querySelectorAll(".mantine-Notification-root"))
     if (note.textContent.startsWith("Software WebGL")) note.style.display = "none";
 }
+function askFirst() {  // or what is typed goes into a field behind the question
+  const field = document.activeElement;
+  if (asked() && field.matches("input, textarea") && !field.closest(".mantine-Modal-content")) field.blur();
+}
 
 window.addEventListener("pointerdown", () => sound.wake());
+typeNumbers({ send, say, client });
 function start() {
   document.body.append(root);
   sound.label();
@@ -281,7 +275,7 @@ function start() {
   fit();
   link.postMessage({ url: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/hapscene` });
   new ResizeObserver(fit).observe(document.body);
-  new MutationObserver(hushViser).observe(document.body, { childList: true, subtree: true });
+  new MutationObserver(() => { hushViser(); askFirst(); }).observe(document.body, { childList: true, subtree: true });
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });
   setInterval(fit, 300);
   (function frame() { trace.draw(); requestAnimationFrame(frame); })();

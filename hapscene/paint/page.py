@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.file_panel import SUFFIX, FilePanel
-from hapscene.paint.gate import LOOPBACK, serve, stop
+from hapscene.paint.gate import LOOPBACK, NUMBER_MAX, enter, serve, stop
 from hapscene.paint.hand_panel import HandPanel
 from hapscene.paint.hold import Hold
 from hapscene.paint.live import PIXEL_MAX, Live, number, pointer_of
@@ -195,6 +195,12 @@ class Page:
             await self._file_panel.save()
         elif do == "look":
             self._file_panel.prefer(message.get("dark") is True)
+        elif do == "number":
+            client, value = number(message, "client", 0, 2**53), number(message, "value", -NUMBER_MAX, NUMBER_MAX)
+            if client is not None and value is not None:
+                said = await enter(self.server, int(client), str(message.get("id")), value)
+                if said:
+                    self._live.say(said, "error")
         elif do == "frame":
             client, width, height = (number(message, key, 0, PIXEL_MAX) for key in ("client", "w", "h"))
             if client is not None and width and height:
@@ -212,6 +218,7 @@ class Page:
         return {
             "tool": self.parts.tools.name,
             "swatch": self.parts.tools.chosen,
+            "colour": self._shelf_panel.colour_of(self.parts.tools.chosen),
             "undo": session.undo_word,
             "redo": session.redo_word,
             "dirty": session.dirty,

@@ -1,7 +1,6 @@
 """Saving a scene over its file: never over what someone else wrote there meanwhile, unless told to."""
 
 import hashlib
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +60,10 @@ def write_swatch(swatch: "Swatch", path: Path | None, replace_old: bool) -> tupl
         try:
             entry = add(swatch, replace=replace_old)
         except SwatchError as error:
-            raise SwatchError(re.sub(r" \(--\w+\)", "", str(error))) from None  # here nobody types options
+            problem, _, advice = str(error).rpartition(": ")
+            if "--" not in advice:
+                raise
+            raise SwatchError(f"{problem}: choose another name") from None  # here nobody types options
         file = library_folder() / entry.file
         return file.resolve(), file
     from hapscene.surface.swatch_file import save_swatch

@@ -92,6 +92,7 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
         SwatchError: a malformed bound, or one on an unknown figure.
     """
     every = list(cards)
+    text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
     words = [term for term in text.split() if not set(term) & set("<>")]
     bounds = [term for term in text.split() if set(term) & set("<>")]
     held = {id(entry) for entry in search([card.entry for card in every], bounds)}

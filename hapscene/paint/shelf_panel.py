@@ -125,6 +125,10 @@ class ShelfPanel:
         """As on the scene, where it is in it."""
         return css(card.albedo_rgb) if card.index is None else self._parts.view.colours[card.index]
 
+    def colour_of(self, name: str) -> str:
+        """The colour of a swatch, for CSS; "" where there is none of that name."""
+        return next((self._colour(card) for card in self._cards if card.name == name), "")
+
     def _card(self, name: Any) -> Card:
         for card in self._cards:
             if card.name == name:

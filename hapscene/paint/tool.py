@@ -59,6 +59,7 @@ class Tools:
         self._owner: int | None = None  # the page whose pointer is down
         self._start: Hit | None = None
         self._last: Hit | None = None
+        self._coarse = False  # whether this stroke has met faces larger than the brush
 
     @property
     def held(self) -> bool:
@@ -132,10 +133,8 @@ class Tools:
             self._session.begin_stroke(ink, self.radius_m)
             self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
-            if self._session.shapes[hit.body].longest_edge_m(hit.face) > 2 * self.radius_m:
-                self._say(
-                    "The faces here are larger than the brush: whole faces are painted. A finer mesh has finer borders."
-                )
+            self._coarse = False
+            self._look_at_faces(hit)
         elif self.name == "fill":
             self._fill(hit, ink)
         elif self.name == "pick":
@@ -156,6 +155,7 @@ class Tools:
                     self._session.begin_stroke(ERASE if self.name == "eraser" else self.ink(), self.radius_m)
                 hit = self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
+            self._look_at_faces(hit)
             return
         hit = self._session.pick(*ray)
         if hit is None:
@@ -181,6 +181,14 @@ class Tools:
                     self._say(self._nothing())
         finally:
             self.finish()
+
+    def _look_at_faces(self, hit: Hit | None) -> None:
+        """Say it once in a stroke, where the faces are larger than the brush."""
+        if hit is None or self._coarse:
+            return
+        self._coarse = self._session.shapes[hit.body].longest_edge_m(hit.face) > 2 * self.radius_m
+        if self._coarse:
+            self._say("Whole faces are painted; here they are larger than the brush. A finer mesh has finer borders.")
 
     def _fill_region(self) -> None:
         """Paint what the box or the ball holds."""

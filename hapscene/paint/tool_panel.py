@@ -1,7 +1,7 @@
 """The settings of the tools, in the panel."""
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from hapscene.errors import SceneError
 from hapscene.paint.history import faces_word
@@ -12,6 +12,17 @@ FORCE_N = (0.1, 3.0)
 """Least and most force of the hand [N]: a light touch, and what the weakest device shipped can push back with."""
 
 ALL = "all of it"
+
+TOLD: Final = {
+    "brush": "Hold Shift and drag: paints the chosen swatch.",
+    "fill": "Hold Shift and click: fills from there; or choose a part.",
+    "box": "Hold Shift and drag from corner to corner: what is inside is painted.",
+    "sphere": "Hold Shift and drag from the middle outward: what is inside is painted.",
+    "eraser": "Hold Shift and drag: brings back what the body was made of.",
+    "pick": "Hold Shift and click: takes the swatch that is painted there.",
+    "touch": "Hold Shift and drag: a hand strokes the surface.",
+}
+"""What each tool does."""
 
 
 class ToolPanel:
@@ -27,6 +38,7 @@ class ToolPanel:
         low, high = (2e3 * share * parts.view.diagonal_m for share in (RADIUS_SHARE[0], RADIUS_SHARE[2]))
         step = 10.0 ** math.floor(math.log10(low))
         with gui.add_folder("Tool"):
+            self._told = gui.add_html("")
             self._size = gui.add_slider(
                 "Size [mm]",
                 min=_round_up(low, step),
@@ -70,6 +82,9 @@ class ToolPanel:
         """See the settings of the tool in hand, and their values as they are."""
         tools = self._parts.tools
         name, fill = tools.name, tools.fill
+        content = f'<div class="hs-card dim">{TOLD[name]}</div>'
+        if self._told.content != content:
+            self._told.content = content
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = self._group.visible = self._group_button.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"

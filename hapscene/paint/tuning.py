@@ -12,10 +12,11 @@ from hapscene.device.model import limits_of
 from hapscene.errors import SceneError
 from hapscene.paint.history import Entry, SwatchDelta
 from hapscene.paint.keep import Kept
-from hapscene.paint.parameter import Parameter, parameters_of, tuned
+from hapscene.paint.parameter import LABELS, Parameter, parameters_of, tuned
 from hapscene.paint.save import write_swatch
 from hapscene.scene.scene import Scene, SwatchLike
 from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.view.palette import distinct_colours, rgb
 
 if TYPE_CHECKING:
     from hapscene.surface.effect import Effect
@@ -63,7 +64,7 @@ class Tuned(Kept):
             return index
 
     def copy_swatch(self, swatch: int, name: str) -> int:
-        """A new swatch of the scene that begins as another one; its index.
+        """A new swatch of the scene that begins as another one, in a colour of its own; its index.
 
         Raises:
             SwatchError: the name is none.
@@ -71,8 +72,10 @@ class Tuned(Kept):
         """
         with self.lock:
             self._check_free(name, None)
-            copied = replace(self.entries[self.ink(swatch, 0)].swatch, name=name)
             index = len(self.entries)
+            copied = replace(self.entries[self.ink(swatch, 0)].swatch, name=name)
+            colour = distinct_colours([*self.scene.swatches, copied], range(index + 1))[index]
+            copied = replace(copied, albedo_rgb=tuple(rgb(colour).tolist()))
             self.change_swatch(f"new swatch {name!r}", SwatchDelta(index, None, Entry(copied, None)))
             return index
 
@@ -99,7 +102,8 @@ class Tuned(Kept):
             index = self._tunable(swatch)
             old = self.entries[index].swatch
             new = tuned(old, numbers, self._effect_list())
-            return self._alter(index, new, f"{', '.join(numbers)} of {old.name!r}", ("tune", index, *sorted(numbers)))
+            what = f"{', '.join(LABELS.get(name, name) for name in numbers)} of {old.name!r}"
+            return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
 
     def recolour(self, swatch: int, albedo_rgb: tuple[float, float, float]) -> Swatch:
         """Give a swatch another colour; the swatch as it is now. What a picker does within a second is one step.

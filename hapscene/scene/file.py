@@ -142,7 +142,7 @@ class _Place:
     def index(self, key: str, count: int) -> int:
         number = int(self.get(key, int))
         if not 0 <= number < count:
-            raise self.fail(f"{key!r} is {number}; there are {count}, counted from 0")
+            raise self.fail(f"{key!r} must be one of {count}, counted from 0, is {number}")
         return number
 
     def items(self, key: str, kind: type) -> "list[_Place]":
@@ -211,7 +211,8 @@ def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
     if not accept_changed:
         raise place.fail(
             f"{file} has changed since the scene was saved: as many faces ({now:,}), but other positions or "
-            "corners; put the old mesh back, or load with accept_changed=True to keep the paint, and save again"
+            "corners; put the old mesh back, or load with accept_changed=True to keep the paint (`hapscene paint "
+            "--accept-changed`), and save again"
         )
     warn(f"{path}: {file} has changed since the scene was saved; its paint stays")
     return mesh

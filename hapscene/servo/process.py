@@ -2,6 +2,7 @@
 
 import threading
 import traceback
+import warnings
 from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ def run(wire: Connection, name: str, length: int) -> None:
     from hapscene.twin import Twin
 
     channel = desk = None
+    warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         twin = Twin(**_heard(wire))
         channel = open_channel(length, twin.renderer.block, name)

@@ -21,11 +21,14 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 from hapscene.cli import main
 from hapscene.command.paint import DEMO, _copy_demo, open_session
+from hapscene.errors import SceneError
 from hapscene.paint.autosave import find_recovery
+from hapscene.scene.mesh import MeshWarning
 
 
 def options(scene: str | None = None, **given: object) -> argparse.Namespace:
-    return argparse.Namespace(**{"scene": scene, "unit": None, "swatch": None, "two_sided": False, **given})
+    usual = {"unit": None, "swatch": None, "two_sided": False, "accept_changed": False}
+    return argparse.Namespace(**{"scene": scene, **usual, **given})
 
 
 def quiet(text: str) -> None:
@@ -142,3 +145,13 @@ def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
     assert process.returncode == 0 and complained == "" and "offered the next time" in said
     kept = find_recovery(folder / "cube.scene.json")
     assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]
+
+
+def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) -> None:
+    open_session(options("cube.ply", unit="m", swatch="wood"), quiet).save()
+    trimesh.creation.box((0.02, 0.02, 0.03)).export("cube.ply")
+    with pytest.raises(SceneError, match="--accept-changed"):
+        open_session(options("cube.scene.json"), quiet)
+    with pytest.warns(MeshWarning, match="its paint stays"):
+        session = open_session(options("cube.scene.json", accept_changed=True), quiet)
+    assert (session.scene.bodies[0].face_swatch == 1).all()

@@ -221,33 +221,64 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
 
 def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
     page, tab = window.page, window.tab
-    index = page.parts.tools.swatch
+    session, index = page.parts.session, page.parts.tools.swatch
 
-    def stiffness() -> float:
-        return page.parts.session.scene.swatches[index].stiffness_N_m
+    def value(row: int) -> float:
+        return float(session.parameters(index)[row].value)
 
-    def type_in(text: str, end: str) -> str:
+    def type_in(row: int, text: str, end: str) -> None:
+        before = value(row)
+        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
         field.click()
         tab.keyboard.press("Control+a")
         tab.keyboard.type(text)
-        assert stiffness() == before  # not at each key
+        assert value(row) == before  # not at each key
         tab.keyboard.press(end)
-        window.wait("document.activeElement !== document.querySelector('input[inputmode=decimal]')")
-        return field.input_value()
+        window.wait("document.getElementById('hs-number').hidden")
 
     tab.get_by_role("tab", name="Feel").click()
+    tab.locator("input[inputmode=decimal]:visible").first.wait_for()
+    gain = next(i for i, p in enumerate(session.parameters(index)) if p.name == "texture_gain")
+    for row, text, end, number in (
+        (0, "432", "Enter", 432.0),
+        (0, "187", "Tab", 187.0),
+        (0, "345.6", "Enter", 345.6),
+        (gain, "1", "Enter", 1.0),
+        (gain, "1.5", "Enter", 1.5),  # where a whole number stood
+        (gain, "0,5", "Enter", 0.5),
+        (gain, "1e-1", "Enter", 0.1),
+    ):
+        type_in(row, text, end)
+        until(lambda row=row, number=number: value(row) == number, PATIENCE_S)
+        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
+        until(lambda field=field, number=number: float(field.input_value()) == number, PATIENCE_S)
+    type_in(gain, "3", "Escape")
+    type_in(gain, "x", "Enter")
+    window.wait("document.getElementById('hs-say').textContent.includes('no number; it stays 0.1')")
+    assert value(gain) == 0.1
+    type_in(gain, "99", "Enter")  # told, and as far as it goes
+    window.wait("document.getElementById('hs-say').textContent.includes('99 became 4')")
+    until(lambda: value(gain) == 4.0, PATIENCE_S)
+
+
+def test_orders_come_after_the_number_that_was_typed_before_them(window: Window) -> None:
+    page, tab = window.page, window.tab
+    session, index = page.parts.session, page.parts.tools.swatch
     field = tab.locator("input[inputmode=decimal]:visible").first
-    field.wait_for()
-    steps, before = len(page.parts.session.history.done), stiffness()
-    for text, end in (("432", "Enter"), ("187", "Tab")):
-        type_in(text, end)
-        until(lambda number=float(text): stiffness() == number, PATIENCE_S)
-        before = stiffness()
-    assert len(page.parts.session.history.done) <= steps + 2  # one each, or one in all
-    assert type_in("99", "Escape") == "187" and stiffness() == 187.0
-    type_in("999999", "Enter")
-    window.wait("document.getElementById('hs-say').textContent.includes('999999')")
-    assert stiffness() == 187.0 and field.input_value() == "187"
+    for number in (301.0, 302.0, 303.0):
+        field.click()
+        tab.keyboard.press("Control+a")
+        tab.keyboard.type(str(number))
+        tab.keyboard.press("Control+s")
+        window.wait("!window.hapscene.state.dirty")
+        assert load_scene(session.path).swatches[index].stiffness_N_m == number
+        session.clock = lambda number=number: 10.0 * number  # each a step of its own
+    field.click()
+    tab.keyboard.press("Control+a")
+    tab.keyboard.type("444")
+    tab.get_by_role("button", name="Undo").click()
+    window.wait("document.getElementById('hs-say').textContent.includes('Undone: stiffness of')")
+    assert session.scene.swatches[index].stiffness_N_m == 303.0
 
 
 def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Window) -> None:

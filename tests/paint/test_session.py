@@ -234,9 +234,9 @@ def test_a_slider_is_one_step_while_it_moves(scene) -> None:
     session.tune(paper, stiffness_N_m=200.0)
     session.tune(paper, friction_static=0.9)
     assert [step.what for step in session.history.done] == [
-        "stiffness_N_m of 'paper'",
-        "stiffness_N_m of 'paper'",
-        "friction_static of 'paper'",
+        "stiffness of 'paper'",
+        "stiffness of 'paper'",
+        "friction, at rest of 'paper'",
     ]
     session.undo(), session.undo()
     assert scene.swatches[paper].stiffness_N_m == 360.0
