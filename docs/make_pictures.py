@@ -18,9 +18,6 @@ from typing import Any
 
 from PIL import Image, ImageGrab
 
-from hapscene.bench.chart import write_charts
-from hapscene.bench.handle import measure
-
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 IMG = DOCS / "img"
@@ -48,7 +45,6 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="hapscene-") as name:
         folder = Path(name)
         pebble = _pebble(folder)
-        write_charts(measure(), IMG)  # of the handle
         for dark in ("", "-dark"):
             option = ["--dark"] if dark else []
             out = folder / f"demo{dark}"
