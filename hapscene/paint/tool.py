@@ -112,7 +112,7 @@ class Tools:
         if self._owner is not None:
             return
         ray = self._view.ray(pointer)
-        drawn = self.name in ("brush", "eraser")
+        drawn = self.name in ("brush", "eraser", "sphere")
         hit = self._session.pick(*ray) if ray is not None and drawn else None
         self._view.show_ring(hit, self.radius_m)
 
@@ -143,6 +143,9 @@ class Tools:
             self._say(f"Picked {self.chosen}.")
         elif self.name == "touch":
             self._touch.press(*self._contact(hit, ray[1]))
+        else:
+            self._view.show_ring(None, self.radius_m)
+            self._show_region()
 
     async def drag(self, pointer: Pointer) -> None:
         """It moves, the button down."""
@@ -163,11 +166,8 @@ class Tools:
         self._last = hit
         if self.name == "touch":
             self._touch.move(*self._contact(hit, ray[1]))
-        elif self.name == "box":
-            X_WK, size_m = self._box()
-            self._view.show_box(size_m, X_WK)
-        elif self.name == "sphere":
-            self._view.show_sphere(*self._sphere())
+        else:
+            self._show_region()
 
     async def release(self, pointer: Pointer | None) -> None:
         """The button goes up; None where it was lost: what was begun ends, boxes and spheres without painting."""
@@ -189,6 +189,14 @@ class Tools:
         self._coarse = self._session.shapes[hit.body].longest_edge_m(hit.face) > 2 * self.radius_m
         if self._coarse:
             self._say("Whole faces are painted; here they are larger than the brush. A finer mesh has finer borders.")
+
+    def _show_region(self) -> None:
+        """See what the box or the ball would hold."""
+        if self.name == "box":
+            X_WK, size_m = self._box()
+            self._view.show_box(size_m, X_WK)
+        elif self.name == "sphere":
+            self._view.show_sphere(*self._sphere())
 
     def _fill_region(self) -> None:
         """Paint what the box or the ball holds."""

@@ -386,7 +386,15 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
         elif kind < 0.75:
             tab.send("tool", name=dice.choice(("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "x")))
         elif kind < 0.83:
-            tab.send(dice.choice(("undo", "redo", "redo", "size", "listen", "save")), factor=dice.uniform(0.0, 3.0))
+            tab.send(
+                dice.choice(("undo", "redo", "redo", "size", "listen", "save", "number", "number", "frame")),
+                factor=dice.uniform(0.0, 3.0),
+                client=tab.client,
+                id=dice.choice([*tab.controls, "none"]),
+                value=dice.uniform(-1e3, 1e3),
+                w=dice.uniform(-10.0, 2e3),
+                h=dice.uniform(-10.0, 2e3),
+            )
         elif kind < 0.86:
             tab.look([dice.gauss(0, 1) for _ in range(4)], [dice.gauss(0, 4) for _ in range(3)])
         elif tab.controls:

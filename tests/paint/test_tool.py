@@ -96,3 +96,15 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
         assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
         tab.close()
     session.close()
+
+
+@pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
+def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
+    seen: list[bool] = []
+    node = {"box": page.parts.view._box, "sphere": page.parts.view._sphere}[tool]
+    tab.send("tool", name=tool)
+    for do in ("hover", "down", "up"):
+        tab.point(do, TOP)
+        tab.settle()
+        seen.append(bool(node.visible))
+    assert seen == [False, True, False] and node.name == mark
