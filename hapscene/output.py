@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 
 @contextmanager
@@ -38,8 +39,8 @@ def check_file(path: Path, error: type[Exception]) -> None:
         raise error(f"{path}: cannot be written: there is no folder {path.parent}")
     if path.is_dir():
         raise error(f"{path}: cannot be written: is a folder")
-    if not os.access(path.resolve().parent, os.W_OK):
-        raise error(f"{path}: cannot be written: nothing may be written into {path.resolve().parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise error(f"{path}: cannot be written: nothing may be written into {path.parent}")
 
 
 def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
@@ -81,7 +82,7 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
                     file.chmod(_mode(path / file.name))
                 file.replace(path / file.name)
         else:
-            part.chmod(0o777 & ~_umask())
+            part.chmod(0o777 & ~_UMASK)
             part.replace(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
@@ -94,11 +95,14 @@ def _mode(path: Path) -> int:
     """Permissions for a file: those of the one that it replaces, else the usual ones."""
     if path.is_file() and not path.is_symlink():
         return stat.S_IMODE(path.stat().st_mode)
-    return 0o666 & ~_umask()
+    return 0o666 & ~_UMASK
 
 
-def _umask() -> int:
-    """The process's umask, which can only be read by setting it."""
+def _read_umask() -> int:
+    """The process's umask, which can only be read by setting it: once, for threads would find each other's."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
+
+
+_UMASK: Final = _read_umask()

@@ -185,7 +185,7 @@ def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:
         gaps_m[body.name] = float(np.linalg.norm(np.maximum(np.maximum(low_m - p_BT, p_BT - high_m), 0), axis=1).min())
     name = min(gaps_m, key=gaps_m.__getitem__)
     size = length(scene.body(name).mesh.diagonal_m)
-    how_near = f"passes {length(gaps_m[name])} from" if gaps_m[name] > 0 else "misses the faces of"
+    how_near = f"stays {length(gaps_m[name])} off the box around" if gaps_m[name] > 0 else "misses all faces of"
     return (
         f"the path {how_near} {name!r}, the nearest body, which is {size} across; are both in the same place, "
         "the path in m, the mesh in its right unit (--unit)?"

@@ -105,3 +105,16 @@ def test_a_place_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("os.access", lambda path, kind: False)  # the superuser may write anywhere
     with pytest.raises(ViewError, match="nothing may be written into"):
         check_file(tmp_path / "new", ViewError)
+
+
+def test_where_a_link_is_counts_and_not_where_it_leads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is replaced, not followed."""
+    for name in ("mine", "theirs"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "theirs" / "a.png").touch()
+    (tmp_path / "mine" / "a.png").symlink_to(tmp_path / "theirs" / "a.png")
+    (tmp_path / "theirs" / "b.png").symlink_to(tmp_path / "mine" / "b.png")
+    monkeypatch.setattr("os.access", lambda where, kind: Path(where).name != "theirs")
+    check_file(tmp_path / "mine" / "a.png", ViewError)
+    with pytest.raises(ViewError, match="nothing may be written into"):
+        check_file(tmp_path / "theirs" / "b.png", ViewError)

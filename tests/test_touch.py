@@ -162,14 +162,14 @@ def test_a_path_that_touches_nothing_is_told_why(tmp_path: Path, scene: Scene) -
     touch(scene, tmp_path / "out", line((0.0, 0.0, 0.06), (0.0, 0.0, 0.03)), with_picture=False, say=said.append)
     lines = [text for text in said if text.startswith("nothing was touched")]
     assert len(lines) == 1 and lines[0].endswith("(--unit)?\n")
-    assert "the path passes 20 mm from 'plate', the nearest body, which is 142.8 mm across" in lines[0]
+    assert "the path stays 20 mm off the box around 'plate', the nearest body, which is 142.8 mm across" in lines[0]
 
 
 def test_faces_that_are_turned_away_are_told_of() -> None:
     into = line((0.001, 0.002, 0.02), (0.001, 0.002, 0.001))
     assert "goes through 'bowl' from behind its faces" in why_nothing(bowl(), into)
     both_sides = why_nothing(bowl(two_sided=True), line((0.0, 0.0, 0.001), (0.0, 0.0, 0.002)))
-    assert "misses the faces of 'bowl'" in both_sides
+    assert "misses all faces of 'bowl'" in both_sides
 
 
 def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:

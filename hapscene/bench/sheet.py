@@ -86,8 +86,11 @@ class Sheet:
             HapsceneError: the file is no such table.
         """
         sheet = cls()
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.reader(file))
+        try:
+            with path.open(encoding="utf-8", newline="") as file:
+                rows = list(csv.reader(file))
+        except (UnicodeDecodeError, csv.Error):
+            rows = []
         if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
             raise HapsceneError(f"{path}: no table of figures; expected the columns {', '.join(COLUMNS)}")
         for case, name, value, unit in rows[1:]:

@@ -60,7 +60,7 @@ def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def _buffers(path: Path, tree: dict[str, Any], chunk: bytes) -> list[bytes]:
-    """The content of each buffer; nothing, where what is named needs no data of its own."""
+    """The content of each buffer; empty for one without a URI that is not the chunk of a GLB."""
     found = tree.get("buffers", [])
     if not isinstance(found, list) or not all(isinstance(buffer, dict) for buffer in found):
         raise SceneError(f"{path}: buffers must be a list of objects")

@@ -73,12 +73,12 @@ def _stl(scene: Scene, path: Path) -> list[Path]:
     return write_stl(scene, path)
 
 
-_OF_THE_FILE = "names and colours of the mesh's file"
-_PLY_LOSES = ("shared meshes", "texture of a swatch not in the library", _OF_THE_FILE)
-_GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", _OF_THE_FILE)
-_X3D_LOSES = ("order of faces", "texture of a swatch not in the library", _OF_THE_FILE)
+_ALWAYS = ("names and colours of the mesh's file", "what bodies were made of before they were painted")
+_PLY_LOSES = ("shared meshes", "texture of a swatch not in the library", *_ALWAYS)
+_GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
+_X3D_LOSES = ("order of faces", "texture of a swatch not in the library", *_ALWAYS)
 _PLAIN_LOSES = (
-    *("bodies and their names", "poses", "two-sided", "shared meshes", _OF_THE_FILE),
+    *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
     *("painting with a swatch not in the library", "numbers of a swatch not in the library"),
     *("texture of a swatch not in the library", "swatches that no face wears"),
 )

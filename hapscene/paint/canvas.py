@@ -15,7 +15,6 @@ from hapscene.paint.history import Entry, FaceDelta, History, Step, SwatchDelta,
 from hapscene.paint.pick import Hit, middle, pick
 from hapscene.paint.shape import Shape
 from hapscene.paint.stroke import Stroke
-from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 
 __all__ = ["ERASE", "Canvas", "Hit"]
@@ -46,9 +45,10 @@ class Canvas:
         self.scene = scene
         made: dict[int, Shape] = {}
         self.shapes = [made.get(id(b.mesh)) or made.setdefault(id(b.mesh), Shape(b.mesh)) for b in scene.bodies]
-        self.defaults = [_ground(body) for body in scene.bodies]
-        for body, ground in zip(scene.bodies, self.defaults, strict=True):
-            body.made_of = ground  # saved: the eraser brings back the same the next time
+        for body in scene.bodies:  # saved: the eraser brings back the same the next time
+            if body.made_of is None and (body.face_swatch == body.face_swatch[0]).all():
+                body.made_of = int(body.face_swatch[0])
+        self.defaults = [body.made_of or 0 for body in scene.bodies]
         self.history = History()
         self.entries = [Entry(*pair) for pair in zip(scene.swatches, scene.swatch_source, strict=True)]
         self.lock = threading.RLock()
@@ -290,10 +290,3 @@ class Canvas:
         shelf = entry is None or known != entry.swatch.name
         for watch in self._watches:
             watch.note_swatch(index, shelf)
-
-
-def _ground(body: Body) -> int:
-    if body.made_of is not None:
-        return body.made_of
-    first = int(body.face_swatch[0])
-    return first if (body.face_swatch == first).all() else 0

@@ -8,7 +8,7 @@ from hapscene.errors import SaveConflict, SceneError
 from hapscene.paint.autosave import INTERVAL_S, Autosave, Recovery, Sight, find_recovery
 from hapscene.paint.canvas import Canvas
 from hapscene.paint.save import check_unchanged, stamp_of
-from hapscene.scene.file import check_place, load_scene
+from hapscene.scene.file import SUFFIX, check_place, load_scene
 from hapscene.scene.scene import Scene
 
 LOOK_S: Final = 0.2
@@ -38,15 +38,20 @@ class Kept(Canvas):
 
         Args:
             path: NAME.scene.json.
-            accept_changed: as `hapscene.load_scene` has it.
+            accept_changed: as `hapscene.load_scene` has it; then there is something to save: the file knows the old
+                meshes.
 
         Raises:
             SceneError, MeshError, SwatchError: as `hapscene.load_scene`.
         """
-        path = path.resolve() if path.is_symlink() else path  # a painter of the link is one of the file
+        real = path.resolve()
+        if not path.is_symlink() or not real.name.endswith(SUFFIX):
+            real = path
         stamp = stamp_of(path)  # before it is read: what changes meanwhile counts as changed
-        session = cls(load_scene(path, accept_changed), path)
+        session = cls(load_scene(path, accept_changed), real)  # a painter of a link is one of the file
         session._stamp = stamp
+        if accept_changed:
+            session._saved = (-1, 0)
         return session
 
     @property
@@ -74,7 +79,7 @@ class Kept(Canvas):
             same = self.path is not None and target.resolve() == self.path.resolve()
             check_place(target)
             old = autosave = self._autosave
-            if self._interval_s is not None and not same:
+            if self._interval_s is not None and (old is None or not same):
                 autosave = Autosave(target, self._look, self._interval_s)  # its lock first of all
             try:
                 if not force:

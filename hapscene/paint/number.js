@@ -15,7 +15,7 @@ export function typeNumbers({ send, say, client }) {
   }
   function close(count) {
     if (!field) return;
-    const typed = pad.value.trim(), old = field.value, value = Number(typed.replace(",", "."));
+    const typed = pad.value.trim(), old = field.value, value = Number(/,\d{3}(\D|$)/.test(typed) ? NaN : typed.replace(",", "."));  // a thousand, or a part of one?
     field = null;
     pad.hidden = true;
     if (!count || typed === old) return;
@@ -27,11 +27,16 @@ export function typeNumbers({ send, say, client }) {
     if (!isField(target) || inputType === "insertLineBreak") return;  // Enter, with nothing typed
     event.preventDefault();
     event.stopImmediatePropagation();
+    if (inputType.startsWith("history")) return;  // nothing has been typed yet
     let { value, selectionStart: from, selectionEnd: to } = target;
-    if (inputType.startsWith("delete") && from === to) inputType.endsWith("Forward") ? to++ : (from = Math.max(from - 1, 0));
+    if (inputType.startsWith("delete") && from === to) {
+      const all = /Word|Line/.test(inputType);
+      if (inputType.endsWith("Forward")) to = all ? value.length : Math.min(to + 1, value.length);
+      else from = all ? 0 : Math.max(from - 1, 0);
+    }
     open(target);
     pad.value = value;
-    pad.setRangeText(event.data ?? event.dataTransfer?.getData("text") ?? "", from, Math.min(to, value.length), "end");
+    pad.setRangeText(event.data ?? event.dataTransfer?.getData("text") ?? "", from, to, "end");
   }, true);
   pad.addEventListener("keydown", ({ key }) => {
     const from = field;
@@ -39,6 +44,6 @@ export function typeNumbers({ send, say, client }) {
     if (key === "Tab") from.focus();  // from there it goes on to the next
   });
   pad.addEventListener("blur", () => close(true));
-  window.addEventListener("scroll", () => close(true), true);
+  window.addEventListener("scroll", ({ target }) => { if (target !== pad) close(false); }, true);  // the field has gone
   document.body.append(pad);
 }

@@ -190,7 +190,7 @@ function fit() {
   const c = canvas();
   if (!c) return;
   const box = c.getBoundingClientRect();
-  if (!fit.told && client() >= 0) { fit.told = true; send({ do: "frame", client: client(), w: box.width, h: box.height }); }
+  if (!fit.told && state.tool && box.width && client() >= 0) { fit.told = true; send({ do: "frame", client: client(), w: box.width, h: box.height }); }
   if (box.width !== fit.width) { fit.width = box.width; trace.fresh = true; }
   Object.assign(root.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
 }

@@ -202,8 +202,9 @@ class Page:
                 if said:
                     self._live.say(said, "error")
         elif do == "frame":
-            client, width, height = (number(message, key, 0, PIXEL_MAX) for key in ("client", "w", "h"))
-            if client is not None and width and height:
+            client = number(message, "client", 0, 2**53)
+            width, height = (number(message, key, 1.0, PIXEL_MAX) for key in ("w", "h"))
+            if client is not None and width is not None and height is not None:
                 self.parts.view.frame(int(client), width / height)
         elif do == "size":
             factor = number(message, "factor", 0.1, 10.0)

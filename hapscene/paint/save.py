@@ -55,15 +55,11 @@ def write_swatch(swatch: "Swatch", path: Path | None, replace_old: bool) -> tupl
         SwatchError: the name or the file is taken, and not to be replaced; it cannot be written.
     """
     if path is None:
-        from hapscene.surface.library import add, library_folder
+        from hapscene.surface.library import add, find, library_folder
 
-        try:
-            entry = add(swatch, replace=replace_old)
-        except SwatchError as error:
-            problem, _, advice = str(error).rpartition(": ")
-            if "--" not in advice:
-                raise
-            raise SwatchError(f"{problem}: choose another name") from None  # here nobody types options
+        if find(swatch.name) is not None and not replace_old:
+            raise SwatchError(f"{swatch.name!r} is in the library already: choose another name")
+        entry = add(swatch, replace=replace_old)
         file = library_folder() / entry.file
         return file.resolve(), file
     from hapscene.surface.swatch_file import save_swatch

@@ -59,6 +59,7 @@ class Tools:
         self._owner: int | None = None  # the page whose pointer is down
         self._start: Hit | None = None
         self._last: Hit | None = None
+        self._before = 0  # where the history stood when this stroke began
         self._coarse = False  # whether this stroke has met faces larger than the brush
 
     @property
@@ -133,7 +134,7 @@ class Tools:
             self._session.begin_stroke(ink, self.radius_m)
             self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
-            self._coarse = False
+            self._coarse, self._before = False, self._session.history.state
             self._look_at_faces(hit)
         elif self.name == "fill":
             self._fill(hit, ink)
@@ -177,7 +178,8 @@ class Tools:
             if pointer is not None and self._start is not None:
                 await self.drag(pointer)  # where the button went up, it was last
                 self._fill_region()
-                if self.name in ("brush", "eraser") and not self._session.end_stroke():
+                self._session.end_stroke()
+                if self.name in ("brush", "eraser") and self._session.history.state == self._before:
                     self._say(self._nothing())
         finally:
             self.finish()

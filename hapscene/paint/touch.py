@@ -35,7 +35,8 @@ NOTICED_SHARE: Final = 0.05
 """Error of force that the hand leaves as it is [1]: no more than is noticed (7 %, Pang, Tan & Durlach 1991)."""
 
 ADDED_N: Final = 0.5
-"""Most that the hand adds to a lighter force than this [N]: what the Omni's friction, 0.26 N, takes, and some more."""
+"""Most that the hand adds in the air, and to a lighter force than this [N]: what the Omni's friction, 0.26 N, takes,
+and some more. On the surface it adds no more than the force itself."""
 
 CORRECTION_1_S: Final = 8.0
 """How fast an error of force is made up for [1/s]: most of it in 0.2 s, slowly against the hand's own 17 ms."""
@@ -228,7 +229,8 @@ class Touch:
         if abs(missing_N) > NOTICED_SHARE * force_N:
             give_m_N = give_of(self._contact.stiffness_N_m, self.hold.grip)
             deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * give_m_N
-            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), max(force_N, ADDED_N) * give_m_N)
+            most_N = max(force_N, ADDED_N) if self._met else ADDED_N
+            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), most_N * give_m_N)
             self._aim()
 
     # --- what is felt ---

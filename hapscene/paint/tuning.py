@@ -64,7 +64,7 @@ class Tuned(Kept):
             return index
 
     def copy_swatch(self, swatch: int, name: str) -> int:
-        """A new swatch of the scene that begins as another one, in a colour of its own; its index.
+        """A new swatch of the scene that begins as another one, in a colour of its own while there are any; its index.
 
         Raises:
             SwatchError: the name is none.

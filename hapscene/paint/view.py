@@ -19,6 +19,9 @@ SHOWN: Final = 3.0
 FOV_RAD: Final = float(np.radians(50.0))
 """Of the camera, from top to bottom [rad]."""
 
+ASPECT_MIN: Final = 0.1
+"""Narrowest canvas that the camera goes back for [1]."""
+
 RING_COUNT: Final = 64
 """Corners of the brush's ring [count]."""
 
@@ -202,7 +205,7 @@ class View:
         """Have all in view of a page that comes, and whose canvas is `aspect` times as wide as high."""
         page = self._server.get_clients().get(client)
         if page is not None and aspect < 1.0:
-            page.camera.position = self._eye(aspect)
+            page.camera.position = self._eye(max(aspect, ASPECT_MIN))
             page.camera.look_at = (0.0, 0.0, 0.0)  # which the other takes along
 
     def _light(self) -> None:

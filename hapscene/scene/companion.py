@@ -68,6 +68,7 @@ class Packed:
 
     def __init__(self, path: Path, archive: zipfile.ZipFile, member: str) -> None:
         self._path, self._archive, self._folder = path, archive, posixpath.dirname(member)
+        self._read: dict[str, bytes] = {}  # held once, however often it is named
 
     def get(self, name: str) -> bytes:
         """The content of a file by its name.
@@ -91,7 +92,7 @@ class Packed:
             MeshError: it cannot be read.
         """
         try:
-            return self._archive.read(name)
+            return self._read.get(name) or self._read.setdefault(name, self._archive.read(name))
         except Exception as error:  # damaged, encrypted or packed in an odd way: zipfile raises anything at all
             raise MeshError(f"{self._path}: not a readable zip archive: {error}") from None
 

@@ -169,7 +169,9 @@ def _size(mesh: Mesh) -> list[Finding]:
     size_m = mesh.diagonal_m
     if HAND_M[0] <= size_m <= HAND_M[1]:
         return []
-    sizes_m = {unit: size_m * metres / UNIT_M[mesh.unit] for unit, metres in UNIT_M.items()}
+    told = mesh.path is not None and mesh.path.suffix.lower() in (".step", ".stp")  # no other unit is taken
+    units = {} if told else UNIT_M
+    sizes_m = {unit: size_m * metres / UNIT_M[mesh.unit] for unit, metres in units.items()}
     likely = [f"--unit {u} makes it {length(m)}" for u, m in sizes_m.items() if LIKELY_M[0] <= m <= LIKELY_M[1]]
     advice = f"check the unit: {', '.join(likely)}" if likely else "scale it in a mesh editor"
     what = f"{length(size_m)} across: no size for a hand"

@@ -65,7 +65,7 @@ def check_place(path: Path) -> None:
     """
     if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
         raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
-    check_file(path, SceneError)
+    check_file(path.resolve() if path.is_symlink() else path, SceneError)
 
 
 def _content(scene: Scene, files: Beside) -> dict[str, Any]:
@@ -187,7 +187,8 @@ def _parse(path: Path) -> Any:
 def _named(path: Path, name: str) -> Path:
     """The file that a scene file names: from its own folder, or, opened through a link, from where the link is."""
     own, link = path.resolve().parent / name, path.parent / name
-    return own if path.is_symlink() and (own.exists() or not link.exists()) else link
+    there = os.path.exists  # which, other than Path's, takes any name
+    return own if path.is_symlink() and (there(own) or not there(link)) else link
 
 
 def _load_swatch(scene: Scene, place: _Place, path: Path) -> int:

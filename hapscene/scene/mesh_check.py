@@ -47,7 +47,12 @@ def check(suffix: str, content: bytes, where: str) -> int:
 
 
 def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
-    """A zip archive that unpacks to no more than the memory is sure to hold; `advice` is what to do where it is more.
+    """A zip archive that unpacks to no more than `UNPACKED_MAX_B` and its own size allow.
+
+    Args:
+        content: the archive's.
+        where: what messages call it.
+        advice: what to do where it is more.
 
     Raises:
         MeshError: it is no archive, or unpacks to more.
@@ -108,8 +113,10 @@ def _stl(content: bytes, where: str) -> None:
             f"{where}: not a readable STL file, or truncated: it is neither text that begins with 'solid', "
             f"nor as long as the {(end - 84) // 50:,} faces of its binary header need"
         )
-    if end == 84 < len(content):
-        raise MeshError(f"{where}: its binary header says 0 faces, {len(content) - end:,} bytes follow: export it anew")
+    rest = len(content) - end
+    if rest and (end == 84 or rest % 50 == 0):
+        count = f"{(end - 84) // 50:,} faces"
+        raise MeshError(f"{where}: its binary header says {count}, and {rest:,} bytes follow them: export it anew")
 
 
 def _is_text(content: bytes) -> bool:

@@ -14,6 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final
 
+PREFIX: Final = "hapscene-"
+"""What the folder of a job is called by, among the system's temporary ones."""
+
 LINE_MAX: Final = 160
 """Longest reason that is given [characters]."""
 
@@ -39,7 +42,7 @@ class Apart:
 @contextmanager
 def job_folder() -> Iterator[Path]:
     """A folder for what the process is handed."""
-    with tempfile.TemporaryDirectory(prefix="hapscene-", ignore_cleanup_errors=True) as name:
+    with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as name:
         yield Path(name)
 
 
@@ -71,7 +74,8 @@ def go_with_the_other(job: Path) -> None:
     def wait() -> None:
         while os.read(0, 1):  # nothing is ever sent
             pass
-        shutil.rmtree(job, ignore_errors=True)
+        if job.name.startswith(PREFIX) and job.parent.samefile(tempfile.gettempdir()):  # none but ours
+            shutil.rmtree(job, ignore_errors=True)
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()

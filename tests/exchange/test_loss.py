@@ -44,6 +44,9 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
         "names and colours of the mesh's file": said(
             bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
         ),
+        "what bodies were made of before they were painted": said(
+            bodies and all(a.made_of == b.made_of for a, b in pairs(before, after))
+        ),
     }
 
 
@@ -100,6 +103,8 @@ def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPat
     before = make_scene(2)
     for spare in ("leather", Swatch("tuned for tomorrow", stiffness_N_m=111.0)):
         before.swatch_index(spare)
+    for body in before.bodies:
+        body.made_of = 1
     found = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

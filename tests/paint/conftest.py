@@ -1,6 +1,7 @@
 """Scenes to paint: a ball, a plate thinner than the brush, both at poses; and the user's library somewhere else."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,14 @@ def make_scene(folder: Path) -> Scene:
     scene.add(folder / "ball.obj", name="ball", unit="mm", pose=turned(0.4, (0.01, 0.0, 0.0)))
     scene.add(plate_mesh(cells=3), name="plate", swatch="paper", pose=turned(-0.3, (0.0, 0.08, 0.0)))
     return scene
+
+
+@contextmanager
+def library_in(folder: Path) -> Iterator[None]:
+    """The user's library in a folder, for a whole module."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HAPSCENE_LIBRARY", str(folder / "library"))
+        yield
 
 
 @pytest.fixture(autouse=True)

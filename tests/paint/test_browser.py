@@ -1,7 +1,6 @@
 """The page in a real browser: Debian's Chromium, headless, drawn without a graphics card, cut off from the net."""
 
 import io
-import os
 import socket
 import time
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ from hapscene.paint.page import Page
 from hapscene.paint.session import Session
 from hapscene.scene.file import load_scene
 
-from .conftest import mesh_of
+from .conftest import library_in, mesh_of
 from .tab import until
 
 CHROMIUM = find_chromium()
@@ -119,13 +118,12 @@ def _hue(rgb: Any) -> NDArray[np.float64]:
 @pytest.fixture(scope="module")
 def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
     folder = tmp_path_factory.mktemp("browser")
-    os.environ["HAPSCENE_LIBRARY"] = str(folder / "library")
     scene = hapscene.Scene()
     scene.add(mesh_of(icosphere(subdivisions=4, radius=0.03)), name="ball", swatch="wood")
     scene.swatch_index("epoxy")
     scene.save(folder / "ball.scene.json")
     session = Session.open(folder / "ball.scene.json")
-    with Page(session, port=0) as page, sync_playwright() as runner:
+    with library_in(folder), Page(session, port=0) as page, sync_playwright() as runner:
         browser = runner.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         yield Window(browser, page)
         browser.close()
@@ -297,6 +295,7 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
             lambda: page.parts.session.state != state or np.abs(np.array(camera.position) - place).max() > 0.01,
             PATIENCE_S,
         )
+        window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
         return page.parts.session.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
 
     page.parts.tools.take("wood", "wood")

@@ -1,6 +1,5 @@
 """That the page can be read: contrast of all its text, light and dark; nothing cut in a small window."""
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,7 +17,7 @@ from hapscene.paint.session import Session
 from hapscene.paint.shelf_panel import _dim
 from hapscene.paint.word import Phrase
 
-from .conftest import mesh_of
+from .conftest import library_in, mesh_of
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
@@ -67,12 +66,11 @@ CUT = """() => [...document.querySelectorAll('#hs *, .hs-card, .hs-swatch, .hs-s
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     folder = tmp_path_factory.mktemp("looks")
-    os.environ["HAPSCENE_LIBRARY"] = str(folder / "library")
     scene = hapscene.Scene()
     scene.add(mesh_of(icosphere(subdivisions=2, radius=0.03)), name="ball", swatch="wood")
     session = Session(scene, folder / "ball.scene.json")
     session.copy_swatch(1, LONG)
-    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+    with library_in(folder), Page(session, port=0, with_hand=False, with_autosave=False) as page:
         do(page, lambda: page.parts.tools.take(LONG, session.scene.swatches[2]))
         do(page, page.changed)
         yield page

@@ -62,7 +62,7 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
 
 
 def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab: Tab) -> None:
-    for bad in ({"client": 99}, {"w": 0}, {"w": "x"}, {"h": -1.0}, {"h": None}):
+    for bad in ({"client": 99}, {"w": 0}, {"w": 5e-324}, {"w": "x"}, {"h": -1.0}, {"h": None}):
         tab.send("frame", **{"client": tab.client, "w": 400, "h": 800, **bad})
     tab.settle()
     camera = page.server.get_clients()[tab.client].camera

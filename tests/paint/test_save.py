@@ -10,6 +10,7 @@ from hapscene.errors import SaveConflict, SceneError, SwatchError
 from hapscene.paint.autosave import find_recovery
 from hapscene.paint.save import check_unchanged, stamp_of, write_swatch
 from hapscene.paint.session import Session
+from hapscene.scene.mesh import MeshWarning
 from hapscene.surface.swatch import Swatch
 
 
@@ -166,3 +167,30 @@ def test_a_swatch_is_not_written_over_another(tmp_path) -> None:
     assert hapscene.load_swatch(file).stiffness_N_m == 500.0
     write_swatch(Swatch("foam", stiffness_N_m=1.0), tmp_path / "foam.swatch", True)
     assert hapscene.load_swatch(file).stiffness_N_m == 1.0
+
+
+@pytest.mark.parametrize("target", ["real.scene.json", "1"])
+def test_a_scene_is_painted_and_saved_through_a_link(scene, tmp_path, target) -> None:
+    """Its files beside it, or beside the link, as a store of large files has them."""
+    (tmp_path / "store").mkdir()
+    link, real = tmp_path / "linked.scene.json", tmp_path / "store" / target
+    scene.save(link)
+    link.rename(real)
+    link.symlink_to(real)
+    session = Session.open(link)
+    session.fill_body("ball", session.add_swatch("wood"))
+    session.save()
+    assert link.is_symlink() and not session.dirty
+    again = Session.open(link)
+    assert (again.scene.body("ball").face_swatch == again.swatch_named("wood")).all()
+
+
+def test_a_scene_taken_with_other_meshes_is_to_be_saved(scene, tmp_path) -> None:
+    scene.save(tmp_path / "a.scene.json")
+    text = (tmp_path / "ball.obj").read_text()
+    (tmp_path / "ball.obj").write_text(text.replace("v 0", "v 0.001", 1))
+    with pytest.warns(MeshWarning, match="its paint stays"):
+        session = Session.open(tmp_path / "a.scene.json", accept_changed=True)
+    assert session.dirty
+    session.save()
+    assert not session.dirty and not Session.open(tmp_path / "a.scene.json").dirty

@@ -108,3 +108,14 @@ def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mar
         tab.settle()
         seen.append(bool(node.visible))
     assert seen == [False, True, False] and node.name == mark
+
+
+def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab) -> None:
+    page.parts.tools.take("wood", "wood")
+    tab.point("down", TOP)
+    tab.settle()
+    tab.send("save")
+    until(lambda: not tab.state["dirty"])
+    tab.point("up", TOP)
+    tab.settle()
+    assert not any("already" in said for said in tab.said)

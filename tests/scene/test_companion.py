@@ -95,3 +95,11 @@ def test_a_gltf_with_its_data_beside_it_in_a_folder_or_an_archive(tmp_path: Path
     with pytest.raises(MeshError, match="not beside it"):
         load_mesh(tmp_path / "0.zip")
     assert len(load_mesh(tmp_path / "1.zip").faces) == 1
+
+
+def test_what_is_named_often_is_held_once(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "many.zip", "w") as archive:
+        archive.writestr("data.bin", bytes(1000))
+    with zipfile.ZipFile(tmp_path / "many.zip") as archive:
+        packed = Packed(tmp_path / "many.zip", archive, "part.gltf")
+        assert packed["data.bin"] is packed["./data.bin"]

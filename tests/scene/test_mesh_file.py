@@ -352,5 +352,12 @@ def test_what_follows_the_faces_of_a_binary_stl_is_left(tmp_path, header):
 
 def test_a_binary_stl_that_says_it_has_no_faces_is_told(tmp_path):
     (tmp_path / "ball.stl").write_bytes(bytes(84) + ball("stl")[84:])
-    with pytest.raises(MeshError, match=r"ball\.stl: its binary header says 0 faces, 16,000 bytes follow: export it"):
+    with pytest.raises(MeshError, match=r"ball\.stl: its binary header says 0 faces, and 16,000 bytes follow"):
+        load_mesh(tmp_path / "ball.stl", "m")
+
+
+def test_a_binary_stl_that_has_more_faces_than_it_says_is_no_smaller_mesh(tmp_path):
+    content = ball("stl")
+    (tmp_path / "ball.stl").write_bytes(content[:80] + (10).to_bytes(4, "little") + content[84:])
+    with pytest.raises(MeshError, match="its binary header says 10 faces, and 15,500 bytes follow them"):
         load_mesh(tmp_path / "ball.stl", "m")

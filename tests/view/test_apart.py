@@ -63,3 +63,12 @@ def test_why_it_failed_is_its_last_line(tmp_path: Path, environment: dict[str, s
         assert drawer.reason() == "GL is at fault"
         assert drawer.process.returncode == 3
     assert not job.exists()
+
+
+def test_nothing_but_a_job_of_ours_is_removed(tmp_path: Path, environment: dict[str, str]) -> None:
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "thesis.txt").touch()
+    command = [sys.executable, "-m", "drawer", str(precious)]
+    assert subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, check=False, timeout=60.0).returncode == 1
+    assert (precious / "thesis.txt").exists()
