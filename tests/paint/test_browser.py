@@ -268,7 +268,7 @@ def test_orders_come_after_the_number_that_was_typed_before_them(window: Window)
         tab.keyboard.press("Control+a")
         tab.keyboard.type(str(number))
         tab.keyboard.press("Control+s")
-        window.wait("!window.hapscene.state.dirty")
+        until(lambda number=number: session.scene.swatches[index].stiffness_N_m == number and not session.dirty)
         assert load_scene(session.path).swatches[index].stiffness_N_m == number
         session.clock = lambda number=number: 10.0 * number  # each a step of its own
     field.click()
