@@ -7,6 +7,7 @@ is left out without it.
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -80,7 +81,7 @@ def _window(touch: Path, dark: str) -> Image.Image:
             try:
                 return _drawn(display)
             finally:
-                process.terminate()
+                process.send_signal(signal.SIGINT)  # so that it removes its folder
 
 
 def _drawn(display: str) -> Image.Image:
