@@ -12,12 +12,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from PIL import Image, ImageGrab
+
+from hapscene.bench.screen import virtual_screen
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -75,7 +75,7 @@ def _pebble(folder: Path) -> Path:
 
 def _window(touch: Path, dark: str) -> Image.Image:
     """The window at `WINDOW_S` of a touch."""
-    with _display() as display:
+    with virtual_screen(1000, 750) as display:
         command = [sys.executable, "-c", PLAY, str(SCENE), str(touch), dark]
         with subprocess.Popen(command, env=os.environ | {"DISPLAY": display}) as process:
             try:
@@ -94,21 +94,6 @@ def _drawn(display: str) -> Image.Image:
             return screen.quantize(256)
         last = screen.tobytes()
     raise SystemExit("the window never opened")
-
-
-@contextmanager
-def _display() -> Iterator[str]:
-    """A screen that is none, as large as the window."""
-    read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1000x750x24", "-nolisten", "tcp", "-noreset"]
-    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
-        os.close(write)
-        with os.fdopen(read) as pipe:
-            number = pipe.readline().strip()
-        try:
-            yield f":{number}"
-        finally:
-            server.terminate()
 
 
 if __name__ == "__main__":

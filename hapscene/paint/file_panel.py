@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.errors import SaveConflict, SceneError
-from hapscene.paint.parts import Parts, safe
+from hapscene.paint.parts import Parts, put, safe
 
 SUFFIX = ".scene.json"
 
@@ -80,9 +80,7 @@ class FilePanel:
         """Tell whether everything is saved, and what is safe anyway."""
         session = self._parts.session
         word = "● Not saved yet." if session.dirty else "✓ Everything is saved."
-        content = f'<div class="hs-card">{word} {safe(autosaved) if session.changed else ""}</div>'
-        if self._status.content != content:
-            self._status.content = content
+        put(self._status, f'<div class="hs-card">{word} {safe(autosaved) if session.changed else ""}</div>')
 
     async def save(self) -> None:
         """Save to the file that is named; ask first if that is not the one that was loaded."""

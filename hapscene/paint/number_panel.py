@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from hapscene.errors import SwatchError
 from hapscene.paint.parameter import Parameter
-from hapscene.paint.parts import Parts, bounded, safe
+from hapscene.paint.parts import Parts, bounded, bytes_of, put, safe
 from hapscene.surface.swatch import Swatch
 
 STEP_COUNT = 200
@@ -57,9 +57,7 @@ class NumberPanel:
             else "is what every face has until it is painted, and stays as it is. A copy of it can be tuned."
         )
         notes = "".join(f"<br>⚠ {safe(p.note)}" for p in found if p.note)
-        content = f'<div class="hs-card"><b>{safe(swatch.name)}</b> {told}{notes}</div>'
-        if self._head.content != content:
-            self._head.content = content
+        put(self._head, f'<div class="hs-card"><b>{safe(swatch.name)}</b> {told}{notes}</div>')
         for p in found:
             slider = self._sliders[p.name]
             if slider.value != _told(p.value):
@@ -98,9 +96,7 @@ class NumberPanel:
         if self._folder is not None:
             self._folder.remove()
         self._folder, self._sliders, self._shown = None, {}, ()
-        content = told and f'<div class="hs-card">{told}</div>'
-        if self._head.content != content:
-            self._head.content = content
+        put(self._head, told and f'<div class="hs-card">{told}</div>')
 
     def _tune(self, p: Parameter, target: Any) -> None:
         value = bounded(target.value, p.minimum, p.maximum, p.value)
@@ -161,8 +157,7 @@ BUTTONS: Final = (
 
 def rgb_of(swatch: Swatch) -> tuple[int, int, int]:
     """Its colour, 0 to 255 each."""
-    red, green, blue = (round(255 * c) for c in swatch.albedo_rgb)
-    return red, green, blue
+    return bytes_of(swatch.albedo_rgb)
 
 
 def _capital(text: str) -> str:

@@ -58,6 +58,12 @@ def safe(text: str) -> str:
     return html.escape(text, quote=True)
 
 
+def put(handle: Any, content: str) -> None:
+    """Have a piece of HTML say something; nothing is sent where it does already."""
+    if handle.content != content:
+        handle.content = content
+
+
 def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
     """A number from a page within bounds; `otherwise` where it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -67,4 +73,10 @@ def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
 
 def css(colour: tuple[float, float, float]) -> str:
     """A colour of numbers from 0 to 1, for CSS."""
-    return "rgb(" + ",".join(str(round(255 * c)) for c in colour) + ")"
+    return f"rgb{bytes_of(colour)}"
+
+
+def bytes_of(colour: tuple[float, float, float]) -> tuple[int, int, int]:
+    """A colour of numbers from 0 to 1, 0 to 255 each."""
+    red, green, blue = (round(255 * c) for c in colour)
+    return red, green, blue

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from hapscene.errors import SwatchError, no_such
 from hapscene.paint.heard import Sound, joined, stroked
-from hapscene.paint.parts import Parts, css, safe
+from hapscene.paint.parts import Parts, css, put, safe
 from hapscene.paint.shelf import Card, matching, scene_cards, shelf
 from hapscene.paint.word import Phrase
 
@@ -76,9 +76,9 @@ class ShelfPanel:
             self._found = names
         left = len(found) - len(names)
         told = problem or (_rest(left, len(found)) if left or not found else "")
-        self._put(self._rest, told and f'<div class="hs-card dim">{safe(told)}</div>')
+        put(self._rest, told and f'<div class="hs-card dim">{safe(told)}</div>')
         for card, (told, _) in zip(found[:CARD_MAX], self._rows, strict=True):
-            self._put(told, self._tell(card))
+            put(told, self._tell(card))
 
     def _all(self) -> list[Card]:
         """All cards; without the library's, where that is damaged, which the user is told."""
@@ -169,13 +169,13 @@ class ShelfPanel:
                 for p, q in zip(a.phrases, b.phrases, strict=True)
             ]
         except SwatchError as error:
-            self._put(self._table, f'<div class="hs-card">{safe(str(error))}</div>')
+            put(self._table, f'<div class="hs-card">{safe(str(error))}</div>')
             return
         heads = "".join(
             f'<th><span class="chip" style="background:{self._colour(card)}"></span> {safe(card.name)}</th>'
             for card in (a, b)
         )
-        self._put(self._table, f'<table class="hs-table"><tr><th></th>{heads}</tr>{"".join(rows)}</table>')
+        put(self._table, f'<table class="hs-table"><tr><th></th>{heads}</tr>{"".join(rows)}</table>')
 
     async def _play_pair(self, target: Any) -> None:
         a, b = (self._card(dropdown.value) for dropdown in self._pair)
@@ -191,11 +191,6 @@ class ShelfPanel:
         self._parts.live.sound(sound.a_m_s2, sound.rate_Hz)
         if not sound.a_m_s2.any():
             self._parts.live.say(f"{cards[0].name} is silent: it has neither texture nor taps.")
-
-    @staticmethod
-    def _put(handle: Any, content: str) -> None:
-        if handle.content != content:
-            handle.content = content
 
 
 def _dim(phrase: Phrase) -> str:

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from hapscene.errors import SceneError
 from hapscene.paint.history import faces_word
-from hapscene.paint.parts import Parts, bounded
+from hapscene.paint.parts import Parts, bounded, put
 from hapscene.paint.tool import FILLS, RADIUS_SHARE
 
 FORCE_N = (0.1, 3.0)
@@ -82,9 +82,7 @@ class ToolPanel:
         """See the settings of the tool in hand, and their values as they are."""
         tools = self._parts.tools
         name, fill = tools.name, tools.fill
-        content = f'<div class="hs-card dim">{TOLD[name]}</div>'
-        if self._told.content != content:
-            self._told.content = content
+        put(self._told, f'<div class="hs-card dim">{TOLD[name]}</div>')
         self._size.visible = name in ("brush", "eraser", "sphere")
         self._fill.visible = self._group.visible = self._group_button.visible = name == "fill"
         self._angle.visible = name == "fill" and fill == "facet"

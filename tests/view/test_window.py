@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from hapscene.bench.screen import virtual_screen
 from hapscene.errors import ViewError
 from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
@@ -38,19 +39,10 @@ def display() -> Iterator[str]:
     """A display of an Xvfb of its own, with a number that was free."""
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb (package xvfb) is not installed")
-    read, write = os.pipe()
-    # without -noreset it starts anew, deaf for a moment, whenever a screenshot was its only client
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1100x800x24", "-nolisten", "tcp", "-noreset"]
-    with subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL) as server:
-        os.close(write)
-        with os.fdopen(read) as pipe:
-            number = pipe.readline().strip()
-        try:
-            if not number:
-                pytest.skip("Xvfb does not start here")
-            yield f":{number}"
-        finally:
-            server.terminate()
+    with virtual_screen(1100, 800) as name:
+        if not name:
+            pytest.skip("Xvfb does not start here")
+        yield name
 
 
 def screenshot(display: str) -> np.ndarray:
