@@ -17,7 +17,7 @@ from typing import Any
 
 from PIL import Image, ImageGrab
 
-from hapscene.bench.screen import virtual_screen
+from hapscene_benchmarks.screen import virtual_screen
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent

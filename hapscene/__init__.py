@@ -14,60 +14,9 @@ tick in a closed loop; `servo/` the same in a process of its own; `stability/` w
 for other programs; `bench/` timings.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+import lazy_loader
 
 __version__ = "0.1.0"
 
-if TYPE_CHECKING:
-    from hapscene.errors import HapsceneError as HapsceneError
-    from hapscene.recording import Recording as Recording
-    from hapscene.records import Flag as Flag
-    from hapscene.renderer import Command as Command
-    from hapscene.renderer import Renderer as Renderer
-    from hapscene.scene.body import Body as Body
-    from hapscene.scene.file import load_scene as load_scene
-    from hapscene.scene.mesh import Mesh as Mesh
-    from hapscene.scene.mesh import load_mesh as load_mesh
-    from hapscene.scene.scene import Scene as Scene
-    from hapscene.surface.effect import Effect as Effect
-    from hapscene.surface.effect import Param as Param
-    from hapscene.surface.effect import State as State
-    from hapscene.surface.swatch import Swatch as Swatch
-    from hapscene.surface.swatch_file import load_swatch as load_swatch
-    from hapscene.surface.swatch_file import save_swatch as save_swatch
-
-_HOME = {
-    "Body": "hapscene.scene.body",
-    "Command": "hapscene.renderer",
-    "Effect": "hapscene.surface.effect",
-    "Flag": "hapscene.records",
-    "HapsceneError": "hapscene.errors",
-    "Mesh": "hapscene.scene.mesh",
-    "Param": "hapscene.surface.effect",
-    "Recording": "hapscene.recording",
-    "Renderer": "hapscene.renderer",
-    "Scene": "hapscene.scene.scene",
-    "State": "hapscene.surface.effect",
-    "Swatch": "hapscene.surface.swatch",
-    "load_mesh": "hapscene.scene.mesh",
-    "load_scene": "hapscene.scene.file",
-    "load_swatch": "hapscene.surface.swatch_file",
-    "save_swatch": "hapscene.surface.swatch_file",
-}
-__all__ = ["__version__", *sorted(_HOME)]
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used: `import hapscene` stays fast."""
-    if name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
-        globals()[name] = value
-        return value
-    if name in {"capture", "handle", "stability"}:  # rooms with functions of their own
-        return import_module(f"hapscene.{name}")
-    raise AttributeError(f"module 'hapscene' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["__version__"]

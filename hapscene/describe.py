@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from hapscene.constants import SLIP_CUTOFF_HZ, TINY
-from hapscene.contact.face import barycentric, to_body_before, to_world, turn_to_world
-from hapscene.contact.geometry import Vector, along, dot, norm, sub
+from hapscene.contact.triangle import barycentric, to_body_before, to_world, turn_to_world
+from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.native import native
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HapsceneError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 
 FORMAT_VERSION: Final = 1
 """Version of the npz layout. A reader refuses a later one."""

@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.argument import block_of, numbers, positions, rigid
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball, records
-from hapscene.device.limit import IDEAL, DeviceWarning, Limits
-from hapscene.device.model import limits_of
+from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
+from hapscene.geometry import block_of, numbers, positions, rigid
 from hapscene.native import INTERPRETED
 from hapscene.records import ROW, Flag
-from hapscene.surface.fit import Clip, Fit
-from hapscene.surface.fold import share_of
-from hapscene.surface.registry import load_effect
-from hapscene.surface.stage import Surface, build_surface, clear_states, put_numbers
-from hapscene.tick import play
+from hapscene.surface.device_clipping import Clip, Fit, share_of
+from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers
+from hapscene.tick import run_ticks
 
 if TYPE_CHECKING:
     from hapscene.recording import Recording
@@ -68,7 +66,7 @@ class Renderer:
         a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
         limits: of the device; None for an ideal one.
         device: a device of `hapscene.device.model.DEVICES` by name, in the place of limits: its own at this period.
-        crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shade`,
+        crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shading`,
             which leaks energy); 0 for the mesh as it is.
 
     Attributes:
@@ -124,7 +122,7 @@ class Renderer:
         self._samples = np.zeros((1, self.block))
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"]  # views: a look-up by name costs a microsecond a step
-        self._play = _entry(play, self.world, self.surface, self._row, self._samples)
+        self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 

@@ -1,12 +1,12 @@
 """One haptic tick, in order. Read this first.
 
     read       the tool's position; a bad one is replaced by the last good one
-    couple     it to the tool that touches, where asked for             device/coupling.py
+    couple     it to the tool that touches, where asked for             device/stabilisers.py
     sweep      the way from the proxy to the tool through the scene     contact/
     constrain  the proxy to the faces in the way                        contact/
     describe   the contact, once, so that all effects agree             describe.py
     render     each effect of the touched swatch                        surface/mixer.py
-    guard      the wall's energy, where asked for                       device/guard.py
+    guard      the wall's energy, where asked for                       device/stabilisers.py
     mix        their sum, within the limits of the device               surface/mixer.py
     note       a row
 
@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
-from hapscene.contact.geometry import Vector
 from hapscene.contact.proxy import move, put
 from hapscene.contact.world import NO_SHADE, place_ball
 from hapscene.describe import describe, shade
-from hapscene.device.coupling import couple
-from hapscene.device.guard import guard
+from hapscene.device.stabilisers import couple, guard
+from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.records import Flag
 from hapscene.surface.mixer import limit, render
@@ -61,7 +60,7 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
 
 
 @native
-def play(
+def run_ticks(
     world: Any,
     surface: Any,
     p_WT_m: NDArray[np.float64],

@@ -12,15 +12,16 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 CORE = (
-    "argument",
     "clock",
     "constants",
     "contact",
     "describe",
     "device",
+    "dsp",
     "errors",
+    "files",
+    "geometry",
     "native",
-    "output",
     "recording",
     "records",
     "renderer",
@@ -28,19 +29,20 @@ CORE = (
     "surface",
     "tick",
 )
-"""What a loop with a real device needs."""
+"""What a loop with a real device needs; `errors`, `files`, `geometry` and `dsp` are the ground floor of it."""
 
-INNER = ("gesture", "handle", "interrupt", "path", "servo", "sight", "twin", "wire")
+INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
-OUTER = ("bench", "capture", "cli", "command", "exchange", "paint", "stability", "teleoperation", "touch", "view")
-"""Uses of the house; `touch` with `touch_file`."""
+OUTER = ("capture", "cli", "command", "exchange", "paint", "stability", "teleoperation", "touch", "view")
+"""Uses of the house."""
 
 TOP = ("cli", "command", "paint", "stability", "teleoperation")
-"""Rooms that no other room knows but commands, and the bench that times them."""
+"""Rooms that no other room knows but commands."""
 
 APART = {
     "tick": ("renderer", "recording"),
+    "dsp": ("contact", "device", "scene", "surface", "tick", "renderer"),
     "contact": ("surface", "device", "tick", "renderer"),
     "device": ("surface", "scene", "tick", "renderer"),
     "handle": ("contact", "device", "scene", "tick", "renderer", "twin", "servo"),
@@ -51,10 +53,9 @@ APART = {
 """Rooms that know nothing of some that would not be forbidden to them otherwise."""
 
 BETWEEN = {
-    "bench/paint.py": {"paint"},  # what a designer waits for is measured as all else is
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
-    "handle/bode.py": {"view"},  # plots beside what they show
-    "handle/feel.py": {"view"},
+    "handle/identification_report.py": {"view"},  # plots beside what they show
+    "handle/playback_report.py": {"view"},
 }
 """Files that know more than their room, and why."""
 
@@ -80,8 +81,7 @@ def sources(room: str) -> list[Path]:
 def known(source: Path) -> set[str]:
     """The rooms that a file imports from."""
     names = (name.split(".") for name in imported_modules(source))
-    rooms = {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
-    return {"touch" if room == "touch_file" else room for room in rooms}
+    return {parts[1] for parts in names if parts[0] == "hapscene" and len(parts) > 1}
 
 
 def stray(room: str, forbidden: tuple[str, ...]) -> list[str]:
@@ -104,8 +104,8 @@ def test_inner_room_knows_no_outer_one(room: str) -> None:
     assert stray(room, OUTER) == []
 
 
-@pytest.mark.parametrize("room", sorted({*OUTER, "touch_file"} - {"bench", "cli", "command"}))
-def test_nobody_but_a_command_and_what_times_it_knows_the_top(room: str) -> None:
+@pytest.mark.parametrize("room", sorted({*OUTER} - {"cli", "command"}))
+def test_nobody_but_a_command_knows_the_top(room: str) -> None:
     assert stray(room, TOP) == []
 
 
@@ -116,7 +116,7 @@ def test_rooms_that_are_apart(room: str) -> None:
 
 def test_every_room_has_its_place() -> None:
     rooms = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert rooms - {"__init__", "__pycache__", "touch_file"} == {*CORE, *INNER, *OUTER}
+    assert rooms - {"__init__", "__pycache__"} == {*CORE, *INNER, *OUTER}
 
 
 def test_no_exception_is_left_over() -> None:

@@ -9,11 +9,11 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.device.limit import Limits
+from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.records import Flag
+from hapscene.surface.device_clipping import Fit
 from hapscene.surface.effect import Effect, Param
-from hapscene.surface.fit import Fit
 from hapscene.surface.swatch import Swatch
 
 ALL = ["wall", "friction", "lpc_texture", "tap"]

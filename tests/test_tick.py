@@ -11,7 +11,7 @@ import trimesh
 from numba.core.errors import NumbaError
 
 import hapscene
-from hapscene.device.limit import Limits
+from hapscene.device.model import Limits
 from hapscene.native import INTERPRETED, native
 from hapscene.records import Flag
 from hapscene.surface.effect import Effect
@@ -141,7 +141,7 @@ def test_memory_does_not_grow_with_stabilised_ticks(box):
 
 SCRIPT = """
 import sys, numpy as np, trimesh, hapscene
-from hapscene.device.limit import Limits
+from hapscene.device.model import Limits
 from hapscene.native import INTERPRETED
 scene = hapscene.Scene()
 scene.add(trimesh.creation.icosphere(subdivisions=2, radius=0.05), name="ball", unit="m")

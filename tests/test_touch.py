@@ -14,8 +14,7 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import open_scene, touch, touch_by_hand, why_nothing
-from hapscene.touch_file import MADE, summarise
+from hapscene.touch import MADE, open_scene, summarise, touch, touch_by_hand, why_nothing
 from hapscene.view.palette import DARK, LIGHT
 
 

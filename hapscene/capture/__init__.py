@@ -27,31 +27,6 @@
 | `batch`, `batch_input`, `batch_manifest`, `batch_pool`, `batch_worker` | fit thousands of recordings: `fit_batch` |
 """
 
-from typing import TYPE_CHECKING, Any
+import lazy_loader
 
-if TYPE_CHECKING:
-    from hapscene.capture.hatt import export_hatt as export_hatt
-    from hapscene.capture.hatt import import_hatt as import_hatt
-    from hapscene.capture.hjif import export_hjif as export_hjif
-    from hapscene.capture.recording_file import load_surface_recording as load_surface_recording
-    from hapscene.capture.swatch_fit import fit as fit
-    from hapscene.capture.synthesis import synthesize as synthesize
-
-_WHERE = {
-    "export_hatt": "hatt",
-    "export_hjif": "hjif",
-    "fit": "swatch_fit",
-    "import_hatt": "hatt",
-    "load_surface_recording": "recording_file",
-    "synthesize": "synthesis",
-}
-
-__all__ = ["export_hatt", "export_hjif", "fit", "import_hatt", "load_surface_recording", "synthesize"]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

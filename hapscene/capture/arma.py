@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.surface.lsf import ar_from_lsf, lsf_from_ar, power_gain
+from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar, power_gain
 from hapscene.surface.texture import Texture
 
 Array = NDArray[np.float64]

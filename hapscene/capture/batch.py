@@ -5,22 +5,250 @@ was done with the same content and settings is not done again, so a batch that w
 is gone on with by running it again.
 """
 
+import csv
 import hashlib
+import json
 import os
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from hapscene import __version__
-from hapscene.capture.batch_input import Item, outputs
-from hapscene.capture.batch_manifest import Entry, Manifest, digest
-from hapscene.capture.batch_pool import ClusterPool, Pool, ProcessPool
-from hapscene.capture.batch_worker import Job, Outcome, read_content
-from hapscene.errors import CaptureError
-from hapscene.output import write_whole
+from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, Pool, ProcessPool, read_content
+from hapscene.errors import CaptureError, no_such
+from hapscene.files import write_whole
+
+# What a batch fits: recordings named one by one, all of a folder, or those of a list; and where each swatch goes.
+
+
+SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")
+"""What is taken for a recording in a folder; a file named by itself may have any."""
+
+_LIST_COLUMNS: Final = ("recording", "name", "rate", "columns", "units")
+
+
+@dataclass(frozen=True)
+class Item:
+    """A recording of a batch."""
+
+    path: Path
+    name: str
+    """of its swatch"""
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    """what `load_surface_recording` is to be told about this one, over what the batch says of all"""
+
+
+def gather(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
+    """Recordings of files and folders, those of a folder sorted by name, its folders included; each once.
+
+    Raises:
+        CaptureError: a place that is not there, or a folder without recordings.
+    """
+    found: dict[Path, Item] = {}
+    for place in map(Path, places):
+        files = [place]
+        if place.is_dir():
+            files = sorted(f for f in place.rglob("*") if f.suffix.lower() in SUFFIXES and f.is_file())
+            files = [f for f in files if not any(part.startswith(".") for part in f.relative_to(place).parts)]
+            if not files:
+                raise CaptureError(f"{place}: a folder without recordings ({' '.join(SUFFIXES)})")
+        elif not place.exists():
+            raise CaptureError(f"{place}: no such file or folder")
+        for file in files:
+            found.setdefault(file.absolute(), Item(file, file.stem))
+    return list(found.values())
+
+
+def read_list(path: str | os.PathLike[str]) -> list[Item]:
+    """Recordings of a CSV list: a column `recording` (relative to the list), and where wanted `name`, `rate`,
+    `columns` and `units`, which hold what the options of those names do; empty cells say nothing.
+
+    Raises:
+        CaptureError: a list that is missing, has unknown columns, or a line that cannot be understood.
+    """
+    file = Path(path)
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as f:
+            reader = csv.DictReader(f, strict=True)
+            names = list(reader.fieldnames or [])
+            if "recording" not in names:
+                raise CaptureError(f'{file}: must begin with a line of column names, "recording" among them')
+            for name in names:
+                if name not in _LIST_COLUMNS:
+                    raise CaptureError(f"{file}: {no_such('column', name, _LIST_COLUMNS)}")
+            items = [_item(file, reader.line_num, row) for row in reader]
+    except OSError as error:
+        raise CaptureError(f"{file}: cannot be read: {error.strerror}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise CaptureError(f"{file}: not a CSV list: {error}") from None
+    found = {item.path.absolute(): item for item in items}
+    if not found:
+        raise CaptureError(f"{file}: a list without recordings")
+    return list(found.values())
+
+
+def _item(file: Path, line: int, row: Mapping[str | None, Any]) -> Item:
+    """A line of the list."""
+    where = f"{file}: line {line}"
+    if None in row or not row["recording"]:
+        raise CaptureError(f"{where}: a recording and one cell a column expected")
+    path = file.parent / row["recording"]
+    reading: dict[str, Any] = {}
+    if row.get("rate"):
+        try:
+            reading["rate_Hz"] = float(row["rate"])
+        except ValueError:
+            raise CaptureError(f"{where}: rate is a number of Hz, not {row['rate']!r}") from None
+    for key in ("columns", "units"):
+        if row.get(key):
+            pairs = [pair.partition("=") for pair in row[key].split(",")]
+            if not all(quantity and equals and value for quantity, equals, value in pairs):
+                raise CaptureError(f"{where}: {key} holds pairs as in force=N,speed=mm/s, not {row[key]!r}")
+            reading[key] = {quantity.strip(): value.strip() for quantity, _, value in pairs}
+    return Item(path, row.get("name") or path.stem, reading)
+
+
+def outputs(items: Sequence[Item]) -> list[str]:
+    """Where each swatch goes, relative to the batch's folder: as the recordings lie below the folder they share.
+
+    Recordings that differ by their suffix only keep it, as in oak.csv.swatch and oak.wav.swatch.
+    """
+    paths = [item.path.absolute() for item in items]
+    shared = Path(os.path.commonpath([path.parent for path in paths]))
+    places = [path.relative_to(shared) for path in paths]
+    count = Counter(str(place.with_suffix("")).casefold() for place in places)
+    return [
+        (place.with_suffix("") if count[str(place.with_suffix("")).casefold()] == 1 else place).as_posix() + ".swatch"
+        for place in places
+    ]
+
+
+# The manifest of a batch: what became of each recording. It makes a batch one that can be stopped and gone on with.
+
+
+NAME: Final = "manifest.json"
+FORMAT: Final = "hapscene batch"
+VERSION: Final = 1
+
+BYTES_MAX: Final = 256 << 20
+"""Largest manifest that is opened [bytes]: half a million recordings."""
+
+SAVE_S: Final = 1.0
+"""Shortest time between two savings [s]. What a killed batch forgets is fitted again, into the same files."""
+
+SAVE_SHARE: Final = 0.05
+"""Largest share of the time that may go into saving [1]: counts when there are 10,000 recordings and more."""
+
+
+@dataclass
+class ManifestEntry:
+    """What became of a recording."""
+
+    recording: str
+    """absolute path"""
+    output: str
+    """the swatch's file, relative to the manifest"""
+    status: Literal["waiting", "ok", "failed"] = "waiting"
+    reason: str = ""
+    """why it failed"""
+    sha256: str = ""
+    """of the recording's file when it was fitted"""
+    settings: str = ""
+    """digest of how it was read and fitted, and of hapscene's version"""
+    output_sha256: str = ""
+    duration_s: float = 0.0
+    """how long the fit took"""
+
+
+class Manifest:
+    """The entries of a batch's folder, by recording."""
+
+    def __init__(self, folder: Path) -> None:
+        """Opens the folder's manifest, or begins one.
+
+        Raises:
+            CaptureError: a manifest that is damaged or of a later version.
+        """
+        self.folder = folder
+        self.path = folder / NAME
+        self.entries: dict[str, ManifestEntry] = (
+            {e.recording: e for e in _read(self.path)} if self.path.exists() else {}
+        )
+        self._saved_s = -1e9
+        self._cost_s = 0.0
+
+    def add(self, recording: Path, output: str) -> ManifestEntry:
+        """The entry of a recording, a new one where it had none or its swatch was to go elsewhere.
+
+        Raises:
+            CaptureError: the output is that of another recording.
+        """
+        key = str(recording.absolute())
+        entry = self.entries.get(key)
+        if entry is None or entry.output != output:
+            entry = self.entries[key] = ManifestEntry(key, output)
+        return entry
+
+    def check_outputs(self) -> None:
+        """No swatch may be that of two recordings: a batch would silently replace what another one made."""
+        owner: dict[str, str] = {}
+        for entry in self.entries.values():
+            other = owner.setdefault(entry.output.casefold(), entry.recording)
+            if other != entry.recording:
+                raise CaptureError(
+                    f"{self.folder / entry.output}: is the swatch of {other} and would be that of {entry.recording}: "
+                    "take another folder"
+                )
+
+    def is_done(self, entry: ManifestEntry, sha256: str, settings: str) -> bool:
+        """Whether that content was fitted in that way and its swatch is still there."""
+        same = entry.status == "ok" and entry.sha256 == sha256 and entry.settings == settings
+        return same and (self.folder / entry.output).is_file()
+
+    def save(self, at_once: bool = True) -> None:
+        """Writes the manifest whole; with `at_once` false only if it is time for it."""
+        start_s = time.monotonic()
+        if not at_once and start_s - self._saved_s < max(SAVE_S, self._cost_s / SAVE_SHARE):
+            return
+        rows = [asdict(entry) for entry in self.entries.values()]
+        text = json.dumps({"format": FORMAT, "version": VERSION, "recordings": rows}, indent=1, ensure_ascii=False)
+        write_whole(self.path, text.encode(), CaptureError)
+        self._saved_s = time.monotonic()
+        self._cost_s = self._saved_s - start_s
+
+
+def digest(settings: Mapping[str, Any]) -> str:
+    """Short text that differs where settings do."""
+    text = json.dumps(settings, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _read(path: Path) -> list[ManifestEntry]:
+    try:
+        with path.open("rb") as f:
+            data = f.read(BYTES_MAX + 1)
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        content = json.loads(data) if len(data) <= BYTES_MAX else None
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise CaptureError(f"{path}: not the manifest of a batch: take another folder")
+    if content.get("version") != VERSION:
+        raise CaptureError(f"{path}: a manifest of version {content.get('version')}, read here is {VERSION}")
+    kinds = {f.name: float if f.name == "duration_s" else str for f in fields(ManifestEntry)}
+    found = content.get("recordings")
+    rows: list[Any] = found if isinstance(found, list) else [None]
+    for row in rows:
+        if not isinstance(row, dict) or any(not isinstance(row.get(key), kind) for key, kind in kinds.items()):
+            raise CaptureError(f"{path}: a damaged manifest: remove it, or take another folder")
+    return [ManifestEntry(**{key: row[key] for key in kinds}) for row in rows]
+
 
 DEATHS_MAX: Final = 2
 """How often a process may die over a recording that it fits alone before that recording is given up [count]. Once may
@@ -34,10 +262,10 @@ POLL_S: Final = 0.2
 class Result:
     """How a batch ended."""
 
-    fitted: list[Entry] = field(default_factory=list)
-    skipped: list[Entry] = field(default_factory=list)
+    fitted: list[ManifestEntry] = field(default_factory=list)
+    skipped: list[ManifestEntry] = field(default_factory=list)
     """done by an earlier run"""
-    failed: list[Entry] = field(default_factory=list)
+    failed: list[ManifestEntry] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """what is to be said of recordings that were fitted, as missing samples that were bridged"""
     stopped: bool = False
@@ -54,7 +282,7 @@ class _Task:
     """A recording on its way through the batch."""
 
     item: Item
-    entry: Entry
+    entry: ManifestEntry
     reading: dict[str, Any]
     settings: str
     deaths: int = 0
@@ -68,12 +296,12 @@ def fit_batch(
     jobs: int | None = None,
     scheduler: str | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    after: Callable[[Result, Entry], None] = lambda result, entry: None,
+    after: Callable[[Result, ManifestEntry], None] = lambda result, entry: None,
 ) -> Result:
     """Fits a swatch to each recording.
 
     Args:
-        items: the recordings (`hapscene.capture.batch_input`).
+        items: the recordings (`hapscene.capture.batch`).
         out: folder of the swatches and the manifest; made where it is missing.
         reading: arguments of `load_surface_recording` for all; an item's own come first.
         fitting: arguments of `fit` besides the streams and the name, as {"order": 20}.
@@ -119,7 +347,7 @@ class _Batch:
         pool: Pool,
         fitting: dict[str, Any],
         stopped: Callable[[], bool],
-        after: Callable[[Result, Entry], None],
+        after: Callable[[Result, ManifestEntry], None],
     ) -> None:
         self.result = Result()
         self._manifest = manifest
@@ -127,7 +355,7 @@ class _Batch:
         self._fitting = fitting
         self._stopped = stopped
         self._after = after
-        self._under_way: dict[Future[Outcome], _Task] = {}
+        self._under_way: dict[Future[FitOutcome], _Task] = {}
         self._suspects: deque[_Task] = deque()
 
     def run(self, tasks: Sequence[_Task]) -> None:
@@ -189,7 +417,7 @@ class _Batch:
     def _begin(self, task: _Task, job: Job) -> None:
         self._under_way[self._pool.submit(job)] = task
 
-    def _take(self, future: "Future[Outcome]") -> None:
+    def _take(self, future: "Future[FitOutcome]") -> None:
         """A job is through: its swatch is written, or why there is none noted."""
         error = CancelledError() if future.cancelled() else future.exception()
         if error is not None and self._pool.died(error):

@@ -147,7 +147,7 @@ def _excess_kurtosis(signal: Array) -> float:
     """Of the residual of short pieces, each by its own level, so that a change of level is no burst; at least 0."""
     from scipy.signal import lfilter
 
-    from hapscene.capture.linear_prediction import autocorrelation, solve
+    from hapscene.dsp.linear_prediction import autocorrelation, solve
 
     residual = np.asarray(lfilter(solve(autocorrelation(signal, ORDER)), [1.0], signal))[ORDER:]
     length = ORDER * 32  # a tenth of a second

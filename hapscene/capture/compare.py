@@ -6,15 +6,22 @@ Differences that do not add up to more are assumed, which is on the side of sayi
 """
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.surface.swatch import Swatch
+from hapscene.capture.recording_file import SurfaceRecording, load_surface_recording
+from hapscene.capture.swatch_fit import fit_parts, prepare
+from hapscene.errors import CaptureError, HapsceneError
+from hapscene.surface.library import library_folder
+from hapscene.surface.swatch import NAME_MAX, Swatch
+from hapscene.surface.swatch_file import SUFFIX, load_swatch, shipped_swatches
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 
@@ -278,3 +285,205 @@ def _verdict(distance_jnd: float) -> Verdict:
 
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# How one surface changes: several of its swatches or recordings in the order of time.
+
+
+TREND_COUNT: Final = 5
+"""Fewest surfaces that a trend is told from [count]: even four in perfect order come so by chance once in twelve."""
+
+CHANCE: Final = 0.05
+"""Chance below which an order is taken for a trend [1]."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """How a quantity goes over the surfaces.
+
+    Attributes:
+        quantity: which.
+        change: (n,) of each surface against the first, in the quantity's unit of difference; NaN where unknown.
+        slope: change from one surface to the next: the median slope of all pairs (Sen 1968).
+        p_value: chance that as clear an order comes about without a trend (Kendall's τ), NaN for fewer than
+            `TREND_COUNT` surfaces.
+    """
+
+    quantity: Quantity
+    change: tuple[float, ...]
+    slope: float
+    p_value: float
+
+    @property
+    def word(self) -> str:
+        """ "rising", "falling", "no trend", or "too few to tell"."""
+        if math.isnan(self.p_value):
+            return "too few to tell"
+        if self.p_value >= CHANCE or self.slope == 0.0:
+            return "no trend"
+        return "rising" if self.slope > 0.0 else "falling"
+
+
+@dataclass(frozen=True)
+class Series:
+    """A surface over time.
+
+    Attributes:
+        names: of the surfaces, in the order of time.
+        comparisons: of each with the first.
+        trends: of each quantity that was compared.
+    """
+
+    names: tuple[str, ...]
+    comparisons: tuple[Comparison, ...]
+    trends: tuple[Trend, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; what is not known is null."""
+        return {
+            "surfaces": list(self.names),
+            "against_first": [comparison.as_dict() for comparison in self.comparisons],
+            "trends": [
+                {
+                    "name": trend.quantity.name,
+                    "unit": trend.quantity.unit,
+                    "change": [None if math.isnan(c) else c for c in trend.change],
+                    "slope_per_surface": trend.slope,
+                    "p_value": None if math.isnan(trend.p_value) else trend.p_value,
+                    "trend": trend.word,
+                }
+                for trend in self.trends
+            ],
+        }
+
+
+def follow(surfaces: Sequence[Swatch]) -> Series:
+    """How a surface changes over its swatches, given in the order of time.
+
+    Raises:
+        CaptureError: fewer than two.
+    """
+    if len(surfaces) < 2:
+        raise CaptureError(f"a change over time needs two surfaces or more, there {_are(len(surfaces))}")
+    comparisons = tuple(compare(surfaces[0], other) for other in surfaces)
+    quantities: dict[Quantity, list[float]] = {}
+    for i, comparison in enumerate(comparisons):
+        for difference in comparison.differences:
+            change = quantities.setdefault(difference.quantity, [math.nan] * len(surfaces))
+            change[i] = difference.change
+    trends = tuple(_trend(quantity, change) for quantity, change in quantities.items() if len(_known(change)) > 1)
+    return Series(tuple(surface.name for surface in surfaces), comparisons, trends)
+
+
+def _trend(quantity: Quantity, change: list[float]) -> Trend:
+    from scipy.stats import kendalltau, theilslopes
+
+    known = _known(change)
+    values = np.array(change)[known]
+    slope = float(theilslopes(values, known)[0])
+    p_value = math.nan
+    if len(known) >= TREND_COUNT:
+        tau = kendalltau(known, values)
+        p_value = 1.0 if math.isnan(tau.pvalue) else float(tau.pvalue)  # NaN where all values are one
+    return Trend(quantity, tuple(change), slope, p_value)
+
+
+def _known(change: list[float]) -> list[int]:
+    return [i for i, value in enumerate(change) if not math.isnan(value)]
+
+
+def _are(count: int) -> str:
+    return "is one" if count == 1 else f"are {count}"
+
+
+# Where the surfaces that are compared come from: swatches, recordings, libraries.
+
+
+@dataclass(frozen=True)
+class ComparedSurface:
+    """A surface to compare.
+
+    Attributes:
+        swatch: how it feels.
+        repeat_jnd: how far two halves of its recording are apart, in units of what is felt; None for a swatch, and for
+            a recording too short to be halved. Differences below it may be the recording's own.
+    """
+
+    swatch: Swatch
+    repeat_jnd: float | None = None
+
+
+def load_surface(
+    name_or_path: str | os.PathLike[str],
+    rate_Hz: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> ComparedSurface:
+    """The surface of a swatch's name or file, or of a recording, to which a swatch is fitted.
+
+    Text that ends in ".swatch", and text that names no file, is a swatch; every other file is a recording, of which
+    `rate_Hz`, `columns` and `units` are as in `load_surface_recording`.
+
+    Raises:
+        SwatchError: no such swatch, or a broken one.
+        CaptureError: no swatch can be fitted to the recording.
+    """
+    path = Path(name_or_path)
+    if path.suffix == SUFFIX or not path.is_file():
+        return ComparedSurface(load_swatch(name_or_path))
+    recording = load_surface_recording(path, rate_Hz, columns, units)
+    try:
+        swatch = _fitted(recording, path.stem)
+    except CaptureError as error:
+        raise CaptureError(f"{path}: {error}") from None
+    try:
+        middle = len(recording.acceleration_m_s2) // 2
+        halves = [_fitted(_part(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]
+    except CaptureError:
+        return ComparedSurface(swatch)  # the halves are too short, the whole was not
+    return ComparedSurface(swatch, compare(*halves).distance_jnd)
+
+
+def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swatch], dict[str, str]]:
+    """The swatches of a folder, and file to reason of those that cannot be read; without a folder those shipped and
+    those of the user's own library.
+
+    Raises:
+        CaptureError: the folder is missing, or holds no swatch that can be read.
+    """
+    if folder is None:
+        shipped = [load_swatch(name) for name in shipped_swatches()]
+        if not library_folder().is_dir():
+            return shipped, {}
+        own, broken = _folder(library_folder())
+        return shipped + own, broken
+    path = Path(folder)
+    if not path.is_dir():
+        raise CaptureError(f"{path}: no such folder of swatches")
+    found, broken = _folder(path)
+    if not found:
+        raise CaptureError(f"{path}: holds no swatch that can be read ({len(broken)} broken)")
+    return found, broken
+
+
+def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
+    found, broken = [], {}
+    for file in sorted(path.rglob("*" + SUFFIX)):
+        try:
+            found.append(load_swatch(file))
+        except HapsceneError as error:
+            broken[str(file)] = str(error)
+    return found, broken
+
+
+def _fitted(recording: SurfaceRecording, name: str, like: Swatch | None = None) -> Swatch:
+    order: int | Literal["auto"] = "auto" if like is None or like.texture is None else like.texture.order
+    printable = "".join(c for c in name if c.isprintable())[:NAME_MAX] or "unnamed"
+    return fit_parts([prepare(recording)], printable, order)
+
+
+def _part(recording: SurfaceRecording, part: slice) -> SurfaceRecording:
+    """A stretch of all streams."""
+    streams = ((f.name, getattr(recording, f.name)) for f in fields(recording))
+    chosen: dict[str, Any] = {name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)}
+    return replace(recording, **chosen)

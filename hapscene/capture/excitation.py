@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.piece import Pieces
+from hapscene.capture.texture_pieces import Pieces
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
-from hapscene.surface.lattice import play
-from hapscene.surface.random import seeded_state
+from hapscene.dsp.lattice import run_lattice
+from hapscene.dsp.noise import seeded_state
 from hapscene.surface.texture import Texture, excitation_moments
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ def _played(texture: Texture, knots: Array) -> Array:
     k, _ = texture.lattice([texture.force_max_N], [texture.speed_max_m_s])
     state, rng = np.zeros((3, texture.order + 1)), seeded_state(0, "excitation")
     out = np.empty(round(PLAYED_S * texture.rate_Hz))
-    play(k, np.ones(1), 1.0, len(out), knots, rng, state, out)
+    run_lattice(k, np.ones(1), 1.0, len(out), knots, rng, state, out)
     return _unit(out)
 
 

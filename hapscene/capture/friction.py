@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.channel import Channels
-from hapscene.capture.segment import Segmentation, State, runs
+from hapscene.capture.segment import InteractionState, Segmentation, runs
+from hapscene.capture.streams import Streams
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
@@ -59,7 +59,7 @@ class _Blocks:
     speed_m_s: Array
 
 
-def fit_friction(parts: Sequence[tuple[Channels, Segmentation]]) -> Friction:
+def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     """Static and dynamic Coulomb coefficients of recordings of one surface.
 
     Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
@@ -115,14 +115,14 @@ def _none(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(parts: Sequence[tuple[Channels, Segmentation]]) -> _Blocks:
+def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> _Blocks:
     """All blocks of sliding, pressed with a tenth of the largest force or more."""
     rows = []
     for channels, states in parts:
         assert channels.tangential_force_N is not None
         length, edge = max(1, round(BLOCK_S * channels.rate_Hz)), round(EDGE_S * channels.rate_Hz)
         streams = np.stack([channels.tangential_force_N, channels.force_N, channels.speed_m_s])
-        for start, end in states.runs(State.SLIDING):
+        for start, end in states.runs(InteractionState.SLIDING):
             # only where the tool starts or stops: the ends of the recording are none
             first = start + (edge if start > 0 else 0)
             last = end - (edge if end < streams.shape[1] else 0)
@@ -199,7 +199,7 @@ def _curve(blocks: _Blocks, scale_m_s: float) -> tuple[float, float, Array]:
     return float((blocks.normal_N * away).sum()), scale_m_s, weight
 
 
-def _breakaways(parts: Sequence[tuple[Channels, Segmentation]]) -> list[float]:
+def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[float]:
     """The largest ratio of the forces at each start from rest, over 10 ms so that noise does not decide."""
     from scipy.ndimage import uniform_filter1d
 
@@ -212,8 +212,8 @@ def _breakaways(parts: Sequence[tuple[Channels, Segmentation]]) -> list[float]:
         normal = uniform_filter1d(channels.force_N, length)
         before, after = (round(s * rate) for s in BREAKAWAY_S)
         least = 0.1 * float(channels.force_N.max())
-        for still_start, still_end in runs(states.states == State.STILL):
-            slides = still_end < n and states.states[still_end] == State.SLIDING
+        for still_start, still_end in runs(states.states == InteractionState.STILL):
+            slides = still_end < n and states.states[still_end] == InteractionState.SLIDING
             if not slides or still_end - still_start < STILL_S * rate:
                 continue
             part = slice(max(still_start, still_end - before), min(n, still_end + after))

@@ -10,21 +10,80 @@ The toolkit's own renderer plays nothing below 0.05 mm/s and 0.05 N; that thresh
 """
 
 import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps
-from hapscene.capture.hatt_tap import as_taps, play_taps
-from hapscene.errors import SwatchError
-from hapscene.output import whole_file
-from hapscene.surface.lsf import ar_from_lsf
+from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps, root_name
+from hapscene.dsp.ar_filter import ar_from_lsf
+from hapscene.errors import HapsceneError, SwatchError
+from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import SUFFIX, save_swatch
+from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 
+# Taps of the Penn Haptic Texture Toolkit: transients at 1 kHz, and the swatch's taps.
+
+
 Array = NDArray[np.float64]
+
+RATE_HZ: Final = 1000.0
+"""Sample rate of the toolkit's transients [Hz]; the files do not state it."""
+
+SAMPLES: Final = 100
+"""Samples of one of the toolkit's transients [count]."""
+
+
+def as_taps(taps: HattTaps) -> Taps:
+    """The transients as they stand, and a decaying sinusoid fitted to each, for what needs amplitude and frequency.
+
+    The sinusoid is the one of least squared error over amplitude, frequency and decay.
+    """
+    rows = np.array([_decaying_sinusoid(wave) for wave in taps.acceleration_m_s2])
+    return Taps(taps.approach_m_s, rows[:, 0], rows[:, 1], rows[:, 2], taps.acceleration_m_s2, RATE_HZ)
+
+
+def play_taps(taps: Taps) -> HattTaps:
+    """The taps as transients of the toolkit, at the approach speeds that the swatch holds.
+
+    Transients at the toolkit's rate stay as they are; others are cut, or filled with silence, to its length. A
+    decaying sinusoid above 500 Hz is silent: the toolkit's rate cannot carry it.
+    """
+    waves = [taps.transient(float(speed), RATE_HZ) for speed in taps.approach_m_s]
+    stored = taps.wave_m_s2 is not None and taps.wave_rate_Hz == RATE_HZ
+    count = len(waves[0]) if stored else SAMPLES
+    return HattTaps(np.asarray(taps.approach_m_s), np.stack([np.resize(np.pad(w, (0, count)), count) for w in waves]))
+
+
+def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
+    """Amplitude [m/s²], frequency [Hz] and decay [1/s] of A exp(−βt) sin(2πft) nearest to a transient."""
+    from scipy.optimize import least_squares
+
+    peak = float(np.abs(wave).max())
+    t_s = np.arange(len(wave)) / RATE_HZ
+    if peak == 0.0:
+        return 0.0, RATE_HZ / 10, RATE_HZ / 10
+
+    def off(p: Array) -> Array:
+        return np.asarray(p[0] * np.exp(-p[2] * t_s) * np.sin(2.0 * np.pi * p[1] * t_s) - wave / peak)
+
+    density = np.abs(np.fft.rfft(wave, 8 * len(wave)))
+    loudest = float(np.argmax(density[1:]) + 1) * RATE_HZ / (8 * len(wave))
+    bounds = ([-100.0, 1.0, 0.1], [100.0, RATE_HZ / 2, 5000.0])
+    tries = [
+        least_squares(off, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
+        for frequency in (loudest, 1.5 * loudest)
+        for decay in (20.0, 150.0)
+        for sign in (1.0, -1.0)
+    ]
+    best = min(tries, key=lambda fit: float(fit.cost))
+    return peak * abs(float(best.x[0])), float(best.x[1]), float(best.x[2])
+
 
 LICENCE: Final = (
     "Not stated in the file. Files of the Penn Haptic Texture Toolkit are for non-profit research, "
@@ -204,3 +263,97 @@ def _decimal(value: float, decimals: int) -> str:
     """The number with that many decimals, as the toolkit writes it; with all it needs, where that would round it."""
     text = f"{value:.{decimals}f}"
     return text if float(text) == float(value) else repr(float(value))
+
+
+# Many files of the Penn Haptic Texture Toolkit at once: paired, imported, the broken ones named.
+
+
+@dataclass
+class ImportOutcome:
+    """What became of a batch: the swatches made, and one sentence for each file that was not."""
+
+    made: list[Path] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+
+
+def import_many(
+    files: Iterable[str | Path],
+    folder: str | Path,
+    say: Callable[[str], None] = lambda line: None,
+    outcome: ImportOutcome | None = None,
+) -> ImportOutcome:
+    """Imports models files with the taps files of the same name, into `folder`/<name>.swatch.
+
+    `Models_X.xml` and `Taps_X.xml` belong together; a single one of each does whatever its name. A folder stands for
+    the .xml files in it. Each swatch is written whole or not at all; a broken file stops none of the others.
+
+    Args:
+        files: XML files and folders.
+        folder: where the swatches go; made where it is missing.
+        say: told a line for each swatch, and a second one where models with zeros were turned into models without.
+        outcome: filled in as the batch goes on, for a caller that may be interrupted; None for a new one.
+
+    Raises:
+        SwatchError: the folder cannot be made.
+    """
+    outcome = ImportOutcome() if outcome is None else outcome
+    pairs = _pairs(files, outcome)
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SwatchError(f"{target}: cannot be made: {error.strerror or error}") from None
+    taken: dict[str, Path] = {}
+    for i, (name, (models, taps)) in enumerate(pairs, 1):
+        path = target / (name + SUFFIX)
+        try:
+            if path.name.casefold() in taken:
+                raise SwatchError(f"{models}: would be {path.name}, as {taken[path.name.casefold()]}: another folder?")
+            taken[path.name.casefold()] = models
+            swatch, converted = import_noted(models, taps)
+            save_swatch(swatch, path)
+        except HapsceneError as error:
+            outcome.broken.append(str(error))
+            say(f"{i}/{len(pairs)}  {models.name}: broken")
+            continue
+        outcome.made.append(path)
+        say(f"{i}/{len(pairs)}  {models.name} → {path.name}")
+        if converted:
+            say(f"  {converted}")
+    return outcome
+
+
+def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[str, tuple[Path, Path | None]]]:
+    """(name, (models file, its taps file or None)) in the order given."""
+    paths: list[Path] = []
+    for file in map(Path, files):
+        paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
+    models: list[Path] = []
+    taps: list[Path] = []
+    for path in dict.fromkeys(paths):
+        try:
+            kind = root_name(path)
+        except HapsceneError as error:
+            outcome.broken.append(str(error))
+            continue
+        if kind not in ("modelSet", "tapSet"):
+            outcome.broken.append(f"{path}: the root element: expected <modelSet> or <tapSet>, found <{kind}>")
+            continue
+        (models if kind == "modelSet" else taps).append(path)
+    if len(models) == len(taps) == 1:
+        return [(_key(models[0]), (models[0], taps[0]))]
+    by_place = {(path.parent, _key(path)): path for path in taps}
+    by_name = {_key(path): path for path in taps}
+    pairs = []
+    for path in models:
+        partner = by_place.get((path.parent, _key(path)), by_name.get(_key(path)))
+        if partner in taps:
+            taps.remove(partner)
+        pairs.append((_key(path), (path, partner)))
+    outcome.broken += [f"{path}: expected Models_{_key(path)}.xml among the files, found none" for path in taps]
+    return pairs
+
+
+def _key(path: Path) -> str:
+    """What a file is called without the toolkit's prefix."""
+    return path.stem.removeprefix("Models_").removeprefix("Taps_") or path.stem

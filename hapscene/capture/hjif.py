@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 SUFFIX: Final = ".hsrec"

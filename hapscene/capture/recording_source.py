@@ -33,7 +33,7 @@ AXES: Final = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """The content of a file: streams (n,) by name, all of one length; rate and units where the file says them."""
 
     columns: Mapping[str, Array]
@@ -43,7 +43,7 @@ class Source:
     """how many missing samples of a stream were put on straight lines; streams without any are left out"""
 
 
-def read_source(file: Path) -> Source:
+def read_recording_source(file: Path) -> RecordingSource:
     """Reads the file by its suffix.
 
     Raises:
@@ -65,7 +65,7 @@ def read_source(file: Path) -> Source:
     return source
 
 
-def _text(file: Path) -> Source:
+def _text(file: Path) -> RecordingSource:
     try:
         with file.open(encoding="utf-8-sig") as f:
             lines = (line for line in f if line.strip() and not line.startswith("#"))
@@ -95,7 +95,7 @@ def _text(file: Path) -> Source:
         names = _numbered(len(names))
     if len(set(names)) < len(names):
         raise CaptureError(f"{file}: two columns have one name: {', '.join(names)}")
-    return Source(dict(zip(names, table.T.copy(), strict=True)))
+    return RecordingSource(dict(zip(names, table.T.copy(), strict=True)))
 
 
 def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
@@ -114,7 +114,7 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
     return f"{count} numbers a line expected"
 
 
-def _wav(file: Path) -> Source:
+def _wav(file: Path) -> RecordingSource:
     from scipy.io import wavfile
 
     try:
@@ -128,10 +128,10 @@ def _wav(file: Path) -> Source:
         values = values / 128.0 - 1.0
     elif data.dtype.kind == "i":
         values /= float(np.iinfo(data.dtype).max) + 1.0
-    return Source(dict(zip(_numbered(values.shape[1]), values.T.copy(), strict=True)), float(rate))
+    return RecordingSource(dict(zip(_numbered(values.shape[1]), values.T.copy(), strict=True)), float(rate))
 
 
-def _npz(file: Path) -> Source:
+def _npz(file: Path) -> RecordingSource:
     try:
         with zipfile.ZipFile(file) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > BYTES_MAX:
@@ -142,7 +142,7 @@ def _npz(file: Path) -> Source:
         raise CaptureError(f"{file}: not an NPZ file that can be read: {error}") from None
 
 
-def _mat(file: Path) -> Source:
+def _mat(file: Path) -> RecordingSource:
     from scipy.io import loadmat
 
     try:
@@ -156,15 +156,15 @@ def _mat(file: Path) -> Source:
     return _named(file, {name: value for name, value in content.items() if not name.startswith("__")})
 
 
-def _record(file: Path) -> Source:
+def _record(file: Path) -> RecordingSource:
     from hapscene.capture.record_file import load_record
 
     record = load_record(file)
     columns, bridged = _bridged(file, record.streams)
-    return Source(columns, record.rate_Hz, record.units, bridged)
+    return RecordingSource(columns, record.rate_Hz, record.units, bridged)
 
 
-def _named(file: Path, arrays: Mapping[str, Any]) -> Source:
+def _named(file: Path, arrays: Mapping[str, Any]) -> RecordingSource:
     """Streams among named arrays; one of three columns is a vector. What is neither is left out."""
     columns: dict[str, Array] = {}
     for name, array in arrays.items():
@@ -182,7 +182,7 @@ def _named(file: Path, arrays: Mapping[str, Any]) -> Source:
             columns |= {f"{name}_{axis}": part.copy() for axis, part in parts}
     whole, bridged = _bridged(file, columns)
     rate = arrays.get("rate_Hz")
-    return Source(whole, None if rate is None else _rate(file, rate), _units(arrays.get("units")), bridged)
+    return RecordingSource(whole, None if rate is None else _rate(file, rate), _units(arrays.get("units")), bridged)
 
 
 def _rate(file: Path, value: Any) -> float:

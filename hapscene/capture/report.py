@@ -1,28 +1,359 @@
 """A report on a swatch: one page that says how good it is, why, and what it does not hold."""
 
 import os
+from collections.abc import Iterable
+from html import escape
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.report_figure import Plot
-from hapscene.capture.report_judgement import Judgement, judge
-from hapscene.capture.report_page import page
-from hapscene.capture.report_plot import (
+from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement, judge
+from hapscene.capture.report_plots import (
+    COLOURS,
+    Key,
+    Plot,
     plot_bands,
     plot_distribution,
+    plot_friction,
+    plot_models,
     plot_order,
+    plot_plane,
     plot_spectra,
     plot_spectrograms,
+    plot_taps,
+    plot_transients,
     plot_whiteness,
+    signed,
 )
-from hapscene.capture.report_surface import plot_friction, plot_models, plot_plane, plot_taps, plot_transients
-from hapscene.capture.report_word import absences, facts, rows
 from hapscene.capture.swatch_fit import Part, prepare
 from hapscene.errors import CaptureError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
+
+# The numbers of a report in words: what is in the swatch, how good it is, what is absent.
+
+
+LEVEL_DB: Final = 0.5
+"""How far the level on held-out data may be off [dB]; a person feels 1.65 to 2.98 dB (Israr et al. 2006)."""
+
+CENTROID: Final = 0.05
+"""How far the spectral centroid may be off [1]; a person feels 13 to 38 % of frequency (Israr et al. 2006)."""
+
+DISTANCE_RATIO: Final = 1.1
+"""How much farther off than the best order, or the recording's own floor, the spectrum may be [1]."""
+
+
+class Fact(NamedTuple):
+    """A number at the head of the page: what, how much, and a line on it."""
+
+    label: str
+    value: str
+    detail: str
+
+
+class Row(NamedTuple):
+    """A line of the table: what was measured, what it is, what it is held to, what follows ("good", "short" or "")."""
+
+    measure: str
+    value: str
+    held_to: str
+    verdict: str
+
+
+def facts(swatch: Swatch) -> list[Fact]:
+    """The main numbers of a swatch; one that is absent says so."""
+    return [_texture(swatch), _level(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
+
+
+def absences(swatch: Swatch) -> list[tuple[str, str]]:
+    """What the swatch does not have, with the reason as far as it is known."""
+    found = dict(swatch.absent)
+    if swatch.texture is None:
+        found.setdefault("texture", "the swatch has none: sliding is silent")
+    if swatch.taps is None:
+        found.setdefault("taps", "the swatch has none: a touch is silent")
+    if swatch.friction_static == 0.0 and not any("friction" in name for name in found):
+        found["friction"] = "the coefficients are 0: the tool glides"
+    return [(plain(name), reason) for name, reason in sorted(found.items())]
+
+
+def rows(judgement: Judgement) -> list[Row]:
+    """How good the texture is, measure by measure."""
+    held, best = judgement.held_out, float(judgement.search.distance_dB.min())
+    table = [] if held is None else _held_out_rows(held, best)
+    similarity = judgement.similarity
+    table.append(
+        Row(
+            "likeness as felt, spectral part of ST-SIM",
+            f"{similarity.spectral:.3f}",
+            f"1 is alike (temporal part {similarity.temporal:.2f}: noise repeats no waveform)",
+            "",
+        )
+    )
+    table.append(
+        Row(
+            "spectrogram error, swatch against recording",
+            f"{100 * judgement.spectrogram_error:.0f} %",
+            "66 % for other noise of the same spectrum, 100 % for silence",
+            "",
+        )
+    )
+    return table
+
+
+def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
+    allowed = DISTANCE_RATIO * max(best_dB, held.floor_dB)
+    worst = int(np.argmax(np.abs(held.band_dB)))
+    low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
+    felt = int(np.count_nonzero(np.abs(held.band_dB) > FELT_DB))
+    bands = len(held.band_dB)
+    fitted, other = (metric.spectral_centroid_Hz(d, held.frequency_Hz) for d in (held.fitted, held.held_out))
+    return [
+        Row(
+            "spectrum on the held-out half (log-spectral distance)",
+            f"{held.distance_dB:.2f} dB",
+            f"at most {allowed:.2f} dB: 1.1 times the recording's floor ({held.floor_dB:.2f} dB) or the best order's "
+            f"({best_dB:.2f} dB)",
+            _verdict(held.distance_dB <= allowed),
+        ),
+        Row(
+            "level on the held-out half",
+            f"{signed(held.level_dB, 2)} dB",
+            f"within ±{LEVEL_DB} dB; felt from {FELT_DB:g} dB; the half that was fitted is itself "
+            f"{signed(held.halves_dB, 1)} dB from the held-out one",
+            _verdict(abs(held.level_dB) <= LEVEL_DB),
+        ),
+        Row(
+            "spectral centroid on the held-out half",
+            f"{signed(100 * (held.centroid_ratio - 1), 1)} %",
+            f"within ±{100 * CENTROID:g} %; felt from 13 %; the half that was fitted is itself "
+            f"{signed(100 * (fitted / other - 1), 0)} % from the held-out one",
+            _verdict(abs(held.centroid_ratio - 1) <= CENTROID),
+        ),
+        Row(
+            "bands that differ by more than is felt",
+            f"{felt} of {bands}",
+            f"{FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(held.band_dB[worst], 1)} dB",
+            "",
+        ),
+        Row("goodness of fit of the spectra (GFC)", f"{held.goodness_of_fit:.3f}", "1 is one shape", ""),
+        Row(
+            "residual on the held-out half",
+            f"{held.residual_ratio:.4f}",
+            "share of the power that the model does not predict; smaller is better",
+            "",
+        ),
+    ]
+
+
+def plain(name: str) -> str:
+    """The name of a quantity as words: "friction_static" is "friction static"."""
+    for suffix in ("_N_m", "_Ns_m", "_m_s2", "_m_s", "_Hz", "_N"):
+        name = name.removesuffix(suffix)
+    return name.replace("_", " ").replace(".", ", ")
+
+
+def _verdict(good: bool) -> str:
+    return "good" if good else "short"
+
+
+def _texture(swatch: Swatch) -> Fact:
+    texture = swatch.texture
+    if texture is None:
+        return Fact("Texture", "none", "sliding is silent")
+    count = int(np.count_nonzero(texture.variance_m2_s4))
+    return Fact(
+        "Texture",
+        f"order {texture.order}",
+        f"{count} model{'s' if count != 1 else ''} at {texture.rate_Hz / 1e3:g} kHz, up to {texture.force_max_N:.2g} N "
+        f"and {1e3 * texture.speed_max_m_s:.0f} mm/s",
+    )
+
+
+def _level(swatch: Swatch) -> Fact:
+    texture = swatch.texture
+    if texture is None:
+        return Fact("Vibration", "0 m/s²", "no texture")
+    half = np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s])
+    return Fact(
+        "Vibration",
+        f"{np.sqrt(texture.power(*half)[0]):.2g} m/s²",
+        f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²",
+    )
+
+
+def _friction(swatch: Swatch) -> Fact:
+    if swatch.friction_static == 0.0:
+        return Fact("Friction", "none", "the tool glides")
+    interval = swatch.intervals.get("friction_dynamic")
+    known = "" if interval is None else f" (95 %: {interval[0]:.3f} to {interval[1]:.3f})"
+    return Fact("Friction", f"{swatch.friction_dynamic:.3f}", f"dynamic{known}; static {swatch.friction_static:.3f}")
+
+
+def _stiffness(swatch: Swatch) -> Fact:
+    interval = swatch.intervals.get("stiffness_N_m")
+    known = f"damping {swatch.damping_Ns_m:g} N·s/m"
+    if interval is not None:
+        known = f"95 %: {interval[0]:.0f} to {interval[1]:.0f} N/m; " + known
+    elif any(name.startswith("stiffness") for name in swatch.absent):
+        known = "not measured: the default; " + known
+    return Fact("Stiffness", f"{swatch.stiffness_N_m:.0f} N/m", known)
+
+
+def _taps(swatch: Swatch) -> Fact:
+    if swatch.taps is None:
+        return Fact("Taps", "none", "a touch is silent")
+    speed = float(swatch.taps.approach_m_s[-1])
+    tap = swatch.taps.at(speed)
+    return Fact(
+        "Taps",
+        f"{tap.frequency_Hz:.0f} Hz",
+        f"{tap.amplitude_m_s2:.2g} m/s² at {1e3 * speed:.0f} mm/s, gone to a third in {1e3 / tap.decay_1_s:.0f} ms",
+    )
+
+
+# The page of a report: one HTML file, nothing fetched, no script, light or dark as the reader's screen is.
+
+
+POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""Content security policy: even if a text slipped through unescaped, nothing could run or be fetched."""
+
+_GROUND = {"page": ("#f6f7f9", "#101418"), "card": ("#ffffff", "#181d23"), "line": ("#dfe3e8", "#2b323a")}
+
+_RULES = """
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 24px 20px 48px; max-width: 1320px; background: var(--page); color: var(--ink);
+  font: 15px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+h1 { margin: 0; font-size: 30px; line-height: 1.2; overflow-wrap: anywhere; }
+h2 { margin: 36px 0 12px; font-size: 19px; }
+h3 { margin: 0 0 6px; font-size: 15px; }
+p { margin: 0 0 8px; overflow-wrap: anywhere; }
+.muted, figcaption, .detail { color: var(--muted); }
+.lead { margin-top: 6px; max-width: 80ch; }
+.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(180px, 1fr)); gap: 12px; margin: 20px 0 0; }
+.fact, figure { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px 14px; }
+.fact .label { font-size: 13px; color: var(--muted); }
+.fact .value { font-size: 22px; font-weight: 600; line-height: 1.3; }
+.fact .detail { font-size: 13px; line-height: 1.4; }
+.plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 390px), 1fr)); gap: 14px; }
+figure { margin: 0; display: flex; flex-direction: column; }
+figure svg { display: block; width: 100%; height: auto; max-width: 640px; margin: 4px auto; }
+figure svg text { font-family: "DejaVu Sans", Verdana, "Bitstream Vera Sans", sans-serif !important; }
+figcaption { font-size: 13px; line-height: 1.45; margin-top: 6px; }
+.keys { display: flex; flex-wrap: wrap; gap: 2px 14px; font-size: 12.5px; line-height: 1.5; }
+.keys span { display: inline-flex; align-items: center; gap: 6px; }
+.keys svg { width: 24px; height: 10px; margin: 0; flex: none; }
+.missing { flex: 1; display: flex; align-items: center; justify-content: center; min-height: 150px; text-align: center;
+  border: 1px dashed var(--muted); border-radius: 6px; padding: 16px; margin: 6px 0; color: var(--muted); }
+.table { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 8px; }
+table { border-collapse: collapse; width: 100%; }
+th, td { padding: 8px 14px; text-align: left; vertical-align: top; border-top: 1px solid var(--line); }
+thead th { border-top: 0; font-size: 13px; font-weight: 600; color: var(--muted); }
+tbody th { font-weight: 400; }
+td.value { white-space: nowrap; font-variant-numeric: tabular-nums; font-weight: 600; }
+.good, .short { white-space: nowrap; font-weight: 600; }
+.good { color: var(--green); } .short { color: var(--orange); }
+dl { display: grid; grid-template-columns: minmax(90px, max-content) 1fr; gap: 6px 18px; margin: 0; }
+dt { color: var(--muted); } dd { margin: 0; overflow-wrap: anywhere; white-space: pre-line; }
+@media (max-width: 640px) {
+  body { padding: 16px 12px 32px; }
+  .facts { grid-template-columns: 1fr 1fr; gap: 8px; }
+  .fact, figure { padding: 10px; }
+  thead { display: none; }
+  tbody tr { display: grid; grid-template-columns: 1fr auto; border-top: 1px solid var(--line); padding: 8px 12px; }
+  tbody tr:first-child { border-top: 0; }
+  tbody th, tbody td { border: 0; padding: 0 6px 0 0; }
+  tbody td.to { grid-column: 1; font-size: 13px; color: var(--muted); }
+  dl { grid-template-columns: 1fr; gap: 0 0; } dd { margin-bottom: 10px; }
+}
+@media print { body { max-width: none; } figure, .fact { break-inside: avoid; } }
+"""
+
+
+def page(
+    swatch: Swatch,
+    lead: str,
+    facts: Iterable[Fact],
+    rows: Iterable[Row],
+    plots: Iterable[Plot],
+    absences: Iterable[tuple[str, str]],
+    about: Iterable[tuple[str, str]],
+) -> str:
+    """The HTML of a report. Every text is escaped here; only the drawings of `plots` are taken as they are."""
+    name = escape(swatch.name)
+    judged = "".join(map(_row, rows))
+    body = [
+        f'<header><h1>{name}</h1><p class="lead">{escape(lead)}</p></header>',
+        f'<div class="facts">{"".join(map(_fact, facts))}</div>',
+    ]
+    if judged:
+        head = "<thead><tr><th>measure</th><th>here</th><th>held to</th><th></th></tr></thead>"
+        body.append(f'<h2>How good it is</h2><div class="table"><table>{head}<tbody>{judged}</tbody></table></div>')
+    body.append(f'<h2>Plots</h2><main class="plots">{"".join(map(_figure, plots))}</main>')
+    absent = "".join(f"<dt>{escape(what)}</dt><dd>{escape(why)}</dd>" for what, why in absences)
+    if absent:
+        body.append(f"<h2>What is absent, and why</h2><dl>{absent}</dl>")
+    known = "".join(f"<dt>{escape(what)}</dt><dd>{escape(text)}</dd>" for what, text in about)
+    body.append(f"<h2>Where it comes from</h2><dl>{known}</dl>")
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta name="color-scheme" content="light dark">\n<title>{name}: swatch report</title>\n'
+        f"<style>{_colours()}{_RULES}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+    )
+
+
+def _colours() -> str:
+    both = COLOURS | _GROUND
+    light = " ".join(f"--{name}: {pair[0]};" for name, pair in both.items())
+    dark = " ".join(f"--{name}: {pair[1]};" for name, pair in both.items())
+    return f":root {{ {light} }} @media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}"
+
+
+def _fact(fact: Fact) -> str:
+    return (
+        f'<div class="fact"><div class="label">{escape(fact.label)}</div><div class="value">{escape(fact.value)}</div>'
+        f'<div class="detail">{escape(fact.detail)}</div></div>'
+    )
+
+
+def _row(row: Row) -> str:
+    mark = {"good": "✓ good", "short": "✗ short", "": ""}[row.verdict]
+    return (
+        f'<tr><th>{escape(row.measure)}</th><td class="value">{escape(row.value)}</td>'
+        f'<td class="to">{escape(row.held_to)}</td><td class="{row.verdict}">{mark}</td></tr>'
+    )
+
+
+def _figure(plot: Plot) -> str:
+    keys = "".join(f"<span>{_mark(key)}{escape(key.text)}</span>" for key in plot.legend)
+    drawing = f'<div class="missing">{escape(plot.caption)}</div>'
+    caption = ""
+    if plot.svg:
+        label = escape(plot.alternative)
+        drawing = plot.svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+        caption = f"<figcaption>{escape(plot.caption)}</figcaption>"
+    legend = f'<div class="keys">{keys}</div>' if keys else ""
+    return f"<figure><h3>{escape(plot.title)}</h3>{legend}{drawing}{caption}</figure>\n"
+
+
+def _mark(key: Key) -> str:
+    """The look of a legend's entry."""
+    colour = f"var(--{key.colour})"
+    dash = {"dashed": ' stroke-dasharray="6 3"', "dotted": ' stroke-dasharray="2 2.5"'}.get(key.look, "")
+    shape = f'<line x1="0" y1="5" x2="24" y2="5" stroke="{colour}" stroke-width="2.4"{dash}/>'
+    if key.look == "dot":
+        shape = f'<circle cx="12" cy="5" r="4" fill="{colour}"/>'
+    elif key.look == "ring":
+        shape = f'<circle cx="12" cy="5" r="4" fill="none" stroke="{colour}" stroke-width="1.4"/>'
+    elif key.look == "area":
+        shape = f'<rect width="24" height="10" fill="{colour}"/>'
+    return f'<svg viewBox="0 0 24 10" aria-hidden="true">{shape}</svg>'
+
 
 NEEDS_RECORDING = "Needs the recording, which was not given: hapscene capture report SWATCH RECORDING"
 

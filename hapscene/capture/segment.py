@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.channel import HAND_CUTOFF_HZ, Channels
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
 from hapscene.constants import ACCELERATION_BAND_HZ
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ ONSET_S: Final = (0.03, 0.03)
 """How long before and after the force rises an impact may lie [s]: the force is low-passed, an impact is not."""
 
 
-class State(IntEnum):
+class InteractionState(IntEnum):
     """What the tool does."""
 
     AIR = 0
@@ -95,24 +95,24 @@ class Segmentation:
     force_on_N: float | None
     speed_on_m_s: float | None
 
-    def runs(self, state: State) -> list[Run]:
+    def runs(self, state: InteractionState) -> list[Run]:
         """The stretches of a state."""
         return runs(self.states == state)
 
     def stationary(self) -> list[Run]:
         """The stretches of sliding, cut where their vibration changes."""
         pieces = []
-        for start, end in self.runs(State.SLIDING):
+        for start, end in self.runs(InteractionState.SLIDING):
             places = [start, *(c for c in self.changes if start < c < end), end]
             pieces += list(pairwise(places))
         return pieces
 
-    def seconds(self, state: State) -> float:
+    def seconds(self, state: InteractionState) -> float:
         """How long a state was held in all [s]."""
         return float(np.count_nonzero(self.states == state)) / self.rate_Hz
 
 
-def segment(channels: Channels) -> Segmentation:
+def segment(channels: Streams) -> Segmentation:
     """Cuts a cleaned recording into states, and its sliding where the vibration changes."""
     rate = channels.rate_Hz
     level = _level(channels.acceleration_m_s2, rate)
@@ -124,16 +124,16 @@ def segment(channels: Channels) -> Segmentation:
     told, heard = _heard(level, rate, ~contact)
     if told and not (by_force and by_speed):
         moving &= heard
-    states = np.full(len(contact), State.AIR, dtype=np.int8)
-    states[contact] = State.STILL if by_force else State.AIR
+    states = np.full(len(contact), InteractionState.AIR, dtype=np.int8)
+    states[contact] = InteractionState.STILL if by_force else InteractionState.AIR
     sliding = _without_brief(contact & moving, round(BRIEF_S * rate))
-    states[sliding] = State.SLIDING
+    states[sliding] = InteractionState.SLIDING
     if by_force:
         _mark_impacts(states, contact, channels.acceleration_m_s2, level, rate)
     elif told:
         _mark_bursts(states, heard, level, rate)
     changes = []
-    for start, end in runs(states == State.SLIDING):
+    for start, end in runs(states == InteractionState.SLIDING):
         changes += [start + c for c in change_points(channels.acceleration_m_s2[start:end], rate)]
     return Segmentation(rate, states, tuple(changes), force_on, speed_on)
 
@@ -164,7 +164,7 @@ def _mark_impacts(states: NDArray[np.int8], contact: Mask, acceleration: Array, 
         onset = first + _onset(acceleration[reach], quiet)
         next_touch = touched[i + 1][0] - before if i + 1 < len(touched) else len(level)
         over = _rung_out(level, onset, quiet, min(next_touch, onset + round(TAP_S * rate)))
-        states[onset : max(over, end) if brief else over] = State.TAP
+        states[onset : max(over, end) if brief else over] = InteractionState.TAP
 
 
 def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: float) -> None:
@@ -174,7 +174,7 @@ def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: floa
         brief = start > 0 and end - start <= TAP_S * rate
         early = int(np.argmax(burst)) <= max(len(burst) // 3, round(LEVEL_S * rate))
         if brief and early and burst.max() >= IMPACT * np.median(burst[-(len(burst) // 4 + 1) :]):
-            states[start:end] = State.TAP
+            states[start:end] = InteractionState.TAP
 
 
 def _onset(acceleration: Array, quiet: float) -> int:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.channel import Channels
-from hapscene.capture.segment import Segmentation, State
-from hapscene.output import whole_file
+from hapscene.capture.segment import InteractionState, Segmentation
+from hapscene.capture.streams import Streams
+from hapscene.files import whole_file
 from hapscene.view.palette import INK, OKABE_ITO
 
 if TYPE_CHECKING:
@@ -22,15 +22,20 @@ COLUMN_COUNT: Final = 2000
 """Columns that a long stream is reduced to, each drawn from its least to its greatest value: peaks stay."""
 
 COLOURS: Final = {
-    State.AIR: "#D5DAE1",
-    State.STILL: OKABE_ITO["sky"],
-    State.SLIDING: OKABE_ITO["green"],
-    State.TAP: OKABE_ITO["vermilion"],
+    InteractionState.AIR: "#D5DAE1",
+    InteractionState.STILL: OKABE_ITO["sky"],
+    InteractionState.SLIDING: OKABE_ITO["green"],
+    InteractionState.TAP: OKABE_ITO["vermilion"],
 }
-WORDS: Final = {State.AIR: "no contact", State.STILL: "at rest", State.SLIDING: "sliding", State.TAP: "tap"}
+WORDS: Final = {
+    InteractionState.AIR: "no contact",
+    InteractionState.STILL: "at rest",
+    InteractionState.SLIDING: "sliding",
+    InteractionState.TAP: "tap",
+}
 
 
-def write_states(parts: Sequence[tuple[Channels, Segmentation]], path: str | Path, titles: Sequence[str] = ()) -> None:
+def write_states(parts: Sequence[tuple[Streams, Segmentation]], path: str | Path, titles: Sequence[str] = ()) -> None:
     """Draws the states of recordings as PNG, one under the other.
 
     Args:
@@ -46,7 +51,7 @@ def write_states(parts: Sequence[tuple[Channels, Segmentation]], path: str | Pat
         figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
 
 
-def draw_states(parts: Sequence[tuple[Channels, Segmentation]], titles: Sequence[str] = ()) -> "Figure":
+def draw_states(parts: Sequence[tuple[Streams, Segmentation]], titles: Sequence[str] = ()) -> "Figure":
     """The figure that `write_states` writes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -64,7 +69,7 @@ def draw_states(parts: Sequence[tuple[Channels, Segmentation]], titles: Sequence
 _Stream = tuple[str, Array, float | None]  # label, values, threshold
 
 
-def _streams(channels: Channels, states: Segmentation) -> list[_Stream]:
+def _streams(channels: Streams, states: Segmentation) -> list[_Stream]:
     """What is drawn: the vibration, and every stream that changes."""
     streams: list[_Stream] = [("acceleration\n[m/s²]", channels.acceleration_m_s2, None)]
     if np.ptp(channels.force_N) > 0.0:

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.channel import HAND_CUTOFF_HZ, Channels
-from hapscene.capture.segment import Segmentation, State, noise, runs
+from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Stiffness:
     reason: str = ""
 
 
-def fit_stiffness(parts: Sequence[tuple[Channels, Segmentation]]) -> Stiffness:
+def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
     """The stiffness of recordings of one surface.
 
     A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide. Force and
@@ -69,7 +69,7 @@ def fit_stiffness(parts: Sequence[tuple[Channels, Segmentation]]) -> Stiffness:
     return Stiffness(slope, (min(float(low), slope), max(float(high), slope)))
 
 
-def _noise_ratio(parts: Sequence[tuple[Channels, Segmentation]]) -> float:
+def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
     """Noise of the forces over noise of the depths [N/m], bounded so that neither counts as exact."""
     ratios = []
     for channels, _ in parts:
@@ -80,12 +80,12 @@ def _noise_ratio(parts: Sequence[tuple[Channels, Segmentation]]) -> float:
     return float(np.median(ratios))
 
 
-def _loadings(channels: Channels, states: Segmentation) -> list[tuple[Array, Array]]:
+def _loadings(channels: Streams, states: Segmentation) -> list[tuple[Array, Array]]:
     """Depth and force (m,) of each loading about their means, thinned to what the low-pass leaves independent."""
     assert channels.depth_m is not None and states.force_on_N is not None
     step = max(1, round(channels.rate_Hz / (4.0 * HAND_CUTOFF_HZ)))
     found = []
-    contact = (channels.force_N > states.force_on_N) & (states.states != State.SLIDING)
+    contact = (channels.force_N > states.force_on_N) & (states.states != InteractionState.SLIDING)
     for start, end in runs(contact):
         force = channels.force_N[start:end]
         top = int(np.argmax(force))

@@ -7,22 +7,22 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.channel import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Channels, clean
 from hapscene.capture.excitation import fit_excitation, normalised, quantile_knots
 from hapscene.capture.friction import fit_friction
-from hapscene.capture.order import search_order
-from hapscene.capture.piece import PIECE_S, Pieces, cut, pooled
+from hapscene.capture.order_search import search_order
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.segment import Segmentation, State, segment
+from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
+from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
+from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
-Part = tuple[Channels, Segmentation]
+Part = tuple[Streams, Segmentation]
 """A recording, cleaned, and its states."""
 
 EXCITATIONS: Final = ("auto", "gaussian", "measured")
@@ -50,15 +50,16 @@ def fit(
     """The swatch of a recording of a tool on a surface.
 
     Args:
-        acceleration_m_s2: (n,) acceleration of the tool, one axis (`hapscene.capture.axis.one_axis` makes it of three).
+        acceleration_m_s2: (n,) acceleration of the tool, one axis (of three `hapscene.capture.recording_file.one_axis`
+            makes it).
         rate_Hz: sample rate of all streams; the models are made for it.
         force_N: (n,) normal force, zero in the air, one number, or None: then 1 N is assumed.
         speed_m_s: (n,) speed of the tool, one number, or None: then 0.1 m/s is assumed.
         tangential_force_N: (n,) tangential force, or None: then the swatch has no friction.
         name: of the swatch.
-        order: of the AR models, or "auto": chosen on held-out data (`hapscene.capture.order`).
+        order: of the AR models, or "auto": chosen on held-out data (`hapscene.capture.order_search`).
         model_count: models over force and speed, or "auto": as many as hold on held-out data.
-        interpolation: how the texture blends its models, see `hapscene.surface.blend`.
+        interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
         excitation: the noise that drives the texture: "gaussian", "measured" (distributed as the residual), or "auto":
             the one that comes nearer on held-out data (`hapscene.capture.excitation`).
@@ -160,7 +161,7 @@ def _texture(
     """The texture of all that slides."""
     rate = parts[0][0].rate_Hz
     pieces = _pieces(parts)
-    sliding = [channels.acceleration_m_s2[states.states == State.SLIDING] for channels, states in parts]
+    sliding = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
     signal = np.concatenate(sliding)
     if len(signal) < DURATION_MIN_S * rate:
         raise _NoTexture(f"the tool slides for {len(signal) / rate:.2f} s: at least {DURATION_MIN_S:g} s are needed")
@@ -192,7 +193,7 @@ def _pieces(parts: Sequence[Part]) -> Pieces:
         runs = states.stationary()
         lengths = [end - start for start, end in runs]
         if not runs or np.median(lengths) < STATIONARY_PIECES * PIECE_S * channels.rate_Hz:
-            runs = states.runs(State.SLIDING)
+            runs = states.runs(InteractionState.SLIDING)
         try:
             found.append(cut(channels, runs))
         except CaptureError as error:

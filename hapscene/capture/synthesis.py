@@ -1,6 +1,6 @@
 """The acceleration of a swatch's texture along a stroke, offline: to judge a fit, and to listen to it.
 
-The same lattice and the same noise as the renderer's effect `lpc_texture` (`hapscene.surface.lattice`); here the models
+The same lattice and the same noise as the renderer's effect `lpc_texture` (`hapscene.dsp.lattice`); here the models
 are those of the texture itself, there they come from a table on a grid.
 """
 
@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.dsp.lattice import run_lattice
+from hapscene.dsp.noise import seeded_state
 from hapscene.errors import CaptureError
-from hapscene.surface.lattice import play
-from hapscene.surface.random import seeded_state
 from hapscene.surface.swatch import Swatch
 
 Array = NDArray[np.float64]
@@ -59,8 +59,10 @@ def synthesize(
         level = np.sqrt(power)
         if start == 0:
             before = np.empty(round(SETTLE_S * texture.rate_Hz))
-            play(k[:1], np.ones(1), 1.0, len(before), texture.excitation, rng, state, before)
+            run_lattice(k[:1], np.ones(1), 1.0, len(before), texture.excitation, rng, state, before)
             last = level[0]
-        play(k, level, last, block, texture.excitation, rng, state, output[start * block : (start + _PART) * block])
+        run_lattice(
+            k, level, last, block, texture.excitation, rng, state, output[start * block : (start + _PART) * block]
+        )
         last = level[-1]
     return output

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.channel import Channels, high_pass_gain
-from hapscene.capture.segment import Run, Segmentation, State
+from hapscene.capture.segment import InteractionState, Run, Segmentation
+from hapscene.capture.streams import Streams, high_pass_gain
 from hapscene.surface.taps import Taps
 
 Array = NDArray[np.float64]
@@ -82,14 +82,14 @@ class TapFit:
     absent: dict[str, str]
 
 
-def fit_taps(parts: Sequence[tuple[Channels, Segmentation]]) -> TapFit:
+def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
     """The taps of recordings of one surface, at one rate.
 
     Taps at approach speeds within `SPEED_RATIO` become one: the mean of each number weighted by its confidence, and the
     mean transient. The interval of each number is that of this mean, widened where single taps scatter more than their
     own errors say; its key is "taps.frequency_Hz[0]" for the first speed.
     """
-    impacts = [(channels, run) for channels, states in parts for run in states.runs(State.TAP)]
+    impacts = [(channels, run) for channels, states in parts for run in states.runs(InteractionState.TAP)]
     if not impacts:
         return TapFit(None, {}, {"taps": "no tap was found in the recording"})
     speeds = np.array([_approach(channels, run[0]) for channels, run in impacts])
@@ -152,7 +152,7 @@ def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
     return (weight * values).sum(axis=0) / total, 1.0 / np.sqrt(total)
 
 
-def measure_tap(channels: Channels, run: Run, approach_m_s: float) -> MeasuredTap | None:
+def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap | None:
     """The sinusoid nearest to the impact whose ringing spans `run`; None where there is nothing to fit."""
     from scipy.optimize import least_squares
 
@@ -214,7 +214,7 @@ def _loudest(data: Array, rate: float) -> float:
     return float(max(1, int(density.argmax()))) * rate / size
 
 
-def _approach(channels: Channels, onset: int) -> float:
+def _approach(channels: Streams, onset: int) -> float:
     """Speed [m/s] at which the tool came: the slope of its depth, else its speed; NaN where neither was recorded."""
     first, last = (max(0, onset - round(s * channels.rate_Hz)) for s in SPEED_S)
     if last - first < 3:

@@ -6,11 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.level import fit_level
-from hapscene.capture.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
-from hapscene.capture.piece import Pieces
+from hapscene.capture.texture_pieces import Pieces, fit_level
 from hapscene.capture.whittle import NoisyModel, density, refined
-from hapscene.surface.lsf import power_gain
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.surface.texture import Texture
 
 Array = NDArray[np.float64]
@@ -40,9 +39,9 @@ def fit_texture(
 
     Force and speed, scaled by their largest, are clustered (k-means); each cluster gives the filter of its pieces, over
     the white noise of `noise` if there is such. One filter stands at the corners of what was recorded, with the power
-    that the level's law gives it there (`hapscene.capture.level`). More stand at the means of their clusters, with the
-    powers that explain the pieces' best through the texture's own interpolation (least squares, none negative). All
-    are scaled so that the recording as a whole keeps its power exactly.
+    that the level's law gives it there (`hapscene.capture.texture_pieces`). More stand at the means of their clusters,
+    with the powers that explain the pieces' best through the texture's own interpolation (least squares, none
+    negative). All are scaled so that the recording as a whole keeps its power exactly.
     """
     label = _cluster(pieces, model_count)
     groups = [pieces[label == i] for i in range(label.max() + 1)]

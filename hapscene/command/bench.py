@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import add_command
+from hapscene.command.options import add_command
 
 
 def add_bench(commands: Any) -> None:
@@ -24,7 +24,7 @@ def add_bench(commands: Any) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from hapscene.bench.run import bench
+    from hapscene_benchmarks.run import bench
 
     docs = None if options.docs is None else Path(options.docs)
     zoo = None if options.zoo is None else Path(options.zoo)

@@ -1,11 +1,452 @@
 """`hapscene capture`: the group of commands of haptography."""
 
-from typing import Any
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-from hapscene.command.capture_batch import add_batch
-from hapscene.command.capture_fit import add_capture_fit
-from hapscene.command.capture_record import add_record
-from hapscene.command.capture_report import add_capture_report
+from hapscene.command.options import (
+    add_command,
+    add_recording_options,
+    baud,
+    name_made,
+    recording_options,
+    seconds,
+    whole,
+)
+from hapscene.constants import ORDER_MAX
+from hapscene.wire.port import BAUD
+
+if TYPE_CHECKING:
+    from hapscene.capture.batch import ManifestEntry, Result
+    from hapscene.surface.swatch import Swatch
+
+
+# The options that say how a texture is fitted: the order of its models, how they blend, what drives them.
+
+
+INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
+EXCITATIONS: Final = ("auto", "gaussian", "measured")  # as in capture.swatch_fit
+
+
+def add_fit_options(command: argparse.ArgumentParser) -> None:
+    """Adds --order, --interpolation and --excitation."""
+    command.add_argument(
+        "--order", type=_order, default="auto", metavar="N",
+        help="of the texture's models (default: auto, held-out data)",
+    )  # fmt: skip
+    command.add_argument(
+        "--interpolation", choices=INTERPOLATIONS, default="lsf", help="how the texture blends its models (default lsf)"
+    )
+    command.add_argument(
+        "--excitation", choices=EXCITATIONS, default="auto",
+        help="the noise that drives the texture (default: auto, the nearer one on held-out data)",
+    )  # fmt: skip
+
+
+def fit_options(options: argparse.Namespace) -> dict[str, Any]:
+    """What `fit_parts` takes of them."""
+    return {"order": options.order, "interpolation": options.interpolation, "excitation": options.excitation}
+
+
+def _order(text: str) -> int | Literal["auto"]:
+    if text == "auto":
+        return "auto"
+    return whole('an order is "auto", or', 1, ORDER_MAX)(text)
+
+
+# `hapscene capture batch`.
+
+
+TERMINAL_S: Final = 0.1
+"""Time between two states of the progress line on a terminal [s]."""
+
+LOG_S: Final = 10.0
+"""Time between two lines of progress where the output is no terminal [s]."""
+
+
+def add_batch(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "batch",
+        run_batch,
+        "fit a swatch to each of many recordings; run it again to go on where it was stopped",
+        "hapscene capture batch recordings/ --out swatches --rate 10000 --units acceleration=m/s2,force=N,speed=m/s",
+        "hapscene capture batch --list files.csv --out swatches --jobs 4",
+        "hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786",
+    )
+    command.description = (
+        f"{command.description}\n\n"
+        "The swatches lie below --out as the recordings do below the folder they share, beside manifest.json, which\n"
+        "says of each recording what became of it. What was fitted with the same content and settings is skipped.\n"
+        "Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C."
+    )
+    command.add_argument("recordings", metavar="RECORDING", nargs="*", help="files, and folders of them")
+    command.add_argument("-o", "--out", required=True, metavar="DIR", help="folder to write into")
+    add_fit_options(command)
+    add_batch_options(command)
+    add_recording_options(command)
+
+
+def add_batch_options(command: argparse._ActionsContainer) -> None:
+    """Adds --list, --jobs and --scheduler."""
+    command.add_argument(
+        "--list",
+        metavar="CSV",
+        help="recordings from a list: a column recording (relative to the list), and where wanted name, rate, columns, "
+        "units",
+    )
+    command.add_argument(
+        "--jobs", type=whole("a number of processes", 1), metavar="N", help="processes here (default: one per core)"
+    )
+    command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
+
+
+def run_batch(options: argparse.Namespace) -> int:
+    """Fits a swatch to each recording, into the folder `options.out`; the exit code."""
+    from hapscene.capture.batch import fit_batch, gather, read_list
+    from hapscene.errors import CaptureError
+    from hapscene.interrupt import interrupt_noted
+
+    if options.jobs is not None and options.scheduler is not None:
+        raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
+    items = gather(options.recordings) + ([] if options.list is None else read_list(options.list))
+    if not items:
+        raise CaptureError("no recordings: name files or folders, or --list files.csv")
+    items = list({item.path.absolute(): item for item in items}.values())
+    progress = _Progress(len(items))
+    with interrupt_noted() as stopped:
+
+        def asked() -> bool:
+            if stopped():
+                progress.stopping()
+            return stopped()
+
+        try:
+            result = fit_batch(
+                items,
+                options.out,
+                recording_options(options),
+                fit_options(options),
+                options.jobs,
+                options.scheduler,
+                asked,
+                progress.show,
+            )
+        except KeyboardInterrupt:
+            progress.end()
+            print("hapscene: interrupted; run the same again to go on", file=sys.stderr)
+            return 130
+        finally:
+            progress.end()
+    print(f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed")
+    for entry in result.failed:
+        print(f"  {entry.reason}")
+    for note in result.notes:
+        print(f"note: {note}")
+    print(f"made:\n  {options.out}: swatches and manifest.json")
+    if result.stopped:
+        left = len(items) - result.count
+        print(f"hapscene: interrupted with {left} recordings left; run the same again to go on", file=sys.stderr)
+        return 130
+    return 1 if result.failed else 0
+
+
+class _Progress:
+    """One line that tells how far the batch is; plain lines where the output is no terminal."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._live = sys.stdout.isatty()
+        self._start_s = time.monotonic()
+        self._shown_s = self._start_s
+        self._open = False
+        self._told = False
+
+    def show(self, result: "Result", entry: "ManifestEntry") -> None:
+        """Shows the state, if it is time for it."""
+        now_s = time.monotonic()
+        if now_s - self._shown_s < (TERMINAL_S if self._live else LOG_S):
+            return
+        self._shown_s = now_s
+        worked = len(result.fitted) + len(result.failed)
+        line = f"{result.count} of {self._total}, {len(result.failed)} failed"
+        if worked:
+            left_s = (self._total - result.count) * (now_s - self._start_s) / worked
+            line += f", {worked / (now_s - self._start_s):.2g} a second, about {duration(left_s)} left"
+        print(f"\r{line}\x1b[K" if self._live else line, end="" if self._live else "\n", flush=True)
+        self._open = self._live
+
+    def stopping(self) -> None:
+        """Says once that the end is near."""
+        if not self._told:
+            self._told = True
+            self.end()
+            print("finishing what is under way; Ctrl-C again leaves it", flush=True)
+
+    def end(self) -> None:
+        """Leaves the line."""
+        if self._open:
+            print(flush=True)
+            self._open = False
+
+
+def duration(seconds: float) -> str:
+    """A duration in words: "40 s", "12 min", "3 h 20 min"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
+
+
+# `hapscene capture fit`.
+
+
+def add_capture_fit(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "fit",
+        _fit,
+        "fit a swatch to recordings of a tool on one surface; or, into a folder, a swatch to each recording",
+        "hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \\",
+        "    --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N",
+        "hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'",
+        "hapscene capture fit oak.npz --name oak -o oak.swatch --plot states.png",
+        "hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786",
+    )
+    command.add_argument(
+        "recordings", metavar="RECORDING", nargs="*",
+        help="CSV, text, WAV, NPZ, MAT or .hsrec; several are pooled into one swatch, unless -o is a folder",
+    )  # fmt: skip
+    command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
+    command.add_argument(
+        "-o", "--out", metavar="SWATCH", required=True,
+        help="the .swatch file to write; or a folder, as in swatches/, for a swatch of each recording",
+    )  # fmt: skip
+    add_fit_options(command)
+    command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
+    add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
+    add_recording_options(command)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    if _is_batch(options):
+        return run_batch(options)
+    return _fit_one(options)
+
+
+def _is_batch(options: argparse.Namespace) -> bool:
+    """Whether each recording is to have a swatch of its own; refuses options that do not fit together."""
+    import os
+
+    from hapscene.errors import CaptureError, SwatchError
+    from hapscene.surface.swatch_file import SUFFIX
+
+    out = Path(options.out)
+    for_each = [name for name in ("list", "jobs", "scheduler") if getattr(options, name) is not None]
+    if out.suffix == SUFFIX and not out.is_dir():
+        if for_each:
+            raise CaptureError(
+                f"--{for_each[0]} is for a swatch of each recording: with it, -o names a folder, as in -o swatches/, "
+                f"not {options.out}"
+            )
+        folders = [path for path in options.recordings if Path(path).is_dir()]
+        if folders:
+            raise CaptureError(
+                f"{folders[0]}: a folder: for a swatch of each recording in it name a folder, as in -o swatches/; "
+                f"to pool its recordings into {options.out}, name its files"
+            )
+        if not options.recordings:
+            raise CaptureError("no recordings: name one or more files")
+        return False
+    if not (for_each or out.is_dir() or options.out.endswith(("/", os.sep))):
+        raise SwatchError(
+            f"{options.out}: a swatch's file name must end in {SUFFIX}; a folder, for a swatch of each recording, "
+            f"is named with a slash: -o {options.out}/"
+        )
+    for name in ("name", "plot"):
+        if getattr(options, name) is not None:
+            raise CaptureError(
+                f"--{name} is for one swatch: leave it out, or name a file, as in -o oak{SUFFIX}; here each recording "
+                f"has a swatch of its own in {options.out}"
+            )
+    return True
+
+
+def _fit_one(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from hapscene import __version__
+    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.segment import InteractionState
+    from hapscene.capture.segment_plot import WORDS, write_states
+    from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.errors import CaptureError
+    from hapscene.surface.swatch_file import save_swatch
+    from hapscene.touch import speak
+
+    parts = []
+    for path in options.recordings:
+        speak(f"reading {path}\n")
+        recording = load_surface_recording(path, **recording_options(options))
+        try:
+            part = prepare(recording)
+        except CaptureError as error:
+            raise CaptureError(f"{path}: {error}") from None
+        parts.append(part)
+        held = (
+            f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in InteractionState if part[1].seconds(state)
+        )
+        speak(f"  {', '.join(held)}\n")
+    made = []
+    if options.plot is not None:  # before the fit: it shows why one may fail
+        write_states(parts, options.plot, [Path(path).name for path in options.recordings])
+        made.append(Path(options.plot))
+    speak("fitting\n")
+    swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
+    files = ", ".join(Path(path).name for path in options.recordings)
+    provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
+    swatch = replace(swatch, provenance=provenance)
+    save_swatch(swatch, options.out)
+    print("\n".join(summary(swatch)))
+    name_made([Path(options.out), *made])
+    return 0
+
+
+def summary(swatch: "Swatch") -> list[str]:
+    """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
+    from hapscene.capture.tap_fit import SPEED_RATIO
+    from hapscene.surface.swatch_summary import sounding
+
+    lines = [f"{swatch.name}:"]
+    texture, taps = swatch.texture, swatch.taps
+    if texture is not None:
+        count = sounding(texture)
+        lines.append(
+            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
+            f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
+        )
+    if swatch.friction_dynamic > 0.0:
+        lines.append(f"  friction: dynamic {_number(swatch, 'friction_dynamic', '.3f')}")
+        lines.append(f"            static {_number(swatch, 'friction_static', '.3f')}")
+    if "stiffness_N_m" in swatch.intervals:
+        lines.append(f"  stiffness: {_number(swatch, 'stiffness_N_m', '.0f')} N/m")
+    for i, speed in enumerate(() if taps is None else taps.approach_m_s):
+        assert taps is not None
+        frequency, decay = swatch.intervals.get(f"taps.frequency_Hz[{i}]"), swatch.intervals.get(f"taps.decay_1_s[{i}]")
+        lines.append(
+            f"  tap at {1e3 * speed:.0f} mm/s: {taps.amplitude_m_s2[i]:.3g} m/s², {taps.frequency_Hz[i]:.1f} "
+            f"{_interval(frequency, '.1f')} Hz, decay {taps.decay_1_s[i]:.0f} {_interval(decay, '.0f')} 1/s"
+        )
+    if taps is not None:
+        lines.append(f"  (taps at speeds within {100 * (SPEED_RATIO - 1):.0f} % count as one)")
+    if swatch.intervals:
+        lines.append("  in brackets: 95 % intervals")
+    lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
+    return lines
+
+
+def _number(swatch: "Swatch", name: str, form: str) -> str:
+    return f"{getattr(swatch, name):{form}} {_interval(swatch.intervals.get(name), form)}".rstrip()
+
+
+def _interval(pair: tuple[float, float] | None, form: str) -> str:
+    return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
+
+
+# `hapscene capture record`.
+
+
+RATE_TOLERANCE = 0.02
+"""How far the samples that come may be off the announced rate before it is told [1]."""
+
+
+def add_record(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "record",
+        _record,
+        "record from an accelerometer or force probe on a serial port (docs/probe-protocol.md)",
+        "hapscene capture record --port /dev/ttyUSB0 -o tap.hsrec",
+        "hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz",
+        "python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware",
+    )
+    command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
+    command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
+    command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
+    command.add_argument(
+        "-o", "--out", required=True, metavar="FILE", help="the file to write: .hsrec (crash-safe), or .npz at the end"
+    )
+
+
+def _record(options: argparse.Namespace) -> int:
+    from hapscene.capture.record import REACHED, STOPPED, record
+    from hapscene.capture.record_file import SUFFIX
+    from hapscene.interrupt import interrupt_noted
+
+    place = Path(options.out).with_suffix(SUFFIX)
+    was_there = place.exists()
+    with interrupt_noted() as stopped:
+        try:
+            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say)
+        except KeyboardInterrupt:
+            if was_there or not place.exists():
+                raise
+            print(f"hapscene: interrupted; what was recorded until then is in {place}", file=sys.stderr)
+            return 130
+    count = made.count
+    lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"
+    _say(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
+    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
+        _note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
+    if count.restarts:
+        _note(f"the probe began anew {count.restarts} times")
+    _say(f"made:\n  {made.path}  ({made.path.stat().st_size / 1e3:,.0f} kB)")
+    return 0 if made.ended in (STOPPED, REACHED) else 1
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _note(line: str) -> None:
+    print(f"hapscene: note: {line}", file=sys.stderr)
+
+
+# `hapscene capture report`.
+
+
+def add_capture_report(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "report",
+        _report,
+        "one page on how good a swatch is and why: plots, figures, what is absent",
+        "hapscene capture report oak.swatch oak.csv --rate 10000 --units acceleration=m/s2,force=N -o oak.html",
+        "hapscene capture report wood -o wood.html",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a .swatch file, or the name of a shipped swatch")
+    command.add_argument(
+        "recording", metavar="RECORDING", nargs="?", help="what it was fitted to, or another recording of that surface"
+    )
+    command.add_argument("-o", "--out", metavar="PAGE", required=True, help="the HTML file to write")
+    add_recording_options(command)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.report import write_report
+    from hapscene.surface.swatch_file import load_swatch
+
+    swatch = load_swatch(options.swatch)
+    recording = None
+    if options.recording is not None:
+        recording = load_surface_recording(options.recording, **recording_options(options))
+    source = "" if options.recording is None else Path(options.recording).name
+    write_report(swatch, options.out, recording, source)
+    name_made([Path(options.out)])
+    return 0
 
 
 def add_capture(commands: Any) -> None:

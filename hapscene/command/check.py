@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.word import UNIT_HELP, add_command
+from hapscene.command.options import UNIT_HELP, add_command
 from hapscene.errors import MeshError
 
 
@@ -25,9 +25,9 @@ def add_check(commands: Any) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from hapscene.output import check_file
-    from hapscene.scene.doctor import examine
+    from hapscene.files import check_file
     from hapscene.scene.mesh import load_mesh
+    from hapscene.scene.mesh_doctor import examine
 
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)
@@ -35,10 +35,10 @@ def _check(options: argparse.Namespace) -> int:
     report = examine(mesh)
     done: list[str] = []
     if options.fix is not None:
-        from hapscene.scene.mend import mend
+        from hapscene.scene.mesh_doctor import repair
         from hapscene.scene.ply import write_mesh
 
-        mended, done = mend(mesh)
+        mended, done = repair(mesh)
         write_mesh(mended, options.fix)
     if options.json:
         fixed = {} if options.fix is None else {"fixed": done, "written": options.fix}

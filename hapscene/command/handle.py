@@ -4,10 +4,94 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.handle_play import add_handle_play
-from hapscene.command.recording_option import add_recording_options
-from hapscene.command.word import add_command, baud, folder, force, name_made, number, rate, seconds, seed, whole
+from hapscene.command.options import (
+    add_command,
+    add_recording_options,
+    baud,
+    folder,
+    force,
+    name_made,
+    number,
+    rate,
+    recording_options,
+    seconds,
+    seed,
+    whole,
+)
 from hapscene.wire.port import BAUD
+
+# `hapscene handle play`.
+
+
+def add_handle_play(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "play",
+        _play,
+        "play an acceleration through the simulated handle, and write what would be felt",
+        "hapscene handle play touch.npz --handle my.handle --out out/felt",
+        "hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --compensator inverse --out out/oak",
+        "hapscene handle play tap.wav --units 'acceleration=50 m/s2' --handle my.handle --grip 1 --out out/light",
+    )
+    command.add_argument("file", metavar="FILE", help="a recording of `hapscene touch`, or CSV, WAV, NPZ, MAT, .hsrec")
+    command.add_argument("--handle", metavar="FILE", help="an identified handle (default: the assumed one)")
+    command.add_argument(
+        "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
+    )
+    command.add_argument("--compensator", default="adaptive", help="none, naive, inverse, … (default adaptive)")
+    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    command.add_argument("--seed", type=seed, default=0, help="of the accelerometer's noise (default 0)")
+    add_recording_options(command)
+
+
+def _play(options: argparse.Namespace) -> int:
+    from hapscene.dsp.spectrogram import spectrogram_error
+    from hapscene.errors import HandleError, no_such
+    from hapscene.files import whole_folder
+    from hapscene.handle.handle_file import load_handle
+    from hapscene.handle.plant import Plant
+    from hapscene.handle.playback import play
+    from hapscene.handle.playback_report import write_playback, write_wave
+
+    nominal = plant = Plant()
+    if options.handle is not None:
+        handle = load_handle(options.handle)
+        nominal = plant = handle.plant
+        if options.grip is not None:
+            if not 1 <= options.grip <= len(handle.grips):
+                raise HandleError(no_such("grip", str(options.grip), map(str, range(1, len(handle.grips) + 1))))
+            plant = handle.plant_in(handle.grips[options.grip - 1])
+    elif options.grip is not None:
+        raise HandleError("--grip needs --handle: the assumed handle has but one")
+    desired, rate_Hz = _desired(options)
+    played = play(desired, rate_Hz, plant, options.compensator, nominal, options.seed)
+    error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
+    told = f"{Path(options.file).name} by {options.compensator}: spectrogram error {100 * error:.1f} %"
+    with whole_folder(options.out) as out:
+        full_m_s2 = write_wave(played.acceleration_m_s2, rate_Hz, out / "felt.wav")
+        write_playback(desired, played, rate_Hz, plant, told, out / "felt.png")
+    print(told)
+    print(f"felt {1e3 * played.latency_s:.1f} ms late; full scale of felt.wav is {full_m_s2:.3g} m/s²")
+    if played.hits or played.clips:
+        print(f"the coil met a stop {played.hits} times; the force was cut {played.clips} times")
+    name_made([Path(options.out) / name for name in ("felt.png", "felt.wav")])
+    return 0
+
+
+def _desired(options: argparse.Namespace) -> tuple[Any, float]:
+    """The acceleration of the file and its rate."""
+    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.recording import Recording, RecordingError
+
+    if Path(options.file).suffix == ".npz" and options.rate is None:
+        try:
+            recording = Recording.load(options.file)
+            return recording.a_m_s2.ravel(), recording.a_rate_Hz
+        except RecordingError:
+            pass  # an npz of another kind, whose fault the next reader tells
+    read = load_surface_recording(options.file, **recording_options(options))
+    return read.acceleration_m_s2, read.rate_Hz
+
 
 HZ: Final = "a frequency is a number of Hz"
 
@@ -77,10 +161,9 @@ def _add_identify(commands: Any) -> None:
 
 def _identify(options: argparse.Namespace) -> int:
     from hapscene.handle.fit import identify
-    from hapscene.handle.loop import ACCELEROMETER_HZ
+    from hapscene.handle.handle_loop import ACCELEROMETER_HZ
+    from hapscene.handle.identification_report import describe_lines, write_result
     from hapscene.handle.plant import Plant
-    from hapscene.handle.portrait import lines
-    from hapscene.handle.result import write_result
     from hapscene.handle.sweep import Sweep
 
     given = {"force_limit_N": options.force_limit, "travel_limit_m": options.travel_limit}
@@ -97,7 +180,7 @@ def _identify(options: argparse.Namespace) -> int:
         options.name,
         provenance,
     )
-    print("\n".join(lines(handle)))
+    print("\n".join(describe_lines(handle)))
     name_made(write_result(handle, responses, [] if options.files else recordings, Path(options.out)))
     return 0
 
@@ -108,8 +191,8 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
 
     from hapscene.errors import HandleError
     from hapscene.handle.fit import GRIP_MAX
+    from hapscene.handle.force_source import SimulatedSource, grip_names, simulated_grips
     from hapscene.handle.measure import load_grips, play_grips
-    from hapscene.handle.source import SimulatedSource, grip_names, simulated_grips
 
     if options.files:
         return load_grips(
@@ -140,7 +223,7 @@ def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[
     from contextlib import closing
 
     from hapscene.handle.measure import play_grips
-    from hapscene.handle.port import PortSource
+    from hapscene.handle.serial_handle import SerialSource
 
     def share(done: float) -> None:
         if sys.stdout.isatty():
@@ -151,7 +234,7 @@ def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[
         if sys.stdin.isatty():
             input("press Enter to play ")
 
-    with closing(PortSource(options.port, options.baud, share)) as source:
+    with closing(SerialSource(options.port, options.baud, share)) as source:
         return play_grips(source, sweep, guess, names, hold)
 
 
@@ -170,8 +253,8 @@ def _add_show(commands: Any) -> None:
 
 def _show(options: argparse.Namespace) -> int:
     from hapscene.handle.handle_file import handle_to_json, load_handle
-    from hapscene.handle.portrait import lines
+    from hapscene.handle.identification_report import describe_lines
 
     handle = load_handle(options.file)
-    print(handle_to_json(handle).rstrip() if options.json else "\n".join(lines(handle)))
+    print(handle_to_json(handle).rstrip() if options.json else "\n".join(describe_lines(handle)))
     return 0

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.word import add_command, add_mesh_options, port
+from hapscene.command.options import add_command, add_mesh_options, port
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
@@ -74,11 +74,11 @@ def add_paint(commands: Any) -> None:
 def _paint(options: argparse.Namespace) -> int:
     import webbrowser
 
-    from hapscene.paint.hold import Hold
-    from hapscene.paint.page import Page
+    from hapscene.paint.web.hand_config import HandConfig
+    from hapscene.paint.web.page import Page
     from hapscene.touch import speak
 
-    hold = Hold(options.device, options.grip, options.compensator)
+    hold = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, speak)
     page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
     with page, suppress(KeyboardInterrupt):

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from hapscene.command.word import add_command
+from hapscene.command.options import add_command
 
 
 def add_plugins(commands: Any) -> None:
@@ -19,7 +19,7 @@ def add_plugins(commands: Any) -> None:
 
 
 def _plugins(options: argparse.Namespace) -> int:
-    from hapscene.surface.registry import listed
+    from hapscene.surface.effect_registry import listed
 
     effects = listed()
     if options.json:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.word import add_command, folder, name_made, number, whole
+from hapscene.command.options import add_command, folder, name_made, number, whole
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -54,7 +54,7 @@ def add_stability(commands: Any) -> None:
 
 def _stability(options: argparse.Namespace) -> int:
     from hapscene.device.hand import grip_named
-    from hapscene.stability.run import stability
+    from hapscene.stability.study import stability
     from hapscene.touch import speak
 
     grip = grip_named(options.grip)
@@ -96,9 +96,9 @@ def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
     """Everything else, and the page of documents."""
     import shutil
 
-    from hapscene.output import whole_folder
-    from hapscene.stability.page import find, write_page
+    from hapscene.files import whole_folder
     from hapscene.touch import speak
+    from hapscene_experiments.stability_page import find, write_page
 
     with whole_folder(options.docs / "stability") as folder:
         for file in made:
@@ -130,7 +130,7 @@ def _rates(text: str) -> tuple[float, ...]:
 
 def _delays(text: str) -> tuple[int, ...]:
     """Delays in ticks, separated by commas, each once."""
-    from hapscene.device.limit import DELAY_MAX
+    from hapscene.device.model import DELAY_MAX
 
     delay = whole("a delay in ticks", 0, DELAY_MAX)
     return tuple(dict.fromkeys(delay(part) for part in _parts(text)))

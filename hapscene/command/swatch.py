@@ -2,12 +2,294 @@
 
 import argparse
 import json
-from typing import Any
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from hapscene.command.swatch_compare import add_swatch_compare
-from hapscene.command.swatch_format import add_export, add_import
-from hapscene.command.swatch_gallery import add_swatch_gallery
-from hapscene.command.word import add_command
+from hapscene.command.options import (
+    add_command,
+    add_recording_options,
+    force,
+    name_made,
+    number,
+    rate,
+    recording_options,
+    seconds,
+    seed,
+)
+
+if TYPE_CHECKING:
+    from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
+
+
+# `hapscene swatch compare`.
+
+
+def add_swatch_compare(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "compare",
+        _compare,
+        "how different surfaces feel: side by side, against a library, or over time",
+        "hapscene swatch compare wood paper",
+        "hapscene swatch compare mine.swatch                     (against the shipped swatches)",
+        "hapscene swatch compare mine.swatch --library swatches/",
+        "hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g",
+        "hapscene swatch compare --series monday.swatch tuesday.swatch wednesday.swatch",
+    )
+    command.add_argument(
+        "surface", metavar="SURFACE", nargs="+",
+        help="a .swatch file, the name of a shipped swatch, or a recording, to which a swatch is fitted",
+    )  # fmt: skip
+    command.add_argument("--library", metavar="DIR", help="rank the swatches of this folder by how near they are")
+    command.add_argument("--series", action="store_true", help="the surfaces are one over time, in this order")
+    command.add_argument("--json", action="store_true", help="print JSON")
+    add_recording_options(command)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from hapscene.capture.compare import compare, follow, load_library, load_surface, rank
+    from hapscene.errors import CaptureError
+
+    if options.series and options.library is not None:
+        raise CaptureError("--series follows one surface over time, --library ranks others: give one of the two")
+    surfaces = [load_surface(name, **recording_options(options)) for name in options.surface]
+    swatches = [surface.swatch for surface in surfaces]
+    if options.series:
+        series = follow(swatches)
+        _print(options.json, series.as_dict() | _repeats(surfaces), _series_text(series, surfaces))
+    elif options.library is None and len(swatches) == 2:
+        comparison = compare(*swatches)
+        _print(options.json, comparison.as_dict() | _repeats(surfaces), _pair_text(comparison, surfaces))
+    else:
+        broken: dict[str, str] = {}
+        if options.library is None and len(swatches) > 1:
+            ranks = [rank(swatches[0], swatches[1:])]
+        else:
+            library, broken = load_library(options.library)
+            ranks = [rank(swatch, [other for other in library if other != swatch]) for swatch in swatches]
+        content = {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
+        _print(options.json, content | _repeats(surfaces), [line for r in ranks for line in _rank_text(r)])
+        for reason in broken.values():
+            print(f"hapscene: note: {reason}", file=sys.stderr)
+    return 0
+
+
+def _print(as_json: bool, content: dict[str, Any], lines: Sequence[str]) -> None:
+    print(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) if as_json else "\n".join(lines))
+
+
+def _repeats(surfaces: Sequence["ComparedSurface"]) -> dict[str, Any]:
+    """How far the halves of each recording are apart, for JSON."""
+    return {"repeat_jnd": [surface.repeat_jnd for surface in surfaces]}
+
+
+def _pair_text(comparison: "Comparison", surfaces: Sequence["ComparedSurface"]) -> list[str]:
+    rows: list[Sequence[str]] = [("", comparison.first, comparison.second, "difference", "felt from", "")]
+    rows += [_row(d) for d in comparison.differences]
+    lines = [*_table(rows), "", _sentence(comparison)]
+    lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
+    return lines + _repeat_text(surfaces)
+
+
+def _row(d: "Difference") -> tuple[str, ...]:
+    q = d.quantity
+    values = [f"{v:.3g} {q.value_unit}".removesuffix(" 1") if math.isfinite(v) else "" for v in (d.first, d.second)]
+    change = f"{d.change:.1f}" if math.isnan(d.first) else f"{d.change:+.1f}"
+    return (q.name, *values, f"{change} {q.unit}".replace("-", "−"), f"{q.jnd:g} {q.unit}", d.verdict)
+
+
+def _sentence(comparison: "Comparison") -> str:
+    telling = comparison.telling
+    if telling is None:
+        return f"{comparison.first} and {comparison.second} cannot be compared: they have nothing in common"
+    times = f"{comparison.distance_jnd:.1f} times what a person feels"
+    return f"{comparison.second} {comparison.verdict} from {comparison.first}: most by {telling.quantity.name}, {times}"
+
+
+def _rank_text(ranked: Sequence["Comparison"]) -> list[str]:
+    if not ranked:
+        return ["nothing to compare with: the library holds only this surface"]
+    rows = [("", "surface", "distance", "most by", f"from {ranked[0].first}")]
+    for place, c in enumerate(ranked, 1):
+        distance = f"{c.distance_jnd:.1f} JND" if c.telling else ""
+        rows.append((str(place), c.second, distance, c.telling.quantity.name if c.telling else "", c.verdict))
+    return [*_table(rows), "1 JND is the least difference that a person feels", ""]
+
+
+def _series_text(series: "Series", surfaces: Sequence["ComparedSurface"]) -> list[str]:
+    rows = [("", "surface", *(f"{t.quantity.name} [{t.quantity.unit}]" for t in series.trends), "from the first")]
+    for i, name in enumerate(series.names):
+        change = [t.change[i] for t in series.trends]
+        cells = ["" if math.isnan(c) else f"{c:+.1f}".replace("-", "−") for c in change]
+        rows.append((str(i + 1), name, *cells, series.comparisons[i].verdict if i else ""))
+    lines = ["change against the first surface", *_table(rows), ""]
+    for t in series.trends:
+        chance = "" if math.isnan(t.p_value) else f", p = {t.p_value:.2g}"
+        slope = f"{t.slope:+.2f}".replace("-", "−")
+        lines.append(f"{t.quantity.name}: {t.word} ({slope} {t.quantity.unit} from one to the next{chance})")
+    return lines + _repeat_text(surfaces)
+
+
+def _repeat_text(surfaces: Sequence["ComparedSurface"]) -> list[str]:
+    return [
+        f"two halves of {s.swatch.name}'s own recording are {s.repeat_jnd:.1f} JND apart: less may be chance"
+        for s in surfaces
+        if s.repeat_jnd is not None
+    ]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Columns of even width."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+# `hapscene swatch import` and `hapscene swatch export`.
+
+
+def add_import(commands: Any) -> None:
+    group = commands.add_parser(
+        "import",
+        help="make swatches of other programs' files: hatt",
+        description="Make swatches of other programs' files.",
+    )
+    kinds = group.add_subparsers(required=True, metavar="FORMAT")
+    command = add_command(
+        kinds,
+        "hatt",
+        _import_hatt,
+        "import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name",
+        'hapscene swatch import hatt "Models_ABS Plastic.xml" "Taps_ABS Plastic.xml" -o swatches',
+        "hapscene swatch import hatt Models10000Hz/XML Taps/XML -o swatches",
+    )
+    command.add_argument("files", nargs="+", metavar="FILE", help="Models_X.xml, Taps_X.xml, or a folder of them")
+    command.add_argument("-o", "--out", required=True, metavar="DIR", help="folder to write the swatches into")
+
+
+def _import_hatt(options: argparse.Namespace) -> int:
+    from hapscene.capture.hatt import ImportOutcome, import_many
+
+    outcome = ImportOutcome()
+    try:
+        import_many(options.files, options.out, lambda line: print(line, flush=True), outcome)
+    except KeyboardInterrupt:
+        print(f"hapscene: interrupted; the {len(outcome.made)} swatches named above are whole", file=sys.stderr)
+        return 130
+    print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
+    for line in outcome.broken:
+        print(f"hapscene: {' '.join(line.split())}", file=sys.stderr)
+    return 2 if outcome.broken else 0
+
+
+def add_export(commands: Any) -> None:
+    group = commands.add_parser(
+        "export",
+        help="write a swatch for other programs: hatt, hjif",
+        description="Write a swatch for other programs.",
+    )
+    kinds = group.add_subparsers(required=True, metavar="FORMAT")
+    _add_hatt(kinds)
+    _add_hjif(kinds)
+
+
+def _add_hatt(kinds: Any) -> None:
+    command = add_command(
+        kinds,
+        "hatt",
+        _export_hatt,
+        "write a swatch in the layout of the Penn Haptic Texture Toolkit",
+        "hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml",
+        "hapscene swatch export hatt wood --rate 10000 -o Models_wood.xml",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
+    command.add_argument("-o", "--out", required=True, metavar="XML", help="file to write the models to")
+    command.add_argument("--taps", metavar="XML", help="file to write the taps to")
+    command.add_argument(
+        "--rate", type=rate, metavar="HZ", help="resample to this rate; the toolkit plays 10000 and 1000"
+    )
+
+
+def _export_hatt(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from hapscene.capture.hatt import export_hatt
+    from hapscene.surface.swatch_file import load_swatch
+
+    export_hatt(load_swatch(options.swatch), options.out, options.taps, options.rate)
+    name_made([Path(file) for file in (options.out, options.taps) if file is not None])
+    return 0
+
+
+def _add_hjif(kinds: Any) -> None:
+    command = add_command(
+        kinds,
+        "hjif",
+        _export_hjif,
+        "write a swatch as an MPEG haptics file: its texture at one force and speed, then its taps",
+        "hapscene swatch export hjif oak.swatch --force 1 --speed 0.1 --seconds 2 -o oak.hjif",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
+    command.add_argument("-o", "--out", required=True, metavar="HJIF", help="file to write")
+    command.add_argument("--force", type=force, default=1.0, metavar="N", help="normal force [N] (default 1)")
+    command.add_argument(
+        "--speed",
+        type=number("a speed is a number of m/s"),
+        default=0.1,
+        metavar="M_S",
+        help="slip speed [m/s] (default 0.1)",
+    )
+    command.add_argument("--seconds", type=seconds, default=2.0, metavar="S", help="length of the texture (default 2)")
+    command.add_argument("--rate", type=rate, metavar="HZ", help="samples a second (default: the texture's own)")
+    command.add_argument("--seed", type=seed, default=0, help="of the texture's noise (default 0)")
+
+
+def _export_hjif(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from hapscene.capture.hjif import export_hjif
+    from hapscene.surface.swatch_file import load_swatch
+
+    swatch = load_swatch(options.swatch)
+    export_hjif(swatch, options.out, options.force, options.speed, options.seconds, options.rate, options.seed)
+    name_made([Path(options.out)])
+    return 0
+
+
+# `hapscene swatch gallery`.
+
+
+def add_swatch_gallery(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "gallery",
+        _gallery,
+        "make a page of swatches: picture, spectra, sound, and their numbers in words",
+        "hapscene swatch gallery --out gallery.md",
+        "hapscene swatch gallery oak.swatch wood --out oak.md",
+    )
+    command.add_argument("swatches", nargs="*", metavar="SWATCH", help="a name, or a .swatch file (default: shipped)")
+    command.add_argument(
+        "--out", required=True, metavar="FILE", help="the page, .md; pictures and sounds go into a folder of its name"
+    )
+
+
+def _gallery(options: argparse.Namespace) -> int:
+    from hapscene.errors import SwatchError
+    from hapscene.paint.gallery import write_gallery
+    from hapscene.surface.swatch_file import load_swatch, shipped_swatches
+    from hapscene.touch import speak
+
+    page = Path(options.out)
+    if page.suffix.lower() != ".md":
+        raise SwatchError(f"{page}: a gallery is a Markdown page; name it {page.stem or 'gallery'}.md")
+    if not page.parent.is_dir():
+        raise SwatchError(f"{page}: there is no folder {page.parent}; make it first")
+    swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
+    name_made(write_gallery(swatches, page, speak))
+    return 0
 
 
 def add_swatch(commands: Any) -> None:
@@ -83,8 +365,8 @@ def _add_show(commands: Any) -> None:
 
 def _show(options: argparse.Namespace) -> int:
     from hapscene.surface.library import find
-    from hapscene.surface.portrait import figures, lines, words
     from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.swatch_summary import figures, lines, words
 
     own = find(options.swatch, options.library) if options.library else None
     swatch = load_swatch(own or options.swatch)
@@ -113,8 +395,7 @@ def _add_search(commands: Any) -> None:
 
 
 def _search(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import own_entries, shipped_entries
-    from hapscene.surface.library_search import search
+    from hapscene.surface.library import own_entries, search, shipped_entries
 
     shipped, own = shipped_entries(), own_entries(options.library)
     found = search([*shipped, *own], options.terms)
@@ -194,8 +475,7 @@ def _get(options: argparse.Namespace) -> int:
     import sys
 
     from hapscene.errors import SwatchError
-    from hapscene.surface.fetch import get, read_index
-    from hapscene.surface.library import library_folder
+    from hapscene.surface.library import get, library_folder, read_index
 
     address, entries = read_index(options.url)
     names = [entry.name for entry in entries] if options.all else options.names

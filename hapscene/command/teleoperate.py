@@ -5,8 +5,18 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.recording_option import add_recording_options, recording_options
-from hapscene.command.word import add_command, folder, name_made, number, port, seconds, seed, whole
+from hapscene.command.options import (
+    add_command,
+    add_recording_options,
+    folder,
+    name_made,
+    number,
+    port,
+    recording_options,
+    seconds,
+    seed,
+    whole,
+)
 from hapscene.errors import HapsceneError
 
 HOST: Final = "127.0.0.1"
@@ -92,7 +102,7 @@ def _add_follower(parts: Any) -> None:
 def _follower(options: argparse.Namespace) -> int:
     if options.allow is None and options.host != HOST:
         raise HapsceneError(f"--host {options.host} can be reached from elsewhere: say by --allow who may lead")
-    from hapscene.teleoperation.process import run_follower
+    from hapscene.teleoperation.udp_session import run_follower
 
     allowed = options.allow or HOST
     return _tell(run_follower((options.host, options.port), allowed, options.swatch, **_session(options)), options)
@@ -115,7 +125,7 @@ def _add_leader(parts: Any) -> None:
 
 
 def _leader(options: argparse.Namespace) -> int:
-    from hapscene.teleoperation.process import run_leader
+    from hapscene.teleoperation.udp_session import run_leader
 
     return _tell(run_leader(options.peer, options.grip, options.compensator, **_session(options)), options)
 
@@ -135,7 +145,7 @@ def _add_session_options(command: argparse.ArgumentParser) -> None:
 
 def _session(options: argparse.Namespace) -> dict[str, Any]:
     """What both ends are started with."""
-    from hapscene.teleoperation.coupling import Coupling
+    from hapscene.teleoperation.endpoint import Coupling
     from hapscene.teleoperation.link import Impairment
 
     duration_s = float("inf") if options.duration is None else options.duration
@@ -149,7 +159,7 @@ def _session(options: argparse.Namespace) -> dict[str, Any]:
 
 def _tell(summary: dict[str, Any], options: argparse.Namespace) -> int:
     """Print how a session went, and write it where that was asked for."""
-    from hapscene.output import write_whole
+    from hapscene.files import write_whole
 
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
     print(text)

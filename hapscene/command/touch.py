@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, add_mesh_options, folder, name_made, rate, seed, whole
+from hapscene.command.options import add_command, add_mesh_options, folder, name_made, rate, seed, whole
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import EffectError, PathError
 
@@ -61,7 +61,7 @@ def add_touch(commands: Any) -> None:
 
 
 def _touch(options: argparse.Namespace) -> int:
-    from hapscene.path import load_path
+    from hapscene.motion.path_file import load_path
     from hapscene.touch import open_scene, speak, touch
 
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
@@ -78,7 +78,7 @@ def _touch(options: argparse.Namespace) -> int:
     if options.hand is not None:
         return _touch_by_hand(options, scene, effects, p_WT)
     if p_WT is None:
-        from hapscene.gesture import explore
+        from hapscene.motion.hand_path import explore
 
         speak("no --path: a hand feels it from above\n")
         p_WT = explore(scene, TICK_S)
@@ -106,14 +106,14 @@ def _show(options: argparse.Namespace, scene: Any) -> None:
         return
     from hapscene.recording import Recording
     from hapscene.view.palette import DARK, LIGHT
-    from hapscene.view.window import felt, play
+    from hapscene.view.window import felt, play_in_window
 
     out = Path(options.out)
     recording = Recording.load(out / "touch.npz")
     if options.hand is not None:
         recording = felt(recording, out / "hand.npz")
     print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
-    play(scene, recording, f"hapscene: {Path(options.scene).name}", DARK if options.dark else LIGHT)
+    play_in_window(scene, recording, f"hapscene: {Path(options.scene).name}", DARK if options.dark else LIGHT)
 
 
 def _check_hand(options: argparse.Namespace) -> None:
@@ -135,10 +135,10 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
+    from hapscene.motion.gestures import act
     from hapscene.renderer import EFFECTS
     from hapscene.touch import speak, touch_by_hand
     from hapscene.twin import Intent, Twin
-    from hapscene.twin.gesture import act
 
     device = device_named(options.device)
     held = Omni() if device.name == "omni" else device.point
@@ -194,7 +194,7 @@ def _add_dark(command: argparse.ArgumentParser) -> None:
 def _demo(options: argparse.Namespace) -> int:
     from importlib.resources import as_file, files
 
-    from hapscene.gesture import explore
+    from hapscene.motion.hand_path import explore
     from hapscene.touch import open_scene, speak, touch
 
     speak("loading the demo scene\n")

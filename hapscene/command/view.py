@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.word import add_command, add_mesh_options, name_made, number, whole
+from hapscene.command.options import add_command, add_mesh_options, name_made, number, whole
 from hapscene.errors import ViewError
 
 SIDE_MAX: Final = 4096
@@ -56,10 +56,9 @@ def add_view(commands: Any) -> None:
 def _view(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from hapscene.output import check_file
+    from hapscene.files import check_file
     from hapscene.recording import Recording
-    from hapscene.touch import open_scene, speak
-    from hapscene.touch_file import step
+    from hapscene.touch import open_scene, speak, step
     from hapscene.view.film import RATES_HZ, Film, write_film
     from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.picture import write_picture

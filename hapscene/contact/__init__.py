@@ -1,0 +1,1 @@
+"""Where the tool touches: rays through Embree, and the proxy that stays on the surface."""

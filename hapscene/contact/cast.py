@@ -10,8 +10,8 @@ from typing import Any
 
 from hapscene.constants import LOOK_AHEAD
 from hapscene.contact.embree import first_face
-from hapscene.contact.face import corners, plane, to_body, turn_to_world
-from hapscene.contact.geometry import Vector, dot, sub
+from hapscene.contact.triangle import corners, plane, to_body, turn_to_world
+from hapscene.geometry import Vector, dot, sub
 from hapscene.native import native
 
 SATISFIED = 0.01

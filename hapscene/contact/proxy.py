@@ -14,11 +14,19 @@ from typing import Any
 
 from hapscene.constants import PASS_MAX
 from hapscene.contact.cast import cast, cast_body
-from hapscene.contact.face import lies_over, to_body, to_body_before, to_world
-from hapscene.contact.geometry import Vector, along, norm, sub
-from hapscene.contact.hold import copy_plane, drop_idle, drop_unsupported, forget_oldest, place_plane, take_back, trust
-from hapscene.contact.plane import nearest
+from hapscene.contact.planes import (
+    copy_plane,
+    drop_idle,
+    drop_unsupported,
+    forget_oldest,
+    nearest,
+    place_plane,
+    take_back,
+    trust,
+)
+from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
 from hapscene.contact.world import ASIDE, SLOTS
+from hapscene.geometry import Vector, along, norm, sub
 from hapscene.native import native
 
 STILL = 1e-3

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
-from hapscene.contact.shade import corner_normals
+from hapscene.contact.shading import corner_normals
 from hapscene.native import native
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_ra
     """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here; the world's
     bodies, whose records hold the addresses of what is searched, keep it alive.
 
-    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shade`), at 0 none.
+    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
     rows = _owning_records(len(bodies), BODY, searches)
     corners: list[NDArray[np.float64]] = []

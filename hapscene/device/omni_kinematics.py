@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.contact.geometry import Vector
+from hapscene.geometry import Vector
 from hapscene.native import native
 
 UPPER_M: Final = 0.134

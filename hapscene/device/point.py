@@ -16,8 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.contact.geometry import Vector
 from hapscene.errors import HapsceneError
+from hapscene.geometry import Vector
 from hapscene.native import native
 
 POINT: Final = np.dtype(

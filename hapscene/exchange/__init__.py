@@ -7,6 +7,6 @@
 What each format keeps and loses is in docs/exchange.md, as measured by round trip.
 """
 
-from hapscene.exchange.registry import EXPORTS, Export, export_scene, import_scene, is_mesh_of, painted_scene
+import lazy_loader
 
-__all__ = ["EXPORTS", "Export", "export_scene", "import_scene", "is_mesh_of", "painted_scene"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,12 +1,9 @@
-"""A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
+"""The parts of a glTF file: its JSON tree and its buffers, bounded before anything is made of them."""
 
-Files come from strangers: nothing is made before the file is known to hold it, nodes may not run in circles, and of
-other files those alone are opened that lie beside it (`hapscene.scene.companion`).
-
-What another program added is no less part of the scene: a node with a mesh that is no body's becomes a body.
-"""
-
+import base64
+import binascii
 import itertools
+import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,16 +12,233 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.exchange.carried import check_version, is_digest, known_swatch, lose, restore
-from hapscene.exchange.gltf_file import parts_of, read_bounded
-from hapscene.exchange.gltf_tree import Tree, extras_of
-from hapscene.exchange.mark import OWN, mark_in
-from hapscene.exchange.piece import Piece, join
+from hapscene.errors import SceneError
+from hapscene.exchange.gltf import DRAFT_NAMES
+from hapscene.exchange.swatch_payload import Piece, check_version, is_digest, join, known_swatch, lose, restore
 from hapscene.scene.body import RIGID_TOLERANCE
-from hapscene.scene.file import BODY_MAX
 from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.mesh_file import FILE_MAX_B
+from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
+from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import PLAIN, Swatch
+
+JSON_MAX_B: Final = 256 * 1024 * 1024
+"""Longest JSON of a GLB file that is read [bytes]: 10,000 bodies of 8 swatches have 40 MB."""
+
+CONTAINER_MAX: Final = 2_000_000
+"""Most lists and objects of a GLB's JSON [count], at some 60 bytes each: 10,000 bodies of 8 swatches have 700,000."""
+
+
+def read_bounded(path: Path) -> bytes:
+    """The content of a file that is no larger than `FILE_MAX_B`.
+
+    Raises:
+        SceneError: there is no such file, it is empty, too large, or cannot be read.
+    """
+    try:
+        if path.is_file() and path.stat().st_size > FILE_MAX_B:
+            raise SceneError(f"{path}: {path.stat().st_size:,} bytes; at most {FILE_MAX_B:,} are read")
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not content:
+        raise SceneError(f"{path}: the file is empty")
+    return content
+
+
+def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
+    """JSON tree and buffers, those in files beside it among them.
+
+    Raises:
+        SceneError: damaged, truncated, more than is read, or without a file that it needs.
+    """
+    chunk = b""
+    text = content
+    if path.suffix.lower() == ".glb":
+        if content[:4] != b"glTF" or len(content) < 20 or content[16:20] != b"JSON":
+            raise SceneError(f"{path}: not a GLB file: it must begin with glTF, version 2, and a chunk of JSON")
+        version, size, length = (int(n) for n in np.frombuffer(content, "<u4", 3, 4))
+        if version != 2 or size > len(content) or 20 + length > len(content):
+            raise SceneError(f"{path}: the file is truncated, or not of version 2: it says {size:,} bytes")
+        text, rest = content[20 : 20 + length], content[20 + length :]
+        if len(rest) >= 8 and rest[4:8] == b"BIN\0":
+            chunk = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
+    tree = _parse(path, text)
+    return tree, _buffers(path, tree, chunk)
+
+
+def _buffers(path: Path, tree: dict[str, Any], chunk: bytes) -> list[bytes]:
+    """The content of each buffer; empty for one without a URI that is not the chunk of a GLB."""
+    found = tree.get("buffers", [])
+    if not isinstance(found, list) or not all(isinstance(buffer, dict) for buffer in found):
+        raise SceneError(f"{path}: buffers must be a list of objects")
+    files = FolderResources(path, FILE_MAX_B, SceneError)
+    read: dict[Any, bytes] = {}  # by its name: a small file can name a large one over and over
+    blobs = []
+    for index, buffer in enumerate(found):
+        uri = buffer.get("uri")
+        if uri is None:
+            blobs.append(chunk if index == 0 else b"")
+            continue
+        if not isinstance(uri, str):
+            raise SceneError(f"{path}: buffers[{index}].uri must be a text")
+        if uri not in read:
+            read[uri] = _embedded(path, uri) if uri.startswith("data:") else files.get(uri)
+        blobs.append(read[uri])
+    return blobs
+
+
+def _embedded(path: Path, uri: str) -> bytes:
+    _, mark, data = uri.partition(";base64,")
+    try:
+        if not mark:
+            raise ValueError
+        return base64.b64decode(data, validate=True)
+    except (binascii.Error, ValueError):
+        raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
+
+
+def _parse(path: Path, text: bytes) -> dict[str, Any]:
+    if path.suffix.lower() == ".glb" and len(text) > JSON_MAX_B:
+        raise SceneError(f"{path}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
+    found = text.count(b"[") + text.count(b"{")
+    if found > CONTAINER_MAX:
+        raise SceneError(f"{path}: {found:,} lists and objects; at most {CONTAINER_MAX:,} are read")
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path}: not a glTF file, or truncated: {str(error)[:200]}") from None
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise SceneError(f"{path}: not a glTF file: expected a JSON object with 'asset'")
+    return tree
+
+
+# The tree and the buffers of a glTF file, each item looked up with care: files come from strangers.
+
+
+_TYPES: Final = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
+_PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
+
+
+class Tree:
+    """A glTF file's parts. What cannot be had of them is a `SceneError` that says why."""
+
+    def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
+        self.path, self.tree, self.blobs = path, tree, blobs
+
+    def fail(self, problem: str) -> SceneError:
+        return SceneError(f"{self.path}: {problem}")
+
+    def item(self, kind: str, index: Any) -> dict[str, Any]:
+        items = self.tree.get(kind, [])
+        if type(index) is not int or not isinstance(items, list) or not 0 <= index < len(items):
+            raise self.fail(f"no {kind}[{str(index)[:20]}]")
+        if not isinstance(items[index], dict):
+            raise self.fail(f"{kind}[{index}] must be an object")
+        return dict(items[index])
+
+    def numbers(self, value: Any, count: int, where: str) -> NDArray[np.float64]:
+        fits = isinstance(value, list) and len(value) == count
+        if not fits or not all(type(x) in (int, float) and -1e100 < x < 1e100 for x in value):
+            raise self.fail(f"{where} must be {count} finite numbers")
+        return np.array(value, np.float64)
+
+    def check_packing(self, where: str, extensions: Any) -> None:
+        """Refuse what cannot be read without a decoder; other extensions change no shape."""
+        if not isinstance(extensions, dict):
+            raise self.fail(f"{where}: extensions must be an object, each by its name")
+        if packed := [name for name in _PACKED if name in extensions]:
+            raise self.fail(f"{where} is compressed ({packed[0]}); export it without compression")
+
+    def texts(self, key: str) -> list[str]:
+        found = self.tree.get(key, [])
+        if not isinstance(found, list) or not all(isinstance(text, str) for text in found):
+            raise self.fail(f"{key} must be a list of names")
+        return found
+
+    def accessor(self, index: Any, kind: str, sort: str) -> NDArray[Any]:
+        """Numbers (n,) or (n, 3) of a buffer, which must hold them."""
+        accessor = self.item("accessors", index)
+        where = f"accessors[{index}]"
+        dtype = _TYPES.get(accessor.get("componentType", 0)) if _whole(accessor.get("componentType", 0)) else None
+        if accessor.get("type") != kind or dtype is None or np.dtype(dtype).kind != sort or "sparse" in accessor:
+            raise self.fail(
+                f"{where} must be {kind} of {'float32' if sort == 'f' else 'unsigned whole numbers'}, dense"
+            )
+        view = self.item("bufferViews", accessor.get("bufferView"))
+        self.check_packing(where, view.get("extensions", {}))
+        width = _WIDTHS[kind] * np.dtype(dtype).itemsize
+        layout: list[Any] = [accessor.get("count"), view.get("byteStride", width)]
+        layout += [view.get("byteOffset", 0), accessor.get("byteOffset", 0)]
+        if not all(_whole(n) for n in layout) or layout[0] == 0 or layout[1] < width:
+            raise self.fail(f"{where} has a count or offset that is no whole number")
+        count, stride, *start = (int(n) for n in layout)
+        first = sum(start)
+        end = first + (count - 1) * stride + width
+        buffer = view.get("buffer", 0)
+        if not _whole(buffer) or buffer >= len(self.blobs):
+            raise self.fail(f"{where} is of a buffer that is not among the {len(self.blobs)} of the file")
+        blob = self.blobs[buffer]
+        if end > len(blob):
+            raise self.fail(f"{where} reaches past the file's buffer of {len(blob):,} bytes: truncated?")
+        if stride == width:
+            rows = np.frombuffer(blob, dtype, count * _WIDTHS[kind], first)
+        else:  # interleaved with other attributes
+            rows = np.ndarray((count, _WIDTHS[kind]), dtype, blob, first, (stride, np.dtype(dtype).itemsize))
+        return rows.reshape(count, 3) if kind == "VEC3" else rows.ravel()
+
+
+def extras_of(item: dict[str, Any]) -> dict[str, Any]:
+    """What hapscene wrote, or another program; nothing where that is no object."""
+    extras = item.get("extras")
+    return extras if isinstance(extras, dict) else {}
+
+
+def _whole(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 1 << 40
+
+
+# What in a mesh file says how its surfaces feel.
+
+
+OWN: Final = "hapscene"
+
+_GLTF: Final = {'"hapscene_body"': OWN, **{f'"{name}"': name for name in DRAFT_NAMES}}
+
+MARKS: Final = {
+    ".glb": _GLTF,
+    ".gltf": _GLTF,
+    ".ply": {"\ncomment hapscene scene ": OWN},
+    ".x3d": {"": OWN},  # read as ours, or not at all
+}
+"""By the suffix of a file: texts in it, and what they say."""
+
+
+def mark_of(path: Path) -> str | None:
+    """Who says in a mesh file how its surfaces feel: `OWN`, a draft of `DRAFT_NAMES`, or (None) nobody.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    return mark_in(path.suffix, read_bounded(path)) if path.suffix.lower() in MARKS else None
+
+
+def mark_in(suffix: str, content: bytes) -> str | None:
+    """The same of a file's content."""
+    return next((told for text, told in MARKS[suffix.lower()].items() if text.encode() in content), None)
+
+
+# A scene from glTF that `hapscene.exchange.gltf` wrote, or that another program wrote from it with its extras.
+#
+# Files come from strangers: nothing is made before the file is known to hold it, nodes may not run in circles, and of
+# other files those alone are opened that lie beside it (`hapscene.scene.resource_resolver`).
+#
+# What another program added is no less part of the scene: a node with a mesh that is no body's becomes a body.
+
 
 _TRIANGLES: Final = 4
 

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError, SceneError
-from hapscene.exchange.carried import VERSION, check_version, digest_of, finite, is_digest, numbers_of, restore
-from hapscene.exchange.gltf_file import read_bounded
-from hapscene.output import write_whole
+from hapscene.exchange.gltf_read import read_bounded
+from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, numbers_of, restore
+from hapscene.files import write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.file import BODY_MAX
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import HEADER_MAX_B, declared
 from hapscene.scene.scene import Scene
+from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 
 _MARK: Final = "comment hapscene"

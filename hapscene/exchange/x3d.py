@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.carried import VERSION, digest_of, numbers_of
-from hapscene.exchange.piece import cut_alike
-from hapscene.output import write_whole
+from hapscene.exchange.swatch_payload import VERSION, cut_alike, digest_of, numbers_of
+from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
-from hapscene.exchange.carried import check_version, finite, is_digest, restore
-from hapscene.exchange.gltf_file import read_bounded
+from hapscene.exchange.gltf_read import read_bounded
+from hapscene.exchange.swatch_payload import check_version, finite, is_digest, restore
 from hapscene.exchange.x3d import BODY, FIELDS, SWATCH, WORLD
-from hapscene.scene.file import BODY_MAX
 from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.scene import Scene
+from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import Swatch
 
 X3D_MAX_B: Final = 1_000_000_000

@@ -1,26 +1,159 @@
-"""From frequency responses in several grips to the handle's parameters: m_h first, then the rest, with intervals.
+"""What is known of a handle after it was identified: the plant, the grips, and how sure each number is."""
 
-One grip does not do: eq. 8 over m_c is s⁴ over a polynomial of five coefficients, and they hang on six parameters. Each
-further grip brings two parameters, k_u and b_u, and four new coefficients. So grips that differ are what tells the
-coil's mass from its spring; how well is seen in the intervals, and where the answer is no, it is said.
-"""
-
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
-from hapscene.handle.asymptote import asymptote
-from hapscene.handle.identification import HAND, OWN, Grip, Identification, Interval
-from hapscene.handle.lag import sampled_response
-from hapscene.handle.loop import ACCELEROMETER_HZ
+from hapscene.handle.handle_loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 
+Interval = tuple[float, float]
+
+OWN: Final = ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg")
+"""Parameters of the handle itself, the same in every grip."""
+
+HAND: Final = ("k_u_N_m", "b_u_Ns_m")
+"""Parameters of the hand, different in every grip."""
+
+
+@dataclass(frozen=True)
+class IdentifiedGrip:
+    """A hand that held the handle while it was identified.
+
+    Attributes:
+        name: as "light".
+        k_u_N_m, b_u_Ns_m: its stiffness and damping.
+        intervals: of them, by name, at 95 %.
+        absent: why one of them has no interval, by name.
+        coherence: median over the band: share of the acceleration's power that the force explains [1].
+        coherence_least: the least over the band [1].
+    """
+
+    name: str
+    k_u_N_m: float
+    b_u_Ns_m: float
+    coherence: float
+    coherence_least: float
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
+    absent: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A handle, as measured.
+
+    Attributes:
+        name: of the handle.
+        plant: the nominal handle, for a compensator: its k_u and b_u are the geometric means over the grips.
+        grips: in the order in which they were played, one or more.
+        intervals: of the plant's own parameters and amplifier_Hz, by name, at 95 %.
+        absent: why one of them has no interval, by name; the plant then holds an assumption.
+        asymptote_kg: the first estimate of m_h, force over acceleration where that is flattest.
+        asymptote_Hz: the band where that is.
+        delay_s: how much later the acceleration came than the amplifier's and accelerometer's poles say.
+        accelerometer_Hz: the accelerometer's pole, which was taken as known.
+        rate_Hz: of force and acceleration.
+        band_Hz: of the sweep.
+        misfit: what the model leaves of the responses, root mean square, over what noise explains [1].
+        provenance: where the numbers come from.
+    """
+
+    name: str
+    plant: Plant
+    grips: tuple[IdentifiedGrip, ...]
+    intervals: Mapping[str, Interval]
+    absent: Mapping[str, str]
+    asymptote_kg: float
+    asymptote_Hz: Interval
+    delay_s: float
+    accelerometer_Hz: float
+    rate_Hz: float
+    band_Hz: Interval
+    misfit: float
+    provenance: str = ""
+
+    def plant_in(self, grip: IdentifiedGrip) -> Plant:
+        """The plant as it was in that grip."""
+        return replace(self.plant, k_u_N_m=grip.k_u_N_m, b_u_Ns_m=grip.b_u_Ns_m)
+
+
+# The mass of the handle at first sight, from where acceleration over force is flat.
+
+
+def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
+    """First estimate of m_h [kg]: |F/A| in the octave in which it is flattest over all grips; and that octave [Hz].
+
+    At high frequency |A/F| → 1/m_h. Below, spring and hand bend it, above, amplifier and accelerometer; the flattest
+    octave lies between. What bend is left there, about 1 %, the fit of the whole model takes out.
+    """
+    best: tuple[float, float, Interval] | None = None
+    lowest = max(response.frequency_Hz[0] for response in responses)
+    highest = min(response.frequency_Hz[-1] for response in responses)
+    whole = highest > 1.9 * lowest  # mean frequencies of bands lie inside the octave that was played
+    for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50) if whole else ():
+        parts = []
+        for response in responses:
+            within = (response.frequency_Hz >= low) & (response.frequency_Hz <= 2.0 * low)
+            parts.append(np.log(np.abs(response.response[within])))
+        level = np.concatenate(parts)
+        if len(level) >= 3 and (best is None or level.std() < best[0]):
+            best = float(level.std()), float(np.exp(-level.mean())), (float(low), float(2.0 * low))
+    if best is None:
+        raise HandleError("the responses share no octave in which the mass of the handle could be seen")
+    return best[1], best[2]
+
+
+# What stands between force command and acceleration sample, and is not the handle: amplifier, accelerometer, delay.
+
+
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def sampled_response(
+    plant: Plant, frequency_Hz: ArrayLike, rate_Hz: float, amplifier_s: float, accelerometer_s: float, delay_s: float
+) -> Complex:
+    """Acceleration samples over force commands, at frequencies of any shape [1/kg].
+
+    A command is held over its sample (zero-order hold). Amplifier and accelerometer are one pole each, with the time
+    constants given, 0 for none; what the accelerometer gives is sampled as the next command begins, and comes
+    `delay_s` later than that.
+
+    A held command has images around the multiples of the rate; sampling folds them back. At high frequency the plant is
+    1/m_h, and passes them. So that path is taken as the sampled system that it is: with z = exp(jωT),
+    G = 1 − [τ (z−1)/(z−e^(−T/τ)) − σ (z−1)/(z−e^(−T/σ))]/(τ−σ), the zero-order hold of 1/((1+τs)(1+σs)) by partial
+    fractions. The rest of the plant, H − 1/m_h, falls with frequency; it is taken as continuous, times the hold's
+    e^(−jωT/2) sinc. Its images, left out so, are 3e-5 of the response at 10 kHz, 4e-4 at 5 kHz, 2e-3 at 3 kHz.
+    """
+    frequency = np.asarray(frequency_Hz, dtype=np.float64)
+    s, period_s = 2j * np.pi * frequency, 1.0 / rate_Hz
+    z = np.exp(s * period_s)
+    tau, sigma = amplifier_s, accelerometer_s
+    if abs(tau - sigma) < 1e-4 * (tau + sigma):
+        sigma *= 1.001  # the limit of two equal poles, to 1e-7
+    direct = 1.0 - (_remainder(tau, z, period_s) - _remainder(sigma, z, period_s)) / (tau - sigma or 1.0)
+    hold = np.sinc(frequency * period_s) * np.exp(-0.5 * s * period_s)
+    rest = (plant.response(frequency) - 1.0 / plant.m_h_kg) * hold / ((1.0 + tau * s) * (1.0 + sigma * s))
+    return np.asarray((rest + direct / plant.m_h_kg) * np.exp(-s * delay_s))
+
+
+def _remainder(tau: float, z: Complex, period_s: float) -> Complex:
+    """τ (z−1)/(z−e^(−T/τ)), the part of a step that is still to come; 0 without a pole."""
+    pole = np.exp(-period_s / tau) if tau > 0.0 else 0.0
+    return np.asarray(tau * (z - 1.0) / (z - pole))
+
+
+# From frequency responses in several grips to the handle's parameters: m_h first, then the rest, with intervals.
+#
+# One grip does not do: eq. 8 over m_c is s⁴ over a polynomial of five coefficients, and they hang on six parameters.
+# Each further grip brings two parameters, k_u and b_u, and four new coefficients. So grips that differ are what tells
+# the coil's mass from its spring; how well is seen in the intervals, and where the answer is no, it is said.
+
 
 GRIP_MAX: Final = 20
 """Most grips of an identification [count]."""
@@ -105,7 +238,9 @@ def identify(
         known, unknown = _judged(HAND, x[own], deviation[own], _reason(len(responses)))
         least = float(response.coherence.min())
         median = float(np.median(response.coherence))
-        grips.append(Grip(label, float(np.exp(x[own][0])), float(np.exp(x[own][1])), median, least, known, unknown))
+        grips.append(
+            IdentifiedGrip(label, float(np.exp(x[own][0])), float(np.exp(x[own][1])), median, least, known, unknown)
+        )
     hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
     return Identification(
         name=name,

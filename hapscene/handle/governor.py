@@ -21,7 +21,7 @@ The model is the nominal handle. One that differs may reach its stops where the 
 import math
 from typing import Any, Final
 
-from hapscene.handle.motion import advance
+from hapscene.handle.handle_dynamics import advance
 from hapscene.native import native
 
 LOOK_AHEAD_S: Final = 0.004

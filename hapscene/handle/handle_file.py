@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import HandleError, SwatchError
-from hapscene.handle.fit import GRIP_MAX
-from hapscene.handle.identification import HAND, OWN, Grip, Identification
+from hapscene.files import parse_json, write_whole
+from hapscene.handle.fit import GRIP_MAX, HAND, OWN, Identification, IdentifiedGrip
 from hapscene.handle.plant import NUMBER_MAX, Plant
-from hapscene.output import write_whole
-from hapscene.surface.strict_json import parse
 
 SUFFIX: Final = ".handle"
 FORMAT: Final = "hapscene handle"
@@ -90,7 +88,7 @@ def handle_from_json(data: bytes | str) -> Identification:
         HandleError: not JSON, not a handle, a later version, or a wrong key, type or number.
     """
     try:
-        content = parse(data, "a handle")
+        content = parse_json(data, "a handle")
     except SwatchError as error:  # the reader of JSON is that of the swatches
         raise HandleError(str(error)) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -123,13 +121,13 @@ def handle_from_json(data: bytes | str) -> Identification:
     )
 
 
-def _grip(where: str, content: Any) -> Grip:
+def _grip(where: str, content: Any) -> IdentifiedGrip:
     _check_keys(where, content, ("name", *_GRIP_NUMBERS, "intervals", "absent"))
     numbers = {key: _number(f"{where}.{key}", content[key]) for key in _GRIP_NUMBERS}
     for key, value in numbers.items():
         if value < 0.0:
             raise HandleError(f"{where}.{key} must be 0 or more, is {value:g}")
-    return Grip(
+    return IdentifiedGrip(
         name=_text(f"{where}.name", content["name"]),
         intervals=_by_name(f"{where}.intervals", content["intervals"], HAND, _pair),
         absent=_by_name(f"{where}.absent", content["absent"], HAND, _text),

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
+from hapscene.files import whole_file
+from hapscene.handle.force_source import ForceSource
 from hapscene.handle.plant import Plant
 from hapscene.handle.response import Response, estimate_response
-from hapscene.handle.source import Source
 from hapscene.handle.sweep import Sweep
-from hapscene.output import whole_file
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class GripRecording:
 
 
 def play_grips(
-    source: Source, sweep: Sweep, guess: Plant, names: Sequence[str], ready: Callable[[int], None]
+    source: ForceSource, sweep: Sweep, guess: Plant, names: Sequence[str], ready: Callable[[int], None]
 ) -> list[GripRecording]:
     """Play the sweep once in each grip.
 
@@ -109,14 +109,14 @@ def load_grip(
         HandleError: no force; or three axes, which cannot be made one here, as their phase would be lost.
     """
     from hapscene.capture.recording_file import load_surface_recording
-    from hapscene.capture.recording_source import read_source
+    from hapscene.capture.recording_source import read_recording_source
 
     chosen = columns or {}
     named = chosen.get("acceleration", "acceleration")
-    if named not in read_source(Path(path)).columns and ("acceleration" not in chosen or "+" in named):
+    if named not in read_recording_source(Path(path)).columns and ("acceleration" not in chosen or "+" in named):
         raise HandleError(
             f"{path}: one column must be the acceleration along the handle: --columns acceleration=COLUMN; "
-            f"there are: {', '.join(read_source(Path(path)).columns)}"
+            f"there are: {', '.join(read_recording_source(Path(path)).columns)}"
         )
     recording = load_surface_recording(path, rate_Hz, {"acceleration": named, **chosen}, units)
     if recording.force_N is None:

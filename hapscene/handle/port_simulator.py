@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.port import BUFFER, START
-from hapscene.handle.source import SimulatedSource, simulated_grips
+from hapscene.handle.serial_handle import BUFFER, START
 from hapscene.wire.protocol import WRAP, Column, Header, checksum, header_line, sample_line
 
 COLUMNS: Final = (Column("force", "N", 1e-4), Column("acceleration", "m/s2", 1e-3), Column("played", "1", 1.0))

@@ -13,3 +13,7 @@
 
 No module of these knows a browser, or imports viser.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 from hapscene.errors import SceneError
-from hapscene.scene.beside import is_own
-from hapscene.scene.file import SUFFIX, load_scene
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import write_mesh
+from hapscene.scene.scene_file import SUFFIX, is_own, load_scene
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.paint.canvas import Canvas
-from hapscene.paint.change import Changes
+from hapscene.paint.change_watch import Changes
+from hapscene.paint.paintable_mesh import PaintableMesh
+from hapscene.paint.painting import Canvas
 from hapscene.paint.reduce import Reduced, reduced
-from hapscene.paint.shape import Shape
 from hapscene.scene.topology import area_of
 
 SHOWN_MAX: Final = 60_000
@@ -63,7 +63,7 @@ class ShownBody:
         chunk_count: how many there are.
     """
 
-    def __init__(self, shape: Shape, mesh: Reduced, face_swatch: NDArray[np.int16]) -> None:
+    def __init__(self, shape: PaintableMesh, mesh: Reduced, face_swatch: NDArray[np.int16]) -> None:
         self.mesh = mesh
         self._shape = shape
         self._face_swatch = face_swatch

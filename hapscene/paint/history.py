@@ -48,7 +48,7 @@ class FaceDelta:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class HistoryEntry:
     """A swatch of the scene.
 
     Attributes:
@@ -59,7 +59,7 @@ class Entry:
 
     swatch: "Swatch"
     source: Source
-    original: "Entry | None" = None
+    original: "HistoryEntry | None" = None
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class SwatchDelta:
     """A swatch of the scene before and after; None where there was, or is, none."""
 
     index: int
-    old: Entry | None
-    new: Entry | None
+    old: HistoryEntry | None
+    new: HistoryEntry | None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from hapscene.errors import EffectError, no_such
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 
 if TYPE_CHECKING:
-    from hapscene.device.limit import Limits
+    from hapscene.device.model import Limits
     from hapscene.surface.effect import Effect
 
 STIFFNESS: Final = "stiffness_N_m"
@@ -85,7 +85,7 @@ def parameters_of(
         limits: of the device.
         tick_s: period of the force channel [s].
     """
-    from hapscene.surface.fit import WALL, Fit
+    from hapscene.surface.device_clipping import WALL, Fit
 
     alone: Any = SimpleNamespace(swatches=[swatch])
     fit = Fit(alone, effects, limits, tick_s)

@@ -3,16 +3,59 @@ one must be raised to be seen over it."""
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.embree import Search, new_ray
+from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
-from hapscene.paint.over import over
-from hapscene.paint.shape import Shape
+from hapscene.native import native
+from hapscene.paint.paintable_mesh import PaintableMesh
 from hapscene.scene.topology import area_of, unit
+
+# Where a reduced mesh lies over the full one, compiled: rays from points of the full mesh along their normals.
+
+
+BACK_SHARE: Final = 0.01
+"""From how far behind its point a ray starts, in its length [1]: where both surfaces are one, it must meet it."""
+
+
+@native
+def overlay_faces(
+    search: int, ray: Any, points_m: Any, normals: Any, shown_normals: Any, far_m: float, faces: Any, above_m: Any
+) -> None:
+    """Write which shown face lies over or under each point, −1 where none does, and how high above the point.
+
+    Args:
+        search, ray: as `first_face` has them.
+        points_m: (n, 3) in the centred frame of the search structure [m].
+        normals: (n, 3) unit normals there; zero where none is known.
+        shown_normals: (S, 3) of the shown faces; one that looks away from the point's normal is another surface.
+        far_m: how far a ray goes to either side [m].
+        faces, above_m: (n,), (n,), written [m].
+    """
+    back_m = BACK_SHARE * far_m
+    for i in range(len(points_m)):
+        x, y, z = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        faces[i], above_m[i] = -1, 0.0
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
+            continue
+        nearest_m = far_m
+        for way in (1.0, -1.0):
+            start = (x - way * back_m * nx, y - way * back_m * ny, z - way * back_m * nz)
+            direction = (way * nx, way * ny, way * nz)
+            face = first_face(search, ray, start, direction, far_m + back_m, 0)
+            if face < 0:
+                continue
+            if nx * shown_normals[face, 0] + ny * shown_normals[face, 1] + nz * shown_normals[face, 2] <= 0.0:
+                continue
+            away_m = float(ray[8]) - back_m
+            if abs(away_m) < nearest_m:
+                nearest_m = abs(away_m)
+                faces[i], above_m[i] = face, way * away_m
+
 
 NORMAL_EDGES: Final = 2.0
 """How far apart two faces of one place count when one looks to the side of the other, in edges of the shown mesh [1]:
@@ -60,7 +103,7 @@ class Reduced:
     raised_m: NDArray[np.float32] | None
 
 
-def reduced(shape: Shape, count: int) -> Reduced:
+def reduced(shape: PaintableMesh, count: int) -> Reduced:
     """A mesh with about `count` faces at most; itself, where it has no more.
 
     By quadric error metrics (Garland & Heckbert 1997, fast-simplification); by clusters of vertices (Rossignac & Borrel
@@ -147,7 +190,7 @@ def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int)
 
 
 def _compared(
-    shape: Shape, vertices_m: Places, faces: Faces
+    shape: PaintableMesh, vertices_m: Places, faces: Faces
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
     """`Reduced.shown_of`, `lent`, `under` and `raised_m` of a mesh and what is shown of it."""
     mesh = shape.mesh
@@ -171,12 +214,12 @@ def _under(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The shown face (n,) over or under each point, −1 where there is none, and how high above it that is (n,) [m]."""
     face, above_m = np.zeros(len(points_m), np.int32), np.zeros(len(points_m))
-    over(look.handle, new_ray(), points_m - look.center_m, normals, shown_normal, far_m, face, above_m)
+    overlay_faces(look.handle, new_ray(), points_m - look.center_m, normals, shown_normal, far_m, face, above_m)
     return face, above_m
 
 
 def _stand_for(
-    shape: Shape, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
+    shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The shown face (M,) for every face, those of −1 found by centroid and normal; and for those idle, `lent`."""
     from scipy.spatial import cKDTree

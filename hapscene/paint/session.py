@@ -21,12 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.errors import SceneError
-from hapscene.paint.canvas import ERASE
-from hapscene.paint.fill import Mask, WorldBox, WorldSphere
-from hapscene.paint.pick import Hit
-from hapscene.paint.shape import Shape
+from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, WorldBox, WorldSphere
+from hapscene.paint.painting import ERASE
 from hapscene.paint.stroke import Stroke
-from hapscene.paint.tuning import Tuned
+from hapscene.paint.swatch_tuning import Tuned
 from hapscene.scene.body import Body
 
 __all__ = ["ERASE", "Hit", "Session"]
@@ -47,7 +45,7 @@ class Session(Tuned):
     Attributes:
         path: where `save` writes.
         device, limits: as chosen; see `choose_device`.
-        (and those of `hapscene.paint.canvas.Canvas`: scene, shapes, defaults, history, lock)
+        (and those of `hapscene.paint.painting.Canvas`: scene, shapes, defaults, history, lock)
 
     Raises:
         SceneError: a scene without bodies.
@@ -154,7 +152,9 @@ class Session(Tuned):
         """
         return self._fill("box", body, swatch, WorldBox(X_WK, size_m).pick)
 
-    def _fill(self, where: str, body: int | str | None, swatch: int, pick: Callable[[Body, Shape], Mask]) -> int:
+    def _fill(
+        self, where: str, body: int | str | None, swatch: int, pick: Callable[[Body, PaintableMesh], Mask]
+    ) -> int:
         with self.lock:
             chosen = range(len(self.shapes)) if body is None else [self.body_index(body)]
             masks = {i: pick(self.scene.bodies[i], self.shapes[i]) for i in chosen}

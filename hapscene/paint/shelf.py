@@ -1,19 +1,94 @@
 """The shelf: every swatch to paint with, those of the scene first, then the user's library, then the shipped ones."""
 
+import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.synthesis import synthesize
+from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import SwatchError
-from hapscene.paint.word import Phrase, phrases
 from hapscene.scene.scene import Scene
-from hapscene.surface.library import Entry, entry_of, library_folder, own_entries, shipped_entries
-from hapscene.surface.library_search import search
+from hapscene.surface.library import LibraryEntry, entry_of, library_folder, own_entries, search, shipped_entries
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures, words
+from hapscene.view.sound import FADE_S, PEAK_DBFS
+
+# A swatch in words, each with the figure that it stands for: what a designer reads on its card.
+
+
+LOUDNESS: Final = ((1.5, "faint"), (4.0, "soft"), (12.0, "clear"), (np.inf, "loud"))
+"""Taps by their amplitude at 0.1 m/s [m/s²]: steps of 9 dB, three to four of those that are surely told apart (2 to 3
+dB, Israr et al. 2006); under the first a tap is hardly more than ten times what can be felt (about 0.1 m/s²)."""
+
+PITCH: Final = ((42.0, "dull"), (173.0, "knocking"), (np.inf, "ringing"))
+"""Taps by their frequency [Hz]: the bounds lie half way, in octaves, between the rubber (18 Hz), wood (100 Hz) and
+aluminium (300 Hz) of Okamura, Cutkosky & Dennerlein 2001."""
+
+
+class Phrase(NamedTuple):
+    """One thing that is said of a swatch.
+
+    Attributes:
+        quality: what it is about: "hardness", "texture", "friction", "taps".
+        word: "firm".
+        figure: with its unit: "650 N/m".
+    """
+
+    quality: str
+    word: str
+    figure: str
+
+
+def phrases(swatch: Swatch) -> tuple[Phrase, ...]:
+    """Hardness, texture, friction and taps of a swatch, as it is tuned."""
+    found = figures(swatch)
+    (hard,) = words({"stiffness_N_m": swatch.stiffness_N_m})
+    (slick,) = words({"friction_dynamic": swatch.friction_dynamic})
+    said = [
+        Phrase("hardness", hard, f"{swatch.stiffness_N_m:.3g} N/m"),
+        _texture(swatch, found),
+        Phrase("friction", slick, f"µ {swatch.friction_dynamic:.2g}, {swatch.friction_static:.2g} at rest"),
+        _taps(swatch, found),
+    ]
+    return tuple(said)
+
+
+def sentence(swatch: Swatch) -> str:
+    """The words alone: "firm, rough, sliding easily, clear knocking taps"."""
+    return ", ".join(phrase.word for phrase in phrases(swatch))
+
+
+def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
+    texture = swatch.texture
+    gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
+    if texture is None or gain == 0.0:
+        return Phrase("texture", "silent", "no texture" if texture is None else "texture gain 0")
+    roughness = gain * found["roughness_m_s2"]
+    (word,) = words({"roughness_m_s2": roughness})
+    force_N, speed_m_s = min(FORCE_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
+    return Phrase("texture", word, f"{roughness:.2g} m/s² at {force_N:.2g} N, {speed_m_s:.2g} m/s")
+
+
+def _taps(swatch: Swatch, found: dict[str, float]) -> Phrase:
+    gain = swatch.parameter("tap", "tap_gain", 1.0)
+    if swatch.taps is None or gain == 0.0:
+        return Phrase("taps", "no taps", "none" if swatch.taps is None else "tap gain 0")
+    amplitude, frequency = gain * found["tap_m_s2"], found["tap_Hz"]
+    word = f"{_step(LOUDNESS, amplitude)} {_step(PITCH, frequency)} taps"
+    return Phrase("taps", word, f"{amplitude:.2g} m/s², {frequency:.3g} Hz at {TAP_M_S:g} m/s")
+
+
+def _step(steps: tuple[tuple[float, str], ...], value: float) -> str:
+    return next(word for bound, word in steps if value < bound)
+
 
 Place = Literal["scene", "yours", "shipped"]
 
@@ -32,7 +107,7 @@ class Card:
         source: what `Session.add_swatch` takes.
     """
 
-    entry: Entry
+    entry: LibraryEntry
     place: Place
     index: int | None
     source: Swatch | str | Path
@@ -114,11 +189,92 @@ def _tokens(*texts: str) -> list[str]:
     return re.findall(r"\w+", " ".join(texts).casefold())
 
 
-_known: list[Entry] = []
+_known: list[LibraryEntry] = []
 
 
-def _shipped() -> list[Entry]:
+def _shipped() -> list[LibraryEntry]:
     """The shipped ones, read once: they do not change."""
     if not _known:
         _known.extend(shipped_entries())
     return _known
+
+
+# A swatch by ear: tapped once, then stroked at a stated force and speed, as WAV.
+
+
+STROKE_S: Final = 1.5
+"""Length of a stroke unless told otherwise [s]: long enough to tell two textures apart."""
+
+START_S: Final = 0.25
+"""From the tap to where the stroke begins [s]: the tap is heard by itself."""
+
+EASE_S: Final = 0.15
+"""How long the stroke takes to reach its speed, and to end [s]."""
+
+PAUSE_S: Final = 0.4
+"""Between two swatches that are compared [s]."""
+
+FULL_SCALE_M_S2: Final = 20.0
+"""Acceleration at full scale [m/s²]: a rough texture (2 m/s² rms) sounds at −20 dBFS, the usual level of speech. The
+same for all swatches, so that a smooth one is heard to be quieter; what is louder than full scale is turned down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """An acceleration (n,) [m/s²] at a rate [Hz]."""
+
+    a_m_s2: NDArray[np.float64]
+    rate_Hz: float
+
+
+def stroked(
+    swatch: Swatch,
+    force_N: float = FORCE_N,
+    speed_m_s: float = SPEED_M_S,
+    seconds: float = STROKE_S,
+    approach_m_s: float = TAP_M_S,
+    rate_Hz: float = ACCELERATION_RATE_HZ,
+) -> Sound:
+    """What a tool's handle does that taps a swatch, then strokes it; with the swatch's own gains.
+
+    Args:
+        swatch: as it is tuned.
+        force_N: pressed with while it is stroked; clamped to what its texture was made for.
+        speed_m_s: stroked at, likewise.
+        seconds: how long.
+        approach_m_s: tapped at; 0 for no tap.
+        rate_Hz: of the samples.
+    """
+    start, count = round(START_S * rate_Hz), round(seconds * rate_Hz)
+    a = np.zeros(start + count)
+    if swatch.texture is not None:
+        t_s = np.arange(count) / rate_Hz
+        ease = np.clip(np.minimum(t_s, seconds - t_s) / EASE_S, 0.0, 1.0)
+        slide = 0.5 - 0.5 * np.cos(np.pi * ease)
+        gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
+        a[start:] += gain * synthesize(swatch, np.full(count, force_N), speed_m_s * slide, rate_Hz)
+    if swatch.taps is not None and approach_m_s > 0.0:
+        tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(approach_m_s, rate_Hz)
+        length = min(len(tap), len(a))
+        a[:length] += tap[:length]
+    return Sound(a, rate_Hz)
+
+
+def joined(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
+    """Sounds of one rate, one after the other."""
+    rate_Hz = sounds[0].rate_Hz
+    gap = np.zeros(round(pause_s * rate_Hz))
+    return Sound(np.concatenate([part for sound in sounds for part in (gap, sound.a_m_s2)][1:]), rate_Hz)
+
+
+def wav(sound: Sound) -> bytes:
+    """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
+    from scipy.io import wavfile
+
+    a_m_s2 = sound.a_m_s2.copy()
+    ramp = np.linspace(0.0, 1.0, round(FADE_S * sound.rate_Hz), endpoint=False)
+    a_m_s2[len(a_m_s2) - len(ramp) :] *= ramp[::-1]
+    scale = max(FULL_SCALE_M_S2, float(np.abs(a_m_s2).max(initial=0.0)) / 10 ** (PEAK_DBFS / 20))
+    file = io.BytesIO()
+    wavfile.write(file, round(sound.rate_Hz), np.rint(a_m_s2 / scale * 32767).astype(np.int16))
+    return file.getvalue()

@@ -10,8 +10,8 @@ from hapscene.errors import SceneError
 from hapscene.paint.history import FaceDelta, Step, faces_word
 
 if TYPE_CHECKING:
-    from hapscene.paint.canvas import Canvas
-    from hapscene.paint.pick import Hit
+    from hapscene.paint.paintable_mesh import Hit
+    from hapscene.paint.painting import Canvas
 
 SPLIT_MAX: Final = 64
 """Most pieces that one move of the pointer is split into [count]: a sweep over a window's width at some 20 pixels."""

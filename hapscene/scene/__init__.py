@@ -1,0 +1,5 @@
+"""What is there: bodies at their poses, their meshes, what is painted on them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

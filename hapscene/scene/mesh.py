@@ -145,7 +145,7 @@ class Mesh:
         Raises:
             MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
         """
-        from hapscene.scene.part import join, parts_of
+        from hapscene.scene.mesh_parts import join, parts_of
 
         known = unit if unit is not None else getattr(mesh, "units", None)
         if known is None:

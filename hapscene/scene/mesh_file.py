@@ -1,15 +1,155 @@
 """Mesh files: what is read with trimesh, and everything that can be wrong with a file, said in a sentence."""
 
 import io
+import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from hapscene.errors import MeshError
-from hapscene.scene.companion import Companions, Packed
+from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, unit_name, warn
-from hapscene.scene.mesh_check import FILE_MAX_B, check, open_archive, stl_faces
-from hapscene.scene.part import Part, join, parts_of
-from hapscene.scene.ply import ply_groups
+from hapscene.scene.mesh_parts import Part, join, parts_of
+from hapscene.scene.ply import declared, ply_groups
+from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
+
+# A first look at a mesh file's bytes, since trimesh takes some damaged files for smaller ones.
+
+
+FILE_MAX_B: Final = 4_000_000_000
+"""Largest mesh file that is read [bytes]."""
+
+UNPACKED_MAX_B: Final = 250_000_000
+"""Largest content of an archive that is read [bytes]. To read a mesh takes 9 (STL) to 60 times its size (text)."""
+
+UNPACKED_RATIO_MAX: Final = 100
+"""Most times its own size that an archive may unpack to [1]: meshes unpack to 2 to 20 times, what is made to fill the
+memory to a thousand times."""
+
+UNPACKED_FREE_B: Final = 5_000_000
+"""Content that an archive of any size may unpack to [bytes]."""
+
+
+def check(suffix: str, content: bytes, where: str) -> int:
+    """Refuse a file that is not of its suffix, is truncated, or says that it holds more than it can.
+
+    Returns:
+        how many faces it promises; 0 where it does not say.
+
+    Raises:
+        MeshError: with what was expected.
+    """
+    if suffix == "ply":
+        return declared(content, where).get("face", 0)
+    if suffix == "off":
+        return _off(content, where)
+    if suffix == "stl":
+        _stl(content, where)
+    elif suffix in ("gltf", "glb"):
+        check_gltf(content, suffix == "glb", where, FILE_MAX_B)
+    elif suffix == "3mf":
+        open_archive(content, where, "reduce the mesh, or export it as .stl or .ply")
+    elif suffix in ("step", "stp"):
+        _step(content, where)
+    return 0
+
+
+def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
+    """A zip archive that unpacks to no more than `UNPACKED_MAX_B` and its own size allow.
+
+    Args:
+        content: the archive's.
+        where: what messages call it.
+        advice: what to do where it is more.
+
+    Raises:
+        MeshError: it is no archive, or unpacks to more.
+    """
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(content))
+    except (zipfile.BadZipFile, OSError, ValueError) as error:
+        raise MeshError(f"{where}: not a readable zip archive, or truncated: {error}") from None
+    size = sum(member.file_size for member in archive.infolist())
+    most = min(UNPACKED_MAX_B, max(UNPACKED_RATIO_MAX * len(content), UNPACKED_FREE_B))
+    if size > most:
+        raise MeshError(f"{where}: unpacks to {size:,} bytes; of an archive this large {most:,} are read: {advice}")
+    return archive
+
+
+def _off(content: bytes, where: str) -> int:
+    """After the word OFF come the counts of vertices and faces, then a line for each; how many faces.
+
+    Raises:
+        MeshError: a vertex that is not there, or not whole.
+    """
+    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(content.splitlines(), 1))
+    lines = ((i, words) for i, words in numbered if words)
+    number, words = next(lines, (1, []))
+    if not words or not words[0].endswith(b"OFF"):
+        raise MeshError(f"{where}: not a readable OFF file: its first word must be OFF")
+    if not (words := words[1:]):
+        number, words = next(lines, (number + 1, []))
+    if len(words) < 2 or not (words[0].isdigit() and words[1].isdigit()):
+        raise MeshError(f"{where}, line {number}: expected the counts of vertices and faces after OFF")
+    count = int(words[0])
+    for vertex in range(count):
+        number, numbers = next(lines, (0, []))
+        if not number:
+            raise MeshError(f"{where}: the file is truncated: its header says {count:,} vertices, there are {vertex:,}")
+        if len(numbers) < 3:
+            found = b" ".join(numbers).decode("utf-8", errors="replace")[:60]
+            raise MeshError(
+                f"{where}, line {number}: expected three numbers for a vertex, found {found!r}; is the file truncated?"
+            )
+    return int(words[1])
+
+
+def stl_faces(content: bytes) -> bytes:
+    """A binary STL without what some programs write after its faces; an ASCII one as it is."""
+    return content if _is_text(content) else content[: _binary_end(content)]
+
+
+def _stl(content: bytes, where: str) -> None:
+    """A binary STL says its count of faces, 50 bytes each; an ASCII one ends with `endsolid`."""
+    if _is_text(content):
+        if b"endsolid" not in content[-1000:].lower():
+            raise MeshError(f"{where}: the file is truncated: an ASCII STL file ends with 'endsolid'")
+        return
+    end = _binary_end(content)
+    if len(content) < end:
+        raise MeshError(
+            f"{where}: not a readable STL file, or truncated: it is neither text that begins with 'solid', "
+            f"nor as long as the {(end - 84) // 50:,} faces of its binary header need"
+        )
+    rest = len(content) - end
+    if rest and (end == 84 or rest % 50 == 0):
+        count = f"{(end - 84) // 50:,} faces"
+        raise MeshError(f"{where}: its binary header says {count}, and {rest:,} bytes follow them: export it anew")
+
+
+def _is_text(content: bytes) -> bool:
+    """Whether an STL is an ASCII one. Some binary ones begin with `solid` too."""
+    return (
+        len(content) != _binary_end(content)
+        and content.lstrip()[:5].lower() == b"solid"
+        and b"\0" not in content[:1000]
+    )
+
+
+def _binary_end(content: bytes) -> int:
+    """Where the faces of a binary STL end [bytes]."""
+    return 84 + 50 * int.from_bytes(content[80:84], "little")
+
+
+def _step(content: bytes, where: str) -> None:
+    if not content.lstrip().startswith(b"ISO-10303-21"):
+        raise MeshError(f"{where}: not a readable STEP file: it must begin with ISO-10303-21")
+    if b"END-ISO-10303-21" not in content[-1000:]:
+        raise MeshError(f"{where}: the file is truncated: a STEP file ends with END-ISO-10303-21")
+    try:
+        import cascadio  # noqa: F401
+    except ImportError as error:
+        raise MeshError(f"{where}: STEP files need one more package: pip install 'hapscene[step]' ({error})") from None
+
 
 UNITLESS: Final = ("stl", "obj", "ply", "off")
 """Formats that carry no unit of length."""
@@ -49,7 +189,7 @@ def _open(path: Path) -> tuple[str, bytes, Any]:
         raise MeshError(f"{path}: cannot be read: {error.strerror}") from None
     if not content:
         raise MeshError(f"{path}: the file is empty")
-    return _unzip(path, content) if suffix == "zip" else (suffix, content, Companions(path, FILE_MAX_B))
+    return _unzip(path, content) if suffix == "zip" else (suffix, content, FolderResources(path, FILE_MAX_B))
 
 
 def _unzip(path: Path, content: bytes) -> tuple[str, bytes, Any]:
@@ -58,7 +198,7 @@ def _unzip(path: Path, content: bytes) -> tuple[str, bytes, Any]:
     if len(found) != 1:
         what = ", ".join(found[:5]) or "none"
         raise MeshError(f"{path}: expected one mesh file in the archive, found {what}; unpack it and load each")
-    packed = Packed(path, archive, found[0])
+    packed = ArchiveResources(path, archive, found[0])
     return _suffix(found[0]), packed.member(found[0]), packed
 
 

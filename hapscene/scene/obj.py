@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import UNNAMED
-from hapscene.scene.part import Part, sample
+from hapscene.scene.mesh_parts import Part, sample
 
 
 def read_obj(text: str, where: str, resolver: Any) -> Part:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
-from hapscene.output import write_whole
+from hapscene.files import write_whole
 from hapscene.scene.mesh import Mesh
 
 _COMMENT: Final = "hapscene group"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
-from hapscene.scene.anatomy import FLAT_RATIO, anatomy, height_of
 from hapscene.scene.body import Body, rigid
 from hapscene.scene.mesh import Mesh, load_mesh, warn
+from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
 from hapscene.scene.region import Region
 from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
 from hapscene.surface.swatch import PLAIN, Swatch
@@ -160,12 +160,12 @@ class Scene:
         return len(self.swatches) - 1
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save as one readable file, NAME.scene.json, next to its meshes: see `hapscene.scene.file`.
+        """Save as one readable file, NAME.scene.json, next to its meshes: see `hapscene.scene.scene_file`.
 
         Raises:
             SceneError: the suffix is another, or the file cannot be written.
         """
-        from hapscene.scene.file import save_scene
+        from hapscene.scene.scene_file import save_scene
 
         save_scene(self, Path(path))
 
@@ -243,7 +243,9 @@ def _warn_of_winding(body: Body) -> None:
     edges = edges_of(mesh.faces, weld(mesh.vertices_m))
     turned, what = 0, ""
     if winding_is_mixed(edges):
-        turned = int(np.count_nonzero(anatomy(mesh).winding.turned))  # none, where they are copies, or have no area
+        turned = int(
+            np.count_nonzero(mesh_structure(mesh).winding.turned)
+        )  # none, where they are copies, or have no area
         what = "wound against their neighbours, so they are felt from inside alone"
     elif edges.closed and volume_of(mesh.triangles_m) < 0:
         turned = len(mesh.faces)

@@ -6,6 +6,6 @@ with Servo(scene, device) as servo:
     servo.state().f_W_N
 """
 
-from hapscene.servo.servo import Servo, State
+import lazy_loader
 
-__all__ = ["Servo", "State"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

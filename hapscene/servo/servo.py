@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.argument import block_of, numbers, positions
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
+from hapscene.geometry import block_of, numbers, positions
 from hapscene.records import Flag
-from hapscene.servo.channel import Channel, open_channel
-from hapscene.servo.lateness import Lateness
+from hapscene.servo.servo_loop import Lateness
+from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -33,7 +33,7 @@ ANSWER_S: Final = 20.0
 """How long it may take to answer [s]."""
 
 
-class State(NamedTuple):
+class ServoState(NamedTuple):
     """The newest tick.
 
     Attributes:
@@ -60,7 +60,11 @@ class State(NamedTuple):
     flags: Flag
 
 
-class Felt(NamedTuple):
+State = ServoState
+"""An older name of it, kept until 1.0."""
+
+
+class TickLog(NamedTuple):
     """What was felt over n ticks that followed one another.
 
     Attributes:
@@ -111,7 +115,7 @@ class Servo:
         self._cancelled = False
 
     def __enter__(self) -> "Servo":
-        from hapscene.servo.process import run
+        from hapscene.servo.servo_process import run
 
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         self._wire, theirs = context.Pipe()
@@ -218,7 +222,7 @@ class Servo:
         """
         self._order("repaint", scene)
 
-    def state(self) -> State:
+    def state(self) -> ServoState:
         """The newest complete tick."""
         channel = self._channel.channel[0]
         while True:
@@ -226,7 +230,7 @@ class Servo:
             row = self._channel.rows[(done - 1) % self._length].copy()
             if int(channel.done) < done + self._length - 1:
                 break
-        return State(
+        return ServoState(
             tick=done - 1,
             p_WT_m=row["p_WT_m"].copy(),
             p_WP_m=row["p_WP_m"].copy(),
@@ -241,14 +245,14 @@ class Servo:
             flags=Flag(int(row["flags"])),
         )
 
-    def read(self, since: int = 0) -> Felt:
+    def read(self, since: int = 0) -> TickLog:
         """What was felt from tick `since` on, or from as far back as the flight recorder reaches."""
         done = int(self._channel.channel[0].done)
         first = max(since, done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
         taken = [part[slots] for part in (self._channel.rows, self._channel.a_m_s2, self._channel.a_handle_m_s2)]
         over = max(int(self._channel.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
-        return Felt(first + over, *(part[over:] for part in taken))
+        return TickLog(first + over, *(part[over:] for part in taken))
 
     def lateness(self) -> Lateness:
         """How well the loop has kept time since the process started."""

@@ -4,6 +4,6 @@
 and `random_limit` hold one to the other; `z_width` draws the stable region of a device.
 """
 
-from hapscene.stability.critical import critical_stiffness
+import lazy_loader
 
-__all__ = ["critical_stiffness"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.device.hand import GRIPS, Grip
-from hapscene.device.limit import DeviceWarning, Limits
+from hapscene.device.model import DeviceWarning, Limits
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.effect import Effect
-from hapscene.surface.registry import load_effect
+from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.feel import Feel
-from hapscene.twin.intent import Intent
+from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin
+from hapscene.twin.twin_recording import Feel
 
 SHEET_M: Final = 0.2
 """Side of the sheet [m]. Its top is z = 0 and it has no underside, so that no depth is too deep."""

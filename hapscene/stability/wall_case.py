@@ -13,12 +13,12 @@ import numpy as np
 from hapscene.device.model import DEVICES
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.files import parse_json
 from hapscene.stability.answer import Answer
 from hapscene.stability.closed_form import comes_to_rest as rests
 from hapscene.stability.closed_form import limit_of_rest
 from hapscene.stability.critical import comes_to_rest, critical_stiffness, limit_of_motion, motion_growth
 from hapscene.stability.rig import AT_M, Rig
-from hapscene.surface.strict_json import parse
 
 FILE_BYTES_MAX: Final = 1_000_000
 """Largest file of cases that is read [bytes]."""
@@ -63,7 +63,7 @@ def read_cases(path: str | Path) -> list[dict[str, Any]]:
     path = Path(path)
     if path.stat().st_size > FILE_BYTES_MAX:
         raise HapsceneError(f"{path}: larger than {FILE_BYTES_MAX:,} bytes; expected a list of wall cases")
-    cases = parse(path.read_bytes(), f"a list of wall cases ({path})")
+    cases = parse_json(path.read_bytes(), f"a list of wall cases ({path})")
     if not isinstance(cases, list):
         raise HapsceneError(f"{path}: expected a list of cases")
     for n, case in enumerate(cases):

@@ -25,7 +25,7 @@ from hapscene.device.point import PointMass
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
-from hapscene.twin.feel import Feel
+from hapscene.twin.twin_recording import Feel
 
 REST_M_S: Final = 5e-3
 """Speed of a tool at rest, at most [m/s rms]: half the noise of an encoder of 55 µm at 200 Hz, below what a hand feels
@@ -88,7 +88,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Region:
+class StableRegion:
     """The stable region of one device at one rate and delay: below `limit_N_m` over `damping_Ns_m`.
 
     Attributes:
@@ -175,11 +175,11 @@ def trace(
     delay_ticks: int,
     grip: Grip,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
-) -> Region:
+) -> StableRegion:
     """The stable region of a device; the closed form is that of `point`, the device as a point mass."""
     rig, tick_s = Rig(device, 1.0 / rate_Hz, delay_ticks), 1.0 / rate_Hz
     mass, damping = point.mass_kg + grip.mass_kg, point.b_Ns_m + grip.b_Ns_m
-    return Region(
+    return StableRegion(
         name,
         rate_Hz,
         delay_ticks,
@@ -235,12 +235,12 @@ def trace_all(
     grip: Grip,
     say: Callable[[str], None] = lambda _: None,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
-) -> list[Region]:
+) -> list[StableRegion]:
     """A region for each delay, rate and device; two at a time, since the compiled loop holds no lock."""
     wanted = [(name, device, rate, d) for d in delays for rate in rates_Hz for name, device in devices]
-    regions: list[Region] = []
+    regions: list[StableRegion] = []
 
-    def traced(job: tuple[str, PointMass | Omni, float, int]) -> Region:
+    def traced(job: tuple[str, PointMass | Omni, float, int]) -> StableRegion:
         name, device, rate_Hz, delay = job
         return trace(name, device, point, rate_Hz, delay, grip, dampings_Ns_m)
 

@@ -1,0 +1,5 @@
+"""How it feels: swatches, effects, and what they are summed into."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,24 +1,24 @@
 """A library of swatches: a folder of .swatch files with an index, beside the shipped ones, which are read-only.
 
 The index is a JSON text, `index.json`: name, file, sha256, size, figures, provenance and licence of each swatch. A
-library folder behind any web server is what `hapscene.surface.fetch` gets swatches from.
+library folder behind any web server is what `hapscene.surface.library` gets swatches from.
 """
 
 import hashlib
 import json
+import operator
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from importlib import resources
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, no_such
-from hapscene.output import whole_file
-from hapscene.surface.portrait import figures, words
-from hapscene.surface.strict_json import parse
+from hapscene.files import parse_json, whole_file
 from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import (
     BYTES_MAX,
@@ -28,6 +28,7 @@ from hapscene.surface.swatch_file import (
     swatch_from_json,
     swatch_to_json,
 )
+from hapscene.surface.swatch_summary import figures, words
 
 INDEX: Final = "index.json"
 FORMAT: Final = "hapscene library"
@@ -44,7 +45,7 @@ _RESERVED: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b.*", re.IGNORECAS
 
 
 @dataclass(frozen=True)
-class Entry:
+class LibraryEntry:
     """What an index says of one swatch."""
 
     name: str
@@ -72,13 +73,13 @@ def library_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     return user_data_path("hapscene", appauthor=False) / "swatches"
 
 
-def shipped_entries() -> list[Entry]:
+def shipped_entries() -> list[LibraryEntry]:
     """The swatches that come with hapscene."""
     folder = resources.files("hapscene_swatches")
     return [entry_of(load_swatch(name), (folder / (name + SUFFIX)).read_bytes()) for name in shipped_swatches()]
 
 
-def own_entries(folder: str | os.PathLike[str] | None = None) -> list[Entry]:
+def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEntry]:
     """The swatches of the library, by name; none where there is no library yet.
 
     Raises:
@@ -104,7 +105,7 @@ def find(name: str, folder: str | os.PathLike[str] | None = None) -> Path | None
     return None
 
 
-def add(swatch: Swatch, folder: str | os.PathLike[str] | None = None, replace: bool = False) -> Entry:
+def add(swatch: Swatch, folder: str | os.PathLike[str] | None = None, replace: bool = False) -> LibraryEntry:
     """Puts a swatch into the library, under its own name.
 
     Raises:
@@ -155,7 +156,7 @@ def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
     return home / gone.file
 
 
-def write_index(folder: Path, entries: Iterable[Entry]) -> None:
+def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
     """Writes a library's index, whole or not at all."""
     rows = [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]
     text = json.dumps({"format": FORMAT, "version": VERSION, "swatches": rows}, indent=1, ensure_ascii=False)
@@ -166,7 +167,7 @@ def write_index(folder: Path, entries: Iterable[Entry]) -> None:
         raise SwatchError(f"{folder / INDEX}: cannot be written: {error.strerror or error}") from None
 
 
-def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> Entry:
+def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> LibraryEntry:
     """The index's entry of a swatch whose file holds `data`, with a file name that is not among `taken`."""
     stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_+-")[:80] or "swatch"
     stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
@@ -174,10 +175,10 @@ def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> Entry:
     held = set(taken)
     file = next(name for name in names if name.casefold() not in held)
     digest = hashlib.sha256(data).hexdigest()
-    return Entry(swatch.name, file, digest, len(data), swatch.provenance, swatch.licence, figures(swatch))
+    return LibraryEntry(swatch.name, file, digest, len(data), swatch.provenance, swatch.licence, figures(swatch))
 
 
-def verified(entry: Entry, data: bytes, where: str) -> Swatch:
+def verified(entry: LibraryEntry, data: bytes, where: str) -> Swatch:
     """The swatch of a file's content, which must be what the entry says.
 
     Raises:
@@ -194,7 +195,7 @@ def verified(entry: Entry, data: bytes, where: str) -> Swatch:
     return swatch
 
 
-def parse_index(data: bytes, where: str) -> list[Entry]:
+def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
     """The entries of an index from anybody; nothing in it can name a file outside of its folder.
 
     Raises:
@@ -203,7 +204,7 @@ def parse_index(data: bytes, where: str) -> list[Entry]:
     if len(data) > INDEX_BYTES_MAX:
         raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, which no index is")
     try:
-        content = parse(data, "an index of swatches")
+        content = parse_json(data, "an index of swatches")
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise SwatchError(f'not an index of swatches: expected a JSON object with "format": "{FORMAT}"')
         if content.get("version") != VERSION:
@@ -221,7 +222,7 @@ def parse_index(data: bytes, where: str) -> list[Entry]:
     return entries
 
 
-def _entry(row: Any, place: str) -> Entry:
+def _entry(row: Any, place: str) -> LibraryEntry:
     """One entry, checked."""
     if not isinstance(row, dict):
         raise SwatchError(f"{place} must be an object")
@@ -243,4 +244,204 @@ def _entry(row: Any, place: str) -> Entry:
         type(v) in (int, float) and -1e300 < v < 1e300 for v in numbers.values()
     ):
         raise SwatchError(f"{place}.figures must be an object of numbers")
-    return Entry(**texts, bytes=size, figures={key: float(value) for key, value in numbers.items()})
+    return LibraryEntry(**texts, bytes=size, figures={key: float(value) for key, value in numbers.items()})
+
+
+# Search in a library: words and bounds.
+
+
+_BOUND: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*(<=|>=|<|>)\s*(\S+)")
+_COMPARE: Final[dict[str, Callable[[float, float], bool]]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+_SHORT: Final = {"stiffness": "stiffness_N_m", "roughness": "roughness_m_s2", "friction": "friction_dynamic"}
+
+
+def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[LibraryEntry]:
+    """The entries that meet every term.
+
+    A term is a word found in name, feel, provenance or licence, without regard to case ("wood", "grippy"), or a bound
+    on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
+
+    Raises:
+        SwatchError: a malformed bound, one on an unknown figure, or one that is no number.
+    """
+    found = list(entries)
+    known = {key for entry in found for key in entry.figures} | set(_SHORT)
+    for term in terms:
+        bound = _BOUND.fullmatch(term.strip())
+        if bound is None and re.search("[<>]", term):
+            raise SwatchError(f"{term!r}: a malformed bound: expected a figure, a sign and a number, as friction<0.4")
+        if bound is None:
+            found = [entry for entry in found if term.casefold() in _text(entry)]
+            continue
+        name, sign, limit = bound.groups()
+        if name not in known:
+            raise SwatchError(f"no figure {name!r} to search by; there are: {', '.join(sorted(known))}")
+        try:
+            value = float(limit)
+        except ValueError:
+            raise SwatchError(f"{term!r}: expected a number after {sign}, found {limit!r}") from None
+        key = _SHORT.get(name, name)
+        found = [e for e in found if key in e.figures and _COMPARE[sign](e.figures[key], value)]
+    return found
+
+
+def _text(entry: LibraryEntry) -> str:
+    return " ".join([entry.name, *entry.words, entry.provenance, entry.licence]).casefold()
+
+
+# Swatches from a library on the web: any folder of swatches with its index behind a plain web server.
+#
+# Nothing is believed: names and sizes of the index are checked, what arrives is never more than the index says, its
+# hash must match (pooch), and it is opened as any stranger's swatch is before it enters the library. A transfer that
+# breaks off is taken up where it stopped, if the server can, also by a later call; else it is begun again.
+
+
+TIMEOUT_S: Final = 20.0
+"""Longest silence of a server [s]."""
+
+TRIES: Final = 4
+"""Times a transfer is begun or taken up [count]."""
+
+_CHUNK: Final = 1 << 16  # bytes
+
+
+def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
+    """The address of an index and its entries; `url` names the index or the folder that it is in.
+
+    Raises:
+        SwatchError: no http or https address, no answer, or no valid index.
+    """
+    if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).netloc:
+        raise SwatchError(f"{url!r} is no address: expected http://… or https://…")
+    address = url if url.endswith(".json") else urljoin(url.rstrip("/") + "/", INDEX)
+    data = bytearray()
+    _retried(address, INDEX_BYTES_MAX, data.__len__, data.extend, data.clear)
+    return address, parse_index(bytes(data), address)
+
+
+def get(
+    name: str,
+    address: str,
+    entries: list[LibraryEntry],
+    folder: str | os.PathLike[str] | None = None,
+    replace: bool = False,
+) -> LibraryEntry:
+    """Fetches a swatch that an index lists, into the library.
+
+    Args:
+        name: of the swatch.
+        address: of the index, as `read_index` gives it; the file lies beside it.
+        entries: of the index.
+        folder: the library's, None for the user's own.
+        replace: take it though the library has one of that name.
+
+    Raises:
+        SwatchError: no such swatch, no answer, another content than the index says, no valid swatch, or a name that
+            is taken. The library is then as it was.
+    """
+    entry = next((e for e in entries if e.name == name), None)
+    if entry is None:
+        raise SwatchError(no_such("swatch", name, (e.name for e in entries)) + f" at {address}")
+    home = library_folder(folder)
+    url = urljoin(address, quote(entry.file))
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        data = _fetched(url, entry, home)
+    except OSError as error:
+        raise SwatchError(f"{url}: cannot be fetched into {home}: {error.strerror or error}") from None
+    return add(verified(entry, data, url), home, replace)
+
+
+def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
+    """The content at `url`, of the size and hash that the entry says."""
+    import pooch
+
+    pooch.get_logger().setLevel("ERROR")
+    part = home / f".{entry.sha256}.part"  # kept when a transfer breaks off, for the next try
+    whole = home / f".{entry.sha256}.whole"
+
+    def download(address: str, output: Any, _: Any) -> None:
+        _resumed(address, entry.bytes, part)
+        part.replace(output)
+
+    if part.is_symlink() or (part.exists() and (not part.is_file() or part.stat().st_size > entry.bytes)):
+        part.unlink()
+    try:
+        pooch.retrieve(url, f"sha256:{entry.sha256}", whole.name, home, downloader=download)
+        return whole.read_bytes()
+    except ValueError:  # pooch's word for another hash
+        raise SwatchError(f"{url}: its content is not what the index says (sha256): not taken") from None
+    finally:
+        whole.unlink(missing_ok=True)
+
+
+def _resumed(url: str, size: int, part: Path) -> None:
+    """Fills `part` up to `size` bytes, from where it stands."""
+    with part.open("ab") as file:
+
+        def write(data: bytes) -> None:
+            file.write(data)
+            file.flush()
+
+        def clear() -> None:
+            file.seek(0)
+            file.truncate()
+
+        _retried(url, size, file.tell, write, clear)
+        if file.tell() != size:
+            clear()
+            raise SwatchError(f"{url}: is shorter than the {size} bytes that the index says: not taken")
+
+
+def _retried(
+    url: str, most: int, held: Callable[[], int], write: Callable[[bytes], object], clear: Callable[[], object]
+) -> None:
+    """Transfers `url` into a sink, taking it up again when it breaks off; never writes more than `most` bytes."""
+    import requests
+    from urllib3.exceptions import HTTPError
+
+    problem = ""
+    for _ in range(TRIES):
+        start = held()
+        wanted = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
+        try:
+            with requests.get(url, headers=wanted, stream=True, timeout=TIMEOUT_S) as answer:
+                if answer.status_code == 416 or (answer.status_code == 206 and not _continues(answer, start)):
+                    clear()
+                    problem = "cannot be taken up where it broke off"
+                    continue
+                if answer.status_code not in (200, 206):
+                    raise SwatchError(f"{url}: the server says {answer.status_code} {answer.reason}")
+                if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
+                    raise SwatchError(f"{url}: the server sends it compressed, which was not asked for: not taken")
+                if answer.status_code == 200 and start:
+                    clear()
+                while data := answer.raw.read(_CHUNK, decode_content=False):
+                    if held() + len(data) > most:
+                        clear()
+                        raise SwatchError(f"{url}: is longer than {most} bytes: not taken")
+                    write(data)
+                return
+        except (requests.RequestException, HTTPError) as error:
+            problem = _reason(error)
+            if isinstance(error, requests.exceptions.InvalidURL | requests.exceptions.InvalidSchema):
+                break
+    raise SwatchError(f"{url}: cannot be fetched: {problem}")
+
+
+def _continues(answer: Any, start: int) -> bool:
+    """Whether a partial answer begins where it was asked to."""
+    return str(answer.headers.get("Content-Range", "")).startswith(f"bytes {start}-")
+
+
+def _reason(error: BaseException) -> str:
+    """The innermost cause of a failed transfer, in a few words."""
+    cause = error
+    while cause.__context__ is not None:
+        cause = cause.__context__
+    return " ".join(str(cause).split())[:150] or type(cause).__name__

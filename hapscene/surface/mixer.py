@@ -5,7 +5,7 @@ from typing import Any
 
 from hapscene.native import native
 from hapscene.records import Flag
-from hapscene.surface.compile import call_effect
+from hapscene.surface.effect_compile import call_effect
 
 _MUTED = int(Flag.EFFECT_MUTED)
 _FORCE = int(Flag.FORCE_LIMITED)

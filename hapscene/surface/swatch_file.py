@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError, no_such
-from hapscene.output import write_whole
-from hapscene.surface.strict_json import parse
+from hapscene.files import parse_json, write_whole
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
@@ -31,7 +30,7 @@ VERSION: Final = 1
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
 `NUMBER_MAX` frequencies, has 21 MB. What opening a file takes is bounded by this and by what
-`hapscene.surface.strict_json` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
+`hapscene.files` counts: 175 MB for the largest that is allowed, 330 MB for the worst that was found."""
 
 NUMBER_MAX: Final = 256 * MODEL_MAX
 """Most numbers of one of a texture's lists [count]: `MODEL_MAX` models of order 256, fewer of a higher one."""
@@ -155,7 +154,7 @@ def swatch_from_json(data: bytes | str) -> Swatch:
     Raises:
         SwatchError: not JSON, not a swatch, a later version, or a wrong key, type, shape or number.
     """
-    content = parse(data, "a swatch")
+    content = parse_json(data, "a swatch")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise SwatchError(f'not a swatch: the file must be a JSON object with "format": "{FORMAT}"')
     version = content.get("version")

@@ -15,29 +15,6 @@
 | `delay_study`, `delay_plot` | what delay does to both schemes |
 """
 
-from typing import TYPE_CHECKING, Any
+import lazy_loader
 
-if TYPE_CHECKING:
-    from hapscene.teleoperation.coupling import Coupling as Coupling
-    from hapscene.teleoperation.experiment import write_experiment as write_experiment
-    from hapscene.teleoperation.link import Impairment as Impairment
-    from hapscene.teleoperation.operation import Operated as Operated
-    from hapscene.teleoperation.operation import Operation as Operation
-
-_WHERE = {
-    "Coupling": "coupling",
-    "Impairment": "link",
-    "Operated": "operation",
-    "Operation": "operation",
-    "write_experiment": "experiment",
-}
-
-__all__ = ["Coupling", "Impairment", "Operated", "Operation", "write_experiment"]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

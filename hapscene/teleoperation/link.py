@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.world import records
+from hapscene.dsp.noise import seeded_state, uniform
 from hapscene.errors import HapsceneError
 from hapscene.native import native
-from hapscene.surface.random import seeded_state, uniform
-from hapscene.teleoperation.message import MESSAGE
+from hapscene.teleoperation.datagram import MESSAGE
 
 SLOT_COUNT: Final = 1024
 """Messages that can be under way at once [count]: a second at 1 kHz. More are lost, as in a full router."""

@@ -11,16 +11,15 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.world import records
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
-from hapscene.handle.loop import new_handle
+from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.renderer import EFFECTS, Renderer
-from hapscene.teleoperation.coupling import Coupling
-from hapscene.teleoperation.follower import Follower, new_follower
-from hapscene.teleoperation.leader import Leader, new_leader
+from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate
+from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
+from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
 from hapscene.teleoperation.link import Impairment, new_link
-from hapscene.teleoperation.loop import HAPPENED, Line, operate
-from hapscene.teleoperation.message import MESSAGE, SAMPLE_COUNT
-from hapscene.twin.intent import Intent
+from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -20,9 +20,9 @@ with jitter, loss, reordering, encoder steps and a force that is held over a tic
 import math
 from typing import Any, Final
 
-from hapscene.contact.geometry import Vector
+from hapscene.geometry import Vector
 from hapscene.native import native
-from hapscene.teleoperation.queue import next_wave
+from hapscene.teleoperation.jitter_buffer import next_wave
 
 CATCH_UP_S: Final = 0.03
 """Time constant with which a position that fell behind for want of energy is caught up [s]. Faster asks for more energy

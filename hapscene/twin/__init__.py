@@ -6,8 +6,6 @@ twin = Twin(scene, Omni())
 feel = twin.run(Intent.hold((0.0, 0.0, -0.01), count=1000, grip="light"))
 """
 
-from hapscene.twin.feel import Feel
-from hapscene.twin.intent import Intent
-from hapscene.twin.twin import Twin
+import lazy_loader
 
-__all__ = ["Feel", "Intent", "Twin"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.argument import numbers, positions
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.world import records
 from hapscene.device.arm import new_arm
-from hapscene.device.limit import Limits
+from hapscene.device.model import Limits
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.handle.loop import HANDLE, new_handle
+from hapscene.geometry import numbers, positions
+from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
 from hapscene.records import ROW
 from hapscene.renderer import EFFECTS, Renderer
-from hapscene.twin.feel import FELT, Feel
-from hapscene.twin.intent import Intent
-from hapscene.twin.loop import DELAY_MAX, Body, live
+from hapscene.twin.hand_intent import Intent
+from hapscene.twin.twin_loop import DELAY_MAX, TwinBody, live
+from hapscene.twin.twin_recording import FELT, Feel
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -94,7 +94,7 @@ class Twin:
             handle = new_handle(
                 self.handle, self.nominal or self.handle, self.compensator, self.renderer.a_rate_Hz, self._seed
             )
-        self.body = Body(
+        self.body = TwinBody(
             arm=arm,
             handle=handle,
             has_handle=int(self.handle is not None),

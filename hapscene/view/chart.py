@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.view.palette import DARK, INK, rgb
 
 if TYPE_CHECKING:

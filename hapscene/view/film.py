@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapscene.errors import ViewError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, place
-from hapscene.view.drawing import Drawing, Frame
+from hapscene.view.figure_parts import make_figure_parts
 from hapscene.view.legend import draw_strip, entries_of, lay_out, measures_of, strip_height
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import AIR, FORCE, LIGHT, PATH, Theme, rgb
 from hapscene.view.picture import OVERSAMPLING, area_over
-from hapscene.view.stage import make_stage
+from hapscene.view.triangles import Drawing, Frame
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -125,7 +125,7 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
     ticks = np.zeros(0, np.int64)
     if recording is not None:
         ticks = np.linspace(0, len(recording) - 1, max(count - painting_count, 2)).round().astype(np.int64)
-    stage = make_stage(scene, recording, film.theme, ticks, film.painting)
+    stage = make_figure_parts(scene, recording, film.theme, ticks, film.painting)
     turns_rad = film.turn_rad * np.arange(count) / count
     R_SC = looks(turns_rad.tolist() if film.turn_rad else [0.0])
     entries = entries_of(scene, film.theme, path=recording is not None, tool=recording is not None)

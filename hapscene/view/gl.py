@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.view.drawing import Drawing, Shown, same
 from hapscene.view.palette import EDGE, rgb
-from hapscene.view.solid import Solid, joined, moved
+from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
 AMBIENT: Final = (0.32, 0.32, 0.32)
 """Light from everywhere."""
@@ -58,7 +57,7 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
 
 
 def watch(
-    parts: Sequence[Solid],
+    parts: Sequence[Triangles],
     camera: tuple[NDArray[np.float64], float, float],
     background: str,
     ink: str,
@@ -141,7 +140,7 @@ def _empty(pyrender: Any, background: str) -> Any:
     return pyrender.Scene(bg_color=(*rgb(background), 1.0), ambient_light=AMBIENT)
 
 
-def _mesh(pyrender: Any, solid: Solid) -> Any:
+def _mesh(pyrender: Any, solid: Triangles) -> Any:
     """The triangles as pyrender takes them."""
     primitive = pyrender.Primitive(
         positions=solid.corner_m.astype(np.float32),

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.view.figure_parts import PROXY_COLOUR
 from hapscene.view.palette import AIR, EDGE, FORCE, PATH, Theme, distinct_colours
-from hapscene.view.solid import used_swatches
-from hapscene.view.stage import PROXY_COLOUR
+from hapscene.view.triangles import used_swatches
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -25,7 +25,7 @@ MEASURE_MAX: Final = 0.2
 
 
 @dataclass(frozen=True)
-class Entry:
+class LegendEntry:
     """A sign and its text. `kind` is patch, line, thread, ball, bar or arrow; bars and arrows have a length."""
 
     text: str
@@ -38,40 +38,40 @@ class Entry:
 class Placed:
     """An entry at its place [pixels]: left end, middle of its row, width of all of it."""
 
-    entry: Entry
+    entry: LegendEntry
     x: int
     y: int
     width: int
 
 
-def entries_of(scene: "Scene", theme: Theme, path: bool = False, tool: bool = False) -> list[Entry]:
+def entries_of(scene: "Scene", theme: Theme, path: bool = False, tool: bool = False) -> list[LegendEntry]:
     """What the colours of a picture mean: the swatches that some face wears, the path, the tool."""
     used = used_swatches(scene)
     colours = distinct_colours(scene.swatches, used)
     names = [swatch.name for swatch in scene.swatches]
     if any(body.mesh.colour_rgb is not None for body in scene.bodies):
         names[0] += " (colours of the file)"
-    entries = [Entry(names[i], colours[i]) for i in used]
+    entries = [LegendEntry(names[i], colours[i]) for i in used]
     if tool:
-        entries += [Entry("tool", theme.tool, "line"), Entry("proxy", PROXY_COLOUR, "ball")]
+        entries += [LegendEntry("tool", theme.tool, "line"), LegendEntry("proxy", PROXY_COLOUR, "ball")]
     if path:
-        entries += [Entry("path on the surface", PATH, "line"), Entry("in the air", AIR, "thread")]
+        entries += [LegendEntry("path on the surface", PATH, "line"), LegendEntry("in the air", AIR, "thread")]
     return entries
 
 
-def measures_of(pixel_m: float, width: int, theme: Theme, arrow_m_N: float, f_max_N: float) -> list[Entry]:
+def measures_of(pixel_m: float, width: int, theme: Theme, arrow_m_N: float, f_max_N: float) -> list[LegendEntry]:
     """A scale bar of a round length; and an arrow of a round force, where there are arrows."""
     longest_m = MEASURE_MAX * width * pixel_m
     bar_m = round_down(longest_m)
-    measures = [Entry(length_text(bar_m), theme.ink, "bar", round(bar_m / pixel_m))]
+    measures = [LegendEntry(length_text(bar_m), theme.ink, "bar", round(bar_m / pixel_m))]
     if arrow_m_N > 0:
         force_N = round_down(min(longest_m / arrow_m_N, f_max_N))
-        arrow = Entry(f"force, {force_text(force_N)}", FORCE, "arrow", round(force_N * arrow_m_N / pixel_m))
+        arrow = LegendEntry(f"force, {force_text(force_N)}", FORCE, "arrow", round(force_N * arrow_m_N / pixel_m))
         measures.insert(0, arrow)
     return measures
 
 
-def lay_out(entries: Sequence[Entry], measures: Sequence[Entry], width: int) -> tuple[list[Placed], int]:
+def lay_out(entries: Sequence[LegendEntry], measures: Sequence[LegendEntry], width: int) -> tuple[list[Placed], int]:
     """Entries in rows from the left, measures at the right of the last row or in one more.
 
     Returns:
@@ -99,9 +99,9 @@ def lay_out(entries: Sequence[Entry], measures: Sequence[Entry], width: int) -> 
     return placed, _middle(row, size) + round(1.5 * size)
 
 
-def strip_height(entries: Sequence[Entry], measure_count: int, width: int) -> int:
+def strip_height(entries: Sequence[LegendEntry], measure_count: int, width: int) -> int:
     """Height that the strip can need, before the lengths of its measures are known [pixels]."""
-    longest = [Entry("force, 0.0005 N", FORCE, "arrow", round(MEASURE_MAX * width))] * measure_count
+    longest = [LegendEntry("force, 0.0005 N", FORCE, "arrow", round(MEASURE_MAX * width))] * measure_count
     return lay_out(entries, longest, width)[1]
 
 
@@ -147,11 +147,11 @@ def _draw_sign(pen: "ImageDraw", item: Placed, size: int, theme: Theme) -> int:
     return width
 
 
-def _sign_width(entry: Entry, size: int) -> int:
+def _sign_width(entry: LegendEntry, size: int) -> int:
     return {"bar": entry.length_px, "arrow": entry.length_px, "ball": size}.get(entry.kind, round(1.4 * size))
 
 
-def _fitted(entry: Entry, font: "FreeTypeFont", size: int, most: int) -> tuple[Entry, int]:
+def _fitted(entry: LegendEntry, font: "FreeTypeFont", size: int, most: int) -> tuple[LegendEntry, int]:
     """The entry with its text cut to what there is room for, and its width [pixels]."""
     text = entry.text if len(entry.text) <= NAME_MAX else entry.text[: NAME_MAX - 1] + "…"
     sign = _sign_width(entry, size) + size // 2

@@ -5,22 +5,96 @@ each frame's pixels to its standard output.
 """
 
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Generator, Iterator
-from contextlib import closing
+import tempfile
+import threading
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from ctypes.util import find_library
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Timer
-from typing import IO, Final
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
-from hapscene.view.apart import Apart, apart, go_with_the_other, job_folder
-from hapscene.view.drawing import Drawing
+from hapscene.view.triangles import Drawing
+
+# A process of its own that draws: how it is started, why it failed, and that it goes with the one that started it.
+#
+# Its own, since a driver that crashes takes only it along, and GL is set up once in a process.
+
+
+PREFIX: Final = "hapscene-"
+"""What the folder of a job is called by, among the system's temporary ones."""
+
+LINE_MAX: Final = 160
+"""Longest reason that is given [characters]."""
+
+
+class Drawer:
+    """A process under way.
+
+    Attributes:
+        process: itself.
+    """
+
+    def __init__(self, process: "subprocess.Popen[bytes]", complaint: IO[bytes]) -> None:
+        self.process, self._complaint = process, complaint
+
+    def reason(self) -> str:
+        """The last line that it wrote on its way out."""
+        code = self.process.wait()
+        self._complaint.seek(0)
+        lines = [line.strip() for line in self._complaint.read().decode(errors="replace").splitlines() if line.strip()]
+        return lines[-1][:LINE_MAX] if lines else f"ended with code {code}"
+
+
+@contextmanager
+def job_folder() -> Iterator[Path]:
+    """A folder for what the process is handed."""
+    with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as name:
+        yield Path(name)
+
+
+@contextmanager
+def start_drawer(module: str, job: Path, environment: Mapping[str, str], stdout: int | None = None) -> Iterator[Drawer]:
+    """Run `python -m MODULE JOB`; it is ended with the context, or with this process however that ends.
+
+    Args:
+        module: calls `go_with_the_other` first of all.
+        job: the folder of `job_folder`.
+        environment: its environment.
+        stdout: as for Popen.
+    """
+    command = [sys.executable, "-m", module, str(job)]
+    streams: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": stdout}  # stdin ends with this process
+    with (
+        tempfile.TemporaryFile() as complaint,
+        subprocess.Popen(command, env=environment, stderr=complaint, **streams) as process,
+    ):
+        try:
+            yield Drawer(process, complaint)
+        finally:
+            process.kill()
+
+
+def go_with_the_other(job: Path) -> None:
+    """In the process: once the one that started it is gone, remove what it left, and go too."""
+
+    def wait() -> None:
+        while os.read(0, 1):  # nothing is ever sent
+            pass
+        if job.name.startswith(PREFIX) and job.parent.samefile(tempfile.gettempdir()):  # none but ours
+            shutil.rmtree(job, ignore_errors=True)
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
 
 PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
 """GL without a screen, and the system packages that each is in."""
@@ -93,7 +167,7 @@ def _draw_with(platform: str, drawing: Drawing) -> Generator[NDArray[np.uint8]]:
     environment = os.environ | {"PYOPENGL_PLATFORM": platform}
     with job_folder() as job:
         drawing.save(job / DRAWING)
-        with apart("hapscene.view.offscreen", job, environment, subprocess.PIPE) as drawer:
+        with start_drawer("hapscene.view.offscreen", job, environment, subprocess.PIPE) as drawer:
             pipe = drawer.process.stdout
             assert pipe is not None
             for _ in drawing.frames:
@@ -121,7 +195,7 @@ def _read(pipe: IO[bytes], count: int, process: "subprocess.Popen[bytes]") -> tu
         timer.cancel()
 
 
-def _reason(platform: str, drawer: Apart) -> str:
+def _reason(platform: str, drawer: Drawer) -> str:
     """Why the process ended without a frame: what PyOpenGL says where a library is not there, tells no one that."""
     told = drawer.reason()
     return told if all(map(find_library, LIBRARIES[platform])) else "not installed"

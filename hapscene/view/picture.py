@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapscene.errors import ViewError
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, place, seen_size
-from hapscene.view.drawing import Drawing, Frame
+from hapscene.view.figure_parts import ARROW_SPACING, arrow_ticks, make_figure_parts
 from hapscene.view.legend import draw_strip, entries_of, lay_out, measures_of, strip_height
 from hapscene.view.offscreen import draw
 from hapscene.view.palette import LIGHT, Theme
-from hapscene.view.stage import ARROW_SPACING, arrow_ticks, make_stage
+from hapscene.view.triangles import Drawing, Frame
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -57,7 +57,7 @@ def write_picture(
     if recording is not None and len(recording) < 2:
         recording = None
     last = np.array([0 if recording is None else len(recording) - 1])
-    stage = make_stage(scene, recording, theme, last)
+    stage = make_figure_parts(scene, recording, theme, last)
     shown, parts = stage.shown(), list(stage.parts)
     if recording is not None:
         arrows = stage.arrows(arrow_ticks(recording, ARROW_SPACING * stage.size_m))

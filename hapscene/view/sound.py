@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.output import whole_file
+from hapscene.files import whole_file
 from hapscene.recording import Recording
 
 PEAK_DBFS: Final = -1.0

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.recording import Recording
-from hapscene.view.apart import apart, go_with_the_other, job_folder
 from hapscene.view.camera import looks
-from hapscene.view.drawing import Shown
+from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of
+from hapscene.view.offscreen import go_with_the_other, job_folder, start_drawer
 from hapscene.view.palette import FORCE, LIGHT, Theme
-from hapscene.view.stage import Stage, make_stage
+from hapscene.view.triangles import Shown
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -54,7 +54,7 @@ def check_display() -> None:
         )
 
 
-def play(scene: "Scene", recording: Recording, title: str = "", theme: Theme = LIGHT) -> None:
+def play_in_window(scene: "Scene", recording: Recording, title: str = "", theme: Theme = LIGHT) -> None:
     """Open a window that plays a touch; return when it is closed, or by Ctrl-C.
 
     Args:
@@ -69,7 +69,7 @@ def play(scene: "Scene", recording: Recording, title: str = "", theme: Theme = L
     check_display()
     end = len(recording) - 1
     count = max(round((recording.t_s[-1] - recording.t_s[0]) / PIECE_S), 1)
-    stage = make_stage(scene, recording, theme, np.linspace(0, end, count + 1).round().astype(np.int64)[1:])
+    stage = make_figure_parts(scene, recording, theme, np.linspace(0, end, count + 1).round().astype(np.int64)[1:])
     legend = [*((e.text, e.colour) for e in entries_of(scene, theme, path=True, tool=True)), ("force", FORCE)]
     words = {"title": title, "legend": legend, "background": theme.background, "ink": theme.ink}
     with job_folder() as folder:
@@ -93,7 +93,7 @@ def felt(recording: Recording, hand: Path) -> Recording:
 def _run(folder: Path) -> str:
     """Run the window's process to its end; return why it failed, or nothing."""
     environment = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
-    with apart("hapscene.view.window", folder, environment) as window:
+    with start_drawer("hapscene.view.window", folder, environment) as window:
         try:
             return window.reason() if window.process.wait() else ""
         except KeyboardInterrupt:
@@ -103,7 +103,7 @@ def _run(folder: Path) -> str:
 class Player:
     """Which tick is shown now: in real time from the first frame on, over and over."""
 
-    def __init__(self, stage: Stage, recording: Recording) -> None:
+    def __init__(self, stage: FigureParts, recording: Recording) -> None:
         self._stage, self._recording = stage, recording
         self._force_N = np.linalg.norm(stage.f_N, axis=1)
         self._t_s = recording.t_s - recording.t_s[0]
@@ -124,7 +124,7 @@ class Player:
         return self._stage.shown(tick), f"{self._t_s[tick]:6.2f} s   {self._force_N[tick]:5.2f} N   {where}"
 
 
-def _view_of(stage: Stage) -> tuple[NDArray[np.float64], float, float]:
+def _view_of(stage: FigureParts) -> tuple[NDArray[np.float64], float, float]:
     """A camera that sees all of the stage: its pose, height of view [rad] and range [m]."""
     points_m = stage.points_m(tool=True)
     radius_m = float(np.linalg.norm(points_m, axis=1).max())
@@ -139,7 +139,7 @@ def _main(folder: Path) -> None:
     """What the process does."""
     from hapscene.view.gl import watch
 
-    stage, recording = Stage.load(folder / "stage.npz"), Recording.load(folder / "touch.npz")
+    stage, recording = FigureParts.load(folder / "stage.npz"), Recording.load(folder / "touch.npz")
     words = json.loads((folder / "words.json").read_text(encoding="utf-8"))
     watch(
         stage.parts,

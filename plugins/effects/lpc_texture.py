@@ -1,7 +1,7 @@
 """The vibration of a tool that slides: autoregressive (LPC) synthesis, chosen by force and slip speed.
 
 A texture is a field of models over normal force and slip speed (Romano & Kuchenbecker 2012; Culbertson, Unwin &
-Kuchenbecker 2014), run as a normalised lattice (`hapscene.surface.lattice`): whatever models follow one another, the
+Kuchenbecker 2014), run as a normalised lattice (`hapscene.dsp.lattice`): whatever models follow one another, the
 output is no louder than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
 begins, ends, or crosses into another swatch.
 
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ORDER_MAX
+from hapscene.dsp.lattice import advance, excite
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
-from hapscene.surface.lattice import advance, excite
 from hapscene.surface.swatch import Swatch
 
 GRID = 33

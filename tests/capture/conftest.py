@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.segment import State
+from hapscene.capture.segment import InteractionState
 
 STIFFNESS_N_M, FRICTION, TAP_HZ, TAP_DECAY_1_S, TAP_GAIN_1_S = 500.0, 0.35, 180.0, 70.0, 100.0
 
@@ -68,12 +68,12 @@ def handled(seed: int = 0, rate_Hz: float = 10_000.0, snr_dB: float = 20.0) -> T
             away = np.arange(round(0.01 / v * rate_Hz)) / rate_Hz
             depth[start - len(away) : start] = -v * away[::-1]
             depth[start + m : start + m + len(away)] = -v * away
-            states[part] = State.TAP
+            states[part] = InteractionState.TAP
         elif what != "air":
             force[part] = (
                 1.5 * (rise if what in ("press", "A again") else 1.0) * (fall if what in ("rest", "A again") else 1.0)
             )
-            states[part] = State.STILL if what in ("press", "rest") else State.SLIDING
+            states[part] = InteractionState.STILL if what in ("press", "rest") else InteractionState.SLIDING
         if what[0] in surfaces:
             ramp = np.minimum(1.0, t / 0.02) if what != "B" else np.ones(m)
             ramp *= np.minimum(1.0, t[::-1] / 0.02) if what != "A" else 1.0
@@ -94,7 +94,7 @@ def handled(seed: int = 0, rate_Hz: float = 10_000.0, snr_dB: float = 20.0) -> T
     contact = force > 0.0
     return Truth(
         rate_Hz,
-        noisy(a, states == State.SLIDING),
+        noisy(a, states == InteractionState.SLIDING),
         noisy(force, contact),
         noisy(speed, speed > 0.0),
         noisy(tangential, contact),

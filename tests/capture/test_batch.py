@@ -18,10 +18,8 @@ import numpy as np
 import pytest
 
 from hapscene import __version__
-from hapscene.capture.batch import Result, fit_batch
-from hapscene.capture.batch_input import Item, gather, outputs, read_list
-from hapscene.capture.batch_manifest import Entry, Manifest
-from hapscene.capture.batch_worker import Job, fit_job
+from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_batch, gather, outputs, read_list
+from hapscene.capture.batch_pool import Job, fit_job
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import load_swatch
@@ -82,7 +80,7 @@ class Once:
         self.through: Counter[str] = Counter()
         self._count, self._then = count, then
 
-    def __call__(self, result: Result, entry: Entry) -> None:
+    def __call__(self, result: Result, entry: ManifestEntry) -> None:
         self.through[Path(entry.recording).name] += 1
         if self.through.total() == self._count:
             self._then()

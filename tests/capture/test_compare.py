@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.compare import Tap, compare, rank, tap_energy
-from hapscene.capture.compare_series import follow
-from hapscene.capture.compare_surface import load_library, load_surface
+from hapscene.capture.compare import Tap, compare, follow, load_library, load_surface, rank, tap_energy
 from hapscene.errors import CaptureError, SwatchError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import load_swatch, save_swatch

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 from scipy.stats import kurtosis
 
 from hapscene.capture import fit, load_surface_recording, synthesize
-from hapscene.capture.channel import clean
 from hapscene.capture.excitation import choose_excitation, quantile_knots, wasserstein
-from hapscene.capture.piece import cut
+from hapscene.capture.streams import clean
 from hapscene.capture.texture_fit import fit_texture
+from hapscene.capture.texture_pieces import cut
 from hapscene.constants import EXCITATION_KNOTS
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture, excitation_moments

@@ -8,12 +8,12 @@ import pytest
 from scipy.signal import lfilter, resample_poly
 
 from hapscene.capture import fit, load_surface_recording, metric, synthesize
-from hapscene.capture.channel import clean
-from hapscene.capture.linear_prediction import autocorrelation, solve, tapered
-from hapscene.capture.order import search_order
+from hapscene.capture.order_search import search_order
+from hapscene.capture.streams import clean
+from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
-from hapscene.surface.blend import INTERPOLATIONS
 from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.texture import INTERPOLATIONS
 
 
 def resonant(frequency_Hz: list[float], radius: float, rate_Hz: float) -> np.ndarray:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.channel import clean
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.segment import segment
 from hapscene.capture.stiffness import fit_stiffness
+from hapscene.capture.streams import clean
 
 
 def part(acceleration, rate_Hz, *streams, **named):

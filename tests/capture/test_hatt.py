@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from hapscene import cli
-from hapscene.capture.hatt import export_hatt, import_hatt, import_noted
-from hapscene.capture.hatt_batch import import_many
+from hapscene.capture.hatt import export_hatt, import_hatt, import_many, import_noted
 from hapscene.capture.hatt_file import read_models, read_taps
 from hapscene.errors import SwatchError
 from hapscene.surface.swatch import PLAIN
@@ -348,14 +347,14 @@ def test_interrupted_leaves_whole_swatches(
 ) -> None:
     for name in "ab":
         write_models(tmp_path / f"Models_{name}.xml", 0, pairs=3, side=3)
-    from hapscene.capture import hatt_batch
+    from hapscene.capture import hatt
 
     def interrupt(models: Path, taps: Path | None) -> object:
         if models.stem == "Models_b":
             raise KeyboardInterrupt
         return import_noted(models, taps)
 
-    monkeypatch.setattr(hatt_batch, "import_noted", interrupt)
+    monkeypatch.setattr(hatt, "import_noted", interrupt)
     assert cli.main(["swatch", "import", "hatt", str(tmp_path), "-o", str(tmp_path / "out")]) == 130
     assert "interrupted; the 1 swatches named above are whole" in capsys.readouterr().err
     assert [f.name for f in (tmp_path / "out").iterdir()] == ["a.swatch"]

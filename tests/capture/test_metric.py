@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.signal import lfilter
 
 from hapscene.capture import metric
+from hapscene.capture.metric import st_sim, threshold_dB
 from hapscene.errors import CaptureError
 
 
@@ -80,3 +83,107 @@ def test_band_power_adds_up_and_cuts_bins() -> None:
     assert edges[[0, -1]] == pytest.approx([20.0, 1000.0])
     assert metric.band_power(frequency, frequency, [15.0, 25.0]) == pytest.approx([0.5 * (25.0**2 - 15.0**2)])
     assert metric.band_power(flat, frequency, [2400.0, 9000.0]) == pytest.approx([200.0])
+
+
+# What a model leaves of a signal, on signals that the model made.
+
+
+A = np.array([1.0, -1.5, 0.8])
+
+
+def made(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Noise, and what the model makes of it."""
+    noise = np.random.default_rng(seed).standard_normal(count)
+    return noise, np.asarray(lfilter([1.0], A, noise))
+
+
+def test_the_residual_is_the_excitation() -> None:
+    noise, signal = made(2000)
+    assert metric.residual(A, signal) == pytest.approx(noise[2:], abs=1e-10)
+    with pytest.raises(CaptureError, match="too few"):
+        metric.residual(A, signal[:3])
+
+
+def test_variance_ratio_of_a_known_model() -> None:
+    noise, signal = made(400_000)
+    gain = (1 + 0.8) / ((1 - 0.8) * ((1 + 0.8) ** 2 - 1.5**2))  # power gain of an AR(2), Box & Jenkins 1970
+    assert metric.variance_ratio(A, signal) == pytest.approx(1 / gain, rel=0.02)
+    assert metric.variance_ratio([1.0], signal) == pytest.approx(1.0)
+    assert metric.variance_ratio(A, noise) > 1.0
+
+
+def test_correlation_of_a_first_order_model_falls_geometrically() -> None:
+    signal = lfilter([1.0], [1.0, -0.7], np.random.default_rng(1).standard_normal(400_000))
+    assert metric.correlation(signal, 5) == pytest.approx(0.7 ** np.arange(1, 6), abs=0.01)
+
+
+def test_ljung_box_by_hand_and_against_chance() -> None:
+    x = np.array([1.0, -2.0, 3.0, 0.5, -1.5, 2.0, -2.5, 0.5])
+    d = x - x.mean()
+    rho = np.array([np.sum(d[k:] * d[:-k]) for k in (1, 2, 3)]) / np.sum(d**2)
+    q = 8 * 10 * np.sum(rho**2 / (8 - np.array([1, 2, 3])))
+    test = metric.ljung_box(x, 3, fitted=1)
+    assert test.statistic == pytest.approx(q)
+    assert test.freedom == 2 and test.p_value == pytest.approx(np.exp(-q / 2))  # χ² of 2 degrees in closed form
+    rng = np.random.default_rng(0)
+    p = [metric.ljung_box(rng.standard_normal(2000), 20).p_value for _ in range(1000)]
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+    assert metric.ljung_box(made(2000)[1]).p_value < 1e-12
+    with pytest.raises(CaptureError, match="lags"):
+        metric.ljung_box(x, 8)
+
+
+def test_kurtosis_of_known_distributions() -> None:
+    rng = np.random.default_rng(0)
+    assert metric.excess_kurtosis(rng.standard_normal(200_000)) == pytest.approx(0.0, abs=0.05)
+    assert metric.excess_kurtosis(rng.laplace(size=400_000)) == pytest.approx(3.0, abs=0.3)
+    assert metric.excess_kurtosis([1.0, -1.0] * 50) == pytest.approx(-2.0)
+
+
+# ST-SIM against the values of its authors' library, and where the answer is known.
+
+
+RATE = 8000.0
+T = np.arange(4000) / RATE
+TONES = 2.0 * np.sin(2 * np.pi * 150 * T) + 0.3 * np.sin(2 * np.pi * 610 * T + 1)
+
+
+@pytest.mark.parametrize(
+    ("distorted", "score"),  # by vibromaf 0.0.8, st_sim(distorted, reference)
+    [
+        (0.8 * TONES, 0.9974955253904332),
+        (TONES + 0.5 * np.cos(2 * np.pi * 90 * T), 0.9799280321498682),
+        (np.roll(TONES, 7), 0.739364649530086),
+    ],
+)
+def test_the_scores_of_the_authors_library_come_out(distorted: np.ndarray, score: float) -> None:
+    assert st_sim(distorted, TONES, RATE).score == pytest.approx(score, rel=1e-12)
+
+
+def test_the_same_is_alike_and_the_opposite_is_not() -> None:
+    assert st_sim(TONES, TONES, RATE) == pytest.approx((1.0, 1.0, 1.0))
+    opposed = st_sim(-TONES, TONES, RATE)
+    assert opposed.score == 0.0 and opposed.temporal == 0.0 and opposed.spectral == pytest.approx(1.0)
+
+
+def test_other_noise_of_the_same_surface_is_alike_in_spectrum_only() -> None:
+    rng = np.random.default_rng(0)
+    one, other = rng.standard_normal((2, 50_000))
+    same = st_sim(one, other, 5000.0)
+    assert same.spectral > 0.9 and same.temporal < 0.05
+    assert st_sim(0.01 * one, other, 5000.0).spectral < same.spectral - 0.1
+
+
+def test_what_is_below_threshold_is_not_felt() -> None:
+    hum = 1e-5 * np.sin(2 * np.pi * 250 * T)
+    assert st_sim(TONES + hum, TONES, RATE).spectral == pytest.approx(1.0, abs=0.02)
+    threshold = threshold_dB(RATE)
+    assert threshold.min() == pytest.approx(-77.0, abs=0.01)
+    assert np.argmin(threshold) * RATE / 1023 == pytest.approx(250.0, abs=RATE / 1023)
+
+
+def test_signals_that_cannot_be_compared_are_refused() -> None:
+    with pytest.raises(CaptureError, match="one length"):
+        st_sim(TONES, TONES[:-1], RATE)
+    with pytest.raises(CaptureError, match="512"):
+        st_sim(TONES[:511], TONES[:511], RATE)

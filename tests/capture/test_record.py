@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.capture.record import Made, record
+from hapscene.capture.record import Made, Meter, record
 from hapscene.capture.record_file import load_record
-from hapscene.capture.record_meter import Meter
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS

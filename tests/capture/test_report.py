@@ -12,12 +12,11 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture import fit, load_surface_recording
-from hapscene.capture.channel import clean
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.report import report, write_report
-from hapscene.capture.report_judgement import judge, residual_along, spectrum_along
-from hapscene.capture.report_word import rows
+from hapscene.capture.report import report, rows, write_report
+from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
 from hapscene.capture.segment import segment
+from hapscene.capture.streams import clean
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import load_swatch

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.channel import clean
-from hapscene.capture.segment import State, noise, runs, segment
+from hapscene.capture.segment import InteractionState, noise, runs, segment
 from hapscene.capture.segment_plot import write_states
+from hapscene.capture.streams import clean
 
 TOLERANCE_S = 0.02
 
@@ -14,7 +14,7 @@ TOLERANCE_S = 0.02
 def borders(states):
     """(sample, state that begins there), without taps' ends: those are where the ringing ends."""
     places = np.flatnonzero(np.diff(states)) + 1
-    return [(int(p), int(states[p])) for p in places if states[p - 1] != State.TAP]
+    return [(int(p), int(states[p])) for p in places if states[p - 1] != InteractionState.TAP]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -27,8 +27,8 @@ def test_states_are_found_within_20_ms(seed, streams, handled_recording):
     for place, state in borders(truth.states):
         near = slice(place - round(TOLERANCE_S * truth.rate_Hz), place + round(TOLERANCE_S * truth.rate_Hz))
         assert state in states[near]
-    assert len(runs(states == State.TAP)) == len(truth.tap_m_s)
-    assert len(runs(states == State.SLIDING)) == 2
+    assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
+    assert len(runs(states == InteractionState.SLIDING)) == 2
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -37,9 +37,9 @@ def test_without_force_rest_and_air_are_one_state(seed, streams, handled_recordi
     truth = handled_recording(seed)
     channels = clean(truth.acceleration_m_s2, truth.rate_Hz, **{name: getattr(truth, name) for name in streams})
     states = segment(channels).states
-    told = np.where(truth.states == State.STILL, State.AIR, truth.states)
+    told = np.where(truth.states == InteractionState.STILL, InteractionState.AIR, truth.states)
     assert np.mean(states == told) > 0.97
-    assert len(runs(states == State.TAP)) == len(truth.tap_m_s)
+    assert len(runs(states == InteractionState.TAP)) == len(truth.tap_m_s)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -49,7 +49,9 @@ def test_the_change_of_surface_is_found_and_no_other(seed, handled_recording):
     assert len(found.changes) == 1
     assert abs(found.changes[0] - truth.change) < TOLERANCE_S * truth.rate_Hz
     assert len(found.stationary()) == 3
-    assert sum(end - start for start, end in found.stationary()) == np.count_nonzero(found.states == State.SLIDING)
+    assert sum(end - start for start, end in found.stationary()) == np.count_nonzero(
+        found.states == InteractionState.SLIDING
+    )
 
 
 @pytest.mark.parametrize("rate_Hz", [10_000.0, 2_000.0])
@@ -89,7 +91,7 @@ def test_what_is_stationary_has_no_changes():
 
 def test_a_recording_of_one_state_is_sliding():
     rng = np.random.default_rng(0)
-    assert np.all(segment(clean(rng.standard_normal(20_000), 5_000.0)).states == State.SLIDING)
+    assert np.all(segment(clean(rng.standard_normal(20_000), 5_000.0)).states == InteractionState.SLIDING)
     assert not np.any(segment(clean(rng.standard_normal(20_000), 5_000.0, force_N=0.0)).states)
 
 
@@ -98,7 +100,7 @@ def test_real_strokes_slide_throughout(shared):
         speed, force, accel, _ = np.loadtxt(
             shared / "data" / "recordings" / f"cdp_{name}.csv", delimiter=",", skiprows=1
         ).T
-        assert np.all(segment(clean(accel, 10_000.0, force, 1e-3 * speed)).states == State.SLIDING)
+        assert np.all(segment(clean(accel, 10_000.0, force, 1e-3 * speed)).states == InteractionState.SLIDING)
 
 
 def test_the_noise_of_a_stream_is_measured_where_it_is_quietest():

@@ -4,17 +4,16 @@ import time
 
 import numpy as np
 import pytest
-from hapscene_plugins.effects.lpc_texture import EFFECT, choose
 from scipy.signal import welch
 
 from hapscene.capture import metric, synthesize
 from hapscene.capture.synthesis import _PART, BLOCK_S
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
-from hapscene.surface.blend import INTERPOLATIONS
-from hapscene.surface.lsf import ar_from_reflection, power_gain
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import load_swatch, shipped_swatches, swatch_from_json, swatch_to_json
-from hapscene.surface.texture import Texture
+from hapscene.surface.texture import INTERPOLATIONS, Texture
+from hapscene_plugins.effects.lpc_texture import EFFECT, choose
 
 EDGES_HZ = np.geomspace(20.0, 1000.0, 9)
 

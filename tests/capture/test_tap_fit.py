@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.channel import clean
-from hapscene.capture.segment import State, segment
+from hapscene.capture.segment import InteractionState, segment
+from hapscene.capture.streams import clean
 from hapscene.capture.tap_fit import fit_taps, measure_tap
 
 
@@ -103,7 +103,7 @@ def test_other_frequencies(frequency_Hz, decay_1_s):
     noisy = tap + 0.1 * np.sqrt(np.mean(heard**2)) * np.random.default_rng(0).standard_normal(len(tap))
     channels = clean(10.0 * noisy, rate)
     states = segment(channels)
-    (run,) = states.runs(State.TAP)
+    (run,) = states.runs(InteractionState.TAP)
     found = measure_tap(channels, run, 0.1)
     assert found is not None
     assert found.value[1] == pytest.approx(frequency_Hz, rel=0.03)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hapscene.cli import main
-from hapscene.scene.file import load_scene
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.scene.scene_file import load_scene
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from hapscene.cli import main
-from hapscene.command.handle_play import _desired
-from hapscene.gesture import explore
+from hapscene.command.handle import _desired
 from hapscene.handle.handle_file import load_handle
+from hapscene.motion.hand_path import explore
 from hapscene.renderer import Renderer
 from hapscene.touch import open_scene
 

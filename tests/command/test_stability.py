@@ -7,7 +7,7 @@ import pytest
 
 from hapscene.cli import main
 from hapscene.stability import z_width
-from hapscene.stability.run import stability
+from hapscene.stability.study import stability
 from hapscene.surface.swatch import Swatch
 
 

@@ -57,9 +57,9 @@ def test_a_hand_that_does_not_hold_is_refused() -> None:
 
 
 def test_nobody_follows(monkeypatch: pytest.MonkeyPatch) -> None:
-    from hapscene.teleoperation import session
+    from hapscene.teleoperation import udp_session
 
-    monkeypatch.setattr(session, "WAIT_S", 0.05)
+    monkeypatch.setattr(udp_session, "WAIT_S", 0.05)
     options = parse("leader", "--peer", "127.0.0.1:9", "--duration", "1")
     with pytest.raises(HapsceneError, match=r"no follower answers at 127\.0\.0\.1:9"):
         options.command(options)

@@ -74,7 +74,7 @@ def test_touch_is_shown_in_a_window_when_it_is_done(
         shown.append(recording)
         themes.append(theme)
 
-    monkeypatch.setattr("hapscene.view.window.play", play)
+    monkeypatch.setattr("hapscene.view.window.play_in_window", play)
     out = str(tmp_path / "out")
     assert main(["touch", plate, "--unit", "m", "--out", out, "--no-picture", "--view", "--dark"]) == 0
     assert themes == [DARK]

@@ -66,7 +66,7 @@ def test_records_are_zero_and_have_their_fields_as_attributes():
 
 def test_a_body_that_pushes_never_overfills_the_planes(world):
     """Four planes may be left by a tick that did not settle: a pushing body makes room before it adds its own."""
-    from hapscene.contact.hold import copy_plane
+    from hapscene.contact.planes import copy_plane
     from hapscene.contact.proxy import _carry, move
     from hapscene.contact.world import place_ball
 

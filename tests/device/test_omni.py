@@ -16,13 +16,13 @@ from hapscene.device.omni import (
     advance_omni,
     hold_omni,
     read_omni,
+    stand,
     tip_omni,
     tip_velocity_omni,
 )
-from hapscene.device.omni_dynamics import apparent_mass, gravity
 from hapscene.device.omni_kinematics import NOMINAL_RAD, forward, inverse, jacobian
-from hapscene.device.omni_place import stand
 from hapscene.device.omni_record import OmniFlag
+from hapscene.device.omni_step import apparent_mass, gravity
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from hapscene.exchange import export_scene
-from hapscene.exchange.gltf_haptic import DRAFT_NAMES
-from hapscene.exchange.piece import pieces_of
+from hapscene.exchange.gltf import DRAFT_NAMES
+from hapscene.exchange.swatch_payload import pieces_of
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 

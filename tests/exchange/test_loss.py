@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.exchange import EXPORTS, export_scene, import_scene
-from hapscene.exchange.carried import numbers_of
+from hapscene.exchange.swatch_payload import numbers_of
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json

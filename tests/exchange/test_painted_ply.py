@@ -14,7 +14,7 @@ from hapscene.exchange import export_scene, import_scene
 from hapscene.scene.mesh import load_mesh
 from hapscene.scene.scene import Scene
 
-pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.carried.ExchangeWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")
 
 
 def test_others_read_shape_colour_body_and_swatch(scene: Scene, tmp_path: Path) -> None:

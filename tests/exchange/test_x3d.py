@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from hapscene.exchange import export_scene
-from hapscene.exchange.carried import numbers_of
+from hapscene.exchange.swatch_payload import numbers_of
 from hapscene.exchange.x3d import FIELDS, axis_angle
 from hapscene.exchange.x3d_read import rotation
 from hapscene.scene.scene import Scene

@@ -11,7 +11,7 @@ from hapscene.errors import HapsceneError, SceneError
 from hapscene.exchange import export_scene, import_scene
 from hapscene.scene.scene import Scene
 
-pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.carried.ExchangeWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")
 
 
 @pytest.fixture

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.asymptote import asymptote
-from hapscene.handle.fit import identify
-from hapscene.handle.identification import OWN, Identification
+from hapscene.handle.fit import OWN, Identification, asymptote, identify
+from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.response import Response, estimate_response
-from hapscene.handle.source import SimulatedSource, simulated_grips
 from hapscene.handle.sweep import Sweep
 
 RATE_HZ = 10_000.0

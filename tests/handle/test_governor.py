@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, chirp, sosfilt
 
-from hapscene.bench.handle import PARAMETERS, firm
 from hapscene.handle import COMPENSATORS, Plant, play
 from hapscene.handle.playback import Played
+from hapscene_benchmarks.handle import PARAMETERS, firm
 
 RATE_HZ = 10_000.0
 T_S = np.arange(6000) / RATE_HZ

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapscene.errors import HandleError
+from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import BYTES_MAX, handle_from_json, handle_to_json, load_handle, save_handle
-from hapscene.handle.identification import Grip, Identification
 from hapscene.handle.plant import Plant
 
 GRIPS = (
-    Grip("light", 151.2, 2.7, 0.9997, 0.87, {"k_u_N_m": (140.1, 163.0), "b_u_Ns_m": (2.6, 2.8)}),
-    Grip("firm", 1 / 3, 12.0, 0.999, 0.9, {}, {"k_u_N_m": "noise", "b_u_Ns_m": "noise"}),
+    IdentifiedGrip("light", 151.2, 2.7, 0.9997, 0.87, {"k_u_N_m": (140.1, 163.0), "b_u_Ns_m": (2.6, 2.8)}),
+    IdentifiedGrip("firm", 1 / 3, 12.0, 0.999, 0.9, {}, {"k_u_N_m": "noise", "b_u_Ns_m": "noise"}),
 )
 HANDLE = Identification(
     name="ours, № 1",

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HapsceneError
-from hapscene.handle.bode import modelled
-from hapscene.handle.fit import identify
+from hapscene.handle.fit import OWN, Identification, identify
+from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
-from hapscene.handle.identification import OWN, Identification
+from hapscene.handle.identification_report import describe_lines, modelled, write_result
 from hapscene.handle.measure import GripRecording, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
-from hapscene.handle.portrait import lines
-from hapscene.handle.result import write_result
-from hapscene.handle.source import SimulatedSource
 from hapscene.handle.sweep import Sweep
 
 RATE_HZ = 4000.0
@@ -119,9 +116,9 @@ def test_the_model_that_is_drawn_is_the_one_that_was_fitted(
 
 
 def test_the_portrait_tells_what_is_and_is_not_known(recordings: list[GripRecording], found: Identification) -> None:
-    text = "\n".join(lines(found))
+    text = "\n".join(describe_lines(found))
     assert "mass of the handle" in text and "between" in text and "grip light; coherence" in text
-    alone = "\n".join(lines(made_of(recordings[:1])))
+    alone = "\n".join(describe_lines(made_of(recordings[:1])))
     assert "not known: one grip cannot tell it from the others" in alone
-    poor = "\n".join(lines(replace(found, misfit=7.0)))
+    poor = "\n".join(describe_lines(replace(found, misfit=7.0)))
     assert "7.0 times what noise explains: the handle is not quite of this kind" in poor

@@ -3,10 +3,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.bench import handle as bench
 from hapscene.errors import HandleError
 from hapscene.handle import COMPENSATORS, Plant, play, spectrogram_error
 from hapscene.handle.governor import LOOK_AHEAD_S
+from hapscene_benchmarks import handle as bench
 
 RATE_HZ = bench.RATE_HZ
 

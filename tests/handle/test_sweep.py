@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
+from hapscene.handle.force_source import FIRM, LIGHT, SimulatedSource
 from hapscene.handle.plant import Plant
-from hapscene.handle.source import FIRM, LIGHT, SimulatedSource
 from hapscene.handle.sweep import REST_S, TRAVEL_SHARE, Sweep
 
 RATE_HZ = 10_000.0

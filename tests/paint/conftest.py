@@ -15,7 +15,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from hapscene.paint.page import Page
+    from hapscene.paint.web.page import Page
 
     from .tab import Tab
 
@@ -77,8 +77,8 @@ def scene(tmp_path: Path) -> Scene:
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
     """The page of `make_scene`, without a hand, in a folder of its own."""
-    from hapscene.paint.page import Page
     from hapscene.paint.session import Session
+    from hapscene.paint.web.page import Page
 
     monkeypatch.chdir(tmp_path)
     make_scene(tmp_path).save(tmp_path / "made.scene.json")

@@ -14,9 +14,9 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from hapscene.paint.gate import SOCKET_PATH
-from hapscene.paint.page import Page
-from hapscene.paint.shelf_panel import USE
+from hapscene.paint.web.page import Page
+from hapscene.paint.web.secure_server import SOCKET_PATH
+from hapscene.paint.web.shelf_panel import USE
 
 SIZE = (800, 600)
 

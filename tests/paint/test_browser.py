@@ -18,10 +18,10 @@ from playwright.sync_api import sync_playwright
 from trimesh.creation import icosphere
 
 import hapscene
-from hapscene.bench.paint_browser import ARGUMENTS, find_chromium
-from hapscene.paint.page import Page
 from hapscene.paint.session import Session
-from hapscene.scene.file import load_scene
+from hapscene.paint.web.page import Page
+from hapscene.scene.scene_file import load_scene
+from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
 
 from .conftest import library_in, mesh_of
 from .tab import until

@@ -13,9 +13,9 @@ import hapscene
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.display import CHUNK, ChunkKey, Display, shares
+from hapscene.paint.paintable_mesh import PaintableMesh
 from hapscene.paint.reduce import reduced
 from hapscene.paint.session import Session
-from hapscene.paint.shape import Shape
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
@@ -149,7 +149,7 @@ def test_a_chequered_chunk_is_not_drawn_twice(session) -> None:
 
 @pytest.mark.parametrize("thickness_m", [0.004, 0.0004])  # of the thin one the rim is slivers: see SLIVER_SINE
 def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> None:
-    shape = Shape(plate_mesh(thickness_m, cells=5))  # 12,288 faces, 1.25 mm on top
+    shape = PaintableMesh(plate_mesh(thickness_m, cells=5))  # 12,288 faces, 1.25 mm on top
     made = reduced(shape, 1000)
     assert 300 < len(made.faces) <= 1000
     low, high = made.vertices_m.min(axis=0), made.vertices_m.max(axis=0)
@@ -161,9 +161,9 @@ def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> No
     flat = np.abs(shape.normal[:, 2]) > 0.9
     alike = np.einsum("ij,ij->i", normal[made.shown_of], shape.normal)
     assert (alike[flat] > -0.1).all()  # no face of the front is shown by one of the back
-    ball = reduced(Shape(BALL), 1000)
+    ball = reduced(PaintableMesh(BALL), 1000)
     assert np.linalg.norm(ball.vertices_m, axis=1) == pytest.approx(0.02, rel=0.02)
-    middle = Shape(BALL).centroid_m
+    middle = PaintableMesh(BALL).centroid_m
     nearest = closest_point(ball.vertices_m[ball.faces][ball.shown_of].astype(float), middle)
     gap = np.linalg.norm(nearest - middle, axis=1)
     assert gap.max() < 0.0005  # what stands for a face is over or under it
@@ -175,7 +175,7 @@ def test_a_reduced_mesh_stays_near_and_keeps_its_sides(thickness_m: float) -> No
 def test_without_the_package_a_large_mesh_says_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "fast_simplification", None)
     with pytest.raises(ViewError, match=r"too large to show whole.*hapscene\[paint\]"):
-        reduced(Shape(BALL), 1000)
+        reduced(PaintableMesh(BALL), 1000)
 
 
 def test_shares() -> None:

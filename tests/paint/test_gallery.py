@@ -12,8 +12,8 @@ from scipy.io import wavfile
 
 import hapscene
 from hapscene.paint import gallery
-from hapscene.paint.gallery_plot import GROUNDS, painted_body
-from hapscene.paint.heard import FULL_SCALE_M_S2
+from hapscene.paint.gallery import GROUNDS, painted_body
+from hapscene.paint.shelf import FULL_SCALE_M_S2
 from hapscene.surface.swatch_file import shipped_swatches
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -11,11 +11,11 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 from trimesh.creation import icosphere
 
 import hapscene
-from hapscene.bench.paint_browser import browser, do, find_chromium
-from hapscene.paint.page import Page
 from hapscene.paint.session import Session
-from hapscene.paint.shelf_panel import _dim
-from hapscene.paint.word import Phrase
+from hapscene.paint.shelf import Phrase
+from hapscene.paint.web.page import Page
+from hapscene.paint.web.shelf_panel import _dim
+from hapscene_benchmarks.paint_browser import browser, do, find_chromium
 
 from .conftest import library_in, mesh_of
 

@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hapscene
-from hapscene.device.limit import IDEAL
-from hapscene.device.model import limits_of
+from hapscene.device.model import IDEAL, limits_of
 from hapscene.errors import EffectError
 from hapscene.paint.parameter import Parameter, parameters_of, tuned
 from hapscene.renderer import EFFECTS, Renderer
-from hapscene.surface.registry import load_effect
+from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 
 ALL = [load_effect(name) for name in EFFECTS]

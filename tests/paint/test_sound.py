@@ -12,9 +12,9 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
 
 import hapscene
-from hapscene.bench.paint_browser import browser, find_chromium
-from hapscene.paint.page import Page
 from hapscene.paint.session import Session
+from hapscene.paint.web.page import Page
+from hapscene_benchmarks.paint_browser import browser, find_chromium
 
 from .conftest import plate_mesh
 

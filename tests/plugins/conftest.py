@@ -10,11 +10,11 @@ import pytest
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
+from hapscene.dsp.noise import seeded_state
 from hapscene.records import OUTPUT, TOUCH
-from hapscene.surface.compile import call_effect, compile_effect
 from hapscene.surface.effect import Effect
-from hapscene.surface.lsf import ar_from_reflection, power_gain
-from hapscene.surface.random import seeded_state
+from hapscene.surface.effect_compile import call_effect, compile_effect
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture

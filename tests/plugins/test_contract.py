@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapscene.records import OUTPUT, TOUCH
-from hapscene.surface.registry import listed
+from hapscene.surface.effect_registry import listed
 
 EFFECTS = [pytest.param(entry.effect, id=name) for name, entry in listed().items() if entry.effect]
 UNITS = {

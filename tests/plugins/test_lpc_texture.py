@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hapscene_plugins.effects.lpc_texture import GRID, HEADER, advance, choose
 from scipy.signal import lfilter, welch
 
-from hapscene.surface.lsf import ar_from_reflection, power_gain, reflection_from_ar
-from hapscene.surface.registry import load_effect
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.texture import Texture
+from hapscene_plugins.effects.lpc_texture import GRID, HEADER, advance, choose
 
 LPC = load_effect("lpc_texture")
 BAND_HZ = np.geomspace(20.0, 1000.0, 200)

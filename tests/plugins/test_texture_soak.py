@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
-from hapscene_plugins.effects.lpc_texture import EFFECT
 from numba import njit
 
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
+from hapscene.dsp.noise import normal, seeded_state, uniform
 from hapscene.records import OUTPUT
-from hapscene.surface.blend import INTERPOLATIONS
-from hapscene.surface.compile import call_effect, compile_effect
-from hapscene.surface.lsf import ar_from_reflection, power_gain
-from hapscene.surface.random import normal, seeded_state, uniform
+from hapscene.surface.effect_compile import call_effect, compile_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import load_swatch, shipped_swatches
-from hapscene.surface.texture import Texture
+from hapscene.surface.texture import INTERPOLATIONS, Texture
+from hapscene_plugins.effects.lpc_texture import EFFECT
 
 WINDOW = 5000
 """Ticks over which a level is taken."""

@@ -13,7 +13,7 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "third_party_effect
 
 TOUCH_IT = """
 import json, numpy as np, trimesh, hapscene
-from hapscene.surface.registry import listed
+from hapscene.surface.effect_registry import listed
 entry = listed()["ridges"]
 scene = hapscene.Scene()
 scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="plate", unit="m",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hapscene
-from hapscene.scene.doctor import examine
+from hapscene.scene.mesh_doctor import examine
 
 ASSETS = resources.files("hapscene_assets")
 

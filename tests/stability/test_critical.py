@@ -15,7 +15,7 @@ from hapscene.stability.closed_form import (
     limit_with_wall_damping,
     limit_without_delay,
 )
-from hapscene.stability.mode import growth
+from hapscene.stability.critical import growth
 
 
 def test_device_damping_alone() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.stability.chart import write_random_chart
 from hapscene.stability.random_limit import KINDS, random_limits
+from hapscene.stability.wall_chart import write_random_chart
 
 TOLERANCES = dict(zip(KINDS, (1e-6, 1e-6, 1e-6, 1e-4, 0.05), strict=True))
 

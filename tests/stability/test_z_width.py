@@ -7,7 +7,7 @@ from hapscene.device.model import device_named
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.stability.rig import Rig
-from hapscene.stability.z_width import REST_M_S, WORK_J, Point, Region, place, say_of, trace, try_wall
+from hapscene.stability.z_width import REST_M_S, WORK_J, Point, StableRegion, place, say_of, trace, try_wall
 from hapscene.surface.swatch import Swatch
 
 LIGHT = grip_named("light")
@@ -62,5 +62,5 @@ def test_words(point: Point, said: str) -> None:
 
 
 def test_limit_between_dampings() -> None:
-    region = Region("x", 1000.0, 0, (0.0, 1.0, 2.0), (100.0, 300.0, 200.0), (0.0, 0.0, 0.0))
+    region = StableRegion("x", 1000.0, 0, (0.0, 1.0, 2.0), (100.0, 300.0, 200.0), (0.0, 0.0, 0.0))
     assert [region.limit_at(B) for B in (0.0, 0.5, 1.0, 1.5, 2.0)] == [100.0, 100.0, 300.0, 200.0, 200.0]

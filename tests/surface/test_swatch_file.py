@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
-from hapscene.surface.lsf import ar_from_reflection
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import (
     load_swatch,

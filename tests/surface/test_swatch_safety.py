@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import SwatchError
-from hapscene.surface.strict_json import CONTAINER_MAX, VALUE_MAX
+from hapscene.files import CONTAINER_MAX, VALUE_MAX
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, load_swatch, save_swatch, shipped_swatches, swatch_from_json
 from hapscene.surface.swatch_file import swatch_to_json as to_json
@@ -190,7 +190,7 @@ def test_more_bulky_files(tmp_path: Path, case: str) -> None:
 
 @pytest.mark.soak
 def test_the_largest_swatch_that_is_allowed(tmp_path: Path) -> None:
-    from hapscene.surface.triangulation import triangulate
+    from hapscene.surface.texture import triangulate
 
     force_N, speed_m_s = map(np.ravel, np.meshgrid(np.linspace(0, 3, 64), np.linspace(0, 0.3, 64)))
     lsf = np.linspace(0, np.pi, 258)[1:-1] + np.random.default_rng(0).uniform(-0.004, 0.004, (MODEL_MAX, 256))

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapscene.contact.world import records
-from hapscene.teleoperation.datagram import AHEAD_MAX, CHECK, LAYOUT, SEEN, SIZE, Gate, pack
-from hapscene.teleoperation.message import MESSAGE
+from hapscene.teleoperation.datagram import AHEAD_MAX, CHECK, LAYOUT, MESSAGE, SEEN, SIZE, Gate, pack
 
 
 def message(tick: int = 7) -> Any:

@@ -8,10 +8,9 @@ import pytest
 from PIL import Image
 
 from hapscene.errors import HapsceneError
-from hapscene.teleoperation.delay_plot import write_delay_plot
-from hapscene.teleoperation.delay_study import Outcome, operate_case, study_delays, study_stiffness, summarise_delays
-from hapscene.teleoperation.experiment import MADE, Rendering, compare_handles, write_experiment
-from hapscene.teleoperation.experiment_plot import write_experiment_plot
+from hapscene.teleoperation.experiment import MADE, Rendering, compare_handles, write_experiment, write_experiment_plot
+from hapscene_experiments.delay_plot import write_delay_plot
+from hapscene_experiments.delay_study import DelayOutcome, operate_case, study_delays, study_stiffness, summarise_delays
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_latency_is_taken_out(renderings: list[Rendering]) -> None:
 def test_the_plots_are_drawn(renderings: list[Rendering], tmp_path: Path) -> None:
     write_experiment_plot(renderings, tmp_path / "experiment.png", "wood")
     outcomes = [
-        Outcome(scheme, delay_s, bad, case, grip, 0.2 if scheme == "position" and delay_s > 0.01 else 0.0, 0.0)
+        DelayOutcome(scheme, delay_s, bad, case, grip, 0.2 if scheme == "position" and delay_s > 0.01 else 0.0, 0.0)
         for scheme in ("position", "wave")
         for delay_s in (0.0, 0.05)
         for bad in (False, True)

@@ -7,8 +7,8 @@ import pytest
 
 from hapscene.contact.world import records
 from hapscene.errors import HapsceneError
+from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.link import JITTER_MOST, SLOT_COUNT, Impairment, Link, collect, new_link, post
-from hapscene.teleoperation.message import MESSAGE
 
 TICK_S = 1e-3
 

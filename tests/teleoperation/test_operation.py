@@ -14,8 +14,12 @@ from hapscene.device.hand import Grip
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.surface.swatch import Swatch
-from hapscene.teleoperation.coupling import Coupling
-from hapscene.teleoperation.delay_study import (
+from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.link import Impairment
+from hapscene.teleoperation.operation import Operation
+from hapscene.teleoperation.test_plate import START_M, explore, plate
+from hapscene.twin.hand_intent import Intent
+from hapscene_experiments.delay_study import (
     BAD,
     ENERGY_MAX_J,
     REST_MAX_M_S,
@@ -23,10 +27,6 @@ from hapscene.teleoperation.delay_study import (
     operate_case,
     predict_stiffness,
 )
-from hapscene.teleoperation.link import Impairment
-from hapscene.teleoperation.operation import Operation
-from hapscene.teleoperation.site import START_M, explore, plate
-from hapscene.twin.intent import Intent
 
 
 @pytest.mark.parametrize("bad", [False, True])

@@ -10,10 +10,10 @@ from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError
 from hapscene.handle.plant import Plant
+from hapscene.motion.gestures import GESTURES, PRESS_N, act
 from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.twin import Intent, Twin
-from hapscene.twin.gesture import GESTURES, PRESS_N, act
 
 TICK_S = 1e-3
 MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)

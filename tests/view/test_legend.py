@@ -9,7 +9,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.view.legend import (
-    Entry,
+    LegendEntry,
     entries_of,
     font_size,
     force_text,
@@ -26,7 +26,7 @@ from hapscene.view.palette import LIGHT
 @pytest.mark.parametrize("count", [1, 3, 8, 40])
 @pytest.mark.parametrize("measure_count", [1, 2])
 def test_nothing_overlaps_or_leaves_the_strip(width: int, count: int, measure_count: int) -> None:
-    entries = [Entry("w" * (3 + 7 * k % 40), "#000000") for k in range(count)]
+    entries = [LegendEntry("w" * (3 + 7 * k % 40), "#000000") for k in range(count)]
     measures = measures_of(0.3 / width, width, LIGHT, 0.05, 1.3)[-measure_count:]
     placed, height = lay_out(entries, measures, width)
     assert len(placed) == count + measure_count

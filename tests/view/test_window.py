@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.bench.screen import virtual_screen
 from hapscene.errors import ViewError
 from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.view.figure_parts import TOOL, make_figure_parts
 from hapscene.view.palette import FORCE, LIGHT, rgb
-from hapscene.view.stage import TOOL, make_stage
-from hapscene.view.window import Player, check_display, felt, play
+from hapscene.view.window import Player, check_display, felt, play_in_window
+from hapscene_benchmarks.screen import virtual_screen
 
 PATIENCE_S = 60.0
 
@@ -74,8 +74,8 @@ PLAY = """
 import sys
 from hapscene.recording import Recording
 from hapscene.touch import open_scene
-from hapscene.view.window import play
-play(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "plate")
+from hapscene.view.window import play_in_window
+play_in_window(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "plate")
 print("ended")
 """
 
@@ -147,12 +147,12 @@ def test_display_that_is_not_there_is_told_in_one_line(
         pytest.skip("only X11 has a DISPLAY")
     monkeypatch.setenv("DISPLAY", ":4242")
     with pytest.raises(ViewError, match="no window can be opened here") as caught:
-        play(scene, recording)
+        play_in_window(scene, recording)
     assert "\n" not in str(caught.value) and ("libgl1" in str(caught.value))
 
 
 def test_player_keeps_the_touch_s_own_time(scene: Scene, recording: Recording) -> None:
-    player = Player(make_stage(scene, recording, LIGHT, np.array([1999])), recording)
+    player = Player(make_figure_parts(scene, recording, LIGHT, np.array([1999])), recording)
     for t_s in (0.0, 0.9004, 1.7, 5.0):
         shown, line = player.at(t_s)
         tick = min(int(t_s * 1e3), 1999)

@@ -1,0 +1,57 @@
+"""How far force and proxy are from the truth, on a sphere: its facets, and the round surface that they stand for."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.recording import Recording
+
+from .case import RADIUS_M, Case
+from .sheet import Sheet
+
+Array = NDArray[np.float64]
+
+DEPTH_MIN_M: Final = 1e-4
+"""Depth from which a direction is judged [m]."""
+
+NEIGHBOURS: Final = 48
+"""Facets looked at for each tick, those with the nearest middles [count]: the nearest plane is among them."""
+
+
+def measure_accuracy(sheet: Sheet, case: Case, recording: Recording) -> None:
+    """Force against the sphere's normal; proxy against the facets, and against their point closest to the tool."""
+    on = recording.touching & (recording.depth_m > DEPTH_MIN_M)
+    tool, proxy, force = recording.p_WT_m[on], recording.p_WP_m[on], recording.f_W_N[on]
+    sheet.add_spread(case.name, "force direction error", direction_error_deg(force, tool), "°")
+    gap_m, lag_m = distances(case.mesh.triangles_m, proxy, tool)
+    sheet.add_spread(case.name, "proxy to facets", np.abs(gap_m), "m")
+    sheet.add_spread(case.name, "proxy to closest point", lag_m, "m")
+    sheet.add_spread(case.name, "proxy to round surface", np.abs(RADIUS_M - np.linalg.norm(proxy, axis=1)), "m")
+
+
+def direction_error_deg(f_W_N: Array, p_WT_m: Array) -> Array:
+    """Angle (n,) [°] between force and the outward normal of a sphere about the origin, below which the tool is."""
+    sine = np.linalg.norm(np.cross(f_W_N, p_WT_m), axis=1)
+    return np.asarray(np.degrees(np.arctan2(sine, np.einsum("ni,ni->n", f_W_N, p_WT_m))))
+
+
+def distances(corners_m: Array, proxy_m: Array, tool_m: Array) -> tuple[Array, Array]:
+    """Of proxies (n, 3) to a convex body's facets (n,), negative inside; and to the point closest to the tool (n,).
+
+    Inside a convex body the distance to its surface is that to the nearest facet's plane, exactly; the closest point is
+    the foot on that plane.
+    """
+    from scipy.spatial import cKDTree
+
+    middle = corners_m.mean(axis=1)
+    n = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    offset = np.einsum("mi,mi->m", n, corners_m[:, 0])
+    near = np.asarray(cKDTree(middle).query(proxy_m, k=min(NEIGHBOURS, len(middle)))[1])
+    gap = (np.einsum("nki,ni->nk", n[near], proxy_m) - offset[near]).max(axis=1)
+    height = np.einsum("nki,ni->nk", n[near], tool_m) - offset[near]
+    best = height.argmax(axis=1)
+    rows = np.arange(len(tool_m))
+    foot = tool_m - height[rows, best, None] * n[near[rows, best]]
+    return np.asarray(gap), np.asarray(np.linalg.norm(proxy_m - foot, axis=1))

@@ -1,0 +1,118 @@
+"""Many bodies: one query per body that a ball lets through, as hapscene does, against Embree's instances."""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import new_clock, now_ns
+from hapscene.contact.embree import Search
+from hapscene.native import native
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+from hapscene.tick import place_bodies
+
+from .case import slide_path, sphere
+from .instance import InstanceScene
+from .ray import Rays, time_rays
+from .sheet import Sheet
+from .tick_time import hot
+
+Array = NDArray[np.float64]
+
+BODY_COUNTS: Final = (1, 10, 1000)
+"""Bodies of the crowd [count]; the tool slides over the first."""
+
+SPACING_M: Final = 0.2
+"""Of the grid that the bodies stand on [m]: spheres of 0.1 m do not touch."""
+
+MOVING_SHARE: Final = 0.1
+"""Share of the bodies that moves, where some do [1]."""
+
+SWAY_M, SWAY_HZ = 0.005, 1.6
+"""How far and how often they move to and fro [m], [Hz]: 0.05 m/s at most."""
+
+MOVING_TICKS: Final = 1000
+"""Ticks with moving bodies [count]: a pose of each body for each tick takes memory."""
+
+
+def measure_crowd(sheet: Sheet, rays: Rays, search: Search, tick_count: int, repeats: int) -> None:
+    """Time of the contact among many bodies, at rest and with some moving.
+
+    Args:
+        sheet: where the figures go.
+        rays: of a slide over `search`, the sphere that all bodies are: for Embree's instances.
+        search: their one search structure.
+        tick_count: length of the slide.
+        repeats: runs after one to warm up.
+    """
+    path = slide_path(tick_count)
+    for count in BODY_COUNTS:
+        name = f"{count} bodies" if count > 1 else "1 body"
+        place = grid(count)
+        scene = _scene(place)
+        sheet.add(name, "bodies", count, "1")
+        sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
+        instances = InstanceScene(search, place)
+        one_ns, all_ns = time_rays(search.handle, rays, repeats), time_rays(instances.handle, rays, repeats)
+        sheet.add(name, "ray into its own scene mean", one_ns, "ns")
+        sheet.add(name, "ray through instances mean", all_ns, "ns")
+        if count * MOVING_SHARE >= 1.0:
+            _measure_moving(sheet, name, scene, instances, place, path, repeats)
+
+
+def _measure_moving(
+    sheet: Sheet, name: str, scene: Scene, instances: InstanceScene, place: Array, path: Array, repeats: int
+) -> None:
+    """The same while a tenth of the bodies, but not the touched one, moves."""
+    moving = np.arange(len(place) - round(MOVING_SHARE * len(place)), len(place))
+    first = int(np.argmax(np.linalg.norm(path, axis=1) < 0.049))
+    part = path[first : first + MOVING_TICKS]
+    X_WB = _sway(place[moving], len(part))
+    renderer = Renderer(scene, effects=[])
+    poses = {f"body {i}": X_WB[:, m] for m, i in enumerate(moving)}
+    contact: list[Any] = []
+    for _ in range(repeats + 1):
+        renderer.reset(1.4 * part[0])
+        renderer.run(part[:1])
+        contact.append(renderer.run(part, poses=poses).contact_ns)
+    sheet.add_spread(name, "contact, a tenth moving", np.min(contact[1:], axis=0), "µs", 1e-3)
+    placed = [
+        _place_all(renderer.world, renderer.surface, moving, X_WB, new_clock()) / len(part) for _ in range(repeats)
+    ]
+    sheet.add(name, "placing the moving bodies", 1e-3 * min(placed), "µs")
+    times = np.array([instances.move(moving, X[:, :3, 3]) for X in X_WB[:200]])
+    sheet.add_spread(name, "commit of instances, a tenth moving", times[:, 1], "µs", 1e6)
+
+
+@native
+def _place_all(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: Array, clock: NDArray[np.int64]) -> int:
+    start = now_ns(clock)
+    for k in range(len(X_WB)):
+        place_bodies(world, surface, moving, X_WB, k)
+    return int(now_ns(clock) - start)
+
+
+def grid(count: int) -> Array:
+    """Positions (count, 3) [m] of a cubic grid, the first at the origin."""
+    edge = math.ceil(count ** (1 / 3))
+    steps = np.stack(np.unravel_index(np.arange(count), (edge, edge, edge)), axis=1)
+    return SPACING_M * steps.astype(np.float64)
+
+
+def _scene(place: Array) -> Scene:
+    scene, mesh = Scene(), sphere(3)
+    for i, p in enumerate(place):
+        X_WB = np.eye(4)
+        X_WB[:3, 3] = p
+        scene.add(mesh, name=f"body {i}", pose=X_WB)
+    return scene
+
+
+def _sway(place: Array, tick_count: int) -> Array:
+    """Poses (tick_count, m, 4, 4) of bodies that move to and fro about their places (m, 3)."""
+    X_WB = np.tile(np.eye(4), (tick_count, len(place), 1, 1))
+    X_WB[:, :, :3, 3] = place
+    X_WB[:, :, 0, 3] += SWAY_M * np.sin(2 * np.pi * SWAY_HZ * 1e-3 * np.arange(tick_count))[:, None]
+    return X_WB

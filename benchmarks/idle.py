@@ -1,0 +1,117 @@
+"""An empty loop beside the servo's: waits as that does, in a process and thread of its own, and does nothing else."""
+
+import contextlib
+import multiprocessing
+import threading
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import new_clock, now_ns
+from hapscene.constants import TICK_S
+from hapscene.errors import HapsceneError
+from hapscene.native import native
+from hapscene.servo.servo_loop import Lateness, await_tick, request_realtime_priority
+from hapscene.servo.shared_memory import open_channel
+
+_START_S: Final = 60.0
+"""How long the process may take to be ready [s]."""
+
+_TICK_NS: Final = round(TICK_S * 1e9)
+
+
+class IdleLoop:
+    """The loop, as a context: its process starts on entry and ends on exit."""
+
+    def __enter__(self) -> "IdleLoop":
+        self._channel = open_channel(1, 1)
+        context = multiprocessing.get_context("spawn")
+        self._wire, theirs = context.Pipe()
+        self._process = context.Process(target=_run, args=(theirs, self._channel.memory.name), daemon=True)
+        try:
+            self._process.start()
+            theirs.close()
+            self._answer()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+
+    def start(self) -> None:
+        """Run, its period's phase by chance."""
+        self._wire.send(True)
+        self._answer()
+
+    def rest(self) -> None:
+        """Stop until the next `start`."""
+        self._wire.send(False)
+        self._answer()
+
+    def lateness(self) -> Lateness:
+        """As `Servo.lateness`; nothing is ever busy."""
+        channel = self._channel.channel[0]
+        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
+
+    def _answer(self) -> None:
+        try:
+            if self._wire.poll(_START_S):
+                self._wire.recv()
+                return
+        except (EOFError, OSError):
+            pass
+        raise HapsceneError("the empty loop's process does not answer")
+
+    def _close(self) -> None:
+        self._wire.close()  # which ends it
+        if self._process.pid is not None:
+            self._process.join(_START_S)
+            self._process.kill()
+        self._channel.close(unlink=True)
+
+
+def _run(wire: Connection, name: str) -> None:
+    """The process: loops and rests as it is told, until the application is gone."""
+    channel, clock = open_channel(1, 1, name), new_clock()
+    channel.channel.pause = 1
+    _idle(channel.channel[0], clock)  # has it compiled
+    wire.send(None)
+    loop: threading.Thread | None = None
+    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
+        while True:
+            runs = wire.recv()
+            _end(loop, channel)
+            loop = None
+            if runs:
+                channel.channel.pause = 0
+                loop = threading.Thread(target=_wait, args=(channel.channel[0], clock), daemon=True)
+                loop.start()
+            wire.send(None)
+    _end(loop, channel)
+    channel.close(unlink=False)
+
+
+def _end(loop: threading.Thread | None, channel: Any) -> None:
+    if loop is not None:
+        channel.channel.pause = 1
+        loop.join()
+
+
+def _wait(channel: Any, clock: NDArray[np.int64]) -> None:
+    request_realtime_priority()
+    _idle(channel, clock)
+
+
+@native
+def _idle(channel: Any, clock: NDArray[np.int64]) -> None:
+    due = now_ns(clock)
+    while channel.pause == 0:
+        due, _ = await_tick(channel, clock, due + _TICK_NS, _TICK_NS)
+        channel.done += 1

@@ -1,0 +1,344 @@
+"""docs/benchmark.md, made from a sheet: no figure on it is copied by hand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from hapscene.files import whole_file
+from hapscene.view.chart import picture
+
+from .markdown import paragraph, shown, table
+from .order import ORDERS, RECORDINGS
+from .page_twin import handle_section, twin_section
+from .peer import CITED, PEERS, TRIANGLES
+from .projection import ANGLES_DEG, STEPS
+from .sheet import QUANTILES, Sheet
+
+AIMS: Final = (  # what it is, case and figure, most it may be, unit
+    ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),
+    ("contact, 82 k triangles, median", "sphere 82 k", "contact median", 0.8, "µs"),
+    ("contact, 1.31 M triangles, median", "sphere 1.31 M", "contact median", 0.9, "µs"),
+    ("contact, 1.31 M triangles, p99", "sphere 1.31 M", "contact p99", 2.5, "µs"),
+    ("whole tick, four effects, order 40, median", "tick, order 40", "tick median", 6.0, "µs"),
+    ("harness of the effect calls", "harness", "four idle effects median", 0.3, "µs"),
+    ("`run()` of a 10 s path, four effects, order 40", "tick, order 40", "run for 10 s of path", 0.15, "s"),
+    ("`step()` from Python over the tick", "tick, order 40", "step over the tick median", 5.0, "µs"),
+    ("synthesis of 10 s at 10 kHz, order 40", "synthesis, order 40", "nine models for 10 s", 0.02, "s"),
+    ("closed loop: hand, Omni, handle, four effects", "twin, Omni, handle", "tick", 20.0, "µs"),
+    ("`import hapscene`", "start", "import hapscene", 0.5, "s"),
+    ("load of 82 k triangles to the first tick, warm cache", "start", "sphere 82 k, load to first tick", 3.0, "s"),
+)
+
+
+def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
+    """Write the page; `charts` are paths of the pictures as seen from it."""
+    known = {Path(chart).stem: chart for chart in charts}
+    parts = [_head(sheet), _aims(sheet), _contact(sheet, known), _tick(sheet), _cold(sheet), _rays(sheet)]
+    parts += [_accuracy(sheet, known), _groove(sheet, known)]
+    if "texture" in known:
+        parts.append(_texture(sheet, known))
+    if sheet.cases("synthesis, "):
+        parts.append(_synthesis(sheet))
+    if sheet.cases("twin, "):
+        parts.append(twin_section(sheet))
+    if "handle" in known:
+        parts.append(handle_section(sheet, known))
+    parts.append(_crowd(sheet, known))
+    with whole_file(path) as part:
+        part.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _quantiles(sheet: Sheet, case: str, name: str, scale: float = 1.0) -> str:
+    """Median / p99 / p99.9 / max."""
+    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in QUANTILES)
+
+
+def _head(sheet: Sheet) -> str:
+    words = [figure for figure in sheet if figure.case == "machine"]
+    told = "; ".join(f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in words)
+    clock = shown(sheet.number("clock", "between two reads median"))
+    length_s, runs = shown(sheet.number("method", "path")), shown(sheet.number("method", "hot runs"))
+    method = f"""How it was measured: icospheres of 50 mm radius; the tool approaches, presses 2 mm, slides at 0.1 m/s
+        with wiggling depth and leaves, {length_s} s at 1 kHz. Times are read inside the tick (`Recording.contact_ns`,
+        `tick_ns`); each tick's is the least of {runs} hot runs after one to warm up; only ticks in contact count. Two
+        reads of the clock lie {clock} ns apart, which no time here has taken off. Four figures with slashes are
+        median / p99 / p99.9 / max."""
+    return f"""# Benchmark: speed and accuracy, one charted against the other
+
+Made by `hapscene bench --docs docs`; every figure below is from [bench.csv](bench/bench.csv), none is copied by hand.
+
+{paragraph(f"Machine: {told}.")}
+
+{paragraph(method)}
+"""
+
+
+def _aims(sheet: Sheet) -> str:
+    rows = []
+    for what, case, name, most, unit in AIMS:
+        if (case, name) in sheet:
+            value = sheet.number(case, name)
+            held = "yes" if value <= most else "**no**"
+            rows.append((what, f"≤ {most:g} {unit}", f"{shown(value)} {unit}", held))
+    return "## Aims\n" + table(("", "aim", "measured", "held"), rows)
+
+
+def _contact(sheet: Sheet, charts: dict[str, str]) -> str:
+    """Contact over mesh size, beside other renderers."""
+    rows = []
+    for case in (*sheet.cases("sphere "), *sheet.cases("zoo ")):
+        if (case, "triangles") not in sheet:
+            continue
+        count = round(sheet.number(case, "triangles"))
+        others = ["" for _ in PEERS]
+        if case.startswith("sphere "):
+            at = TRIANGLES.index(count)
+            others = [f"{shown(peer.median_us[at])} / {shown(peer.p99_us[at])}" for peer in PEERS]
+        ours = _quantiles(sheet, case, "contact")
+        rows.append((case, f"{count:,}", ours, *others, shown(sheet.number(case, "build"))))
+    names = [f"{peer.name}, median / p99" for peer in PEERS]
+    built = "; ".join(f"{p.name.split()[0]} {p.build_ms[0]:g} to {p.build_ms[1]:g}" for p in PEERS[1:])
+    return f"""## Contact
+
+{picture(charts["speed"], "Contact time over mesh size, and tick time over order")}
+
+{table(("case", "triangles", "contact [µs]", *names, "build [ms]"), rows)}
+CHAI3D 3.3.0 and HAPI 1.3.1: {CITED}.
+Their trees took, in ms from 1 k to 1.31 M triangles: {built}.
+"""
+
+
+def _tick(sheet: Sheet) -> str:
+    rows = []
+    for order in ORDERS:
+        case = f"tick, order {order}"
+        rows.append(
+            (
+                str(order),
+                _quantiles(sheet, case, "tick"),
+                shown(sheet.number(case, "contact median")),
+                shown(sheet.number(case, "step over the tick median")),
+                shown(1e3 * sheet.number(case, "run for 10 s of path")),
+            )
+        )
+    harness = shown(1e3 * sheet.number("harness", "four idle effects median"))
+    bare = shown(sheet.number("harness", "tick without effects median"))
+    head = (
+        "order",
+        "tick [µs]",
+        "of it contact, median [µs]",
+        "`step` over the tick [µs]",
+        "`run` of 10 s [ms]",
+    )
+    return f"""## The whole tick
+Wall, friction, texture and tap on 82 k triangles; 10 acceleration samples a tick. The textures are the shipped wood's,
+played for 10 s at 1 N and 0.1 m/s and fitted again at each order.
+
+{table(head, rows)}
+A tick without effects takes {bare} µs; calling four effects that do nothing adds {harness} ns.
+"""
+
+
+def _cold(sheet: Sheet) -> str:
+    case = "sphere 82 k, 1 kHz loop"
+    imported, ready = (sheet.number("start", n) for n in ("import hapscene", "sphere 82 k, load to first tick"))
+    rows = [
+        ("contact", _quantiles(sheet, case, "contact")),
+        ("tick, four effects", _quantiles(sheet, case, "tick")),
+        ("wakes late", _quantiles(sheet, case, "late")),
+        ("wakes late, empty loop", _quantiles(sheet, "empty 1 kHz loop", "late")),
+    ]
+    return f"""## Cold, and from the start
+A Python loop that sleeps until each millisecond, then calls `step`: caches are cold. How late it wakes is the system's
+doing, and is the same without the tick. CHAI3D took 5–7 µs (static) and 6–11 µs (dynamic), HAPI 6–7 µs for the contact
+in such a loop, at the median.
+
+{table(("82 k triangles", "[µs]"), rows)}
+In a fresh process, from a warm cache: `import hapscene` {shown(imported)} s; from there to the first tick of a saved
+scene of 82 k triangles {shown(ready)} s.
+"""
+
+
+def _rays(sheet: Sheet) -> str:
+    rows = []
+    clock = sheet.number("clock", "between two reads median")
+    for case in sheet.cases("sphere "):
+        if (case, "rays a tick mean") in sheet:
+            contact, rays = 1e3 * sheet.number(case, "contact mean"), sheet.number(case, "rays of a tick mean")
+            count, one = sheet.number(case, "rays a tick mean"), sheet.number(case, "ray mean")
+            rows.append(
+                (
+                    case,
+                    shown(contact),
+                    f"{count:.2f}",
+                    shown(one),
+                    shown(rays),
+                    shown(clock),
+                    shown(contact - rays - clock),
+                )
+            )
+    head = ("case", "contact, mean [ns]", "rays a tick", "a ray [ns]", "rays [ns]", "clock [ns]", "the rest [ns]")
+    return f"""## Where the contact's time goes
+The rays of the path, noted from the interpreted tick, are cast again in a loop of their own, each after the one before
+has ended. The rest is planes, and reading the corners of faces from memory: on a fine mesh nearly every tick enters a
+face that no cache holds.
+
+{table(head, rows)}"""
+
+
+def _accuracy(sheet: Sheet, charts: dict[str, str]) -> str:
+    rows = []
+    for case in sheet.cases("sphere "):
+        if (case, "force direction error median") in sheet:
+            figures = [_pair(sheet, case, "force direction error", 1.0, ("median", "p99"))]
+            figures += [_pair(sheet, case, name, 1e6, ("p99", "max")) for name in _DISTANCES]
+            rows.append((case, shown(sheet.number(case, "contact median")), *figures))
+    head = (
+        "case",
+        "contact, median [µs]",
+        "force to sphere's normal, median / p99 [°]",
+        "proxy to facets, p99 / max [µm]",
+        "to the closest point, p99 / max [µm]",
+        "to the round sphere, p99 / max [µm]",
+    )
+    others = "; ".join(
+        f"{p.name} {p.median_us[1]:g} µs, {p.direction_deg[0]:g} / {p.direction_deg[1]:g}°, gap {1e6 * p.gap_m:g} µm"
+        for p in PEERS
+    )
+    said = f"""The direction of the force is off the sphere's normal by as much as the facets are: a finer mesh buys
+        accuracy, at the price of time. Off the facets the proxy is by rounding; where it crosses an edge, for a tick,
+        by up to its skin (5e-6 of the mesh's diagonal) times the sine of the edge's angle. Others at 20 k triangles
+        ({CITED}): {others}."""
+    return f"""## Accuracy against time
+
+{picture(charts["accuracy"], "Direction error and gap against contact time")}
+
+{table(head, rows)}
+{paragraph(said)}
+"""
+
+
+_DISTANCES: Final = ("proxy to facets", "proxy to closest point", "proxy to round surface")
+
+
+def _pair(sheet: Sheet, case: str, name: str, scale: float, quantiles: tuple[str, str]) -> str:
+    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
+
+
+def _groove(sheet: Sheet, charts: dict[str, str]) -> str:
+    rows = []
+    for angle_deg in ANGLES_DEG:
+        case = f"groove {angle_deg:g}°"
+        enough = [steps for steps in STEPS if sheet.number(case, f"{steps} projections error") <= 1e-6]
+        times = (
+            (shown(sheet.number(case, f"{enough[0]} projections time")), str(enough[0])) if enough else ("never", "")
+        )
+        exact = shown(sheet.number(case, "active set time")), shown(1e6 * sheet.number(case, "active set error"))
+        rows.append((f"{angle_deg:g}°", *times, *exact))
+    head = ("groove", "alternating, to 1 µm [ns]", "projections", "active set [ns]", "its error [µm]")
+    return f"""## The proxy's solution: exact, and why
+
+{picture(charts["groove"], "Error against time in a groove")}
+
+{table(head, rows)}
+Alternating projection leaves cos α of the error at each step, so the sharper the groove the longer it takes. The active
+set of at most three planes is solved at once.
+"""
+
+
+def _texture(sheet: Sheet, charts: dict[str, str]) -> str:
+    rows = []
+    for name in RECORDINGS:
+        case = f"recording {name}"
+        distances = [f"{sheet.number(case, f'order {order} distance'):.2f}" for order in ORDERS]
+        rows.append((name, *distances, f"{sheet.number(case, 'floor'):.2f}", f"{sheet.number(case, 'chosen order'):g}"))
+    head = ("recording", *(f"order {order}" for order in ORDERS), "its two halves", "chosen order")
+    return f"""## Texture: order against time
+
+{picture(charts["texture"], "Log-spectral distance against time per tick")}
+
+Log-spectral distance [dB], 20 to 1000 Hz, of a model of one half of a recording to the other half, both ways round:
+
+{table(head, rows)}
+"Its two halves" is the distance between the recording's own halves: below it no model is better.
+"""
+
+
+def _synthesis(sheet: Sheet) -> str:
+    """How many times faster than real time a texture is made, beside SciPy."""
+    rows = []
+    for case in sheet.cases("synthesis, "):
+        name = case.removeprefix("synthesis, ")
+        swatch = (case, "order") in sheet
+        order = f"{sheet.number(case, 'order'):g}" if swatch else name.removeprefix("order ")
+        for what in ("swatch",) if swatch else ("one model", "nine models"):
+            times = [sheet.number(case, f"{method} for 10 s") for method in (what, "lfilter")]
+            rows.append((name if swatch else what, order, *(f"{10.0 / t:,.0f}" for t in times)))
+    head = ("swatch", "order", "`synthesize`, times real time", "`lfilter`, times real time")
+    said = """10 s at 10 kHz along a stroke through the swatch's forces and speeds, best of seven runs. `synthesize`
+        makes the noise, looks up and blends the models and filters; `scipy.signal.lfilter` only filters noise that is
+        there, with one fixed filter at a fixed level."""
+    return f"""## Synthesis
+{paragraph(said)}
+
+{table(head, rows)}"""
+
+
+def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:
+    """Many bodies: both ways, and which is taken."""
+    rows = []
+    for case in (*sheet.cases("1 body"), *sheet.cases("10")):
+        ours = [shown(sheet.number(case, f"contact {quantile}")) for quantile in ("median", "p99")]
+        rays = [
+            shown(sheet.number(case, name)) for name in ("ray into its own scene mean", "ray through instances mean")
+        ]
+        names = (
+            "contact, a tenth moving median",
+            "placing the moving bodies",
+            "commit of instances, a tenth moving median",
+        )
+        moving = [shown(sheet.number(case, name)) if (case, name) in sheet else "" for name in names]
+        rows.append((case, " / ".join(ours), *rays, *moving))
+    head = (
+        "",
+        "contact, median / p99 [µs]",
+        "a ray, own scene [ns]",
+        "a ray, instances [ns]",
+        "contact, a tenth moving [µs]",
+        "placing them [µs]",
+        "commit of instances [µs]",
+    )
+    return f"""## Many bodies: one query per body, or Embree's instances
+
+{picture(charts["crowd"], "Contact time over the number of bodies")}
+
+Spheres of 1,280 triangles on a grid, 0.2 m apart; the tool slides over one. hapscene lists the bodies whose balls are
+near, and asks each. The other way, one top-level scene over instances (`hapscene/bench/instance.py`, low build quality,
+dynamic), is timed by the rays of the same slide.
+
+{table(head, rows)}
+{_verdict(sheet)}
+"""
+
+
+def _verdict(sheet: Sheet) -> str:
+    """What the figures of the crowd say."""
+    many = sheet.cases("1000")
+    if not many or ("10 bodies", "ray through instances mean") not in sheet:
+        return ""
+    case = many[0]
+    alone = sheet.number("1 body", "contact median")
+    rays = sheet.number("sphere 1 k", "rays a tick mean")
+    at_rest = sheet.number(case, "contact median")
+    extra = 1e-3 * (
+        sheet.number(case, "ray through instances mean") - sheet.number(case, "ray into its own scene mean")
+    )
+    commit = sheet.number(case, "commit of instances, a tenth moving median")
+    moving = sheet.number(case, "contact, a tenth moving median") + sheet.number(case, "placing the moving bodies")
+    return paragraph(
+        f"""At 1,000 bodies at rest a tick takes {shown(at_rest)} µs; with instances it would take about
+        {shown(alone + rays * extra)} µs (one body's tick, and {shown(extra)} µs more for each of its {rays:.2f} rays).
+        With a tenth of them moving, a tick takes {shown(moving)} µs with the placing; instances must first be committed
+        anew, {shown(commit)} µs, with locks and allocations that a tick may not have. So each body is asked by itself,
+        in its own frame."""
+    )

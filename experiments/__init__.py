@@ -1,0 +1,1 @@
+"""Studies made with hapscene: stability beyond the critical limits, and teleoperation after the haptography paper."""

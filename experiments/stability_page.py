@@ -1,0 +1,282 @@
+"""docs/stability.md: what holds, by how much, and where every method fails. Made by `hapscene stability --docs docs`.
+
+All figures are measured in the run that writes the page; beside it lie the charts and the tables they are drawn from.
+"""
+
+import datetime
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.constants import TICK_S
+from hapscene.device.model import DEVICES, MARGIN, TOUCH_SPEED_M_S, wall_limit
+from hapscene.files import whole_file
+from hapscene.stability.answer import Answer
+from hapscene.stability.random_limit import RandomLimit
+from hapscene.view.chart import picture
+from hapscene_benchmarks.machine import describe_machine
+from hapscene_benchmarks.markdown import paragraph, shown, table
+from hapscene_benchmarks.sheet import Sheet
+
+from .stabiliser_case import GESTURES, STABILISERS, STIFFNESSES_N_M, Row
+from .zoo_case import ENERGY_MJ, REST_MM_S, ZooCase
+
+DIVERGED_M_S: Final = 10.0
+"""Speed from which a motion is said to diverge [m/s]."""
+
+RANDOM_COUNT: Final = 240
+"""Random limits that are charted [count]."""
+
+
+@dataclass
+class Findings:
+    """What the page tells of; parts that were not run are empty."""
+
+    walls: list[Answer] = field(default_factory=list)
+    limits: list[RandomLimit] = field(default_factory=list)
+    stabilisers: list[Row] = field(default_factory=list)
+    costs_us: dict[str, float] = field(default_factory=dict)
+    friction: list[Answer] = field(default_factory=list)
+    texture: list[Answer] = field(default_factory=list)
+    zoo: list[ZooCase] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)
+
+
+def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[str], None]) -> Findings:
+    """Run everything but the Z-width; write charts and tables into `folder`.
+
+    Args:
+        folder: to write into.
+        reference: file of wall cases, or None.
+        zoo: folder of the zoo, or None.
+        say: told how far it is.
+    """
+    from hapscene.stability import study
+    from hapscene.stability.random_limit import random_limits
+    from hapscene.stability.wall_case import wall_cases
+    from hapscene.stability.wall_chart import write_random_chart
+
+    from .friction_case import draw_friction, friction_cases
+    from .stabiliser_case import cost_us, run_cases
+    from .stabiliser_chart import draw_stabilisers
+    from .texture_case import draw_texture, texture_cases
+    from .zoo_case import draw_zoo, zoo_cases
+
+    found = Findings()
+    if reference is not None:
+        found.walls = wall_cases(reference, say)
+        study.write_rows(folder / "wall_cases.csv", Answer, found.walls, ("error", "ok"))
+    found.limits = random_limits(RANDOM_COUNT, say=say)
+    study.write_rows(folder / "random_limits.csv", RandomLimit, found.limits, ("error",))
+    write_random_chart(folder / "random_limits.png", found.limits)
+    say("stabilisers\n")
+    found.stabilisers, found.costs_us = run_cases(), cost_us()
+    study.write_rows(folder / "stabilisers.csv", Row, found.stabilisers, ("rests",))
+    draw_stabilisers(folder / "stabilisers.png", found.stabilisers, found.costs_us)
+    say("friction\n")
+    found.friction = friction_cases()
+    draw_friction(folder / "friction.png")
+    say("texture\n")
+    found.texture = texture_cases()
+    draw_texture(found.texture, folder / "texture.png")
+    study.write_rows(folder / "friction_texture.csv", Answer, [*found.friction, *found.texture], ("error", "ok"))
+    if zoo is not None:
+        found.zoo = list(zoo_cases(zoo, say=say))
+        study.write_rows(folder / "zoo.csv", ZooCase, found.zoo, ("ok",))
+        draw_zoo(found.zoo, folder / "zoo.png")
+    return found
+
+
+def write_page(path: Path, found: Findings, charts: str) -> None:
+    """Write the page; `charts` is the folder of the charts as seen from it."""
+    parts = [_head(), _walls(found, charts), _limits(), _z_width(found, charts), _stabilisers(found, charts)]
+    parts += [_answers("Friction", found.friction, f"{charts}/friction.png", _FRICTION)]
+    parts += [_answers("Texture", found.texture, f"{charts}/texture.png", _TEXTURE)]
+    if found.zoo:
+        parts.append(_zoo(found, charts))
+    parts.append(_FAILS)
+    with whole_file(path) as part:
+        part.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _head() -> str:
+    sheet = Sheet()
+    describe_machine(sheet)
+    told = "; ".join(f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in sheet)
+    said = f"""Everything here was found by simulation in closed loop through the real tick, its effects, limits and
+        stabilisers (`hapscene.twin`), and judged against closed forms and published theorems; nothing by a second
+        little
+        simulator. Made by `hapscene stability --docs docs` on {datetime.date.today().isoformat()}. Machine: {told}."""
+    loop = """One tick: read the encoders, compute the force, hold it until the next tick (d ticks later, at a delay
+    of d).
+        A device is a mass m with damping b, Coulomb friction c and encoder step Δ; a wall a spring K and a damper B
+        (backward difference); T is the period of a tick."""
+    return f"""# Stability: what holds, by how much, and where it fails
+
+{paragraph(said)}
+
+{paragraph(loop)}
+"""
+
+
+def _walls(found: Findings, charts: str) -> str:
+    text = ["## Walls: simulated against predicted\n"]
+    if found.walls:
+        rows = []
+        for kind in dict.fromkeys(row.id.split("-")[0] for row in found.walls):
+            some = [row for row in found.walls if row.id.split("-")[0] == kind]
+            held = sum(row.ok for row in some)
+            rows.append((kind, some[0].what, f"{held} of {len(some)}", f"{max(row.error for row in some):.1e}"))
+        text.append(table(("case", "what", "within tolerance", "largest relative error"), rows))
+    text.append(picture(f"{charts}/random_limits.png", "Simulated against predicted limits") + "\n")
+    rows = []
+    for kind in dict.fromkeys(row.kind for row in found.limits):
+        errors = [row.error for row in found.limits if row.kind == kind]
+        rows.append((kind, str(len(errors)), f"{np.median(errors):.1e}", f"{max(errors):.1e}"))
+    text.append(f"{len(found.limits)} random (m, b, c, Δ, T, d, K, B):\n")
+    text.append(table(("what holds the tool", "cases", "median error", "largest error"), rows))
+    return "\n".join(text)
+
+
+def _limits() -> str:
+    said = f"""Every device has a stiffest wall and a largest damping, found from the border of stability
+        (`hapscene.device.model`) with friction counted at a touch of {TOUCH_SPEED_M_S:g} m/s, and never more than
+        others
+        drive it at. The margin is {MARGIN:g}: walls use half of the stiffness that is just stable and half of the step
+        that friction just holds, which covers a device half as damped as its data say. A swatch over it is rendered at
+        it, and a warning says so in N/m; a wall that needs damping to hold is given it."""
+    rows = []
+    for name, device in DEVICES.items():
+        if device.point is None:
+            continue
+        held = [
+            f"{wall_limit(device, tick_s, d)[0]:.0f} / {wall_limit(device, tick_s, d, damped=False)[0]:.0f}"
+            for tick_s in (TICK_S, TICK_S / 5, TICK_S / 10)
+            for d in (0, 1)
+        ]
+        rows.append((name, *held))
+    head = ("device", *(f"{rate} kHz, d = {d}" for rate in (1, 5, 10) for d in (0, 1)))
+    return f"""## Limits of a device, and the margin
+{paragraph(said)}
+
+Stiffest wall with damping / without [N/m]:
+
+{table(head, rows)}"""
+
+
+def _z_width(found: Findings, charts: str) -> str:
+    said = "\n".join(f"- {line}" for line in found.words)
+    return f"""## Z-width of the Omni
+
+{picture(f"{charts}/z_width.png", "Stable stiffness over damping")}
+
+The stable region of a light grip, of the full Omni and of the Omni as a point mass, at three rates and two delays; the
+closed form of the point mass without friction; the limits above; the shipped swatches as points.
+
+{said}
+"""
+
+
+def _stabilisers(found: Findings, charts: str) -> str:
+    devices = list(dict.fromkeys(row.device for row in found.stabilisers))
+    chart = picture(f"{charts}/stabilisers.png", "Speed at rest, energy out and stiffness kept, by stabiliser")
+    parts = [f"## Stabilisers on the same cases\n\n{chart}\n"]
+    for device in devices:
+        rows = []
+        for name in STABILISERS:
+            cells = []
+            for gesture in GESTURES:
+                for K in STIFFNESSES_N_M:
+                    some = [
+                        r
+                        for r in found.stabilisers
+                        if (r.device, r.stabiliser, r.gesture, r.stiffness_N_m) == (device, name, gesture, K)
+                    ]
+                    cells.append(_cell(some[0]) if some else "")
+            rows.append((name, *cells, f"{found.costs_us.get(name, 0.0):.2f}"))
+        head = ("", *(f"{g}, {K:g} N/m" for g in GESTURES for K in STIFFNESSES_N_M), "cost [µs]")
+        parts.append(
+            f"{device[0].upper()}{device[1:]}, light grip, 1 kHz: speed at rest [mm/s] / energy out [mJ] / "
+            f"stiffness kept [1]\n\n{table(head, rows)}"
+        )
+    return "\n".join(parts)
+
+
+def _cell(row: Row) -> str:
+    if not row.late_m_s < DIVERGED_M_S:
+        return "diverges"
+    kept = "–" if np.isnan(row.kept) else f"{row.kept:.2f}"
+    return f"{_plain(1e3 * row.late_m_s)} / {_plain(1e3 * row.out_J)} / {kept}"
+
+
+def _plain(value: float) -> str:
+    """Two figures, without exponents; nothing below a hundredth."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.2f}"
+
+
+def _answers(title: str, rows: Sequence[Answer], chart: str, said: str) -> str:
+    cells = []
+    for row in rows:
+        expected = f"{'≤ ' if row.at_most else ''}{shown(row.expected)}"
+        cells.append((row.id, row.what, expected, shown(row.found), "yes" if row.ok else "**no**"))
+    return f"""## {title}
+
+{picture(chart, title)}
+
+{paragraph(said)}
+
+{table(("case", "what", "expected", "found", "held"), cells)}"""
+
+
+def _zoo(found: Findings, charts: str) -> str:
+    def worst(value: Callable[[ZooCase], Any]) -> str:
+        row = max(found.zoo, key=value)
+        return f"{shown(float(value(row)))} ({row.id})"
+
+    held = sum(row.ok for row in found.zoo)
+    failed = [row.id for row in found.zoo if not row.ok]
+    said = f"""A hand follows each path of the zoo and pushes 3 N; with two grips, on the Omni as a point mass and,
+    where
+        its workspace reaches, on the full Omni. {held} of {len(found.zoo)} hold: no pop-through, at most
+        {REST_MM_S:g} mm/s rms at rest, at most {ENERGY_MJ:g} mJ made in a contact. Largest speed at rest
+        {worst(lambda r: r.rest_mm_s)} mm/s; most energy {worst(lambda r: r.energy_mJ)} mJ."""
+    missed = f"\nNot held: {', '.join(failed)}.\n" if failed else ""
+    return f"""## The zoo, closed loop
+
+{picture(f"{charts}/zoo.png", "The zoo")}
+
+{paragraph(said)}
+{missed}"""
+
+
+_FRICTION: Final = """F1 to F4 are closed forms; the rest is what an Omni with its encoders does when it holds still or
+    comes to a stop."""
+
+_TEXTURE: Final = """L1: stable parts interpolated. L2, L3: models switched as adversaries would. T4: a grating is
+    sampled like any signal. Then the shipped swatches, switched every tick, and a stiff wall that buzzes, with what
+    removes it. Textures go to the handle; where a device has none, the motors' share is limited (T1, T2) with a
+    warning that names the swatch."""
+
+_FAILS: Final = """## Where each method fails
+- **No stabiliser**: a light grip on a wall beyond the border of its device bounces for ever (see "none" above);
+  friction of a real device hides that for slow touches only (W7).
+- **A tool that flies out of a wall** at a speed v with the full force F behind it gets F·v·T/2 too much, since force is
+  half a tick late: at 2 m/s and 3.3 N that is 3.3 mJ, more than the 2 mJ that are allowed. The controller sees it only
+  when the tool has left. A faster tick helps, nothing else here does.
+- **Limits with margin** rest on the device's data. A device less than half as damped as its data say, or a delay that
+  nobody stated, is outside; the damping they add is felt as a softer onset of contact.
+- **Damping of the wall** has an upper border of its own (W5), which falls fast with delay; over encoder steps it kicks
+  with BΔ/T.
+- **Passivity controller, uncapped**, chatters and can diverge. **Capped**, it only slows what grows at long delays on
+  stiff walls; limits must do it there. It watches the normal force alone.
+- **Virtual coupling** is still everywhere it is passive, at a small share of the stiffness.
+- **Shading** makes the direction of force continuous over facets, and leaks the energy of G4 on a closed tour; it
+  stabilises nothing.
+- **Direct interpolation** of texture models is unstable for a large share of pairs (L1), and a filter with kept history
+  explodes when models are switched (L3); the normalised lattice is not.
+- **The simulated hand** is a spring, a damper and a mass: a hand that reacts within a few ticks, or an object that is
+  held by the tool, is not in it.
+"""

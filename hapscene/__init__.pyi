@@ -1,0 +1,32 @@
+from . import capture as capture
+from . import device as device
+from . import dsp as dsp
+from . import exchange as exchange
+from . import handle as handle
+from . import motion as motion
+from . import paint as paint
+from . import scene as scene
+from . import servo as servo
+from . import stability as stability
+from . import surface as surface
+from . import teleoperation as teleoperation
+from . import twin as twin
+from . import view as view
+from .errors import HapsceneError as HapsceneError
+from .recording import Recording as Recording
+from .records import Flag as Flag
+from .renderer import Command as Command
+from .renderer import Renderer as Renderer
+from .scene.body import Body as Body
+from .scene.mesh import Mesh as Mesh
+from .scene.mesh import load_mesh as load_mesh
+from .scene.scene import Scene as Scene
+from .scene.scene_file import load_scene as load_scene
+from .surface.effect import Effect as Effect
+from .surface.effect import Param as Param
+from .surface.effect import State as State
+from .surface.swatch import Swatch as Swatch
+from .surface.swatch_file import load_swatch as load_swatch
+from .surface.swatch_file import save_swatch as save_swatch
+
+__version__: str

@@ -1,0 +1,238 @@
+"""What a recording says about a swatch, as numbers: what the report shows and tells."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture import metric
+from hapscene.capture.excitation import ExcitationChoice, choose_excitation
+from hapscene.capture.metric import LjungBox, Similarity, st_sim
+from hapscene.capture.order_search import OrderSearch, search_order
+from hapscene.capture.segment import InteractionState, Segmentation
+from hapscene.capture.streams import DURATION_MIN_S, Streams
+from hapscene.capture.swatch_fit import fit
+from hapscene.capture.synthesis import synthesize
+from hapscene.capture.texture_pieces import cut
+from hapscene.errors import CaptureError
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
+
+Array = NDArray[np.float64]
+
+BLOCK_S: Final = 0.01
+"""How long one filter is kept where a model is followed along a recording [s], as in `synthesize`."""
+
+STRETCH_S: Final = 0.1
+"""Shortest stretch of sliding that is judged [s]: a window of its spectrum."""
+
+MOVING: Final = 0.02
+"""Share of the largest force and speed below which the tool does not count as sliding [1]."""
+
+FELT_DB: Final = 2.0
+"""Difference of level, also in one band, that is felt [dB] (derived from Israr et al. 2006)."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A model of the first half of a recording, judged by the second half.
+
+    Attributes:
+        frequency_Hz: (k,) frequencies of the spectra below.
+        fitted: (k,) power spectral density of the half that was fitted [(m/s²)²/Hz].
+        held_out: (k,) that of the other half.
+        model: (k,) what the model gives along the force and speed of the other half.
+        distance_dB: log-spectral distance of model and held-out half, of shape.
+        floor_dB: the same between the two real halves.
+        level_dB: power of the model over that of the held-out half, 20 to 1000 Hz.
+        halves_dB: power of the half that was fitted over that of the held-out half.
+        band_dB: (12,) the same in each band of `metric.BAND_EDGES_HZ`.
+        centroid_ratio: spectral centroid of the model over that of the held-out half.
+        goodness_of_fit: of the two.
+        residual_ratio: power that the model leaves of the held-out half.
+        residual: (n,) what it leaves, each sample over the model's own standard deviation there, scaled to variance 1.
+        whiteness: whether that is white.
+        kurtosis: excess kurtosis of it.
+    """
+
+    frequency_Hz: Array
+    fitted: Array
+    held_out: Array
+    model: Array
+    distance_dB: float
+    floor_dB: float
+    level_dB: float
+    halves_dB: float
+    band_dB: Array
+    centroid_ratio: float
+    goodness_of_fit: float
+    residual_ratio: float
+    residual: Array
+    whiteness: LjungBox
+    kurtosis: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A swatch's texture beside a recording.
+
+    Attributes:
+        channels: the cleaned recording, of which only what slides is held against the texture.
+        search: what was found for each order.
+        synthetic: (n,) the swatch played along the recording's force and speed [m/s²].
+        spectrogram_error: of `synthetic` [1].
+        similarity: ST-SIM of `synthetic`.
+        excitation: whether Gaussian noise or that of the measured residual is nearer to the recording.
+        held_out: how a model of one half does on the other, or None: then `why_not` says why.
+        why_not: the reason.
+    """
+
+    channels: Streams
+    search: OrderSearch
+    synthetic: Array
+    spectrogram_error: float
+    similarity: Similarity
+    excitation: ExcitationChoice
+    held_out: HeldOut | None
+    why_not: str = ""
+
+
+def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
+    """Judges the texture of `swatch` by a cleaned recording and its states.
+
+    Raises:
+        CaptureError: the swatch has no texture, or the recording is too short.
+    """
+    acceleration, rate = channels.acceleration_m_s2, channels.rate_Hz
+    texture = _at_rate(swatch, rate)
+    stroke = sliding(channels, states)
+    synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate)
+    search = search_order(stroke.acceleration_m_s2, rate)
+    held_out, why_not = None, ""
+    try:
+        held_out = _hold_out(swatch, stroke, search)
+    except CaptureError as error:
+        why_not = str(error)
+    return Judgement(
+        channels,
+        search,
+        synthetic,
+        metric.spectrogram_error(acceleration, synthetic, rate),
+        st_sim(synthetic, acceleration, rate),
+        choose_excitation(texture, cut(stroke)),
+        held_out,
+        why_not,
+    )
+
+
+def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:
+    """Frequencies (k,) [Hz] and power spectral density (k,) [(m/s²)²/Hz] that a texture has along a stroke, expected.
+
+    The mean of its models' spectra, one each `BLOCK_S`, at the frequencies of `metric.spectrum`.
+    """
+    step = max(1, round(BLOCK_S * texture.rate_Hz))
+    a, variance = texture.models(force_N[step // 2 :: step], speed_m_s[step // 2 :: step])
+    size = round(metric.WINDOW_S * texture.rate_Hz)
+    total = np.zeros(size // 2 + 1)
+    for part in range(0, len(a), 256):  # a minute's stroke has 6000 filters
+        response = np.abs(np.fft.rfft(a[part : part + 256], size, axis=1)) ** 2
+        total += np.sum(variance[part : part + 256, None] / response, axis=0)
+    frequency = np.asarray(np.fft.rfftfreq(size, 1.0 / texture.rate_Hz), dtype=np.float64)
+    return frequency, 2.0 * total / (texture.rate_Hz * len(a))
+
+
+def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, Array]:
+    """What a texture leaves of a recording: residual (n,) [m/s²], the texture's standard deviation for it (n,), and
+    the acceleration (n,) [m/s²] of the same samples; those in which the tool does not slide are left out."""
+    order, step = texture.order, max(1, round(BLOCK_S * texture.rate_Hz))
+    y, force, speed = channels.acceleration_m_s2, channels.force_N, channels.speed_m_s
+    start = np.arange(order, len(y) - step + 1, step)
+    middle = start + step // 2
+    sliding = (force[middle] > MOVING * force.max()) & (speed[middle] > MOVING * speed.max())
+    a, variance = texture.models(force[middle], speed[middle])
+    kept = np.flatnonzero(sliding & (variance > 0.0))
+    if not len(kept):
+        raise CaptureError("the texture is silent all along the recording: it leaves all of it")
+    left, signal = np.empty((len(kept), step)), np.empty((len(kept), step))
+    for row, i in enumerate(kept):
+        past = np.lib.stride_tricks.sliding_window_view(y[start[i] - order : start[i] + step], order + 1)
+        left[row], signal[row] = past @ a[i, ::-1], past[:, -1]
+    return left.ravel(), np.repeat(np.sqrt(variance[kept]), step), signal.ravel()
+
+
+def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut:
+    """Fits the first half, over noise where the whole needs it, and judges by the second."""
+    assert swatch.texture is not None  # `judge` has refused it already
+    first, second = _half(channels, 0), _half(channels, 1)
+    rate = channels.rate_Hz
+    order = swatch.texture.order
+    chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
+    half = fit(first.acceleration_m_s2, rate, first.force_N, first.speed_m_s, order=chosen)
+    texture = half.texture
+    if texture is None:
+        raise CaptureError(f"the first half holds no texture: {half.absent.get('texture', 'it slides too little')}")
+    (frequency, fitted), (_, held_out) = (metric.spectrum(half.acceleration_m_s2, rate) for half in (first, second))
+    grid, expected = spectrum_along(texture, second.force_N, second.speed_m_s)
+    model = np.interp(frequency, grid, expected)
+    band = metric.band_power(model, frequency), metric.band_power(held_out, frequency)
+    left, sigma, signal = residual_along(texture, second)
+    residual = left / sigma
+    residual = residual / residual.std()
+    return HeldOut(
+        frequency,
+        fitted,
+        held_out,
+        model,
+        metric.log_spectral_distance(model, held_out, frequency),
+        metric.log_spectral_distance(fitted, held_out, frequency),
+        float(10.0 * np.log10(band[0].sum() / band[1].sum())),
+        float(10.0 * np.log10(metric.band_power(fitted, frequency).sum() / band[1].sum())),
+        10.0 * np.log10(band[0] / band[1]),
+        metric.spectral_centroid_Hz(model, frequency) / metric.spectral_centroid_Hz(held_out, frequency),
+        metric.goodness_of_fit(model, held_out, frequency),
+        float(np.mean(left**2) / np.mean(signal**2)),
+        residual,
+        metric.ljung_box(residual),
+        metric.excess_kurtosis(residual),
+    )
+
+
+def _at_rate(swatch: Swatch, rate_Hz: float) -> Texture:
+    """The texture for the rate of the recording."""
+    if swatch.texture is None:
+        raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
+    return swatch.texture if swatch.texture.rate_Hz == rate_Hz else swatch.texture.resampled(rate_Hz)
+
+
+def sliding(channels: Streams, states: Segmentation) -> Streams:
+    """The stretches of a recording in which the tool slides, one behind the other; short ones are left out.
+
+    Raises:
+        CaptureError: they are too short in all.
+    """
+    runs = [
+        (start, end)
+        for start, end in states.runs(InteractionState.SLIDING)
+        if end - start >= STRETCH_S * channels.rate_Hz
+    ]
+    kept = np.zeros(len(channels.acceleration_m_s2), dtype=bool)
+    for start, end in runs:
+        kept[start:end] = True
+    if np.count_nonzero(kept) < DURATION_MIN_S * channels.rate_Hz:
+        raise CaptureError(
+            f"the tool slides for less than {DURATION_MIN_S:g} s: that is too short to judge a texture by"
+        )
+    return _part(channels, kept)
+
+
+def _half(channels: Streams, which: int) -> Streams:
+    middle = len(channels.acceleration_m_s2) // 2
+    return _part(channels, slice(0, middle) if which == 0 else slice(middle, None))
+
+
+def _part(channels: Streams, part: slice | NDArray[np.bool_]) -> Streams:
+    """Some samples of all streams."""
+    streams = ((f.name, getattr(channels, f.name)) for f in fields(channels))
+    chosen: dict[str, Any] = {name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)}
+    return replace(channels, **chosen)

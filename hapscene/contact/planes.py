@@ -1,0 +1,269 @@
+"""The closest point to the tool that the proxy's planes allow.
+
+Zilles & Salisbury 1995 (eq. 6 to 8) find it with Lagrange multipliers for the planes that hold; which of them do is
+found here as well, so that no plane ever pulls: the smallest set whose pushes are all positive and whose solution
+lies behind no other plane. The problem is convex, so the first such set is the only one.
+"""
+
+from typing import Any
+
+from hapscene.contact.cast import SATISFIED
+from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
+from hapscene.contact.world import ASIDE, SLOTS
+from hapscene.geometry import Vector
+from hapscene.native import native
+
+TOLERANCE = 1e-3
+"""How far behind a plane a solution may lie and still be allowed, in skins [1]."""
+
+PARALLEL = 1e-12
+"""Squared sine of the angle below which two planes count as one [1]."""
+
+
+@native
+def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
+    """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
+
+    Leaves the pushes of the planes in `proxy.push_m`, 0 for a plane that does not hold. Returns False and the tool
+    where no such point was found: the planes enclose nothing, or rounding hides the answer.
+    """
+    count = proxy.count
+    behind = 0
+    slack = 0.0
+    for i in range(count):
+        n = proxy.nhat_W[i]
+        short = proxy.offset_m[i] + skins * proxy.skin_m[i] - (n[0] * tool[0] + n[1] * tool[1] + n[2] * tool[2])
+        proxy.short_m[i] = short
+        proxy.push_m[i] = 0.0
+        slack = max(slack, TOLERANCE * proxy.skin_m[i])
+        if short > 0.0:
+            behind += 1
+    if behind == 0:
+        return True, tool
+    for i in range(count):
+        for j in range(i + 1, count):
+            a, b = proxy.nhat_W[i], proxy.nhat_W[j]
+            g = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+            proxy.gram[i, j] = g
+            proxy.gram[j, i] = g
+    if _one(proxy, count, slack) or _two(proxy, count, slack) or _three(proxy, count, slack):
+        x, y, z = tool
+        for i in range(count):
+            push = proxy.push_m[i]
+            if push != 0.0:
+                x += push * proxy.nhat_W[i, 0]
+                y += push * proxy.nhat_W[i, 1]
+                z += push * proxy.nhat_W[i, 2]
+        return True, (x, y, z)
+    return False, tool
+
+
+@native
+def _one(proxy: Any, count: int, slack: float) -> bool:
+    """Try each plane alone."""
+    for i in range(count):
+        push = proxy.short_m[i]
+        if push <= 0.0:
+            continue
+        allowed = True
+        for k in range(count):
+            if k != i and proxy.short_m[k] - push * proxy.gram[i, k] > slack:
+                allowed = False
+        if allowed:
+            proxy.push_m[i] = push
+            return True
+    return False
+
+
+@native
+def _two(proxy: Any, count: int, slack: float) -> bool:
+    """Try each pair: the foot of the tool on their common line."""
+    r = proxy.short_m
+    for i in range(count):
+        for j in range(i + 1, count):
+            g = proxy.gram[i, j]
+            sine2 = 1.0 - g * g
+            if sine2 < PARALLEL:
+                continue
+            a = (r[i] - g * r[j]) / sine2
+            b = (r[j] - g * r[i]) / sine2
+            u, v = r[i] - a - g * b, r[j] - g * a - b  # what is left: planes that nearly face each other need it
+            a += (u - g * v) / sine2
+            b += (v - g * u) / sine2
+            if a < 0.0 or b < 0.0:
+                continue
+            allowed = True
+            for k in range(count):
+                if k != i and k != j and r[k] - a * proxy.gram[i, k] - b * proxy.gram[j, k] > slack:
+                    allowed = False
+            if allowed:
+                proxy.push_m[i] = a
+                proxy.push_m[j] = b
+                return True
+    return False
+
+
+@native
+def _three(proxy: Any, count: int, slack: float) -> bool:
+    """Try each triple: the corner they meet in (Cramer's rule on their Gram matrix)."""
+    r = proxy.short_m
+    for i in range(count):
+        for j in range(i + 1, count):
+            for k in range(j + 1, count):
+                p, q, s = proxy.gram[i, j], proxy.gram[i, k], proxy.gram[j, k]
+                det = 1.0 + 2.0 * p * q * s - p * p - q * q - s * s
+                if det < PARALLEL:
+                    continue
+                a, b, c = _cramer(p, q, s, det, r[i], r[j], r[k])
+                u, v, w = r[i] - a - p * b - q * c, r[j] - p * a - b - s * c, r[k] - q * a - s * b - c
+                u, v, w = _cramer(p, q, s, det, u, v, w)
+                a, b, c = a + u, b + v, c + w
+                if a < 0.0 or b < 0.0 or c < 0.0:
+                    continue
+                allowed = True
+                for m in range(count):
+                    if m != i and m != j and m != k:
+                        left = r[m] - a * proxy.gram[i, m] - b * proxy.gram[j, m] - c * proxy.gram[k, m]
+                        if left > slack:
+                            allowed = False
+                if allowed:
+                    proxy.push_m[i] = a
+                    proxy.push_m[j] = b
+                    proxy.push_m[k] = c
+                    return True
+    return False
+
+
+@native
+def _cramer(p: float, q: float, s: float, det: float, x: float, y: float, z: float) -> Vector:
+    """Solve the Gram matrix [[1, p, q], [p, 1, s], [q, s, 1]] for (x, y, z)."""
+    return (
+        (x * (1.0 - s * s) + y * (q * s - p) + z * (p * s - q)) / det,
+        (x * (q * s - p) + y * (1.0 - q * q) + z * (p * q - s)) / det,
+        (x * (p * s - q) + y * (p * q - s) + z * (1.0 - p * p)) / det,
+    )
+
+
+# The planes that hold the proxy: dropped when they push no more or reach under it no more, taken back when they do.
+
+
+NEARBY = 10.0
+"""How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
+
+
+@native
+def trust(proxy: Any, first: int, moved_m: float) -> None:
+    """The proxy has moved: only planes from `first` on were met on the way it is on.
+
+    A plane that was taken back is trusted for a little longer, or near a corner it could be dropped and taken back
+    for ever.
+    """
+    for i in range(first):
+        if proxy.met[i] == 1 or moved_m > NEARBY * proxy.skin_m[i]:
+            proxy.met[i] = 0
+
+
+@native
+def drop_idle(proxy: Any) -> None:
+    """Drop the planes that do not push; at most three are left."""
+    kept = 0
+    for i in range(proxy.count):
+        if proxy.push_m[i] > 0.0:
+            if kept != i:
+                copy_plane(proxy, i, kept)
+            kept += 1
+    proxy.count = kept
+
+
+@native
+def drop_unsupported(world: Any, p_W: Vector) -> bool:
+    """Drop the planes whose faces do not reach under the proxy; True where there was one.
+
+    A plane that was met from where the proxy is holds it wherever its face lies: in a narrow groove the face below
+    the proxy's foot may be another one.
+    """
+    proxy = world.proxy[0]
+    kept = 0
+    count = proxy.count
+    for i in range(count):
+        body = world.bodies[proxy.body[i]]
+        if proxy.met[i] != 0 or lies_over(world, body, proxy.face[i], p_W, proxy.skin_m[i]):
+            if kept != i:
+                copy_plane(proxy, i, kept)
+            kept += 1
+        else:
+            copy_plane(proxy, i, ASIDE + proxy.aside % (SLOTS - ASIDE))
+            proxy.aside += 1
+    proxy.count = kept
+    return bool(kept < count)
+
+
+@native
+def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
+    """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
+
+    So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
+    """
+    proxy = world.proxy[0]
+    for k in range(min(proxy.aside, SLOTS - ASIDE)):
+        i = ASIDE + k
+        skin = proxy.skin_m[i]
+        if _above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or _above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
+            continue
+        if lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], goal_W, skin):
+            copy_plane(proxy, i, proxy.count)
+            proxy.met[proxy.count] = 2
+            proxy.count += 1
+            return True
+    return False
+
+
+@native
+def _above(proxy: Any, slot: int, p_W: Vector) -> float:
+    """Height of a point over the plane in a slot [m]."""
+    n = proxy.nhat_W[slot]
+    return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])
+
+
+@native
+def _holds(proxy: Any, slot: int) -> bool:
+    """Whether the face in a slot is among those that hold the proxy."""
+    for i in range(proxy.count):
+        if proxy.face[i] == proxy.face[slot] and proxy.body[i] == proxy.body[slot]:
+            return True
+    return False
+
+
+@native
+def forget_oldest(proxy: Any) -> None:
+    """Drop the plane that has held the proxy longest."""
+    for i in range(proxy.count - 1):
+        copy_plane(proxy, i + 1, i)
+    proxy.count -= 1
+
+
+@native
+def place_plane(world: Any, i: int) -> None:
+    """Compute plane i of the proxy anew from its face at the body's present pose."""
+    proxy = world.proxy[0]
+    body = world.bodies[proxy.body[i]]
+    a, b, c = corners(world, body, proxy.face[i])
+    n_B, offset = plane(a, b, c)
+    side = proxy.side[i]
+    n = turn_to_world(body, n_B)
+    for k in range(3):
+        proxy.nhat_W[i, k] = side * n[k]
+    o = body.p_WB_m
+    proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
+
+
+@native
+def copy_plane(proxy: Any, source: int, target: int) -> None:
+    for k in range(3):
+        proxy.nhat_W[target, k] = proxy.nhat_W[source, k]
+    proxy.offset_m[target] = proxy.offset_m[source]
+    proxy.skin_m[target] = proxy.skin_m[source]
+    proxy.body[target] = proxy.body[source]
+    proxy.face[target] = proxy.face[source]
+    proxy.side[target] = proxy.side[source]
+    proxy.met[target] = proxy.met[source]

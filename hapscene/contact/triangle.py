@@ -1,0 +1,101 @@
+"""One face of one body, in float64 and in the world: its plane, whether the proxy lies over it, its coordinates."""
+
+from typing import Any
+
+from hapscene.geometry import Vector, along, cross, dot, norm, sub
+from hapscene.native import native
+
+
+@native
+def to_world(body: Any, p_B: Vector) -> Vector:
+    """Point from the body's frame to the world's."""
+    o = body.p_WB_m
+    return along((o[0], o[1], o[2]), 1.0, turn_to_world(body, p_B))
+
+
+@native
+def to_body(body: Any, p_W: Vector) -> Vector:
+    """Point from the world's frame to the body's, at this tick's pose."""
+    return _into(body.R_WB, body.p_WB_m, p_W)
+
+
+@native
+def to_body_before(body: Any, p_W: Vector) -> Vector:
+    """Point from the world's frame to the body's, at the last tick's pose."""
+    return _into(body.was_R_WB, body.was_p_WB_m, p_W)
+
+
+@native
+def _into(R: Any, o: Any, p: Vector) -> Vector:
+    """Rᵀ (p − o)."""
+    x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
+
+
+@native
+def turn_to_world(body: Any, v_B: Vector) -> Vector:
+    """Direction from the body's frame to the world's."""
+    R = body.R_WB
+    return (
+        R[0, 0] * v_B[0] + R[0, 1] * v_B[1] + R[0, 2] * v_B[2],
+        R[1, 0] * v_B[0] + R[1, 1] * v_B[1] + R[1, 2] * v_B[2],
+        R[2, 0] * v_B[0] + R[2, 1] * v_B[1] + R[2, 2] * v_B[2],
+    )
+
+
+@native
+def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
+    """The three corners of a face in the body's frame [m]."""
+    row = body.face + face
+    return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
+
+
+@native
+def _corner(world: Any, row: int, k: int) -> Vector:
+    return world.corners_m[row, k, 0], world.corners_m[row, k, 1], world.corners_m[row, k, 2]
+
+
+@native
+def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
+    """Unit normal of a triangle, counter-clockwise outward, and the plane's offset [m]."""
+    n = cross(sub(b, a), sub(c, a))
+    length = norm(n)
+    n = (n[0] / length, n[1] / length, n[2] / length)
+    return n, dot(n, a)
+
+
+@native
+def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) -> bool:
+    """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
+    a, b, c = corners(world, body, face)
+    p = to_body(body, p_W)
+    n, _ = plane(a, b, c)
+    return (
+        _past_edge(a, b, n, p) >= -margin_m
+        and _past_edge(b, c, n, p) >= -margin_m
+        and _past_edge(c, a, n, p) >= -margin_m
+    )
+
+
+@native
+def _past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
+    """Signed distance of p from the edge a → b within the plane, positive inside [m]."""
+    edge = sub(b, a)
+    return dot(cross(n, edge), sub(p, a)) / norm(edge)
+
+
+@native
+def barycentric(world: Any, body: Any, face: int, p_W: Vector) -> Vector:
+    """Barycentric coordinates on the face of a point's foot on its plane [1]."""
+    a, b, c = corners(world, body, face)
+    p = to_body(body, p_W)
+    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
+    n = cross(ab, ac)
+    area = dot(n, n)
+    v = dot(cross(ap, ac), n) / area
+    w = dot(cross(ab, ap), n) / area
+    return 1.0 - v - w, v, w

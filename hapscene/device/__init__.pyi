@@ -1,0 +1,10 @@
+from . import model as model
+from .hand import Grip as Grip
+from .model import DEVICES as DEVICES
+from .model import Device as Device
+from .model import DeviceWarning as DeviceWarning
+from .model import Limits as Limits
+from .model import limits_of as limits_of
+from .model import wall_limit as wall_limit
+from .omni import Omni as Omni
+from .point import PointMass as PointMass

@@ -1,0 +1,110 @@
+"""Virtual coupling: the scene is touched by a tool of its own, tied to the measured one by a spring and a damper.
+
+Colgate, Stanley & Brown 1995; Adams & Hannaford 1999. However stiff the scene, the device then meets nothing stiffer
+than the coupling. The virtual tool has no mass: it is where coupling and scene balance, and what the scene does to it
+is what the device is sent. Each tick makes one step of Newton's method towards that place, from the last one and the
+force that the tick found there, so a wall is in balance a tick after it was met, and no coupling, however soft, needs
+a smaller step.
+"""
+
+from typing import Any, Final
+
+from hapscene.constants import TINY
+from hapscene.geometry import Vector
+from hapscene.native import native
+from hapscene.records import Flag
+
+
+@native
+def couple(surface: Any, tool_W: Vector) -> Vector:
+    """The virtual tool for one measured at `tool_W` [m]: k (tool − virtual) + b (speed − its speed) + f = 0."""
+    limits, touch, memory = surface.limits[0], surface.touch[0], surface.memory[0]
+    if memory.fresh == 1:
+        return tool_W
+    stiffness = limits.coupling_N_m + limits.coupling_Ns_m / touch.tick_s
+    if touch.touching == 1:
+        stiffness += touch.stiffness_N_m
+    return (
+        _balanced(limits, memory, tool_W[0], 0, stiffness),
+        _balanced(limits, memory, tool_W[1], 1, stiffness),
+        _balanced(limits, memory, tool_W[2], 2, stiffness),
+    )
+
+
+@native
+def _balanced(limits: Any, memory: Any, tool_m: float, i: int, stiffness_N_m: float) -> float:
+    """One coordinate: moved along with the tool, then by what was out of balance in the last tick."""
+    last, virtual = memory.tool_W_m[i], memory.p_WT_m[i]
+    force_N = limits.coupling_N_m * (last - virtual) + memory.f_W_N[i]
+    return float(virtual + (tool_m - last) + force_N / stiffness_N_m)
+
+
+# The net under walls that the limits did not catch: a passivity observer, and a controller whose damping is capped.
+#
+# Observer: the energy that a wall gave out and never took in. A wall may give back what its spring holds, so in a tick
+# in which the force f was held while the tool went Δx over the touched body (Hannaford & Ryu 2002, exact for a
+# zero-order hold; the spring as reference as in Ryu, Preusche, Hirzinger & Hannaford 2005)
+#
+#     made ← max(0, made + f·Δx + ½ f' d' − ½ f d)
+#
+# with the normal part f of the force that was sent `delay_ticks` before, and the spring's force and depth f d, f' d' of
+# the last and of this tick. So what a damper took is never set off against what comes later, and friction has no part
+# in it: it only takes, and what it took would hide what the wall gives. What was made is kept from bounce to bounce,
+# and forgotten within `FORGET_S`. Encoders of step Δ see the tool up to ½Δ from where it is: what that looks like, ½KΔ
+# for each metre along the normal, is not counted.
+#
+# Controller: as long as made > 0, a damper along the normal that takes it back within a tick, as far as `guard_Ns_m`
+# lets it: without that cap it would ask for an endless damper wherever the tool nearly rests, and chatter. It never
+# pulls, and leaves a tool in the air alone.
+
+
+_DAMPED = int(Flag.ENERGY_DAMPED)
+
+FORGET_S: Final = 0.5
+"""Time in which what was made is forgotten [s]: several bounces of a light hand. Much shorter, and a bounce is over
+before its energy is taken back; longer, and a wall is felt as sticky long after."""
+
+TINY_J: Final = 1e-10
+"""What is left alone [J]: rounding, and no more than moves a light device at 0.1 mm/s."""
+
+
+@native
+def guard(surface: Any, tool_W: Any) -> int:
+    """Observe the last tick, the measured tool (3,) now at `tool_W` [m]; damp this tick's sum. Returns flags."""
+    limits, touch, total, memory = surface.limits[0], surface.touch[0], surface.total[0], surface.memory[0]
+    f, n, sent, was = total.f_W_N, touch.nhat_W, memory.f_W_N, memory.nhat_W
+    size = len(memory.held_N)
+    last = (touch.tick - 1) % size
+    held = (touch.tick - 1 - limits.delay_ticks) % size
+    pushed = sent[0] * was[0] + sent[1] * was[1] + sent[2] * was[2]
+    work = way = push = 0.0
+    for i in range(3):
+        step = tool_W[i] - memory.tool_W_m[i] - memory.drag_m_s[i] * touch.tick_s
+        memory.held_N[last, i] = pushed * was[i]
+        work += memory.held_N[held, i] * step
+        way += n[i] * step
+        push += n[i] * f[i]
+        was[i] = n[i]
+    stored = _stored(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
+    if limits.coupling_N_m > 0.0:
+        stored += 0.5 * push * push / limits.coupling_N_m
+    doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way)
+    made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J - doubt
+    memory.made_J = made if made > TINY else 0.0
+    memory.stored_J = stored
+    if touch.touching == 0 or made <= TINY_J or way == 0.0:
+        return 0
+    damping = min(made * touch.tick_s / (way * way), limits.guard_Ns_m)
+    over = max(push - limits.force_N, 0.0)  # is cut anyway, and would hide what is taken from it
+    add = max(-damping * way / touch.tick_s - over, -max(push, 0.0))
+    for i in range(3):
+        f[i] += add * n[i]
+    return _DAMPED
+
+
+@native
+def _stored(spring_N: float, depth_m: float, most_N: float) -> float:
+    """Energy of a spring at a depth whose force is cut at `most_N` [J]."""
+    if spring_N <= most_N:
+        return 0.5 * spring_N * depth_m
+    return most_N * depth_m * (1.0 - 0.5 * most_N / spring_N)

@@ -1,0 +1,1 @@
+"""Signals: filters and their other forms, noise that can be replayed, linear prediction, spectrograms."""

@@ -1,0 +1,217 @@
+"""The formats a painted scene can be written to, and read from again."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from hapscene.errors import SaveConflict, SceneError, no_such
+from hapscene.exchange.gltf_read import OWN, mark_of
+from hapscene.exchange.swatch_payload import lose
+from hapscene.files import check_file
+from hapscene.scene.mesh import unit_name
+from hapscene.scene.scene import Scene
+from hapscene.scene.scene_file import is_own
+
+
+@dataclass(frozen=True)
+class Export:
+    """One format.
+
+    Attributes:
+        suffix: that its files end in, with the dot.
+        summary: what it is good for, in a line.
+        write: writes a scene to a file, whole or not at all; gives the files made.
+        loses: what does not come back from it, in the words of the table of docs/exchange.md.
+        draft: whether it follows a draft of a standard that may still change.
+        beside: suffixes of the files that are written beside.
+    """
+
+    suffix: str
+    summary: str
+    write: Callable[[Scene, Path], list[Path]]
+    loses: tuple[str, ...]
+    draft: bool = False
+    beside: tuple[str, ...] = ()
+
+
+def _gltf(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.gltf import write_gltf
+
+    return write_gltf(scene, path)
+
+
+def _gltf_draft(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.gltf import write_gltf
+
+    return write_gltf(scene, path, draft=True)
+
+
+def _ply(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.painted_ply import write_ply
+
+    return write_ply(scene, path)
+
+
+def _x3d(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.x3d import write_x3d
+
+    return write_x3d(scene, path)
+
+
+def _obj(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.unpainted import write_obj
+
+    return write_obj(scene, path)
+
+
+def _stl(scene: Scene, path: Path) -> list[Path]:
+    from hapscene.exchange.unpainted import write_stl
+
+    return write_stl(scene, path)
+
+
+_ALWAYS = ("names and colours of the mesh's file", "what bodies were made of before they were painted")
+_PLY_LOSES = ("shared meshes", "texture of a swatch not in the library", *_ALWAYS)
+_GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
+_X3D_LOSES = ("order of faces", "texture of a swatch not in the library", *_ALWAYS)
+_PLAIN_LOSES = (
+    *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
+    *("painting with a swatch not in the library", "numbers of a swatch not in the library"),
+    *("texture of a swatch not in the library", "swatches that no face wears"),
+)
+_OBJ_LOSES = (*_PLAIN_LOSES, "order of faces")
+_STL_LOSES = (
+    *(*_PLAIN_LOSES, "exact positions", "order of vertices", "painting with a swatch in the library"),
+    *("numbers of a swatch in the library", "texture of a swatch in the library"),
+)
+
+EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
+    {
+        "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", _gltf, _GLTF_LOSES),
+        "gltf": Export(".gltf", "glTF in one text file", _gltf, _GLTF_LOSES),
+        "gltf-haptics": Export(
+            ".gltf",
+            "glTF with MPEG_material_haptic, a draft extension that may still change",
+            _gltf_draft,
+            _GLTF_LOSES,
+            draft=True,
+        ),
+        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", _ply, _PLY_LOSES),
+        "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", _x3d, _X3D_LOSES),
+        "obj": Export(".obj", "OBJ with a material for each swatch, by name", _obj, _OBJ_LOSES, beside=(".mtl",)),
+        "stl": Export(".stl", "STL: the shape alone", _stl, _STL_LOSES),
+    }
+)
+"""The formats by name, in the order to offer them."""
+
+
+def is_mesh_of(scene: Scene, path: Path) -> bool:
+    """Whether a file is one that a scene is made of, which no export may take the place of."""
+    meshes = {body.mesh.path for body in scene.bodies if body.mesh.path is not None and body.mesh.path.exists()}
+    return is_own(path) or (path.exists() and any(path.samefile(mesh) for mesh in meshes))
+
+
+def export_scene(
+    scene: Scene, path: str | os.PathLike[str], name: str | None = None, replace: bool = False
+) -> list[Path]:
+    """Write a painted scene for other programs; the files made, each whole or not at all.
+
+    Args:
+        scene: with a body at least.
+        path: the file; its suffix says the format.
+        name: of the format, a key of `EXPORTS`, where the suffix leaves a choice: "gltf-haptics".
+        replace: take the place of files that are there; never of a mesh of the scene.
+
+    Raises:
+        SaveConflict: a file is there already, and not to be replaced.
+        SceneError: no body, an unknown format or suffix, or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if name is None:
+        name = next((n for n, export in EXPORTS.items() if export.suffix == suffix), None)
+        if name is None:
+            known = ", ".join(dict.fromkeys(export.suffix for export in EXPORTS.values()))
+            raise SceneError(f"{path}: no format {path.suffix!r} to write a scene in; there are: {known}")
+    elif name not in EXPORTS:
+        raise SceneError(no_such("format", name, EXPORTS))
+    takes = (".gltf", ".glb") if EXPORTS[name].draft else (EXPORTS[name].suffix,)
+    if suffix not in takes:
+        raise SceneError(f"{path}: a file of the format {name} ends in {' or '.join(takes)}")
+    if not scene.bodies:
+        raise SceneError(f"{path}: the scene has no body, so there is nothing to write")
+    check_file(path, SceneError)
+    for file in (path, *(path.with_suffix(suffix) for suffix in EXPORTS[name].beside)):
+        if is_mesh_of(scene, file):
+            raise SceneError(f"{file}: is a mesh that a scene is made of, so it stays; take another name")
+        if file.exists() and not replace:
+            raise SaveConflict(f"{file}: is there already; take another name, or replace it")
+    return EXPORTS[name].write(scene, path)
+
+
+def painted_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene | None:
+    """The scene of a file that says how its surfaces feel; None of any other mesh file.
+
+    Args:
+        path: of a scene as `export_scene` writes it, or a glTF file with a draft of the haptic extension, of which the
+            names of its materials alone are taken.
+        unit: of the latter's numbers. Files of ours are in metres.
+
+    Raises:
+        SceneError, MeshError, SwatchError: as `import_scene`; or another unit than that of a file of ours.
+
+    Warns:
+        ExchangeWarning: what the file does not keep of a scene.
+    """
+    path = Path(path)
+    mark = mark_of(path)
+    if mark is None:
+        return None
+    if mark != OWN:
+        lose(f"{path}: its {mark}, a draft, is not read: faces are painted by the names of their materials alone")
+        return import_scene(path, unit)
+    if unit is not None and unit_name(unit) != "m":
+        raise SceneError(f"{path}: holds a painted scene, in metres; leave the unit {unit} out")
+    loses = next(export.loses for export in EXPORTS.values() if export.suffix == path.suffix.lower())
+    lose(f"{path}: holds a painted scene, without what its format does not keep: {', '.join(loses)}")
+    return import_scene(path)
+
+
+def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene:
+    """Read a scene from a file that `export_scene` wrote, or from a mesh with swatches' names on its materials.
+
+    Of a file of ours comes back what its format keeps. Any other mesh file becomes one body; faces whose material,
+    object or group in the file is called as a swatch of the library are painted with it, the others stay plain.
+
+    Args:
+        path: GLB, glTF, PLY, X3D, or any mesh file.
+        unit: of the file's numbers, where it carries none: see `hapscene.load_mesh`. Files of ours are in metres.
+
+    Raises:
+        SceneError: the file is missing or damaged, or no scene.
+        MeshError: a mesh in it cannot be touched.
+        SwatchError: a swatch in it is broken.
+    """
+    path = Path(path)
+    scene = None
+    suffix = path.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        from hapscene.exchange.gltf_read import read_gltf
+
+        scene = read_gltf(path)
+    elif suffix == ".ply":
+        from hapscene.exchange.painted_ply import read_ply
+
+        scene = read_ply(path)
+    elif suffix == ".x3d":
+        from hapscene.exchange.x3d_read import read_x3d
+
+        return read_x3d(path)
+    if scene is None:
+        from hapscene.exchange.unpainted import read_named
+
+        return read_named(path, unit)
+    return scene

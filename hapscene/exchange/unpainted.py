@@ -1,0 +1,88 @@
+"""Formats that know no scene: OBJ keeps the swatches' names, STL the shape. World frame, metres."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import SceneError
+from hapscene.exchange.swatch_payload import known_swatch
+from hapscene.files import whole_file, write_whole
+from hapscene.scene.body import Body
+from hapscene.scene.scene import Scene
+
+
+def write_obj(scene: Scene, path: Path) -> list[Path]:
+    """Write a scene as OBJ, an object for each body and a material for each swatch, with its MTL file beside it.
+
+    Raises:
+        SceneError: a file cannot be written.
+    """
+    library = path.with_suffix(".mtl")
+    try:
+        with whole_file(library) as colours, whole_file(path) as shapes:
+            with colours.open("w", encoding="utf-8", newline="\n") as out:
+                for swatch in scene.swatches:
+                    out.write(f"newmtl {_line(swatch.name)}\nKd {' '.join(map(repr, swatch.albedo_rgb))}\n\n")
+            with shapes.open("w", encoding="utf-8", newline="\n") as out:
+                out.write(f"# in metres, z up\nmtllib {library.name}\n")
+                out.writelines(_obj_lines(scene))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return [path, library]
+
+
+def _obj_lines(scene: Scene) -> Iterator[str]:
+    start = 1
+    for body in scene.bodies:
+        yield f"o {_line(body.name)}\n"
+        for x, y, z in _world(body).tolist():
+            yield f"v {x!r} {y!r} {z!r}\n"
+        for index in np.unique(body.face_swatch):
+            yield f"usemtl {_line(scene.swatches[index].name)}\n"
+            for a, b, c in (body.mesh.faces[body.face_swatch == index] + start).tolist():
+                yield f"f {a} {b} {c}\n"
+        start += len(body.mesh.vertices_m)
+
+
+def _line(name: str) -> str:
+    """A name at the end of a line of OBJ, where a backslash would join the next one to it."""
+    return name.replace("\\", "_")
+
+
+def write_stl(scene: Scene, path: Path) -> list[Path]:
+    """Write the shape of a scene as binary STL, float32.
+
+    Raises:
+        SceneError: the file cannot be written.
+    """
+    corners = np.concatenate([_world(body)[body.mesh.faces] for body in scene.bodies])
+    normals = np.concatenate([body.mesh.normals @ body.X_WB[:3, :3].T for body in scene.bodies])
+    rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    rows["normal"], rows["corners"] = normals, corners
+    header = b"hapscene: in metres, z up".ljust(80) + len(rows).to_bytes(4, "little")
+    write_whole(path, header + rows.tobytes(), SceneError)
+    return [path]
+
+
+def _world(body: Body) -> NDArray[np.float64]:
+    """Vertices (n, 3) in W [m]."""
+    return np.asarray(body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
+
+
+def read_named(path: Path, unit: str | None) -> Scene:
+    """A scene of any mesh file, painted by the names in it that are names of swatches in the library.
+
+    Raises:
+        MeshError: the mesh cannot be loaded.
+        SwatchError: a swatch of the library is broken.
+    """
+    scene = Scene()
+    body = scene.add(path, unit=unit)
+    for index, full in enumerate(body.mesh.group_names):
+        # The last part is the material's name, which wins over the object's.
+        known = next((name for name in full.split("/")[::-1] if known_swatch(name) is not None), None)
+        if known is not None:
+            body.face_swatch[body.mesh.group == index] = scene.swatch_index(known)
+    return scene

@@ -1,0 +1,126 @@
+"""How the handle moves: amplifier, two masses and the hand, the coil's stops, the accelerometer. Compiled.
+
+The force is the mean over a sample of what the amplifier's one pole makes of a command that is held; with a force that
+is held the two masses are advanced exactly (zero-order hold), so the step has no error to halve. When the grip changes,
+the matrices are made anew in place.
+"""
+
+import math
+from typing import Any, Final
+
+from hapscene.dsp.noise import normal
+from hapscene.native import native
+
+_TERMS: Final = 12
+"""Terms of the matrix exponential's series [count]: for a norm of 1/2 the rest is below 1e-13."""
+
+
+@native
+def grip_handle(handle: Any, k_u_N_m: float, b_u_Ns_m: float) -> None:
+    """Have the hand hold a handle, one `HANDLE`, as firmly as that from now on [N/m], [N·s/m]; allocates nothing."""
+    handle.k_u_N_m, handle.b_u_Ns_m = k_u_N_m, b_u_Ns_m
+    hold(handle, handle.step)
+
+
+@native
+def hold(h: Any, step: Any) -> None:
+    """Fill step (5, 5) with exp([A B; 0 0] T): the state and the held force after a sample."""
+    work, power = h.work[0], h.work[1]
+    _derivative(h, work)
+    largest = 0.0
+    for i in range(5):
+        total = 0.0
+        for j in range(5):
+            total += abs(work[i, j])
+        largest = max(largest, total)
+    halvings = max(0, math.ceil(math.log2(max(largest, 1e-30) / h.rate_Hz)) + 1)
+    scale = math.ldexp(1.0 / h.rate_Hz, -halvings)
+    for i in range(5):
+        for j in range(5):
+            work[i, j] *= scale
+            step[i, j] = 1.0 if i == j else 0.0
+    for term in range(_TERMS, 0, -1):  # Horner: I + M (I + M/2 (I + M/3 (…)))
+        _product(work, step, power)
+        for i in range(5):
+            for j in range(5):
+                step[i, j] = power[i, j] / term + (1.0 if i == j else 0.0)
+    for _ in range(halvings):
+        _product(step, step, power)
+        for i in range(5):
+            for j in range(5):
+                step[i, j] = power[i, j]
+
+
+@native
+def _derivative(h: Any, m: Any) -> None:
+    """Fill m (5, 5) with [A B; 0 0] of `Plant.state_space`."""
+    for i in range(5):
+        for j in range(5):
+            m[i, j] = 0.0
+    m[0, 1] = m[2, 3] = 1.0
+    m[1, 0], m[1, 1] = -h.k_u_N_m / h.m_h_kg, -h.b_u_Ns_m / h.m_h_kg
+    m[1, 2], m[1, 3], m[1, 4] = h.k_s_N_m / h.m_h_kg, h.b_s_Ns_m / h.m_h_kg, 1.0 / h.m_h_kg
+    for j in range(5):
+        m[3, j] = -m[1, j]
+    m[3, 2] -= h.k_s_N_m / h.m_c_kg
+    m[3, 3] -= h.b_s_Ns_m / h.m_c_kg
+    m[3, 4] -= 1.0 / h.m_c_kg
+
+
+@native
+def _product(a: Any, b: Any, c: Any) -> None:
+    for i in range(5):
+        for j in range(5):
+            total = 0.0
+            for k in range(5):
+                total += a[i, k] * b[k, j]
+            c[i, j] = total
+
+
+@native
+def amplify(h: Any, command_N: float) -> float:
+    """The mean force of this sample [N], for a command held over it: one pole at the amplifier's bandwidth."""
+    mean = command_N + (h.amplifier_N - command_N) * h.amplifier_mean
+    h.amplifier_N = command_N + (h.amplifier_N - command_N) * h.amplifier_pole
+    return float(mean)
+
+
+@native
+def advance(step: Any, x: Any, force_N: float) -> None:
+    """The state x (4,) one sample later, by step (5, 5)."""
+    x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
+    for i in range(4):
+        x[i] = step[i, 0] * x0 + step[i, 1] * x1 + step[i, 2] * x2 + step[i, 3] * x3 + step[i, 4] * force_N
+
+
+@native
+def move(h: Any, force_N: float) -> float:
+    """Advance the handle by a sample; returns its acceleration [m/s²] at the beginning, with that force on.
+
+    A coil that reaches a stop stays there without bouncing: momentum is kept, so the handle is knocked, and the knock
+    is in the acceleration. It is counted in `hits`.
+    """
+    x = h.x
+    spring = h.k_s_N_m * x[2] + h.b_s_Ns_m * x[3]
+    acceleration = (force_N + spring - h.k_u_N_m * x[0] - h.b_u_Ns_m * x[1]) / h.m_h_kg
+    before = abs(x[2])
+    advance(h.step, x, force_N)
+    if abs(x[2]) > h.travel_limit_m:
+        stop = math.copysign(h.travel_limit_m, x[2])
+        share = h.m_c_kg / (h.m_c_kg + h.m_h_kg)
+        x[0] += share * (x[2] - stop)
+        x[2] = stop
+        if x[3] * stop > 0.0:
+            x[1] += share * x[3]
+            acceleration += share * x[3] * h.rate_Hz
+            x[3] = 0.0
+        h.hits += 1 if before < h.travel_limit_m else 0
+    return float(acceleration)
+
+
+@native
+def sense(h: Any, acceleration_m_s2: float) -> float:
+    """What the accelerometer reads [m/s²]: one pole, and noise."""
+    noisy = acceleration_m_s2 + h.noise_m_s2 * normal(h.rng)
+    h.sensor_m_s2 += (1.0 - h.sensor_pole) * (noisy - h.sensor_m_s2)
+    return float(h.sensor_m_s2)

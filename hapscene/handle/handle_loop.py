@@ -1,0 +1,139 @@
+"""The handle, one sample at a time: what is asked for, compensated, limited, amplified, and felt by a hand. Compiled.
+
+lead       make up for the amplifier's lag, where the compensator does
+sum        the compensator's signals φ, weighted by the nominal θ: what will be needed   basis.py
+fade       the gain that keeps force and travel inside their limits, in time             governor.py
+push       φ of a look-ahead ago, weighted by θ as known now, times the gain
+amplify    the current loop                                                              motion.py
+move       coil, handle and hand                                                         motion.py
+adapt      learn θ from the accelerometer, where the compensator does                    adaptation.py
+"""
+
+import math
+from typing import Any, Final
+
+from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
+from hapscene.handle.governor import MASK, fade, foresee, yield_corner
+from hapscene.handle.handle_dynamics import advance, amplify, move, sense
+from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
+from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
+from hapscene.handle.handle_record import HANDLE as HANDLE
+from hapscene.handle.handle_record import new_handle as new_handle
+from hapscene.native import native
+
+# The inverse learnt from the handle's accelerometer, while it plays. Compiled.
+#
+# The inverse is linear in θ (see `basis`), and so is what is measured: s⁴/D · F = Σ θ_i φ_i(a) + e, whatever is played
+# and wherever it comes from. θ is estimated by a Kalman filter (recursive least squares with the spread of handles as
+# its prior): before anything is heard θ is that of the nominal handle, after a few samples of texture its mass is
+# known, and the rest as far as it is excited.
+#
+# Nothing measured is fed back into the force but through θ, which is kept inside bounds: the force is a stable filter
+# of what is asked for, whatever the handle and the hand do. There is no loop whose gain could be too high.
+
+
+LEARN_ABOVE: Final = 0.9
+"""Gain of the governor above which it is learnt [1]: below, the coil is near its stops."""
+
+SURE: Final = 4.0
+"""A force that the model leaves unexplained is a knock where its square is above so much of the mean square of what is
+played [1]: a handle of three times the nominal mass is not taken for one."""
+
+
+@native
+def adapt(h: Any, force_N: float, measured_m_s2: float, asked_m_s2: float, gain: float) -> None:
+    """Learn from one sample: the force that acted, the acceleration that was read, the one that was due at that gain.
+
+    A force that nothing explains is the coil's knock at a stop. Then nothing is learnt for a while, and the governor
+    gives out less travel.
+    """
+    h.loud += h.loud_share * ((gain * asked_m_s2) ** 2 - h.loud)
+    h.sensed_N += (1.0 - h.sensor_pole) * (force_N - h.sensed_N)  # the accelerometer's own pole, on both sides alike
+    f = section(h.heard, 0, h.heard_g, h.heard_d, h.sensed_N)[1]
+    a = section(h.heard, 2, h.heard_g, h.heard_d, measured_m_s2)[1]
+    y = differences(h.pushed, h.g, h.d1, h.d2, h.heard_d * f)
+    phi = integrals(h.felt, h.g, h.d1, h.d2, h.heard_d * a)
+    surprise = y
+    for i in range(COUNT):
+        surprise -= h.theta[i] * phi[i]
+    h.room += h.room_back * (1.0 - h.room)
+    if surprise * surprise > h.knock_N**2 + SURE * h.nominal[0] ** 2 * h.loud:
+        if h.deaf == 0:
+            h.room *= h.knocked
+        h.deaf = h.deaf_count
+    if h.deaf > 0:
+        h.deaf -= 1
+    elif gain > LEARN_ABOVE:
+        _learn(h, y, phi, surprise)
+
+
+@native
+def _learn(h: Any, y: float, phi: tuple[float, float, float, float, float], surprise: float) -> None:
+    """The Kalman filter's step: θ and its covariance, which goes back to what it was before with time."""
+    p, k, theta = h.spread, h.gain, h.theta
+    variance = h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2
+    for i in range(COUNT):
+        k[i] = p[i, 0] * phi[0] + p[i, 1] * phi[1] + p[i, 2] * phi[2] + p[i, 3] * phi[3] + p[i, 4] * phi[4]
+        variance += phi[i] * k[i]
+    share, keep = 1.0 / variance, 1.0 - h.forget
+    for i in range(COUNT):
+        theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + h.forget * h.spread_before[i, j]
+
+
+DESIRED_MAX_M_S2: Final = 1e6
+"""Largest acceleration that is listened to [m/s²]: 20,000 times what the actuator can do. Keeps the filters finite."""
+
+
+@native
+def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
+    """One sample of a handle, one `HANDLE`, for the acceleration that is asked for [m/s²].
+
+    Returns the handle's acceleration [m/s²] with this sample's force on, its displacement at the end of the sample [m],
+    and the force [N]. What is asked for is played `delay` samples later; what is not finite counts as 0.
+    """
+    h = handle
+    if not math.isfinite(desired_m_s2):
+        desired_m_s2 = 0.0
+    wanted = _lead(h, min(max(desired_m_s2, -DESIRED_MAX_M_S2), DESIRED_MAX_M_S2))
+    phi = _integrate(h, wanted) if h.kind >= 2 else (wanted, 0.0, 0.0, 0.0, 0.0)
+    asked, needed, nominal, pushed = 0.0, 0.0, 0.0, 0.0
+    late, slot, due = h.late, h.count & MASK, (h.count - h.delay) & MASK
+    for i in range(COUNT):
+        asked += h.nominal[i] * phi[i]
+        needed += h.theta[i] * phi[i]
+        late[slot, i] = phi[i]
+        nominal += h.nominal[i] * late[due, i]
+        pushed += h.theta[i] * late[due, i]
+    gain = fade(h, foresee(h, asked, max(abs(asked), abs(needed))))
+    advance(h.scout_step, h.applied_x, gain * nominal)
+    h.count += 1
+    command = gain * pushed if h.kind > 0 else 0.0
+    if abs(command) > h.force_limit_N:  # the last net
+        command = math.copysign(h.force_limit_N, command)
+        h.clips += 1
+    force = amplify(h, command)
+    acceleration = move(h, force)
+    if h.kind == 3:
+        adapt(h, force, sense(h, acceleration), late[due, 0], gain)
+    return acceleration, h.x[0], force
+
+
+@native
+def _integrate(h: Any, wanted_m_s2: float) -> tuple[float, float, float, float, float]:
+    """φ of a sample, its corner as high as the coil's travel asks for; scaled as θ is, for the corner of learning."""
+    g = yield_corner(h)
+    retune(h.wanted, g / h.g_now)
+    h.g_now = g
+    phi = integrals(h.wanted, g, h.d1, h.d2, wanted_m_s2)
+    r = h.g / g
+    return phi[0], r * phi[1], r * r * phi[2], r * r * r * phi[3], r * r * r * r * phi[4]
+
+
+@native
+def _lead(h: Any, a: float) -> float:
+    """What the amplifier makes a of: gain (1 − pole z⁻¹)/(1 + zero z⁻¹)."""
+    h.lead_m_s2[1] = h.lead[0] * (a - h.lead[1] * h.lead_m_s2[0]) - h.lead[2] * h.lead_m_s2[1]
+    h.lead_m_s2[0] = a
+    return float(h.lead_m_s2[1])

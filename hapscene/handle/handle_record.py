@@ -1,0 +1,248 @@
+"""A handle with its compensator as one record: what the compiled loop works on, and how it is filled."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.dsp.noise import seeded_state
+from hapscene.errors import HandleError
+from hapscene.handle.compensator import COUNT, find_compensator, weights
+from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, RING, TRAVEL_SHARE
+from hapscene.handle.handle_dynamics import hold
+from hapscene.handle.plant import Array, Plant
+
+RATE_MIN_HZ: Final = 2500.0
+"""Lowest rate of a handle [Hz]: 1 kHz needs more than two samples."""
+
+RATE_MAX_HZ: Final = (RING - 2) / LOOK_AHEAD_S
+"""Highest rate of a handle [Hz]: the look-ahead has room for so many samples."""
+
+ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
+"""Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
+
+ACCELEROMETER_HZ: Final = 1600.0
+"""Bandwidth of the accelerometer, one pole [Hz]: what the same sheet allows at its highest output rate. It is assumed
+known; an error of it is taken for one of mass."""
+
+LEARN_HZ: Final = 9.0
+"""Corner of the signals from which θ is learnt, and for which it is scaled [Hz]; just under the band that is felt."""
+
+HEARD_HZ: Final = (8.0, 500.0)
+"""Band in which the accelerometer is heard, a pole at each end [Hz]. Below, gravity and the hand's own motion would be
+taken for the handle's; above, there is more noise of the accelerometer than news of the handle."""
+
+SPREAD: Final[Mapping[str, float]] = {
+    "m_c_kg": 0.3,
+    "k_s_N_m": 0.3,
+    "b_s_Ns_m": 0.5,
+    "m_h_kg": 0.3,
+    "k_u_N_m": 2.0,
+    "b_u_Ns_m": 2.0,
+}
+"""How far each parameter may be from the nominal before anything is measured, as a standard deviation of its ratio [1].
+The handle is known as well as it was identified, the grip changes by factors. Less for the grip, and a grip four times
+as firm is learnt too late for a tap; less for the masses, and theirs is."""
+
+BOUND: Final = ((0.4, 0.1, 0.4, 0.1, 0.1), (2.5, 5.0, 3.0, 10.0, 10.0))
+"""Least and most of each θ, over the nominal [1]: all six parameters 30 % off and the grip four times as firm, or a
+quarter, lie inside. θ₀, the mass, bounds the force at every frequency that is played."""
+
+KNOCK: Final = 0.25
+"""Force that neither the actuator nor an unlearnt handle explains, over the force limit [1]: the coil met a stop."""
+
+KNOCKED: Final = 0.6
+"""What a knock leaves of the travel that the governor gives out [1]."""
+
+ROOM_BACK_S: Final = 5.0
+"""Time constant at which that travel comes back [s]: longer than most strokes, so that it knocks once and not again."""
+
+DEAF_S: Final = 0.2
+"""How long nothing is learnt after a knock [s]: the filters still ring with it."""
+
+QUIET_M_S2: Final = 1.5
+"""Acceleration below which less and less is learnt [m/s²]: the accelerometer's noise, taken for a movement that no
+force has caused, would make the handle seem lighter and lighter."""
+
+LOUD_S: Final = 0.005
+"""Time over which the mean square of what is played is taken [s]."""
+
+DOUBT_N: Final = 0.05
+"""Force on the handle that is not the actuator's, as a standard deviation of one sample [N]. Less learns faster, and is
+led astray by the accelerometer's noise where little is played."""
+
+DOUBT: Final = 0.03
+"""Share of a force that the model does not explain, as a standard deviation [1]."""
+
+FORGET_S: Final = 0.5
+"""Time after which what was learnt counts as doubtful again [s]: the grip may have changed."""
+
+_LEAD_MAX: Final = 0.5
+"""Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
+
+HANDLE: Final = np.dtype(
+    [
+        *((name, "f8") for name in ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg", "k_u_N_m", "b_u_Ns_m")),  # what is there
+        ("force_limit_N", "f8"),
+        ("travel_limit_m", "f8"),
+        ("rate_Hz", "f8"),
+        ("step", "f8", (5, 5)),  # state and force after a sample
+        ("x", "f8", (4,)),  # x_h, ẋ_h, r, ṙ [m, m/s]
+        ("work", "f8", (2, 5, 5)),  # of the matrix exponential
+        ("hits", "i8"),  # how often the coil met a stop
+        ("clips", "i8"),  # how often the command had to be cut at the force limit
+        ("amplifier_N", "f8"),  # force at the end of the last sample
+        ("amplifier_pole", "f8"),
+        ("amplifier_mean", "f8"),
+        ("noise_m_s2", "f8"),
+        ("sensor_m_s2", "f8"),
+        ("sensor_pole", "f8"),
+        ("rng", "u8", (4,)),
+        ("kind", "i8"),  # 0 no force, 1 mass alone, 2 fixed θ, 3 learnt θ
+        ("g", "f8"),  # tan(ω₀T/2) of the corner at which is learnt, and for which θ is scaled
+        ("g_low", "f8"),  # of the corner that is played at, while there is room
+        ("g_high", "f8"),  # where there is none
+        ("g_now", "f8"),  # and now
+        ("d1", "f8"),
+        ("d2", "f8"),
+        ("lead", "f8", (3,)),  # its gain, zero and pole
+        ("lead_m_s2", "f8", (2,)),  # its last input and output
+        ("wanted", "f8", (6,)),  # integrals of the desired acceleration
+        ("nominal", "f8", (COUNT,)),  # θ of the nominal handle [kg]
+        ("theta", "f8", (COUNT,)),  # θ as known now [kg]
+        ("delay", "i8"),  # look-ahead [samples]
+        ("count", "i8"),  # samples so far
+        ("late", "f8", (RING, COUNT)),  # φ of the last samples
+        ("force_share", "f8"),
+        ("scout_rad_s", "f8"),  # how fast the free coil swings
+        ("scout_step", "f8", (5, 5)),
+        ("scout_x", "f8", (4,)),  # as if all that was asked for were played
+        ("scouted", "f8", (RING, 4)),  # of the last samples
+        ("applied_x", "f8", (4,)),  # as what is played is thought to leave it
+        ("ahead", "f8", (5, 5)),  # state after a look-ahead without force
+        ("released", "f8"),
+        ("release", "f8"),
+        ("first", "i8"),  # ascending gains of the look-ahead lie at first … last−1
+        ("last", "i8"),
+        ("least", "f8", (RING,)),
+        ("when", "i8", (RING,)),
+        ("gains", "i8", (RING,)),
+        ("total", "i8"),
+        ("share", "f8"),
+        ("heard", "f8", (4,)),
+        ("heard_g", "f8"),
+        ("heard_d", "f8"),
+        ("sensed_N", "f8"),
+        ("pushed", "f8", (4,)),
+        ("felt", "f8", (6,)),
+        ("spread", "f8", (COUNT, COUNT)),  # covariance of θ
+        ("spread_before", "f8", (COUNT, COUNT)),  # of θ before anything is measured
+        ("gain", "f8", (COUNT,)),
+        ("theta_low", "f8", (COUNT,)),
+        ("theta_high", "f8", (COUNT,)),
+        ("doubt_N2", "f8"),
+        ("doubt", "f8"),
+        ("loud", "f8"),  # mean square of what is played [m²/s⁴]
+        ("loud_share", "f8"),
+        ("quiet", "f8"),
+        ("room", "f8"),  # share of the travel that knocks have left
+        ("room_m", "f8"),  # travel that the governor gives out, without knocks
+        ("room_back", "f8"),
+        ("knock_N", "f8"),
+        ("knocked", "f8"),
+        ("deaf_count", "i8"),
+        ("deaf", "i8"),  # samples until it is learnt again
+        ("forget", "f8"),
+    ],
+    align=True,
+)
+"""A handle with its compensator, at one rate."""
+
+
+def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, seed: int = 0) -> Any:
+    """A record (1,) `HANDLE` at rest: the handle `plant`, driven as if it were `nominal`; `seed` of the sensor's noise.
+
+    Raises:
+        HandleError: no such compensator, or a rate out of range.
+    """
+    chosen = find_compensator(compensator)
+    if not RATE_MIN_HZ <= rate_Hz <= RATE_MAX_HZ:
+        raise HandleError(f"rate_Hz of a handle must be {RATE_MIN_HZ:g} to {RATE_MAX_HZ:g}, is {rate_Hz!r}")
+    handle = np.zeros(1, HANDLE).view(np.recarray)
+    h = handle[0]
+    h.rate_Hz = rate_Hz
+    _set_plant(h, nominal)
+    hold(h, h.scout_step)
+    h.scout_rad_s = math.sqrt(nominal.k_s_N_m * (1.0 / nominal.m_c_kg + 1.0 / nominal.m_h_kg))
+    _set_plant(h, plant)
+    hold(h, h.step)
+    h.force_limit_N = min(plant.force_limit_N, nominal.force_limit_N)
+    h.travel_limit_m = plant.travel_limit_m
+    h.room, h.room_m = 1.0, TRAVEL_SHARE * min(plant.travel_limit_m, nominal.travel_limit_m)
+    _set_electronics(h, plant, nominal, chosen.leads, seed)
+    h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
+    h.g = math.tan(math.pi * LEARN_HZ / rate_Hz)
+    h.g_low = h.g_now = math.tan(math.pi * chosen.corner_Hz / rate_Hz)
+    h.g_high = math.tan(math.pi * HIGH_HZ / rate_Hz)
+    h.d1, h.d2 = chosen.damping
+    h.force_share = chosen.force_share
+    h.nominal = h.theta = weights(nominal, LEARN_HZ)
+    if chosen.mass_only:
+        h.nominal[1:] = h.theta[1:] = 0.0
+    h.delay = round(LOOK_AHEAD_S * rate_Hz)
+    h.ahead = np.linalg.matrix_power(h.scout_step, h.delay)
+    h.ahead[:, 4] = 0.0
+    h.released, h.release = 1.0, -math.expm1(-1.0 / (RELEASE_S * rate_Hz))
+    h.gains[:] = ONE
+    h.total = (h.delay + 1) * ONE
+    h.share = 1.0 / float(h.total)
+    _set_adaptation(h, nominal, LEARN_HZ)
+    return handle
+
+
+def _set_plant(h: Any, plant: Plant) -> None:
+    for name in ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg", "k_u_N_m", "b_u_Ns_m"):
+        setattr(h, name, getattr(plant, name))
+
+
+def _set_electronics(h: Any, plant: Plant, nominal: Plant, leads: bool, seed: int) -> None:
+    """Amplifier as it is, the lead for the nominal one, and the accelerometer."""
+    h.amplifier_pole, h.amplifier_mean = _lag(plant.amplifier_Hz, h.rate_Hz)
+    pole, mean = _lag(nominal.amplifier_Hz, h.rate_Hz)
+    zero = min((mean - pole) / (1.0 - mean), _LEAD_MAX)
+    h.lead = ((1.0 + zero) / (1.0 - pole), pole, zero) if leads else (1.0, 0.0, 0.0)
+    h.sensor_pole = math.exp(-2.0 * math.pi * ACCELEROMETER_HZ / h.rate_Hz)
+    h.noise_m_s2 = ACCELEROMETER_NOISE_M_S2_RTHZ * math.sqrt(0.5 * h.rate_Hz)
+    h.rng = seeded_state(seed, "accelerometer")
+
+
+def _lag(bandwidth_Hz: float, rate_Hz: float) -> tuple[float, float]:
+    """What is left of a step's distance at the end of a sample, and as a mean over it [1]."""
+    lag = 2.0 * math.pi * bandwidth_Hz / rate_Hz
+    return math.exp(-lag), -math.expm1(-lag) / lag
+
+
+def _set_adaptation(h: Any, nominal: Plant, corner_Hz: float) -> None:
+    middle_Hz = math.sqrt(HEARD_HZ[0] * HEARD_HZ[1])
+    h.heard_g, h.heard_d = math.tan(math.pi * middle_Hz / h.rate_Hz), sum(HEARD_HZ) / middle_Hz
+    h.spread_before = h.spread = prior(nominal, corner_Hz)
+    h.theta_low, h.theta_high = np.multiply(BOUND, h.nominal)
+    h.room_back = -math.expm1(-1.0 / (ROOM_BACK_S * h.rate_Hz))
+    h.knocked = KNOCKED
+    h.knock_N, h.deaf_count = KNOCK * nominal.force_limit_N, round(DEAF_S * h.rate_Hz)
+    h.doubt_N2, h.doubt = DOUBT_N**2, DOUBT
+    h.quiet, h.loud_share = QUIET_M_S2**2, -math.expm1(-1.0 / (LOUD_S * h.rate_Hz))
+    h.forget = -math.expm1(-1.0 / (FORGET_S * h.rate_Hz))
+
+
+def prior(nominal: Plant, corner_Hz: float) -> Array:
+    """Covariance (5, 5) of θ [kg²] where the parameters are off by `SPREAD`, to first order."""
+    step = 1e-4
+    base = weights(nominal, corner_Hz)
+    rows = []
+    for name, spread in SPREAD.items():
+        there = replace(nominal, **{name: getattr(nominal, name) * (1.0 + step)})
+        rows.append((weights(there, corner_Hz) - base) * (spread / step))
+    return np.asarray(np.transpose(rows) @ rows)

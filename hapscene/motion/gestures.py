@@ -1,0 +1,171 @@
+"""Gestures of a hand on a scene, as intentions: where it aims, how deep, and how firmly it holds.
+
+A hand presses by aiming below the surface: with a grip of k [N/m] it aims F/k deep to press with F on what does not
+give way, so that a light grip aims deep and yields, and a firm one aims shallow and insists.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.hand import GRIPS, Grip, grip_named
+from hapscene.errors import PathError, no_such
+from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
+from hapscene.motion.look_from_above import UNSEEN, Line, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.twin.hand_intent import Intent
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+STROKE_N: Final = 0.6
+"""Force of strokes and taps [N]: what people choose when they feel a texture lies between 0.3 and 1 N."""
+
+PRESS_N: Final = 1.5
+"""Force of a press [N]: half of what an Omni can give."""
+
+RAMP_S: Final = 0.3
+"""How long a hand takes to change its grip [s]."""
+
+FREE_S: Final = 0.6
+"""How long a hand that has let go waits before it takes the tool again [s]."""
+
+REACH: Final = 0.35
+"""Radius of a circle over the shorter of the two best lines [1]."""
+
+
+def act(name: str, scene: "Scene", tick_s: float, grip: str = "light") -> Intent:
+    """A gesture of `GESTURES` on the first body that can be seen from above.
+
+    Args:
+        name: which.
+        scene: where.
+        tick_s: period of a tick [s].
+        grip: how firmly the tool is held, a name of `hapscene.device.hand.GRIPS`.
+
+    Raises:
+        HapsceneError: no gesture or grip of that name, or a grip that cannot press.
+        PathError: no body shows an outer face upwards.
+    """
+    if name not in GESTURES:
+        raise PathError(no_such("gesture", name, GESTURES))
+    held = grip_named(grip)
+    if held.k_N_m == 0.0:
+        raise PathError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
+    return GESTURES[name](scene, tick_s, held)
+
+
+class _Place:
+    """Where a gesture is made: the best lines on the first body that can be seen, and a hand above them."""
+
+    def __init__(self, scene: "Scene", tick_s: float) -> None:
+        self.look = look_from_above(scene)
+        for index, body in enumerate(scene.bodies):
+            window_m = window_of(bounds_of(body))
+            lines = lines_of(self.look, index, window_m)
+            if len(lines) == 2:
+                break
+        else:
+            raise PathError(f"{UNSEEN}; or follow a path: --hand follow --path hand.csv")
+        self.line: Line = lines[0]
+        self.middle_m = between(*lines[0], 0.5)
+        self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
+        size_m = float(np.min(window_m[1] - window_m[0]))
+        hover_m = min(HOVER_M, 0.2 * size_m)
+        z_m = float(self.look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
+        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, self.look, hover_m)
+        self.hand.rest(0.05)
+
+    def intent(self, grip: Grip | NDArray[np.float64]) -> Intent:
+        """What was built, and half a second of rest after it, in which what buzzes is seen."""
+        self.hand.rest(0.5)
+        path = self.hand.p_WT_m
+        if isinstance(grip, Grip):
+            return Intent.along(path, grip)
+        return Intent.along(path, np.concatenate((grip, np.tile(grip[-1], (len(path) - len(grip), 1)))))
+
+
+def _tap(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    for share in (0.3, 0.5, 0.7):
+        place.hand.tap(*between(*place.line, share), STROKE_N / grip.k_N_m)
+    return place.intent(grip)
+
+
+def _press(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=1.0)
+    return place.intent(grip)
+
+
+def _stroke(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    place.hand.stroke(*place.line, STROKE_N / grip.k_N_m)
+    place.hand.stroke(*place.line[::-1], STROKE_N / grip.k_N_m)
+    return place.intent(grip)
+
+
+def _circle(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    place.hand.circle(place.middle_m, place.reach_m, STROKE_N / grip.k_N_m)
+    return place.intent(grip)
+
+
+def _scrub(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    place.hand.scrub(between(*place.line, 0.3), between(*place.line, 0.7), 2 * STROKE_N / grip.k_N_m)
+    return place.intent(grip)
+
+
+def _hesitate(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    place = _Place(scene, tick_s)
+    place.hand.hesitate(*place.line, STROKE_N / grip.k_N_m)
+    return place.intent(grip)
+
+
+def _let_go(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    """Press, let go while pressed in, and take the tool again a little above."""
+    place = _Place(scene, tick_s)
+    place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=0.0, lift=False)
+    place.hand.rest(0.3)
+    pressed = np.tile(grip.row(), (place.hand.tick_count, 1))
+    place.hand.rest(FREE_S)
+    free = np.zeros((place.hand.tick_count - len(pressed), 3))
+    return place.intent(np.concatenate((pressed, free, _ramp(Grip(0.0, 0.0), grip, tick_s))))
+
+
+def _grip_firmly(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    """A stroke in the middle of which the hand takes a firm grip; the force it presses with stays."""
+    place = _Place(scene, tick_s)
+    way = place.hand.line(*place.line, STROKE_M_S)
+    ramp = _ramp(grip, GRIPS["firm"], tick_s)
+    before = max((len(way) - len(ramp)) // 2, 0)
+    rows = np.concatenate((np.tile(grip.row(), (before, 1)), ramp))[: len(way)]
+    rows = np.concatenate((rows, np.tile(GRIPS["firm"].row(), (len(way) - len(rows), 1))))
+    start = place.hand.trace(way, STROKE_N / rows[:, 0])
+    return place.intent(np.concatenate((np.tile(grip.row(), (start, 1)), rows)))
+
+
+def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
+    """Rows (k, 3) from one grip to another."""
+    share = np.linspace(0.0, 1.0, max(round(RAMP_S / tick_s), 2))[:, None]
+    return np.asarray(grip.row() + share * (to.row() - grip.row()))
+
+
+def _explore(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+    return Intent.along(explore(scene, tick_s, STROKE_N / grip.k_N_m), grip)
+
+
+GESTURES: Final[dict[str, Callable[["Scene", float, Grip], Intent]]] = {
+    "tap": _tap,
+    "press": _press,
+    "stroke": _stroke,
+    "circle": _circle,
+    "scrub": _scrub,
+    "hesitate": _hesitate,
+    "let-go": _let_go,
+    "grip-firmly": _grip_firmly,
+    "explore": _explore,
+}
+"""Gestures by name."""

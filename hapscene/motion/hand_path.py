@@ -1,0 +1,224 @@
+"""A hand made from parts: taps, presses and strokes, for the demo and for meshes without a recorded path.
+
+Every movement follows the minimum-jerk profile that free human movement follows (Flash & Hogan 1985).
+"""
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import PathError
+from hapscene.motion.look_from_above import UNSEEN, Look, between, bounds_of, lines_of, look_from_above, window_of
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+HOVER_M: Final = 0.012
+"""Height over the surface from which a movement begins and at which it ends [m]."""
+
+DEPTH_M: Final = 0.0015
+"""How deep taps, presses and strokes go [m]: 0.75 N on the default stiffness."""
+
+STROKE_M_S: Final = 0.12
+"""Mean speed of a stroke [m/s]: what people choose when they feel a texture."""
+
+SCRUB_M_S: Final = 0.25
+"""Mean speed of rubbing to and fro [m/s]."""
+
+HESITATION_S: Final = 0.4
+"""How long a hesitating hand waits [s]: long enough for a tool that creeps to be seen."""
+
+SMOOTH_S: Final = 0.006
+"""Standard deviation of the smoothing of a stroke's height [s]: a hand makes no steps."""
+
+CLIMB: Final = 3.0
+"""Steepest slope that a stroke follows [1], 72°. What is steeper it climbs in the air, at this slope: a tool that is
+dragged along below the top of a wall would be held by the wall, not stroke over it."""
+
+LIFT: Final = 0.5
+"""How far a stroke lifts off over a wall, as a fraction of its depth [1]; a wall is what is over a fifth of this."""
+
+TRANSFER_M_S: Final = 0.3
+"""Mean speed in the air, from one place to another [m/s]."""
+
+BODY_MAX: Final = 4
+"""Most bodies that `explore` feels [count]: about three seconds each."""
+
+
+class Hand:
+    """A path of the tool, built from movements of which each begins where the last one ended."""
+
+    def __init__(self, p_WT_m: tuple[float, float, float], tick_s: float, look: Look, hover_m: float = HOVER_M) -> None:
+        self._pieces: list[NDArray[np.float64]] = [np.array([p_WT_m], dtype=float)]
+        self._tick_s = tick_s
+        self._look = look
+        self.hover_m = hover_m
+
+    @property
+    def p_WT_m(self) -> NDArray[np.float64]:
+        """The path so far (n, 3) [m], a row per tick."""
+        return np.concatenate(self._pieces)
+
+    @property
+    def tick_count(self) -> int:
+        """Ticks so far."""
+        return sum(len(piece) for piece in self._pieces)
+
+    def move(self, to_m: tuple[float, float, float], duration_s: float) -> None:
+        """Move straight to a point."""
+        start_m = self._pieces[-1][-1]
+        self._pieces.append(start_m + self._share(duration_s)[:, None] * (np.array(to_m) - start_m))
+
+    def rest(self, duration_s: float) -> None:
+        """Stay."""
+        self._pieces.append(np.repeat(self._pieces[-1][-1:], len(self._share(duration_s)), axis=0))
+
+    def tap(self, x_m: float, y_m: float, depth_m: float = DEPTH_M) -> None:
+        """Go over a point, touch it shortly, come back."""
+        self._press(x_m, y_m, depth_m, down_s=0.1, hold_s=0.0)
+
+    def press(
+        self, x_m: float, y_m: float, depth_m: float = 2 * DEPTH_M, hold_s: float = 0.2, lift: bool = True
+    ) -> None:
+        """Go over a point, press it slowly, hold, and, if told to lift, come back."""
+        self._press(x_m, y_m, depth_m, 0.2, hold_s, lift)
+
+    def stroke(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float = DEPTH_M) -> None:
+        """Stroke the surface along a line in x and y, from above its start to above its end."""
+        self.trace(self.line(start_m, end_m, STROKE_M_S), depth_m)
+
+    def scrub(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float, count: int = 4) -> None:
+        """Rub to and fro along a line, `count` times, without lifting."""
+        way = self.line(start_m, end_m, SCRUB_M_S)
+        self.trace(np.concatenate([way if k % 2 == 0 else way[::-1] for k in range(2 * count)]), depth_m)
+
+    def circle(self, centre_m: tuple[float, float], radius_m: float, depth_m: float, turns: int = 3) -> None:
+        """Circle over a point, at the speed of a stroke."""
+        duration_s = 2.0 * np.pi * radius_m * turns / STROKE_M_S
+        angle = 2.0 * np.pi * turns * np.append(0.0, self._share(duration_s))
+        self.trace(np.add(centre_m, radius_m * np.column_stack((np.cos(angle), np.sin(angle)))), depth_m)
+
+    def hesitate(self, start_m: tuple[float, float], end_m: tuple[float, float], depth_m: float) -> None:
+        """Stroke half the line, stop, wait pressed down, and go on."""
+        middle_m = between(start_m, end_m, 0.5)
+        first, second = self.line(start_m, middle_m, STROKE_M_S), self.line(middle_m, end_m, STROKE_M_S)
+        wait = np.tile(first[-1], (len(self._share(HESITATION_S)), 1))
+        self.trace(np.concatenate((first, wait, second)), depth_m)
+
+    def trace(self, way_m: NDArray[np.float64], depth_m: float | NDArray[np.float64]) -> int:
+        """Follow the surface under a curve (k, 2), a row per tick, from above its start to above its end.
+
+        The depth is one, or one for each row (k,). Returns the tick at which the curve starts.
+        """
+        depths_m = np.broadcast_to(depth_m, len(way_m))
+        way = np.column_stack((way_m, self._follow(way_m[:, 0], way_m[:, 1], depths_m)))
+        (x0, y0, z0), (x1, y1, z1) = way[0].tolist(), way[-1].tolist()
+        self._go_over(x0, y0, z0 + float(depths_m[0]) + self.hover_m)
+        self.move((x0, y0, z0), 0.15)
+        start = self.tick_count - 1
+        self._pieces.append(way[1:])
+        self.move((x1, y1, z1 + float(depths_m[-1]) + self.hover_m), 0.12)
+        return start
+
+    def line(self, start_m: tuple[float, float], end_m: tuple[float, float], speed_m_s: float) -> NDArray[np.float64]:
+        """A line in x and y (k, 2) at a mean speed, a row per tick."""
+        span_m = np.subtract(end_m, start_m)
+        share = self._share(max(float(np.hypot(*span_m)) / speed_m_s, 0.3))
+        return np.asarray(start_m + np.append(0.0, share)[:, None] * span_m)
+
+    def _press(self, x_m: float, y_m: float, depth_m: float, down_s: float, hold_s: float, lift: bool = True) -> None:
+        z_m = float(self._look(np.array([x_m]), np.array([y_m])).z_m[0])
+        self._go_over(x_m, y_m, z_m + self.hover_m)
+        self.move((x_m, y_m, z_m - depth_m), down_s)
+        if hold_s > 0:
+            self.rest(hold_s)
+        if lift:
+            self.move((x_m, y_m, z_m + self.hover_m), down_s)
+
+    def _go_over(self, x_m: float, y_m: float, z_m: float) -> None:
+        """Move to a point in the air: up, across above all that lies between, down."""
+        here_m = self._pieces[-1][-1]
+        way_m = np.linspace(here_m[:2], (x_m, y_m), 50)
+        top_m = float(np.nanmax(np.append(self._look(way_m[:, 0], way_m[:, 1]).z_m, -np.inf)))
+        safe_m = max(top_m + self.hover_m / 2, float(here_m[2]), z_m)
+        for point_m in ((here_m[0], here_m[1], safe_m), (x_m, y_m, safe_m), (x_m, y_m, z_m)):
+            far_m = float(np.linalg.norm(np.subtract(point_m, self._pieces[-1][-1])))
+            if far_m > self.hover_m * 1e-3:
+                self.move(point_m, float(np.clip(far_m / TRANSFER_M_S, 0.08, 0.6)))
+
+    def _share(self, duration_s: float) -> NDArray[np.float64]:
+        """How much of a movement is done at each of its ticks, its start left out, 0 … 1: minimum jerk."""
+        count = max(round(duration_s / self._tick_s), 1)
+        s = np.arange(1, count + 1) / count
+        return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+    def _follow(
+        self, x_m: NDArray[np.float64], y_m: NDArray[np.float64], depth_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Heights of a stroke: `depth_m` (k,) below the surface, off it where steeper than `CLIMB`, and smooth."""
+        from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
+        z_m = self._look(x_m, y_m).z_m
+        seen = np.flatnonzero(np.isfinite(z_m))
+        z_m = np.interp(np.arange(len(z_m)), seen, z_m[seen])
+        rise_m = CLIMB * np.hypot(np.diff(x_m), np.diff(y_m))
+        over_m = _climbed(_climbed(z_m, rise_m)[::-1], rise_m[::-1])[::-1]
+        sigma = SMOOTH_S / self._tick_s
+        lift_m = LIFT * depth_m
+        lifted = maximum_filter1d((over_m - z_m > 0.2 * lift_m).astype(float), 2 * int(3 * sigma) + 1)
+        return np.asarray(gaussian_filter1d(over_m - depth_m + lifted * (depth_m + lift_m), sigma, mode="nearest"))
+
+
+def _climbed(z_m: NDArray[np.float64], rise_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The lowest heights at or over `z_m` (n,) that fall from one to the next by at most `rise_m` (n − 1,)."""
+    over_m = z_m.copy()
+    for k, most_m in enumerate(rise_m):
+        over_m[k + 1] = max(over_m[k + 1], over_m[k] - most_m)
+    return over_m
+
+
+def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDArray[np.float64]:
+    """A hand that feels a scene from above: on each body a tap, a press, and two strokes.
+
+    The strokes go where they cross the most borders between swatches. The path follows from the scene alone.
+
+    Args:
+        scene: with one body or more; the first `BODY_MAX` that can be seen from above are felt.
+        tick_s: period of a tick [s].
+        depth_m: how deep taps and strokes go [m]; else `DEPTH_M`, or a twentieth of a small body's size.
+
+    Returns:
+        p_WT (n, 3) [m].
+
+    Raises:
+        PathError: no body shows an outer face upwards.
+    """
+    look = look_from_above(scene)
+    hand: Hand | None = None
+    felt_count = 0
+    for index, body in enumerate(scene.bodies):
+        window_m = window_of(bounds_of(body))
+        rows = lines_of(look, index, window_m)
+        if len(rows) < 2 or felt_count == BODY_MAX:
+            continue
+        felt_count += 1
+        first, second = rows
+        size_m = float(np.min(window_m[1] - window_m[0]))
+        hover_m = min(HOVER_M, 0.2 * size_m)
+        deep_m = min(DEPTH_M, 0.05 * size_m) if depth_m is None else depth_m
+        x_m, y_m = between(*first, 0.2)
+        if hand is None:
+            z_m = float(look(np.array([x_m]), np.array([y_m])).z_m[0])
+            hand = Hand((x_m, y_m, z_m + 2 * hover_m), tick_s, look)
+            hand.rest(0.1)
+        hand.hover_m = hover_m
+        hand.tap(x_m, y_m, deep_m)
+        hand.tap(*between(*first, 0.8), deep_m)
+        hand.press(*between(*second, 0.5), 2 * deep_m)
+        hand.stroke(*first, deep_m)
+        hand.stroke(*second, deep_m)
+    if hand is None:
+        raise PathError(f"{UNSEEN}; or give a path by --path")
+    hand.rest(0.2)
+    return hand.p_WT_m

@@ -1,0 +1,136 @@
+"""A scene as it is seen from above: where there is something to touch, and which lines are worth a stroke."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+Line = tuple[tuple[float, float], tuple[float, float]]
+"""Start and end in x and y [m]."""
+
+WINDOW_M: Final = 0.2
+"""Widest part of a body that is felt [m]: about what a hand reaches without moving the arm."""
+
+GRID: Final = 25
+"""Points along each side of the grid by which a body is looked at from above [count]."""
+
+UNSEEN: Final = (
+    "no body shows an outer face upwards, so nothing can be touched from above; where faces are turned inward "
+    "(`hapscene check` tells), feel both sides: --two-sided"
+)
+"""What is said of a scene that shows nothing."""
+
+
+@dataclass(frozen=True)
+class TopView:
+    """What is seen from above at k places."""
+
+    z_m: NDArray[np.float64]
+    """(k,) height of the surface, NaN where there is none."""
+    body: NDArray[np.int64]
+    """(k,) index of the body, −1 where there is none; likewise `swatch`."""
+    swatch: NDArray[np.int64]
+
+
+Look = Callable[[NDArray[np.float64], NDArray[np.float64]], TopView]
+"""Looks down at x_m (k,), y_m (k,)."""
+
+
+def look_from_above(scene: "Scene") -> Look:
+    """A function that looks down on the scene. What turns its inner side up is not seen, unless two-sided.
+
+    Through trimesh's rays: float32, good to a micrometre at a scene's size, which is enough to aim.
+    """
+    top_m = max(float(bounds_of(body)[1, 2]) for body in scene.bodies) + 1.0
+    casters = {id(body.mesh): _caster(body.mesh) for body in scene.bodies}
+
+    def look(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> TopView:
+        count = len(x_m)
+        z_m, seen_body, swatch = np.full(count, np.nan), np.full(count, -1), np.full(count, -1)
+        start_m = np.column_stack((x_m, y_m, np.full(count, top_m)))
+        for index, body in enumerate(scene.bodies):
+            R_WB, p_WB = body.X_WB[:3, :3], body.X_WB[:3, 3]
+            down_B = np.tile(-R_WB[2], (count, 1))
+            at_m, ray, face = casters[id(body.mesh)].intersects_location(
+                (start_m - p_WB) @ R_WB, down_B, multiple_hits=False
+            )
+            up = body.mesh.normals[face] @ R_WB[2]
+            height_m = at_m @ R_WB[2] + p_WB[2]
+            better = ((up > 0.05) | body.two_sided) & ~(height_m <= z_m[ray])
+            ray = ray[better]
+            z_m[ray], seen_body[ray] = height_m[better], index
+            swatch[ray] = body.face_swatch[face[better]]
+        return TopView(z_m, seen_body, swatch)
+
+    return look
+
+
+def _caster(mesh: Any) -> Any:
+    import trimesh
+    from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+    return RayMeshIntersector(trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False))
+
+
+def bounds_of(body: Any) -> NDArray[np.float64]:
+    """Lowest and highest corner of the body in W (2, 3) [m]."""
+    low_m, high_m = body.mesh.bounds_m
+    corners_m = np.array(
+        [[x, y, z] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1]) for z in (low_m[2], high_m[2])]
+    )
+    corners_m = corners_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+    return np.array([corners_m.min(axis=0), corners_m.max(axis=0)])
+
+
+def window_of(bounds_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The part of a body's extent in x and y that is felt (2, 2) [m]."""
+    middle_m, half_m = bounds_m[:, :2].mean(axis=0), np.ptp(bounds_m[:, :2], axis=0) / 2
+    half_m = np.minimum(half_m * 0.96, WINDOW_M / 2)
+    return np.array([middle_m - half_m, middle_m + half_m])
+
+
+def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]:
+    """The best line to stroke along x and the best along y; fewer where the body is not seen."""
+    x_m, y_m = (np.linspace(window_m[0, k], window_m[1, k], GRID) for k in (0, 1))
+    X_m, Y_m = np.meshgrid(x_m, y_m)
+    view = look(X_m.ravel(), Y_m.ravel())
+    seen = (view.body == body).reshape(GRID, GRID)
+    swatch = view.swatch.reshape(GRID, GRID)
+    lines = []
+    for mask, colour, along_x in ((seen, swatch, True), (seen.T, swatch.T, False)):
+        runs = [_longest_run(row) for row in mask]
+        scores = [_score(colour[k, a:b], k) if b - a > 2 else -1.0 for k, (a, b) in enumerate(runs)]
+        best = int(np.argmax(scores))
+        if scores[best] < 0:
+            continue
+        a, b = runs[best]
+        inset = 1 if b - a > 6 else 0  # not from the very edge
+        ends = (a + inset, b - 1 - inset)
+        place = [(X_m[best, k], Y_m[best, k]) if along_x else (X_m[k, best], Y_m[k, best]) for k in ends]
+        lines.append(((float(place[0][0]), float(place[0][1])), (float(place[1][0]), float(place[1][1]))))
+    return lines
+
+
+def _score(swatch: NDArray[np.int64], row: int) -> float:
+    """How much there is to feel on a line: borders first, then length, then nearness to the middle."""
+    return 10.0 * np.count_nonzero(np.diff(swatch)) + len(swatch) / GRID - abs(row - GRID // 2) / GRID
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Start and end of the longest unbroken run of True."""
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    if not len(edges):
+        return 0, 0
+    start, end = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return int(start), int(end)
+
+
+def between(start_m: tuple[float, float], end_m: tuple[float, float], share: float) -> tuple[float, float]:
+    """The point at a share of a line, 0 … 1."""
+    x_m, y_m = np.add(start_m, share * np.subtract(end_m, start_m))
+    return float(x_m), float(y_m)

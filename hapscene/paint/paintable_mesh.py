@@ -1,0 +1,433 @@
+"""A mesh prepared to be painted: what a ray hits, which faces a brush or a bucket reaches. Built once at load."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.constants import SKIN_RATIO
+from hapscene.contact.embree import Search, first_face, new_ray
+from hapscene.errors import SceneError
+from hapscene.geometry import Vector, dot, sub
+from hapscene.native import native
+from hapscene.scene.body import Body, rigid
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.topology import connected, edges_of, weld
+
+# The brush's walk over the surface, compiled: from face to face while they are under it.
+#
+# A brush of radius r moves along a segment. The walk starts at the faces at its two ends and goes on to every face that
+# shares a vertex with one already reached, is nearer than r to the segment (triangle against segment, after Ericson,
+# Real-Time Collision Detection (2005), 5.1.5, 5.1.9 and 5.1.10), and looks the same way as one of the ends.
+
+
+WAY_SHARE: Final = 0.1
+"""How near the way must pass by a face that counts as gone over, in radii of the brush [1]: more than a chord of a
+short way leaves the surface by, and too little to be seen as a wider brush."""
+
+
+@native
+def point_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
+    """Squared distance [m²] of a point from a triangle."""
+    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
+    d1, d2 = dot(ab, ap), dot(ac, ap)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return dot(ap, ap)
+    bp = sub(p, b)
+    d3, d4 = dot(ab, bp), dot(ac, bp)
+    if d3 >= 0.0 and d4 <= d3:
+        return dot(bp, bp)
+    cp = sub(p, c)
+    d5, d6 = dot(ab, cp), dot(ac, cp)
+    if d6 >= 0.0 and d5 <= d6:
+        return dot(cp, cp)
+    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return _off(ap, ab, d1 / (d1 - d3))
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return _off(ap, ac, d2 / (d2 - d6))
+    if va <= 0.0 and d4 >= d3 and d5 >= d6:
+        return _off(bp, sub(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)))
+    total = va + vb + vc
+    if total <= 0.0:  # no area: its edges are all there is
+        return min(
+            _off(ap, ab, _share(ap, ab)), _off(ap, ac, _share(ap, ac)), _off(bp, sub(c, b), _share(bp, sub(c, b)))
+        )
+    v, w = vb / total, vc / total
+    gap = (ap[0] - v * ab[0] - w * ac[0], ap[1] - v * ab[1] - w * ac[1], ap[2] - v * ab[2] - w * ac[2])
+    return dot(gap, gap)
+
+
+@native
+def _share(ap: Vector, ab: Vector) -> float:
+    """Where on a segment a point is nearest to, 0 to 1."""
+    length2 = dot(ab, ab)
+    return min(max(dot(ap, ab) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+
+
+@native
+def _off(ap: Vector, ab: Vector, t: float) -> float:
+    """Squared distance from a + t ab."""
+    gap = (ap[0] - t * ab[0], ap[1] - t * ab[1], ap[2] - t * ab[2])
+    return dot(gap, gap)
+
+
+@native
+def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
+    """Squared distance [m²] of two segments."""
+    d1, d2, r = sub(q, p), sub(b, a), sub(p, a)
+    l1, l2, f = dot(d1, d1), dot(d2, d2), dot(d2, r)
+    if l1 == 0.0:
+        return _off(sub(p, a), d2, _share(sub(p, a), d2))
+    c = dot(d1, r)
+    if l2 == 0.0:
+        return _off(sub(a, p), d1, _share(sub(a, p), d1))
+    both = dot(d1, d2)
+    across = l1 * l2 - both * both
+    s = min(max((both * f - c * l2) / across, 0.0), 1.0) if across > 1e-14 * l1 * l2 else 0.0
+    t = (both * s + f) / l2
+    if t < 0.0:
+        t, s = 0.0, min(max(-c / l1, 0.0), 1.0)
+    elif t > 1.0:
+        t, s = 1.0, min(max((both - c) / l1, 0.0), 1.0)
+    gap = (
+        r[0] + s * d1[0] - t * d2[0],
+        r[1] + s * d1[1] - t * d2[1],
+        r[2] + s * d1[2] - t * d2[2],
+    )
+    return dot(gap, gap)
+
+
+@native
+def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
+    """Whether a segment goes through a triangle."""
+    ab, ac, pq, ap = sub(b, a), sub(c, a), sub(q, p), sub(p, a)
+    n = (ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2], ab[0] * ac[1] - ab[1] * ac[0])
+    over, under = dot(n, ap), dot(n, pq)
+    if under == 0.0 or over * (over + under) > 0.0:
+        return False
+    t = -over / under
+    x = (ap[0] + t * pq[0], ap[1] + t * pq[1], ap[2] + t * pq[2])
+    bb, bc, cc, xb, xc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(x, ab), dot(x, ac)
+    det = bb * cc - bc * bc
+    if det <= 0.0:
+        return False
+    v, w = (cc * xb - bc * xc) / det, (bb * xc - bc * xb) / det
+    return bool(v >= 0.0 and w >= 0.0 and v + w <= 1.0)
+
+
+@native
+def segment_triangle(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> float:
+    """Squared distance [m²] of a segment from a triangle."""
+    if pierces(p, q, a, b, c):
+        return 0.0
+    return min(
+        point_triangle(p, a, b, c),
+        point_triangle(q, a, b, c),
+        segment_segment(p, q, a, b),
+        segment_segment(p, q, b, c),
+        segment_segment(p, q, c, a),
+    )
+
+
+@native
+def _corner(corner_m: Any, face: int, k: int) -> Vector:
+    return corner_m[face, k, 0], corner_m[face, k, 1], corner_m[face, k, 2]
+
+
+@native
+def reach(
+    shape: Any, net: Any, work: Any, number: int, ends: Any, points: Any, radius_m: float, facing_cos: float
+) -> int:
+    """Write the faces under the brush into the last array of `work`; how many they are.
+
+    Args:
+        shape: corners (M, 3, 3), centroids (M, 3) [m] and unit normals (M, 3).
+        net: welded vertices (M, 3), and face corners around each vertex: (3M,) from (N + 1,) on.
+        work: of the faces and of the vertices in which round they were seen (M,), (N,); two lists of faces (M,).
+        number: of this round, above all before it.
+        ends: faces at both ends of the way.
+        points: places there [m].
+        radius_m: of the brush [m].
+        facing_cos: cosine of the most that a face may be turned from both ends' [1].
+    """
+    corner_m, centroid_m, normal = shape
+    vertex, around, start = net
+    seen_face, seen_vertex, queue, painted = work
+    p, q = points
+    radius2, way2 = radius_m * radius_m, (WAY_SHARE * radius_m) ** 2
+    count = waiting = 0
+    for end in ends:
+        if seen_face[end] != number:
+            seen_face[end] = number
+            queue[waiting] = end
+            waiting += 1
+            painted[count] = end
+            count += 1
+    n0 = (normal[ends[0], 0], normal[ends[0], 1], normal[ends[0], 2])
+    n1 = (normal[ends[1], 0], normal[ends[1], 1], normal[ends[1], 2])
+    at = 0
+    while at < waiting:
+        face = queue[at]
+        at += 1
+        for k in range(3):
+            v = vertex[face, k]
+            if seen_vertex[v] == number:
+                continue
+            seen_vertex[v] = number
+            for i in range(start[v], start[v + 1]):
+                other = around[i] // 3
+                if seen_face[other] == number:
+                    continue
+                seen_face[other] = number
+                n = (normal[other, 0], normal[other, 1], normal[other, 2])
+                flat = n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0
+                if not flat and dot(n, n0) < facing_cos and dot(n, n1) < facing_cos:
+                    continue
+                a, b, c = _corner(corner_m, other, 0), _corner(corner_m, other, 1), _corner(corner_m, other, 2)
+                away2 = segment_triangle(p, q, a, b, c)
+                if away2 > radius2:
+                    continue
+                queue[waiting] = other
+                waiting += 1
+                middle = (centroid_m[other, 0], centroid_m[other, 1], centroid_m[other, 2])
+                gap = sub(middle, p)
+                way = sub(q, p)
+                if away2 <= way2 or _off(gap, way, _share(gap, way)) <= radius2:
+                    painted[count] = other
+                    count += 1
+    return count
+
+
+Row = NDArray[np.float64]
+
+FACING_RAD: Final = math.radians(80.0)
+"""Most that a face may be turned from where a brush touches, to be painted by it [rad]. Under 90°, so that a brush near
+an edge stays on its side of it, and never reaches the back of a wall; far enough that a scan's roughness leaves no
+holes."""
+
+BEND_ROUNDING_RAD: Final = 1e-9
+"""What a facet's angle is widened by [rad], as `hapscene.scene.region.Facet` does."""
+
+
+class PaintableMesh:
+    """A mesh with what picking, brush and bucket need.
+
+    Attributes:
+        mesh: in the body's frame B.
+        corner_m: (M, 3, 3) float64, corners of every face [m].
+        centroid_m: (M, 3) of every face [m].
+        normal: (M, 3) unit normals; zero where a face has no area.
+        welded: (N,) int64, the first vertex at the place of each one: `hapscene.scene.topology.weld`.
+        pairs: (n, 2) int64, faces on both sides of every edge that has just two.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.corner_m = np.ascontiguousarray(mesh.triangles_m)
+        self.centroid_m = np.asarray(self.corner_m.mean(axis=1))
+        self.normal = np.ascontiguousarray(mesh.normals)
+        self._search = Search(mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
+        self._ray = new_ray()
+        self.welded = weld(mesh.vertices_m)
+        self._vertex = self.welded[mesh.faces].astype(np.int32)  # faces meet where their corners are at one place
+        self._around = np.argsort(self._vertex.ravel(), kind="stable").astype(np.int32)
+        count = np.bincount(self._vertex.ravel(), minlength=len(mesh.vertices_m))
+        self._start = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+        self._seen_face = np.zeros(len(mesh.faces), np.int32)
+        self._seen_vertex = np.zeros(len(mesh.vertices_m), np.int32)
+        self._queue = np.zeros(len(mesh.faces), np.int32)
+        self._painted = np.zeros(len(mesh.faces), np.int32)
+        self._round = 0
+        self.pairs, self._bend_rad = self._edges()
+        here = self.centroid_m[0]
+        self.brush((0, 0), (here, here), mesh.diagonal_m * 1e-9)  # compiles the walk now, not in the first stroke
+
+    def pick(self, origin_B_m: Row, direction_B: Row) -> tuple[int, float, Row] | None:
+        """The first face along a ray from a point (3,) [m], its distance [m] and the point (3,) on it; None without.
+
+        Faces are met from both sides. Embree (float32) names the face; the point is computed in float64 on its plane.
+        """
+        direction = direction_B / np.linalg.norm(direction_B)
+        origin = origin_B_m - self._search.center_m
+        # near the mesh the ray has more digits: it starts where it enters the ball around it
+        ahead = max(0.0, float(np.linalg.norm(origin)) - 1.01 * self._search.radius_m)
+        start = origin + ahead * direction
+        far = float(np.linalg.norm(start)) + 2.0 * self._search.radius_m
+        args: tuple[Any, ...] = (tuple(start.tolist()), tuple(direction.tolist()), far, 0)
+        face = int(first_face(self._search.handle, self._ray, *args))
+        if face < 0:
+            return None
+        distance = ahead + float(self._ray[8])
+        across = float(self.normal[face] @ direction)
+        if abs(across) > 1e-6:
+            exact = float(self.normal[face] @ (self.corner_m[face, 0] - origin_B_m)) / across
+            if abs(exact - distance) <= 1e-4 * (distance + self._search.radius_m):
+                distance = exact
+        return face, distance, np.asarray(origin_B_m + distance * direction)
+
+    def brush(
+        self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float, facing_rad: float = FACING_RAD
+    ) -> NDArray[np.int64]:
+        """Faces (n,) under a brush that moves from one place on the surface to another, each given by face and point.
+
+        Painted are the faces whose centroid is in the capsule of that radius about the way, those that the way
+        itself goes over, and the two faces at its ends; only where the surface leads there from either end inside the
+        capsule, and is turned no more than `facing_rad` from it. So a brush does not reach through a thin wall.
+        """
+        self._round += 1
+        count = reach(
+            (self.corner_m, self.centroid_m, self.normal),
+            (self._vertex, self._around, self._start),
+            (self._seen_face, self._seen_vertex, self._queue, self._painted),
+            self._round,
+            (int(faces[0]), int(faces[1])),
+            (tuple(ends_B_m[0].tolist()), tuple(ends_B_m[1].tolist())),
+            float(radius_m),
+            math.cos(facing_rad),
+        )
+        return np.sort(self._painted[:count]).astype(np.int64)
+
+    def longest_edge_m(self, face: int) -> float:
+        """Of a face [m]."""
+        corners = self.corner_m[face]
+        return float(np.linalg.norm(corners - corners[[1, 2, 0]], axis=1).max())
+
+    def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
+        """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
+        label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
+        return np.asarray(label == label[face])
+
+    def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Faces on both sides (n, 2) of each edge with just two, and by how much it bends (n,) [rad]."""
+        pairs, alike = edges_of(self.mesh.faces, self.welded).pairs()
+        other = np.where(alike, 1.0, -1.0)[:, None] * self.normal[pairs[:, 1]]
+        chord = np.linalg.norm(self.normal[pairs[:, 0]] - other, axis=1)
+        return pairs, 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+
+
+# Where on a scene's surface a ray from the eye falls.
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """A place on the surface.
+
+    Attributes:
+        body: index of the body.
+        face: of its mesh.
+        p_W_m, p_B_m: (3,) the place in W and in the body's frame [m].
+        nhat_W: (3,) outward normal of the face.
+        distance_m: from the ray's origin [m].
+    """
+
+    body: int
+    face: int
+    p_W_m: NDArray[np.float64]
+    p_B_m: NDArray[np.float64]
+    nhat_W: NDArray[np.float64]
+    distance_m: float
+
+
+def pick(
+    bodies: Sequence[Body],
+    shapes: Sequence[PaintableMesh],
+    origin_W_m: NDArray[np.float64],
+    direction_W: NDArray[np.float64],
+) -> Hit | None:
+    """The nearest place along a ray (3,), (3,), faces met from both sides; None where there is none, or no ray."""
+    if not (np.isfinite(origin_W_m).all() and np.isfinite(direction_W).all() and direction_W.any()):
+        return None
+    best: Hit | None = None
+    for index, (body, shape) in enumerate(zip(bodies, shapes, strict=True)):
+        R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
+        found = shape.pick((origin_W_m - p) @ R, direction_W @ R)
+        if found is not None and (best is None or found[1] < best.distance_m):
+            face, distance, p_B = found
+            best = Hit(index, face, R @ p_B + p, p_B, R @ shape.normal[face], distance)
+    return best
+
+
+def middle(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
+    """The middle of a face as a place."""
+    shape, X_WB = shapes[body], bodies[body].X_WB
+    p_B = shape.centroid_m[face]
+    p_W = X_WB[:3, :3] @ p_B + X_WB[:3, 3]
+    return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
+
+
+def drape(
+    body: Body, shape: PaintableMesh, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float
+) -> NDArray[np.float64]:
+    """Places (n, 3) in the plane of a hit laid down on its body, along the hit's normal; as they are beside it.
+
+    Each goes to the first face under or over it, from `reach_m` above the plane to as much below.
+    """
+    R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
+    down_B = -hit.nhat_W @ R
+    laid = np.array(p_W_m)
+    for i, start_B_m in enumerate((p_W_m - p) @ R - reach_m * down_B):
+        found = shape.pick(start_B_m, down_B)
+        if found is not None and found[1] <= 2 * reach_m:
+            laid[i] = R @ found[2] + p
+    return laid
+
+
+# Which faces a fill reaches, in W: boxes and spheres. By body, facet and group they are picked by the mesh itself.
+
+
+Mask = NDArray[np.bool_]
+
+
+class WorldBox:
+    """A box at any pose in W.
+
+    Args:
+        X_WK: (4, 4) pose of the box: its middle, and its axes.
+        size_m: (3,) its edges [m].
+
+    Raises:
+        SceneError: the pose is not rigid, or an edge not positive.
+    """
+
+    def __init__(self, X_WK: ArrayLike, size_m: ArrayLike) -> None:
+        self._X_WK = rigid(X_WK, "box")
+        self._size_m = np.asarray(size_m, np.float64)
+        if self._size_m.shape != (3,) or not (np.isfinite(self._size_m).all() and (self._size_m > 0.0).all()):
+            raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
+
+    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
+        """Faces (M,) whose centroid is inside."""
+        p_K = (_centroids_W(body, shape) - self._X_WK[:3, 3]) @ self._X_WK[:3, :3]
+        return np.asarray((np.abs(p_K) <= self._size_m / 2).all(axis=1))
+
+
+class WorldSphere:
+    """A ball in W.
+
+    Args:
+        centre_W_m: (3,) its middle [m].
+        radius_m: its radius [m].
+
+    Raises:
+        SceneError: the centre is not three finite numbers, or the radius not positive.
+    """
+
+    def __init__(self, centre_W_m: ArrayLike, radius_m: float) -> None:
+        self._centre_W_m, self._radius_m = np.asarray(centre_W_m, np.float64), float(radius_m)
+        if self._centre_W_m.shape != (3,) or not np.isfinite(self._centre_W_m).all():
+            raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
+        if not (math.isfinite(radius_m) and radius_m > 0.0):
+            raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
+
+    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
+        """Faces (M,) whose centroid is inside."""
+        off = _centroids_W(body, shape) - self._centre_W_m
+        return np.asarray(np.einsum("ij,ij->i", off, off) <= self._radius_m**2)
+
+
+def _centroids_W(body: Body, shape: PaintableMesh) -> NDArray[np.float64]:
+    return np.asarray(np.einsum("ij,kj->ik", shape.centroid_m, body.X_WB[:3, :3]) + body.X_WB[:3, 3])

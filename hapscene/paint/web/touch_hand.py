@@ -1,0 +1,313 @@
+"""The hand behind the page: a servo, ordered from the browser's events, and how it is read.
+
+Only what `hapscene.servo.Servo` offers is used, so that another process, with a real device, can stand behind it.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.hand import GRIPS
+from hapscene.errors import HapsceneError
+from hapscene.paint.web.hand_config import HandConfig, make_servo
+from hapscene.scene.scene import Scene
+from hapscene.servo import State
+
+HOVER_M: Final = 0.002
+"""How far over the surface the hand waits before a touch [m]: from higher up it lands with more than it means to."""
+
+LIFT_M: Final = 0.006
+"""How far it means to go off the surface after a touch [m]: even a light grip takes the Omni off against its friction.
+"""
+
+IDLE_S: Final = 1.5
+"""How long after a touch the ticks go on [s], so that what rings dies away and is seen to."""
+
+REACTION_S: Final = 0.15
+"""How long after it meets or leaves the surface the hand begins to mind its force [s]: what touch takes to react."""
+
+NOTICED_SHARE: Final = 0.05
+"""Error of force that the hand leaves as it is [1]: no more than is noticed (7 %, Pang, Tan & Durlach 1991)."""
+
+ADDED_N: Final = 0.5
+"""Most that the hand adds in the air, and to a lighter force than this [N]: what the Omni's friction, 0.26 N, takes,
+and some more. On the surface it adds no more than the force itself."""
+
+CORRECTION_1_S: Final = 8.0
+"""How fast an error of force is made up for [1/s]: most of it in 0.2 s, slowly against the hand's own 17 ms."""
+
+ARM_ENDS: Final = (
+    "The Omni's arm ends here: from where you pressed it reaches 80 mm along x, 35 mm along y, 60 mm along z. "
+    "Press anew to go on from here; or choose omni-point in the tab Feel, which reaches everywhere."
+)
+
+Vector = NDArray[np.float64]
+
+
+class Contact(NamedTuple):
+    """Where the hand means to touch, the outward normal there, how hard, and how stiff it is."""
+
+    p_W_m: Vector
+    nhat_W: Vector
+    force_N: float
+    stiffness_N_m: float
+
+
+class TouchHand:
+    """A simulated hand with what it holds, in a process of its own.
+
+    Orders that wait for an answer go through a thread, one after the other; those of a kind that wait while one is
+    under way become one. Methods are called in the server's event loop.
+
+    Args:
+        say: shows a line to the user, with its kind.
+        hold: what it holds at first.
+        servo: makes the servo of a scene and what is held; another one for another kind of hand.
+
+    Attributes:
+        status: "starting", "ready", "failed" or "closed".
+        touching: whether the button is held.
+        hold: what it holds: another grip at once, all else from the next `open` on.
+    """
+
+    def __init__(
+        self,
+        say: Callable[[str, str], None],
+        hold: HandConfig,
+        servo: Callable[[Scene, HandConfig, float], Any] = make_servo,
+    ) -> None:
+        self._say = say
+        self._make = servo
+        self._lane = ThreadPoolExecutor(1, "hapscene hand")
+        self._servo: Any = None
+        self._opened: Any = None
+        self.status = "closed"
+        self.touching = False
+        self.hold = hold
+        self._contact: Contact | None = None  # waits until the start is through
+        self._from_W_m = np.zeros(3)  # where the touch began
+        self._told_end = False
+        self._deeper_m = 0.0
+        self._met, self._met_since = False, 0  # whether it is on the surface, and from which tick on
+        self._starting = False
+        self._since = 0
+        self._last_s = -np.inf
+        self._running = False
+        self._numbers: dict[str, dict[str, float]] = {}
+        self._scene: Scene | None = None
+        self._sending = False
+        self._wanted: tuple[Scene, HandConfig, float] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self, scene: Scene, tick_s: float) -> None:
+        """Start the process, in place of one that is there; says so if it cannot. The last of several orders counts."""
+        self.status = "starting"
+        self._servo, self._running, self.touching = None, False, False
+        opening = self._wanted is not None
+        self._wanted = (scene, self.hold, tick_s)
+        while not opening and self._wanted is not None:
+            wanted = self._wanted
+            try:
+                servo = await self._in_lane(partial(self._start, *wanted))
+                self.status, self._since = "ready", 0
+            except (HapsceneError, OSError) as error:
+                servo, self.status = None, "failed"
+                self._say(f"The hand cannot touch: {error}", "error")
+            if self._wanted is wanted:
+                self._wanted, self._servo = None, servo
+                self._send()  # what changed meanwhile
+
+    def _start(self, scene: Scene, hold: HandConfig, tick_s: float) -> Any:
+        if self._opened is not None:
+            self._opened.close()
+        self._opened = self._make(scene, hold, tick_s)  # known to `close`, whoever still waits for it
+        if self.status == "closed":
+            raise HapsceneError("the page is closed")
+        return self._opened.__enter__()
+
+    def close(self) -> None:
+        """End the process. Called from any thread, once nothing else calls."""
+        starting, self.status = self.status == "starting", "closed"
+        if starting and self._opened is not None:
+            self._opened.cancel()
+        self._lane.shutdown(wait=True, cancel_futures=True)
+        if self._opened is not None:
+            self._opened.close()
+        self._servo = self._opened = None
+
+    @property
+    def servo(self) -> Any:
+        """The servo of the hand; None until it is ready."""
+        return self._servo
+
+    @property
+    def tick_s(self) -> float:
+        return float(self._servo.tick_s)
+
+    # --- the hand ---
+
+    def press(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> bool:
+        """Come down on a place of the surface, as soon as the hand is there; whether there is one."""
+        if self._servo is None or not self._alive():
+            return False
+        self.touching, self._told_end, self._deeper_m = True, False, 0.0
+        if not self._starting:
+            self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
+            self._do(self._come(self._servo, self._from_W_m))
+        self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
+        return True
+
+    async def _come(self, servo: Any, p_W_m: Vector) -> None:
+        try:
+            await self._in_lane(partial(servo.start, p_W_m, self.hold.grip))
+        finally:
+            self._starting = False
+        if servo is self._servo:
+            self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
+            self._met, self._met_since = False, self._since
+            self._aim()
+
+    def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
+        """Stroke on to a place of the surface; says so where the arm does not reach it."""
+        if not self.touching:
+            return
+        if self.hold.reaches(self._from_W_m, p_W_m):
+            self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
+            self._aim()
+        elif not self._told_end:
+            self._told_end = True
+            self._say(ARM_ENDS, "error")
+
+    def _aim(self) -> None:
+        if self.touching and self._contact is not None and self._servo is not None and not self._starting:
+            aim = aim_of(*self._contact, self.hold.grip) - self._deeper_m * self._contact.nhat_W
+            self._servo.aim(aim, self.hold.grip)
+
+    def lift(self, now_s: float) -> None:
+        """Off the surface."""
+        if not self.touching:
+            return
+        self.touching, self._last_s = False, now_s
+        if self._servo is not None and not self._starting and self._running:
+            state = self._servo.state()
+            self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.hold.grip)
+
+    def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
+        """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
+
+        The acceleration is the handle's, or that asked for where there is no handle.
+        """
+        if self._servo is None or not self._running or not self._alive():
+            return None
+        felt = self._servo.read(self._since)
+        self._since = felt.first + len(felt.rows)
+        state = self._servo.state()
+        if state.touching != self._met:
+            self._met, self._met_since = state.touching, state.tick
+            if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
+                self._deeper_m = 0.0
+                self._aim()
+        long_so = state.tick - self._met_since > REACTION_S / self.tick_s
+        if self.touching and not self._starting and long_so and len(felt.rows):
+            felt_N = float((felt.rows["f_W_N"] * felt.rows["nhat_W"]).sum(axis=1).mean())
+            self._mind(felt_N, len(felt.rows) * self.tick_s)
+        if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
+            self._running = False
+            self._do(self._in_lane(self._servo.rest))
+        return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
+
+    def _mind(self, felt_N: float, over_s: float) -> None:
+        """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part.
+
+        In the air nothing is felt: a light press goes on until it is through the arm's friction.
+        """
+        assert self._contact is not None
+        force_N = self._contact.force_N
+        missing_N = force_N - felt_N
+        if abs(missing_N) > NOTICED_SHARE * force_N:
+            give_m_N = give_of(self._contact.stiffness_N_m, self.hold.grip)
+            deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * give_m_N
+            most_N = max(force_N, ADDED_N) if self._met else ADDED_N
+            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), most_N * give_m_N)
+            self._aim()
+
+    # --- what is felt ---
+
+    def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
+        """Have numbers of a swatch changed, at once."""
+        self._numbers.setdefault(swatch, {}).update(numbers)
+        self._send()
+
+    def repaint(self, scene: Scene) -> None:
+        """Have another painting felt; with it all numbers are as the scene has them."""
+        self._scene = scene
+        self._numbers.clear()
+        self._send()
+
+    def _send(self) -> None:
+        if self._servo is not None and not self._sending:
+            self._sending = True
+            self._do(self._send_all())
+
+    async def _send_all(self) -> None:
+        """Send what waits, the painting first; what the servo refuses is told, and holds up nothing."""
+        try:
+            while self._servo is not None and (self._scene is not None or self._numbers):
+                servo, scene, self._scene = self._servo, self._scene, None
+                if scene is not None:
+                    order = partial(servo.repaint, scene)
+                else:
+                    swatch = next(iter(self._numbers))
+                    order = partial(servo.tune, swatch, **self._numbers.pop(swatch))
+                try:
+                    await self._in_lane(order)
+                except HapsceneError as error:
+                    self._refused(error)
+        finally:
+            self._sending = False
+
+    def _do(self, order: Awaitable[Any]) -> None:
+        """Have an order done without waiting for it; the user is told what it refuses."""
+
+        async def told() -> None:
+            try:
+                await order
+            except HapsceneError as error:
+                self._refused(error)
+
+        task = asyncio.get_running_loop().create_task(told())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _refused(self, error: HapsceneError) -> None:
+        if self.status == "ready":
+            self._say(f"The hand: {error}", "error")
+
+    def _alive(self) -> bool:
+        if self._servo.alive:
+            return True
+        if self.status == "ready":
+            self.status, self._running, self.touching = "failed", False, False
+            self._say("The hand's process has ended; to start a new one choose another device, then this one.", "error")
+        return False
+
+    async def _in_lane(self, work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._lane, work)
+
+
+def aim_of(p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float, grip: str) -> Vector:
+    """Where the hand must mean the tool to be for a wall at `p_W_m` to push back with `force_N`.
+
+    The depth that the springs of grip and wall, in line, give the force at.
+    """
+    return np.asarray(p_W_m - force_N * give_of(stiffness_N_m, grip) * nhat_W)
+
+
+def give_of(stiffness_N_m: float, grip: str) -> float:
+    """How far grip and wall give together [m/N]."""
+    return 1.0 / GRIPS[grip].k_N_m + 1.0 / max(stiffness_N_m, 1.0)

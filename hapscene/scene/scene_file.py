@@ -1,0 +1,438 @@
+"""The scene file, NAME.scene.json: bodies, poses and painting, keyed to the content of the meshes beside it.
+
+    {
+      "format": "hapscene scene", "version": 1,
+      "swatches": ["plain", "wood", "mine.swatch"],
+      "meshes": [{"path": "meshes/plate.obj", "unit": "mm", "sha256": "…", "face_count": 2400}],
+      "bodies": [{"name": "plate", "mesh": 0, "two_sided": false, "pose": [[…], …],
+                  "paint": [[1, 2000], [2, 400]], "made_of": 1}]
+    }
+
+`made_of`, which may be missing, is the swatch that the whole body had before it was painted. `paint` is a list of runs
+[swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush, it is a packed text
+(`encode_paint`), and the version is 2, which older readers refuse. Paths are relative to the file, with "/".
+A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the scene got from
+memory is written beside the file, before it: meshes as NAME.BODY.HASH.ply (float64, so they come back to the bit),
+swatches as NAME.SWATCH.HASH.swatch (`SidecarFiles`).
+"""
+
+import base64
+import binascii
+import hashlib
+import json
+import math
+import os
+import re
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import SceneError
+from hapscene.files import check_file, write_whole
+from hapscene.scene.body import Body
+from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
+from hapscene.scene.ply import mesh_to_ply
+from hapscene.scene.scene import Scene
+
+# Files of a scene's own, beside its scene file: the meshes and swatches that no other file holds.
+#
+# They are called NAME.WHAT.HASH.ply and .swatch, with a piece of their content's SHA-256: other content has another
+# name. So none is ever written over, neither ours nor anybody's; a scene file names what it was saved with, or nothing.
+
+
+SCENE_SUFFIX: Final = ".scene.json"
+
+PIECE_MIN: Final = 8
+"""Shortest piece of the hash in a name [hexadecimal digits]."""
+
+WHAT_MAX: Final = 40
+"""Longest name of a body or swatch in the name of its file [characters]."""
+
+_OWN: Final = re.compile(r".+\.(?=[0-9]*[a-f])([0-9a-f]{8,64})\.(?:ply|swatch)")  # digits alone may be a date
+
+
+def is_own(file: Path) -> bool:
+    """Whether a file is a scene's own, by its name."""
+    return _OWN.fullmatch(file.name) is not None
+
+
+class SidecarFiles:
+    """What a scene file names. Made by `beside`.
+
+    Args:
+        path: the scene file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._folder = path, path.parent.resolve()
+        self._stem = path.name.removesuffix(SCENE_SUFFIX)
+        self._named: set[str] = set()
+        self._made: list[Path] = []
+
+    def name(self, file: Path | None) -> str | None:
+        """How the scene file names a file; None for what it must have beside it: in memory alone, or own elsewhere."""
+        if file is None or (is_own(file) and (file.resolve().parent != self._folder or not file.is_file())):
+            return None
+        return self._relative(file.resolve())
+
+    def put(self, what: str, suffix: str, content: bytes) -> str:
+        """How the scene file names a file of its own with that content, which is written unless it is there.
+
+        Raises:
+            SceneError: it cannot be written.
+        """
+        plain = re.sub(r"[^\w.-]+", "_", what)[:WHAT_MAX]
+        digest = hashlib.sha256(content).hexdigest()
+        pieces = (digest[:size] for size in range(PIECE_MIN, len(digest) + 1))
+        files = (self._folder / f"{self._stem}.{plain}.{piece}{suffix}" for piece in pieces)
+        file = next(f for f in files if is_own(f) and (not os.path.lexists(f) or _holds(f, content)))
+        if not file.exists():
+            write_whole(file, content, SceneError)
+            self._made.append(file)
+        return self._relative(file)
+
+    def undo(self) -> None:
+        """Remove what was written."""
+        for file in self._made:
+            file.unlink(missing_ok=True)
+
+    def clear(self, before: bytes) -> None:
+        """Remove what the scene file named `before` and does no more, unless another one of its folder does."""
+        for file in self._folder.glob("*"):
+            name = file.name.encode(errors="surrogateescape")
+            if file.name in self._named or name not in before or not file.name.startswith(f"{self._stem}."):
+                continue
+            with suppress(OSError):
+                others = (f.read_bytes() for f in self._folder.glob(f"*{SCENE_SUFFIX}") if f.name != self._path.name)
+                if _is_whole(file) and not any(name in other for other in others):
+                    file.unlink()
+
+    def _relative(self, file: Path) -> str:
+        self._named.add(file.name)
+        try:
+            return Path(os.path.relpath(file, self._folder)).as_posix()
+        except ValueError:  # another drive, on Windows
+            return file.as_posix()
+
+
+@contextmanager
+def sidecar_files(path: Path) -> Iterator[SidecarFiles]:
+    """While a scene file is written, the last of all: what goes wrong leaves the old one and its files as they were."""
+    before = b""
+    with suppress(OSError):
+        before = path.read_bytes()
+    files = SidecarFiles(path)
+    try:
+        yield files
+    except BaseException:
+        files.undo()
+        raise
+    files.clear(before)
+
+
+def _holds(file: Path, content: bytes) -> bool:
+    try:
+        return file.stat().st_size == len(content) and file.read_bytes() == content
+    except OSError:
+        return False
+
+
+def _is_whole(file: Path) -> bool:
+    """Whether a file is a scene's own, and as it was written."""
+    match = _OWN.fullmatch(file.name)
+    return match is not None and hashlib.sha256(file.read_bytes()).hexdigest().startswith(match[1])
+
+
+# How a body's painting stands in a scene file: runs to read and compare; packed, where they are too many.
+
+
+RUN_MAX: Final = 2000
+"""Most runs that are written as such [count]. Painted by brush, a mesh of 330 k faces may have 260 k runs: 3 MB of
+text that nobody reads, and seconds to write; packed it has 0.2 MB."""
+
+_NUMBER: Final = np.dtype("<i2")
+
+
+def encode_paint(face_swatch: NDArray[np.int16]) -> list[list[int]] | str:
+    """A painting (M,): runs [swatch, faces]; or, where they are more than `RUN_MAX`, a text.
+
+    The text is base64 of the zlib stream of a 16-bit number, low byte first, for each face.
+    """
+    start = np.flatnonzero(np.concatenate([[True], face_swatch[1:] != face_swatch[:-1]]))
+    if len(start) > RUN_MAX:
+        return base64.b64encode(zlib.compress(face_swatch.astype(_NUMBER).tobytes())).decode("ascii")
+    length = np.diff(np.concatenate([start, [len(face_swatch)]]))
+    return [[int(swatch), int(n)] for swatch, n in zip(face_swatch[start], length, strict=True)]
+
+
+def decode_paint(paint: Any, face_count: int, swatch_count: int) -> NDArray[np.int16]:
+    """The painting (face_count,) of a file, from anybody.
+
+    Raises:
+        ValueError: it is no painting of so many faces with so many swatches; the text goes on after "'paint'".
+    """
+    if isinstance(paint, str):
+        return _unpack(paint, face_count, swatch_count)
+    if not isinstance(paint, list):
+        raise ValueError(f"must be a list of runs or a packed text, is {str(paint)[:60]!r}")
+    for run in paint:
+        if not (type(run) is list and len(run) == 2 and type(run[0]) is int and type(run[1]) is int and run[1] > 0):
+            raise ValueError(f"must be a list of [swatch, number of faces], has {str(run)[:60]!r}")
+        if not 0 <= run[0] < swatch_count:
+            raise ValueError(f"names swatch {run[0]}; there are {swatch_count}, counted from 0")
+    total = sum(run[1] for run in paint)  # before anything of that size is made
+    if total != face_count:
+        raise ValueError(f"covers {total:,} faces; the mesh has {face_count:,}")
+    return np.repeat([run[0] for run in paint], [run[1] for run in paint]).astype(np.int16)
+
+
+def _unpack(text: str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
+    size = face_count * _NUMBER.itemsize
+    unpacker = zlib.decompressobj()
+    try:
+        content = unpacker.decompress(base64.b64decode(text, validate=True), size + 1)  # no more than there should be
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise ValueError(f"is packed, and damaged: {error}") from None
+    if len(content) != size or not unpacker.eof:
+        raise ValueError(f"is packed for another number of faces, or cut off; the mesh has {face_count:,}")
+    painting = np.frombuffer(content, _NUMBER).astype(np.int16)
+    if painting.min() < 0 or painting.max() >= swatch_count:
+        bad = int(painting[(painting < 0) | (painting >= swatch_count)][0])
+        raise ValueError(f"names swatch {bad}; there are {swatch_count}, counted from 0")
+    return painting
+
+
+SUFFIX: Final = SCENE_SUFFIX
+FORMAT: Final = "hapscene scene"
+VERSION: Final = 2
+"""Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings. A file
+that has none is written as 1."""
+
+BYTES_MAX: Final = 256 * 1024 * 1024
+"""Largest scene file that is opened [bytes]: room for some 20 million runs of painting."""
+
+BODY_MAX: Final = 10_000
+"""Most bodies of a scene file [count]."""
+
+
+def save_scene(scene: Scene, path: Path) -> None:
+    """What `Scene.save` does. Through a link, what it points to is written, and named from there."""
+    check_place(path)
+    path = path.resolve() if path.is_symlink() else path
+    if len(scene.bodies) > BODY_MAX:
+        raise SceneError(f"{path}: {len(scene.bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
+    with sidecar_files(path) as files:
+        write_whole(path, _layout(_content(scene, files)).encode(), SceneError)
+
+
+def check_place(path: Path) -> None:
+    """Refuse a path that no scene can be saved to.
+
+    Raises:
+        SceneError: it has another suffix, or is in no folder.
+    """
+    if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
+        raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
+    check_file(path.resolve() if path.is_symlink() else path, SceneError)
+
+
+def _content(scene: Scene, files: SidecarFiles) -> dict[str, Any]:
+    """What the file says; what the scene got from memory is written beside it."""
+    index: dict[int, int] = {}
+    meshes: list[dict[str, Any]] = []
+    bodies: list[dict[str, Any]] = []
+    for body in scene.bodies:
+        if id(body.mesh) not in index:
+            index[id(body.mesh)] = len(meshes)
+            meshes.append(_write_mesh(body, files))
+        told = {
+            "name": body.name,
+            "mesh": index[id(body.mesh)],
+            "two_sided": body.two_sided,
+            "pose": body.X_WB.tolist(),
+            "paint": encode_paint(body.face_swatch),
+        }
+        bodies.append(told if body.made_of is None else {**told, "made_of": body.made_of})
+    return {
+        "format": FORMAT,
+        "version": 2 if any(isinstance(body["paint"], str) for body in bodies) else 1,
+        "swatches": [_write_swatch(scene, i, files) for i in range(len(scene.swatches))],
+        "meshes": meshes,
+        "bodies": bodies,
+    }
+
+
+def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
+    """Load a scene as `Scene.save` wrote it.
+
+    Args:
+        path: the file, NAME.scene.json.
+        accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
+            on faces of the same number.
+
+    Raises:
+        SceneError: the file is missing, damaged or of a later version, or a mesh has changed.
+        MeshError: a mesh cannot be loaded.
+        SwatchError: a swatch is unknown or broken.
+    """
+    path = Path(path)
+    content = _Place(path, "", _parse(path))
+    if content.get("format", str) != FORMAT:
+        raise SceneError(f"{path}: not a scene: format is {content.get('format', str)!r}, expected {FORMAT!r}")
+    version = content.get("version", int)
+    if not 1 <= version <= VERSION:
+        raise SceneError(f"{path}: format version {version}; this hapscene reads up to {VERSION}: update hapscene")
+    scene = Scene()
+    swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
+    meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
+    for place in content.items("bodies", dict):
+        _load_body(scene, place, meshes, swatches)
+    return scene
+
+
+class _Place:
+    """A value in the file, and how to get there, for errors."""
+
+    def __init__(self, path: Path, where: str, value: Any) -> None:
+        self.path, self.where, self.value = path, where, value
+
+    def fail(self, problem: str) -> SceneError:
+        return SceneError(f"{self.path}: {self.where or 'file'}: {problem}")
+
+    def get(self, key: str, kind: type) -> Any:
+        """A member of an object, of exactly that type: true is no number."""
+        if not isinstance(self.value, dict) or key not in self.value:
+            raise self.fail(f"{key!r} is missing")
+        if type(self.value[key]) is not kind:
+            raise self.fail(f"{key!r} must be {_KIND[kind]}, is {str(self.value[key])[:60]!r}")
+        return self.value[key]
+
+    def index(self, key: str, count: int) -> int:
+        number = int(self.get(key, int))
+        if not 0 <= number < count:
+            raise self.fail(f"{key!r} must be one of {count}, counted from 0, is {number}")
+        return number
+
+    def items(self, key: str, kind: type) -> "list[_Place]":
+        values = self.get(key, list)
+        if len(values) > BODY_MAX:
+            raise self.fail(f"{len(values):,} {key}; at most {BODY_MAX:,} are read")
+        places = [_Place(self.path, f"{key}[{i}]", value) for i, value in enumerate(values)]
+        for place in places:
+            if type(place.value) is not kind:
+                raise place.fail(f"must be {_KIND[kind]}, is {str(place.value)[:60]!r}")
+        return places
+
+
+_KIND: Final = {
+    str: "a text",
+    int: "a whole number",
+    bool: "true or false",
+    list: "a list",
+    dict: "an object",
+}
+
+
+def _parse(path: Path) -> Any:
+    try:
+        with path.open("rb") as file:
+            data = file.read(BYTES_MAX + 1)
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > BYTES_MAX:
+        raise SceneError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no scene is")
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path}: not a scene file, or truncated: {error}") from None
+    if not isinstance(content, dict):
+        raise SceneError(f'{path}: not a scene: the file must be a JSON object with "format": "{FORMAT}"')
+    return content
+
+
+def _named(path: Path, name: str) -> Path:
+    """The file that a scene file names: from its own folder, or, opened through a link, from where the link is."""
+    own, link = path.resolve().parent / name, path.parent / name
+    there = os.path.exists  # which, other than Path's, takes any name
+    return own if path.is_symlink() and (there(own) or not there(link)) else link
+
+
+def _load_swatch(scene: Scene, place: _Place, path: Path) -> int:
+    name = place.value
+    return scene.swatch_index(_named(path, name) if name.endswith(".swatch") else name)
+
+
+def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
+    file, unit = _named(path, place.get("path", str)), place.get("unit", str)
+    if unit not in UNIT_M:
+        raise place.fail(f"no unit of length {unit[:60]!r}; there are: {', '.join(UNIT_M)}")
+    mesh = load_mesh(file, unit)
+    if mesh.digest == place.get("sha256", str):
+        return mesh
+    was, now = place.get("face_count", int), len(mesh.faces)
+    if was != now:
+        raise place.fail(
+            f"{file} has changed since the scene was saved: it had {was:,} faces and has {now:,}, so the "
+            "painting no longer fits; put the old mesh back, or add the new one to a new scene and paint it"
+        )
+    if not accept_changed:
+        raise place.fail(
+            f"{file} has changed since the scene was saved: as many faces ({now:,}), but other positions or "
+            "corners; put the old mesh back, or load with accept_changed=True to keep the paint (`hapscene paint "
+            "--accept-changed`), and save again"
+        )
+    warn(f"{path}: {file} has changed since the scene was saved; its paint stays")
+    return mesh
+
+
+def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[int]) -> None:
+    mesh = meshes[place.index("mesh", len(meshes))]
+    pose = place.get("pose", list)
+    if not all(type(row) is list and all(type(x) in (int, float) and abs(x) < math.inf for x in row) for row in pose):
+        raise place.fail("'pose' must be four rows of four finite numbers")
+    name, two_sided = place.get("name", str), place.get("two_sided", bool)
+    if "paint" not in place.value:
+        raise place.fail("'paint' is missing")
+    try:
+        painting = decode_paint(place.value["paint"], len(mesh.faces), len(swatches))
+    except ValueError as error:
+        raise place.fail(f"'paint' {error}") from None
+    body = scene.add(mesh, name=name, pose=pose, two_sided=two_sided)
+    body.face_swatch[:] = np.array(swatches, np.int16)[painting]
+    if "made_of" in place.value:
+        body.made_of = swatches[place.index("made_of", len(swatches))]
+
+
+def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Any]:
+    mesh, unit = body.mesh, body.mesh.unit
+    name = files.name(mesh.path)
+    if name is None:
+        name, unit = files.put(body.name, ".ply", mesh_to_ply(mesh)), "m"
+    return {"path": name, "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
+
+
+def _write_swatch(scene: Scene, index: int, files: SidecarFiles) -> str:
+    source, swatch = scene.swatch_source[index], scene.swatches[index]
+    if isinstance(source, str):
+        return source
+    name = files.name(source)
+    if name is None:
+        from hapscene.surface.swatch_file import swatch_to_bytes
+
+        name = files.put(swatch.name, ".swatch", swatch_to_bytes(swatch))
+    return name
+
+
+def _layout(content: dict[str, Any]) -> str:
+    """JSON with a line for each key, row of a pose and run of a painting: to read, and to compare."""
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+    # Lists of plain numbers on one line; then the runs of a body's painting, ten to a line at most.
+    # Innermost lists go on one line. Only the layout has line breaks: in a text they are escaped.
+    return re.sub(r"\[\n([^\[\]{}\"]+)\n\s*\]", lambda m: "[" + " ".join(m[1].split()) + "]", text) + "\n"

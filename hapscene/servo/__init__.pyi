@@ -1,0 +1,4 @@
+from .servo import Servo as Servo
+from .servo import ServoState as ServoState
+from .servo import State as State
+from .servo_loop import Lateness as Lateness

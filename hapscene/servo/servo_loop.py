@@ -1,0 +1,193 @@
+"""The servo's loop, compiled and without the GIL: wait until the tick is due, read the aim, tick, publish."""
+
+import ctypes
+import math
+import os
+import sys
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import now_ns, sleep_ns
+from hapscene.constants import TINY
+from hapscene.native import INTERPRETED, native
+from hapscene.twin.twin_loop import beat, take_grip
+
+# How late ticks begin and how long they take: histograms, which the tick fills without allocating.
+
+
+BIN_NS: Final = 100.0
+"""Upper edge of the first bin [ns]: what the clock tells apart is less."""
+
+BINS_PER_OCTAVE: Final = 8
+"""Bins until a time has doubled [count]: each is 9 % wide, less than two runs differ by."""
+
+BIN_COUNT: Final = 24 * BINS_PER_OCTAVE + 1
+"""Bins of a histogram [count]: the last ends at 1.7 s, and holds what is longer."""
+
+
+@native
+def count_in_bin(histogram: Any, span_ns: int) -> None:
+    """One more in the bin of this time."""
+    at = 1 + int(BINS_PER_OCTAVE * math.log2(span_ns / BIN_NS)) if span_ns > BIN_NS else 0
+    histogram[min(at, BIN_COUNT - 1)] += 1
+
+
+def percentile_us(histogram: NDArray[np.int64], share: float) -> float:
+    """Upper edge of the bin in which that share of the counts is reached [µs]; 0 without any."""
+    total = int(histogram.sum())
+    if total == 0:
+        return 0.0
+    at = int(np.searchsorted(np.cumsum(histogram), share * total))
+    return float(BIN_NS * 2.0 ** (at / BINS_PER_OCTAVE) / 1e3)
+
+
+class Lateness(NamedTuple):
+    """How well a loop kept time.
+
+    Attributes:
+        late, busy: (BIN_COUNT,) how many ticks began so late, and took so long, by bins as `count_in_bin` has them.
+        missed: ticks that were left out, since the loop was too late for them.
+    """
+
+    late: NDArray[np.int64]
+    busy: NDArray[np.int64]
+    missed: int
+
+    def since(self, earlier: "Lateness") -> "Lateness":
+        """What came after an earlier look at the same loop."""
+        return Lateness(self.late - earlier.late, self.busy - earlier.busy, self.missed - earlier.missed)
+
+    def late_us(self, share: float = 0.5) -> float:
+        """How late, at most, that share of the ticks began: to 9 % [µs]."""
+        return percentile_us(self.late, share)
+
+    def busy_us(self, share: float = 0.5) -> float:
+        """How long, at most, that share of them took: to 9 % [µs]."""
+        return percentile_us(self.busy, share)
+
+
+FOLLOW_RAD_S: Final = 60.0
+"""How fast the hand's target follows the aim, critically damped [rad/s]: a mouse moves in steps at 60 Hz, a hand does
+not; 17 ms is half of what is noticed between seeing and feeling (45 ms, Adelstein et al. 2003)."""
+
+LATE_MAX: Final = 20
+"""How many ticks the loop may be behind before it gives them up [count]."""
+
+EARLY_NS: Final = 50_000
+"""How long before a tick is due the loop wakes, to look at the clock until it is [ns]: what a wake takes in 99 of 100
+cases where nothing is in its way. Without, the tick is 10 to 20 µs late, and later than an empty loop, whose code is
+still in the caches. Costs 5 % of a core."""
+
+
+@native
+def serve(
+    world: Any,
+    surface: Any,
+    body: Any,
+    channel: Any,
+    rows: Any,
+    felt: Any,
+    a_m_s2: NDArray[np.float64],
+    a_handle_m_s2: NDArray[np.float64],
+    aim: NDArray[np.float64],
+    clock: NDArray[np.int64],
+) -> None:
+    """Tick in real time until `channel.pause`. `aim` (5, 3): aim, target, its velocity, grip and push, as last read."""
+    tick_ns = round(surface.touch[0].tick_s * 1e9)
+    due = now_ns(clock)
+    while channel.pause == 0:
+        due, start = await_tick(channel, clock, due + tick_ns, tick_ns)
+        _read_aim(channel, aim, clock)
+        _follow(body, aim, surface.touch[0].tick_s)
+        slot = channel.done % len(rows)
+        beat(world, surface, body, rows[slot], a_m_s2[slot], felt[slot], a_handle_m_s2[slot])
+        # the clock is a call the compiler knows nothing of: what is above stays above
+        count_in_bin(channel.busy, now_ns(clock) - start)
+        channel.done += 1
+
+
+@native
+def await_tick(channel: Any, clock: NDArray[np.int64], due: int, tick_ns: int) -> tuple[int, int]:
+    """Wait until a tick is due, and count how late that was; ticks that it is much too late for are left out.
+
+    Returns when the tick was due, after those, and when it began [ns].
+    """
+    start = now_ns(clock)
+    if start < due - EARLY_NS:
+        sleep_ns(clock, due - EARLY_NS - start)
+    while start < due:
+        start = now_ns(clock)
+    count_in_bin(channel.late, start - due)
+    if start - due > LATE_MAX * tick_ns:
+        missed = (start - due) // tick_ns
+        channel.missed += missed
+        due += missed * tick_ns
+    return due, start
+
+
+@native
+def _read_aim(channel: Any, aim: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
+    """Take over the application's aim, unless it is being written."""
+    count = channel.aim_count
+    now_ns(clock)  # keeps the two looks at the count apart
+    p, grip, push = channel.aim_W_m, channel.grip, channel.push_W_N
+    x, y, z = p[0], p[1], p[2]
+    k, b, m = grip[0], grip[1], grip[2]
+    u, v, w = push[0], push[1], push[2]
+    now_ns(clock)
+    if count % 2 == 1 or count != channel.aim_count:
+        return
+    aim[0, 0], aim[0, 1], aim[0, 2] = x, y, z
+    aim[3, 0], aim[3, 1], aim[3, 2] = k, b, m
+    aim[4, 0], aim[4, 1], aim[4, 2] = u, v, w
+
+
+@native
+def _follow(body: Any, aim: NDArray[np.float64], tick_s: float) -> None:
+    """Move the hand's target after the aim, smoothly."""
+    take_grip(body, aim[3, 0], aim[3, 1], aim[3, 2])
+    hand = body.arm.hand[0]
+    fade = math.exp(-FOLLOW_RAD_S * tick_s)
+    for i in range(3):
+        ahead = aim[1, i] - aim[0, i]
+        pull = (aim[2, i] + FOLLOW_RAD_S * ahead) * tick_s
+        after = aim[0, i] + (ahead + pull) * fade
+        aim[2, i] = (aim[2, i] - FOLLOW_RAD_S * pull) * fade
+        if abs(ahead) < TINY and abs(aim[2, i]) < TINY:
+            after, aim[2, i] = aim[0, i], 0.0
+        hand.target_m[i] = aim[1, i]
+        hand.target_m_s[i] = (after - aim[1, i]) / tick_s
+        hand.push_N[i] = aim[4, i]
+        aim[1, i] = after
+
+
+# Being woken on time, as far as the system lets a thread ask for it.
+
+
+_PR_SET_TIMERSLACK: Final = 29
+
+SLACK_NS: Final = 1
+"""How much later than asked the system may wake the thread so as to wake others with it [ns]: 50,000 by default."""
+
+PRIORITY: Final = 1
+"""Least of the real-time priorities [1]: before all that is not real-time, behind sound and interrupts."""
+
+
+def request_realtime_priority() -> bool:
+    """Have the calling thread woken promptly; whether it then runs before all that is not real-time.
+
+    Real-time priority is given to root, to who has CAP_SYS_NICE, and where `ulimit -r` is not 0; without it the thread
+    waits for its turn among the others. On Linux only: elsewhere nothing is changed.
+    """
+    if sys.platform != "linux":
+        return False
+    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(SLACK_NS))
+    if INTERPRETED:  # holds Python's lock and never sleeps: nothing may have to wait for that
+        return False
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        return False
+    return True

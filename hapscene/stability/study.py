@@ -1,0 +1,144 @@
+"""`hapscene stability`: everything about walls, measured and written into a folder."""
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from hapscene.device.hand import Grip
+from hapscene.device.model import device_named, limits_of
+from hapscene.device.omni import Omni
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.files import whole_file, whole_folder
+from hapscene.stability.answer import Answer
+from hapscene.stability.random_limit import RandomLimit, random_limits
+from hapscene.stability.wall_case import wall_cases
+from hapscene.stability.wall_chart import write_random_chart, write_z_width_chart
+from hapscene.stability.z_width import DAMPINGS_NS_M, Point, place, say_of, trace_all
+
+if TYPE_CHECKING:
+    from hapscene.surface.swatch import Swatch
+
+FILES: Final = (
+    "z_width.png",
+    "z_width-dark.png",
+    "z_width.csv",
+    "swatches.csv",
+    "words.txt",
+    "wall_cases.csv",
+    "random_limits.csv",
+    "random_limits.png",
+    "random_limits-dark.png",
+)
+"""What may be made."""
+
+
+def stability(
+    out: Path,
+    device: str,
+    rates_Hz: Sequence[float],
+    delays: Sequence[int],
+    grip: Grip,
+    swatches: "Sequence[Swatch]",
+    cases: Path | None = None,
+    random_count: int = 0,
+    say: Callable[[str], None] = lambda _: None,
+    dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
+) -> list[Path]:
+    """Trace a device's Z-width and place swatches in it; run wall cases and random limits where asked for.
+
+    Args:
+        out: folder to write into.
+        device: its name, of `hapscene.device.model.DEVICES`.
+        rates_Hz, delays: of the force channel, and of the loop in ticks: a panel for each pair.
+        grip: of the hand that tries the walls.
+        swatches: to place.
+        cases: a file of wall cases, or None.
+        random_count: of random limits, 0 for none.
+        say: told how far it is.
+        dampings_Ns_m: of walls, at which the region is traced.
+
+    Returns:
+        list of Path: the files made.
+
+    Raises:
+        HapsceneError: no such device, or one without a body; a file of cases that holds none.
+        OSError: the folder cannot be written.
+    """
+    point = device_named(device).point
+    if point is None:
+        raise HapsceneError(f"device {device!r} has no mass, so no limit of stability: name another")
+    with whole_folder(out, FILES) as folder:
+        _z_width(folder, device, point, rates_Hz, delays, grip, swatches, say, dampings_Ns_m)
+        if cases is not None:
+            rows = wall_cases(cases, say)
+            write_rows(folder / "wall_cases.csv", Answer, rows, ("error", "ok"))
+            missed = [row.id for row in rows if not row.ok]
+            say(f"{len(rows)} answers, {len(missed)} beyond tolerance {', '.join(missed)}\n")
+        if random_count > 0:
+            limits = random_limits(random_count, say=say)
+            write_rows(folder / "random_limits.csv", RandomLimit, limits, ("error",))
+            write_random_chart(folder / "random_limits.png", limits)
+        names = [file.name for file in sorted(folder.iterdir())]
+    return [Path(out) / name for name in names]
+
+
+def _z_width(
+    folder: Path,
+    name: str,
+    point: PointMass,
+    rates_Hz: Sequence[float],
+    delays: Sequence[int],
+    grip: Grip,
+    swatches: "Sequence[Swatch]",
+    say: Callable[[str], None],
+    dampings_Ns_m: Sequence[float],
+) -> None:
+    devices: list[tuple[str, PointMass | Omni]] = [("as a point mass", point)]
+    if name == "omni":
+        devices.insert(0, ("Omni", Omni()))
+    regions = trace_all(devices, point, rates_Hz, delays, grip, say, dampings_Ns_m)
+    keys = [(rate_Hz, delay) for delay in delays for rate_Hz in rates_Hz]
+    points = {key: place(name, devices[0][1], *key, grip, swatches) for key in keys}
+    caps = {(rate_Hz, delay): limits_of(name, 1.0 / rate_Hz, delay) for rate_Hz, delay in keys}
+    write_z_width_chart(folder / "z_width.png", regions, points, caps)
+    rows = [
+        (r.device, r.rate_Hz, r.delay_ticks, *row)
+        for r in regions
+        for row in zip(r.damping_Ns_m, r.limit_N_m, r.closed_N_m, strict=True)
+    ]
+    head = ("device", "rate_Hz", "delay_ticks", "damping_Ns_m", "limit_N_m", "closed_N_m")
+    write_table(folder / "z_width.csv", head, rows)
+    names = ("rate_Hz", "delay_ticks", *(f.name for f in fields(Point)))
+    write_table(folder / "swatches.csv", names, [(*key, *astuple(p)) for key in keys for p in points[key]])
+    said = words(points)
+    (folder / "words.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8", newline="\n")
+    for line in said:
+        say(f"{line}\n")
+
+
+def words(points: dict[tuple[float, int], list[Point]]) -> list[str]:
+    """Which swatches would buzz, by rate and delay, a sentence each; then those that never do."""
+    lines = [say_of(p, *key) for key, here in points.items() for p in here if not (p.stable and p.capped_stable)]
+    buzzing = {p.swatch for here in points.values() for p in here if not (p.stable and p.capped_stable)}
+    still = sorted({p.swatch for here in points.values() for p in here} - buzzing)
+    if still:
+        lines.append(f"at rest at every rate and delay: {', '.join(still)}")
+    return lines
+
+
+def write_rows(path: Path, kind: Any, rows: Iterable[Any], more: Sequence[str] = ()) -> None:
+    """A CSV of dataclass rows, and of their properties `more`."""
+    names = [*(f.name for f in fields(kind)), *more]
+    write_table(path, names, [[getattr(row, name) for name in names] for row in rows])
+
+
+def write_table(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """A CSV; numbers with nine figures."""
+    with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(head)
+        for row in rows:
+            table.writerow([f"{value:.9g}" if isinstance(value, float) else value for value in row])

@@ -1,0 +1,172 @@
+"""The charts of walls: simulated against predicted limits, and the Z-width of a device."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+
+from hapscene.device.model import Limits
+from hapscene.stability.random_limit import KINDS, RandomLimit
+from hapscene.stability.z_width import STIFFNESS_N_M, Point, StableRegion
+from hapscene.view.chart import save_both
+from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+STYLES: Final = tuple(zip(("blue", "sky", "green", "orange", "vermilion"), "osD^v", strict=True))
+"""Colour and marker of each of `KINDS`: told apart without colour as well."""
+
+LEAST_ERROR: Final = 1e-14
+"""Where an error of zero is drawn [1]: float64's rounding."""
+
+TOP_N_M: Final = 1.15e5
+"""Top of the Z-width's chart [N/m]: what was still stable at the stiffest wall tried is drawn up to it."""
+
+LABEL_RATIO: Final = 1.42
+"""Least ratio of the heights of two labels on a logarithmic axis [1]: closer ones would overlap."""
+
+
+def draw_panels(
+    path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
+) -> None:
+    """Write a PNG of rows × columns panels of a size [in]; `draw` is given the figure and its axes (rows, columns)."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with rc_context(cast(Any, CHART_STYLE)):
+        figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+        FigureCanvasAgg(figure)
+        draw(figure, figure.subplots(rows, columns, squeeze=False))
+        save_both(figure, path)
+
+
+def write_random_chart(path: Path, cases: Sequence[RandomLimit]) -> None:
+    """Simulated against predicted limits, and their errors."""
+
+    def draw(_: Any, axes: Any) -> None:
+        _draw_limits(axes[0, 0], cases, KINDS[:4], "stiffness", "N/m")
+        _draw_limits(axes[0, 1], cases, KINDS[4:], "peak speed", "m/s")
+        _draw_errors(axes[0, 2], cases)
+
+    draw_panels(path, 1, 3, (5.6, 4.8), draw)
+
+
+def write_z_width_chart(
+    path: Path,
+    regions: Sequence[StableRegion],
+    points: dict[tuple[float, int], list[Point]],
+    caps: dict[tuple[float, int], Limits],
+) -> None:
+    """The stable regions: a panel for each rate (across) and delay (down); `points` and `caps` by rate and delay."""
+    rates = sorted({region.rate_Hz for region in regions})
+    delays = sorted({region.delay_ticks for region in regions})
+
+    def draw(figure: Any, axes: Any) -> None:
+        for row, delay in enumerate(delays):
+            for column, rate_Hz in enumerate(rates):
+                ax, key = axes[row, column], (rate_Hz, delay)
+                here = [region for region in regions if (region.rate_Hz, region.delay_ticks) == key]
+                _draw_regions(ax, here)
+                _draw_caps(ax, caps[key])
+                _draw_points(ax, points[key])
+                late = "no delay" if delay == 0 else f"{delay} tick{'s' if delay > 1 else ''} late"
+                ax.set_title(f"{rate_Hz / 1e3:g} kHz, {late}")
+                ax.set_xlabel("damping of the wall [N·s/m]" if row == len(delays) - 1 else "")
+                ax.set_ylabel("stiffness of the wall [N/m]" if column == 0 else "")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+
+    draw_panels(path, len(delays), len(rates), (5.2, 4.4), draw)
+
+
+def _draw_limits(ax: "Axes", cases: Sequence[RandomLimit], kinds: Sequence[str], what: str, unit: str) -> None:
+    shown = [case for case in cases if case.kind in kinds and case.predicted > 0.0]
+    ends = np.array((min(case.predicted for case in shown), max(case.predicted for case in shown))) * (0.5, 2.0)
+    ax.plot(ends, ends, color=INK, linewidth=0.9, zorder=1, label="equal")
+    for kind in kinds:
+        colour, marker = STYLES[KINDS.index(kind)]
+        these = [case for case in shown if case.kind == kind]
+        x, y = [case.predicted for case in these], [case.found for case in these]
+        ax.plot(
+            x, y, marker, color=OKABE_ITO[colour], markersize=5, markerfacecolor="none", label=f"{kind} ({len(these)})"
+        )
+    ax.set(xscale="log", yscale="log", xlabel=f"predicted [{unit}]", ylabel=f"simulated through the tick [{unit}]")
+    ax.set_title(f"Limit of {what}")
+    ax.legend(loc="upper left")
+
+
+def _draw_errors(ax: "Axes", cases: Sequence[RandomLimit]) -> None:
+    """Each kind's relative errors, the smallest first."""
+    for kind, (colour, marker) in zip(KINDS, STYLES, strict=True):
+        errors = sorted(max(case.error, LEAST_ERROR) for case in cases if case.kind == kind and case.predicted > 0.0)
+        share = (np.arange(len(errors)) + 0.5) / max(len(errors), 1)
+        label = f"{kind}: median {np.median(errors):.0e}" if errors else kind
+        ax.plot(share, errors, marker + "-", color=OKABE_ITO[colour], markersize=3, linewidth=1, label=label)
+    ax.set(yscale="log", xlabel="share of the cases", ylabel="relative difference from the prediction", xlim=(0, 1))
+    ax.set_ylim(LEAST_ERROR, 1e5)
+    ax.set_yticks([1e-14, 1e-11, 1e-8, 1e-5, 1e-2])
+    ax.minorticks_off()
+    ax.set_title("How far apart they are")
+    ax.legend(loc="upper left", fontsize=9)
+
+
+def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:
+    """The first device's region filled, the others' as lines, and theory's once."""
+    bottom = STIFFNESS_N_M[0]
+    for n, region in enumerate(regions):
+        B = np.array(region.damping_Ns_m)
+        K = np.clip(np.array(region.limit_N_m), bottom, TOP_N_M)
+        colour = OKABE_ITO[("blue", "orange", "green")[n % 3]]
+        if n == 0:
+            ax.fill_between(B, bottom, K, color=colour, alpha=0.16, linewidth=0, label=f"{region.device}: at rest")
+        ax.plot(
+            B, K, ("o-", "s-", "D-")[n % 3], color=colour, markersize=3.5, label=f"{region.device}: simulated limit"
+        )
+    theory = np.array(regions[0].closed_N_m)
+    kept = theory > 0.0
+    x = np.array(regions[0].damping_Ns_m)[kept]
+    ax.plot(
+        x, np.clip(theory[kept], bottom, TOP_N_M), "--", color=INK, linewidth=1.2, label="closed form, without friction"
+    )
+    ax.set_xscale("symlog", linthresh=0.5, linscale=0.6)
+    ax.set(yscale="log", xlim=(-0.75, max(regions[0].damping_Ns_m)), ylim=(bottom, TOP_N_M))
+    ticks = (0, 0.5, 2, 8, 32, 128)
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.xaxis.minorticks_off()
+    heights = (50, 200, 1000, 5000, 20_000, 100_000)
+    ax.set_yticks(heights, [f"{height:,}" for height in heights])
+    ax.yaxis.minorticks_off()
+
+
+def _draw_caps(ax: "Axes", caps: Limits) -> None:
+    """The corner within which the device's own limits keep every wall."""
+    if np.isfinite(caps.stiffness_N_m) and np.isfinite(caps.damping_Ns_m):
+        K, B = caps.stiffness_N_m, caps.damping_Ns_m
+        label = "the device's limits in the tick"
+        ax.plot((0.0, B, B), (K, K, STIFFNESS_N_M[0]), ":", color=OKABE_ITO["purple"], linewidth=2.2, label=label)
+
+
+def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
+    """The swatches, each with its name beside it."""
+    height = 0.0
+    for point in sorted(points, key=lambda p: p.stiffness_N_m):
+        K, B = point.stiffness_N_m, point.damping_Ns_m
+        marker, colour = ("o", OKABE_ITO["green"]) if point.stable else ("X", OKABE_ITO["vermilion"])
+        ax.plot(B, K, marker, color=colour, markersize=7, markeredgecolor="white", zorder=5, clip_on=False)
+        height = max(K, LABEL_RATIO * height)
+        ax.annotate(
+            f"{point.swatch}{'' if point.stable else ' buzzes'}",
+            (B, K),
+            (1.35 * B if B > 0.1 else B - 0.12, height),
+            va="center",
+            ha="left" if B > 0.1 else "right",
+            fontsize=9,
+            arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
+            bbox={"facecolor": "white", "linewidth": 0.0, "pad": 0.5},
+            zorder=4,
+        )
+    for label, marker, colour in (("swatch that rests", "o", "green"), ("swatch that buzzes", "X", "vermilion")):
+        ax.plot([], [], marker, color=OKABE_ITO[colour], markersize=7, linestyle="", label=label)

@@ -1,0 +1,12 @@
+from . import library as library
+from .effect import Effect as Effect
+from .effect import Param as Param
+from .effect import State as State
+from .effect_registry import load_effect as load_effect
+from .swatch import Swatch as Swatch
+from .swatch_file import load_swatch as load_swatch
+from .swatch_file import save_swatch as save_swatch
+from .swatch_file import shipped_swatches as shipped_swatches
+from .taps import Tap as Tap
+from .taps import Taps as Taps
+from .texture import Texture as Texture

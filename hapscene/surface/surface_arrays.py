@@ -1,0 +1,153 @@
+"""How the scene feels, as the compiled tick reads it: swatches, effects, parameters and memory in flat arrays."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.clock import new_clock
+from hapscene.contact.world import records
+from hapscene.device.model import DELAY_MAX, Limits
+from hapscene.dsp.noise import seeded_state
+from hapscene.errors import EffectError
+from hapscene.records import OUTPUT, TOUCH
+from hapscene.surface.device_clipping import WALL, Numbers
+from hapscene.surface.effect import Effect
+from hapscene.surface.effect_compile import compile_effect
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+    from hapscene.surface.swatch import Swatch
+
+MEMORY: Final = np.dtype(
+    [
+        ("p_WT_m", "f8", (3,)),  # the tool in the last tick
+        ("p_WP_m", "f8", (3,)),  # the reported proxy in the last tick
+        ("slip_m_s", "f8", (3,)),  # slip velocity, low-passed
+        ("f_W_N", "f8", (3,)),  # force sent in the last tick
+        ("nhat_W", "f8", (3,)),  # normal that the last tick saw
+        ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 in the air
+        ("tool_W_m", "f8", (3,)),  # the tool as measured in the last tick: with a virtual coupling, not p_WT_m
+        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
+        ("made_J", "f8"),  # energy that the wall gave out and never took in
+        ("stored_J", "f8"),  # energy that its spring held in the last tick
+        ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
+    ],
+    align=True,
+)
+
+
+class Surface(NamedTuple):
+    """Everything that description, effects and mixer read and write. s swatches, e effects."""
+
+    stiffness_N_m: NDArray[np.float64]  # (s,)
+    paint: NDArray[np.int16]  # swatch of each face, body after body
+    paint_start: NDArray[np.int64]  # (b,)
+    effects: NDArray[np.int64]  # (e,) addresses
+    params: NDArray[np.uint8]
+    param_start: NDArray[np.int64]  # (s, e)
+    tables: NDArray[np.float64]
+    table_start: NDArray[np.int64]  # (s, e + 1)
+    states: NDArray[np.uint8]
+    state_start: NDArray[np.int64]  # (e,)
+    muted: NDArray[np.int64]  # (e,)
+    touch: Any  # (1,) TOUCH
+    part: Any  # (1,) OUTPUT of one effect
+    total: Any  # (1,) OUTPUT of all
+    memory: Any  # (1,) MEMORY
+    limits: Any  # (1,) LIMIT
+    fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
+    clock: NDArray[np.int64]
+
+
+def build_surface(
+    scene: "Scene", effects: Sequence[Effect], tick_s: float, a_rate_Hz: float, limits: Limits
+) -> Surface:
+    """Compile the effects and pack the swatches of a scene, with the numbers they ask for.
+
+    Raises:
+        EffectError: an effect that does not compile.
+    """
+    swatches = scene.swatches
+    param_start = np.zeros((len(swatches), len(effects)), np.int64)
+    table_start = np.zeros((len(swatches), len(effects) + 1), np.int64)
+    params: list[NDArray[np.uint8]] = []
+    tables: list[NDArray[np.float64]] = []
+    param_size = table_size = 0
+    for s, swatch in enumerate(swatches):
+        for e, effect in enumerate(effects):
+            param_start[s, e], table_start[s, e] = param_size, table_size
+            params.append(_params(effect, swatch))
+            tables.append(_table(effect, swatch, a_rate_Hz))
+            param_size += len(params[-1])
+            table_size += len(tables[-1])
+        table_start[s, len(effects)] = table_size
+    sizes = [effect.state_dtype.itemsize for effect in effects]
+    counts = [len(body.face_swatch) for body in scene.bodies]
+    surface = Surface(
+        stiffness_N_m=np.array([swatch.stiffness_N_m for swatch in swatches], np.float64),
+        paint=np.concatenate([np.zeros(0, np.int16), *(body.face_swatch for body in scene.bodies)]),
+        paint_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        effects=np.array([compile_effect(effect) for effect in effects], np.int64),
+        params=np.concatenate([np.zeros(0, np.uint8), *params]),
+        param_start=param_start,
+        tables=np.concatenate([np.zeros(0), *tables]),
+        table_start=table_start,
+        states=np.zeros(sum(sizes), np.uint8),
+        state_start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        muted=np.zeros(len(effects), np.int64),
+        touch=records(1, TOUCH),
+        part=records(1, OUTPUT),
+        total=records(1, OUTPUT),
+        memory=records(1, MEMORY),
+        limits=limits.record(),
+        fold_mass_kg=np.full(len(swatches), limits.fold_mass_kg),
+        clock=new_clock(),
+    )
+    touch = surface.touch[0]
+    touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
+    return surface
+
+
+def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Numbers) -> None:
+    """Set them, from the next tick on."""
+    for (e, name), value in numbers.items():
+        if e == WALL:
+            surface.stiffness_N_m[swatch] = value
+        else:
+            _row(surface, effects[e], swatch, e)[name] = value
+
+
+def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
+    """Parameters of an effect on a swatch, (1,) of its `param_dtype`."""
+    start = surface.param_start[swatch, e]
+    return surface.params[start : start + effect.param_dtype.itemsize].view(effect.param_dtype)
+
+
+def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
+    """Zero the effects' memory, unmute them, and seed their random numbers anew."""
+    surface.states[:] = 0
+    surface.muted[:] = 0
+    for start, effect in zip(surface.state_start, effects, strict=False):
+        dtype = effect.state_dtype
+        record = surface.states[start : start + dtype.itemsize].view(dtype)
+        for state in effect.state:
+            if state.seeded:
+                record[state.name] = seeded_state(seed, f"{effect.name}.{state.name}")
+
+
+def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
+    row = np.zeros(1, effect.param_dtype)
+    for param in effect.params:
+        row[param.name] = swatch.parameter(effect.name, param.name, param.default)
+    return row.view(np.uint8)
+
+
+def _table(effect: Effect, swatch: "Swatch", a_rate_Hz: float) -> NDArray[np.float64]:
+    if effect.table is None:
+        return np.zeros(0)
+    table = np.ascontiguousarray(effect.table(swatch, a_rate_Hz), np.float64).ravel()
+    if not np.isfinite(table).all():
+        raise EffectError(f"effect {effect.name!r}: its table for swatch {swatch.name!r} holds NaN or infinity")
+    return table

@@ -1,0 +1,168 @@
+"""The closed loop, compiled. One tick of it:
+
+    read       the device's encoders                                    device/
+    tick       the real one                                             tick.py
+    wait       the force goes out `delay` ticks later
+    hold       it, until the next tick                                  device/
+    move       device, hand and handle, a sample of the channel a time  device/ handle/
+
+The force of a tick is computed from the position read at its start, and held over it (at no delay). What the handle's
+actuator moves is added to what the device's own dynamics move: both are linear, and the encoders see the sum.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.device.arm import advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
+from hapscene.device.hand import pull
+from hapscene.geometry import Vector
+from hapscene.handle.handle_dynamics import grip_handle
+from hapscene.handle.handle_loop import vibrate
+from hapscene.native import native
+from hapscene.tick import place_bodies, tick
+
+DELAY_MAX: Final = 256
+"""Longest delay between a tick and its force [ticks]."""
+
+
+class TwinBody(NamedTuple):
+    """What the tick's commands act on."""
+
+    arm: Any  # device and hand
+    handle: Any  # (1,) HANDLE
+    has_handle: int
+    axis_W: NDArray[np.float64]  # (3,) unit vector along the handle
+    shift_m: NDArray[np.float64]  # (1,) displacement of the handle by its actuator
+    quantum_m: float  # the encoders' step, in which the displacement is seen
+    wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) forces on their way
+    ticks: NDArray[np.int64]  # (1,) so far
+    delay: int
+
+
+@native
+def live(
+    world: Any,
+    surface: Any,
+    body: Any,
+    target_W_m: NDArray[np.float64],
+    grip: NDArray[np.float64],
+    push_W_N: NDArray[np.float64],
+    moving: NDArray[np.int64],
+    X_WB: NDArray[np.float64],
+    rows: Any,
+    a_m_s2: NDArray[np.float64],
+    felt: Any,
+    a_handle_m_s2: NDArray[np.float64],
+) -> None:
+    """n ticks of an `Intent`, the scene's bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+
+    Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block).
+    """
+    tick_s = surface.touch[0].tick_s
+    for k in range(len(target_W_m)):
+        place_bodies(world, surface, moving, X_WB, k)
+        _intend(body, target_W_m, grip, push_W_N, k, tick_s)
+        beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
+
+
+@native
+def beat(
+    world: Any,
+    surface: Any,
+    body: Any,
+    row: Any,
+    a_m_s2: NDArray[np.float64],
+    felt: Any,
+    a_handle_m_s2: NDArray[np.float64],
+) -> None:
+    """One tick of the closed loop, the hand's intention being set."""
+    touch, arm = surface.touch[0], body.arm
+    h_s = touch.tick_s / touch.block
+    x, y, z = _read(body)
+    tick(world, surface, x, y, z, row, a_m_s2)
+    _send(body, row.f_W_N, felt)
+    _note(arm, felt)
+    for i in range(touch.block):
+        a_handle_m_s2[i] = _shake(body, a_m_s2[i], felt)
+        advance_arm(arm, h_s)
+    _close(arm, felt)
+
+
+@native
+def _read(body: Any) -> Vector:
+    """The tool as the encoders have it, in W [m]: the arm's tip, moved by the handle's actuator."""
+    x, y, z = read_arm(body.arm)
+    shift, axis = body.shift_m[0], body.axis_W
+    if body.quantum_m > 0.0:
+        shift = body.quantum_m * math.floor(shift / body.quantum_m + 0.5)
+    return x + shift * axis[0], y + shift * axis[1], z + shift * axis[2]
+
+
+@native
+def _shake(body: Any, desired_m_s2: float, felt: Any) -> float:
+    """One sample of the handle. Without one the acceleration is as desired, and moves nothing."""
+    if body.has_handle == 0:
+        return desired_m_s2
+    acceleration, shift, force = vibrate(body.handle[0], desired_m_s2)
+    body.shift_m[0] = shift
+    felt.f_coil_N = max(felt.f_coil_N, abs(force))
+    return acceleration
+
+
+@native
+def _intend(body: Any, target: Any, grip: Any, push: Any, k: int, tick_s: float) -> None:
+    """The hand's intention for a tick: its target moves straight to that of the next."""
+    hand = body.arm.hand[0]
+    after = min(k + 1, len(target) - 1)
+    take_grip(body, grip[k, 0], grip[k, 1], grip[k, 2])
+    for i in range(3):
+        hand.target_m[i] = target[k, i]
+        hand.target_m_s[i] = (target[after, i] - target[k, i]) / tick_s
+        hand.push_N[i] = push[k, i]
+
+
+@native
+def take_grip(body: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
+    """Hold the tool, and the handle on it, as firmly as that from now on."""
+    hand = body.arm.hand[0]
+    if body.has_handle == 1 and (body.ticks[0] == 0 or hand.k_N_m != k_N_m or hand.b_Ns_m != b_Ns_m):
+        grip_handle(body.handle[0], k_N_m, b_Ns_m)
+    hand.k_N_m, hand.b_Ns_m, hand.mass_kg = k_N_m, b_Ns_m, mass_kg
+
+
+@native
+def _send(body: Any, f_N: Any, felt: Any) -> None:
+    """Put a force on its way; hold the one that arrives."""
+    k = body.ticks[0]
+    enter, leave = k % DELAY_MAX, (k - body.delay) % DELAY_MAX
+    for i in range(3):
+        body.wait_N[enter, i] = f_N[i]
+    for i in range(3):
+        felt.f_motor_W_N[i] = body.wait_N[leave, i] if k >= body.delay else 0.0
+    drive_arm(body.arm, (felt.f_motor_W_N[0], felt.f_motor_W_N[1], felt.f_motor_W_N[2]))
+    body.ticks[0] = k + 1
+
+
+@native
+def _note(arm: Any, felt: Any) -> None:
+    """The tick's start as it truly is."""
+    p, v = find_tip(arm), find_tip_velocity(arm)
+    for i in range(3):
+        felt.p_W_m[i], felt.v_W_m_s[i] = p[i], v[i]
+        felt.f_hand_W_N[i] = pull(arm.hand[0], i, p[i], v[i])
+
+
+@native
+def _close(arm: Any, felt: Any) -> None:
+    """Work at the tip: exact for a point mass, whose motors' force is held."""
+    p = find_tip(arm)
+    work = 0.0
+    for i in range(3):
+        work += felt.f_motor_W_N[i] * (p[i] - felt.p_W_m[i])
+    felt.work_J = work
+    if arm.is_omni == 1:
+        felt.trouble = arm.omni[0].trouble
+        felt.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])

@@ -1,0 +1,254 @@
+"""What stands in a picture: bodies, the path as far as it has gone, tool, proxy, force; parts, ready to be shown."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.recording import Recording
+from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
+from hapscene.view.triangles import (
+    NOTHING,
+    Shown,
+    Triangles,
+    cut,
+    joined,
+    lathe,
+    moved,
+    packed,
+    scene_solid,
+    tube,
+    unpacked,
+)
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+PATH_RADIUS: Final = 2.2e-3
+"""Radius of the path on the surface, as a fraction of the scene's diagonal [1]."""
+
+ARROW_LENGTH: Final = 0.12
+"""Length of the arrow of the largest force, likewise [1]."""
+
+ARROW_HEAD: Final = 0.2
+"""How much of the longest arrow is head [1]; of shorter ones more, so that it stays as large."""
+
+ARROW_SPACING: Final = 0.035
+"""Distance along the path between arrows that are shown together, likewise [1]."""
+
+TOOL_LENGTH: Final = 0.22
+"""Length of the tool, likewise [1]."""
+
+TOOL_ALONG: Final = (0.8, 0.4, 1.0)
+"""Direction of the tool from its tip, as a right hand holds a pen, in W."""
+
+TOOL, PROXY, SHAFT, HEAD, BODIES = range(5)
+"""Numbers of the first parts."""
+
+SLICE_COUNT: Final = 8
+"""Strokes in which each swatch of a body is painted, where painting is shown [count]."""
+
+PROXY_COLOUR: Final = OKABE_ITO["black"]
+
+
+@dataclass(frozen=True, eq=False)
+class FigureParts:
+    """A scene, and a touch of it, as parts. Frame S is W moved by `p_WS_m`."""
+
+    parts: list[Triangles]
+    slice_count: int
+    """After the bodies' unpainted rest come so many pieces with their paint, and as many without."""
+    piece_tick: NDArray[np.int64]
+    """(p,) tick from which each piece of the path, the last p parts, is there."""
+    p_ST_m: NDArray[np.float64]
+    """(n, 3) tool; n is 0 where nothing touches."""
+    p_SP_m: NDArray[np.float64]
+    """(n, 3) proxy."""
+    f_N: NDArray[np.float64]
+    """(n, 3) force on the hand."""
+    size_m: float
+    """Diagonal of the scene."""
+    arrow_m_N: float
+    """Length of an arrow for each newton [m/N]."""
+
+    def shown(self, tick: int | None = None, painted: int | None = None) -> Shown:
+        """What is seen: the bodies; and, at a tick, the path up to it, the tool, proxy and force.
+
+        `painted` says how many pieces have their paint; all without it.
+        """
+        painted = self.slice_count if painted is None else painted
+        here = np.eye(4)
+        pieces = [*range(painted), *range(self.slice_count + painted, 2 * self.slice_count)]
+        shown = [(BODIES, here), *((BODIES + 1 + k, here) for k in pieces)]
+        if tick is None:
+            return shown
+        first = len(self.parts) - len(self.piece_tick)
+        shown += [(first + int(k), here) for k in np.flatnonzero(self.piece_tick <= tick)]
+        shown += [(TOOL, _at(self.p_ST_m[tick])), (PROXY, _at(self.p_SP_m[tick]))]
+        return shown + self._arrow(tick)
+
+    def arrows(self, ticks: NDArray[np.int64]) -> Triangles:
+        """The forces of some ticks, as one."""
+        return joined([moved(self.parts[part], X_SP) for k in ticks for part, X_SP in self._arrow(int(k))])
+
+    def points_m(self, tool: bool) -> NDArray[np.float64]:
+        """What the camera must hold (k, 3): bodies, path, arrows; and the tool, if it is shown."""
+        ends = [part.corner_m for part in self.parts[BODIES : BODIES + 1 + self.slice_count]]
+        ends += [self.p_SP_m, self.p_SP_m + self.f_N * self.arrow_m_N]
+        if tool:
+            ends += [self.p_ST_m, self.p_ST_m + TOOL_LENGTH * self.size_m * _unit(np.array(TOOL_ALONG))]
+        return np.concatenate(ends)
+
+    def save(self, path: Path) -> None:
+        """Write as npz, for the process of the window."""
+        with path.open("wb") as file:
+            np.savez(file, **packed(self.parts), **{f.name: getattr(self, f.name) for f in fields(self)[1:]})
+
+    @classmethod
+    def load(cls, path: Path) -> "FigureParts":
+        """Read what `save` wrote."""
+        with np.load(path, allow_pickle=False) as archive:
+            values = {f.name: archive[f.name] for f in fields(cls)[1:]}
+            single = {name: value.item() for name, value in values.items() if value.ndim == 0}
+            return cls(parts=unpacked(archive), **values | single)
+
+    def _arrow(self, tick: int) -> Shown:
+        """The force at a tick: a shaft from the proxy, and a head."""
+        f_N = self.f_N[tick]
+        length_m = float(np.linalg.norm(f_N)) * self.arrow_m_N
+        if length_m < 0.02 * ARROW_LENGTH * self.size_m:
+            return []
+        whole_m = ARROW_HEAD * ARROW_LENGTH * self.size_m
+        head_m = min(whole_m, length_m)
+        R, thin = _along(f_N), head_m / whole_m
+        shaft, head = np.eye(4), np.eye(4)
+        shaft[:3, :3] = R @ np.diag([thin, thin, max(length_m - head_m, head_m * 1e-3)])
+        shaft[:3, 3] = self.p_SP_m[tick]
+        head[:3, :3] = R @ np.diag([thin, thin, head_m])
+        head[:3, 3] = self.p_SP_m[tick] + _unit(f_N) * (length_m - head_m)
+        return [(SHAFT, shaft), (HEAD, head)]
+
+
+def make_figure_parts(
+    scene: "Scene", recording: Recording | None, theme: Theme, piece_ticks: NDArray[np.int64], painting: bool = False
+) -> FigureParts:
+    """The stage of a scene.
+
+    Args:
+        scene: its bodies stand at their poses.
+        recording: the touch, or None.
+        theme: colours around the scene.
+        piece_ticks: (p,) ticks at which a new piece of the path is seen, ascending.
+        painting: whether to cut the bodies into pieces that can be shown unpainted.
+    """
+    solid = scene_solid(scene)
+    low_m, high_m = solid.corner_m.min(axis=0), solid.corner_m.max(axis=0)
+    p_WS_m, size_m = (low_m + high_m) / 2, max(float(np.linalg.norm(high_m - low_m)), 1e-9)
+    bodies = [_shifted(piece, p_WS_m) for piece in (_slices(scene, solid) if painting else [solid])]
+    p_ST_m = p_SP_m = f_N = np.zeros((0, 3))
+    pieces: list[Triangles] = []
+    if recording is not None:
+        p_ST_m, p_SP_m, f_N = recording.p_WT_m - p_WS_m, recording.p_WP_m - p_WS_m, recording.f_W_N
+        pieces = _path(recording, p_WS_m, PATH_RADIUS * size_m, piece_ticks)
+    f_max_N = float(np.linalg.norm(f_N, axis=1).max(initial=0.0))
+    return FigureParts(
+        parts=[*_props(size_m, theme), *bodies, *pieces],
+        slice_count=len(bodies) // 2,
+        piece_tick=piece_ticks[: len(pieces)],
+        p_ST_m=p_ST_m,
+        p_SP_m=p_SP_m,
+        f_N=f_N,
+        size_m=size_m,
+        arrow_m_N=ARROW_LENGTH * size_m / f_max_N if f_max_N > 0 else 0.0,
+    )
+
+
+def arrow_ticks(recording: Recording, spacing_m: float) -> NDArray[np.int64]:
+    """Ticks whose forces are shown together: along each contact one every `spacing_m`, its largest of a short one."""
+    force_N = np.linalg.norm(recording.f_W_N, axis=1)
+    edges = np.flatnonzero(np.diff(recording.touching.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    ticks: list[int] = []
+    for start, stop in edges:
+        step_m = np.linalg.norm(np.diff(recording.p_WP_m[start:stop], axis=0), axis=1)
+        mark = np.concatenate(([0.0], np.cumsum(step_m))) // spacing_m
+        if mark[-1] < 1:
+            ticks.append(int(start + force_N[start:stop].argmax()))
+        else:
+            ticks += (start + 1 + np.flatnonzero(np.diff(mark))).tolist()
+    return np.array(ticks, np.int64)
+
+
+def _path(
+    recording: Recording, p_WS_m: NDArray[np.float64], radius_m: float, piece_ticks: NDArray[np.int64]
+) -> list[Triangles]:
+    """The path in pieces that end at `piece_ticks`, as tubes: strong on the surface, thin in the air."""
+    touching = recording.touching
+    # the proxy lies on the surface; half a tube is then seen above it
+    line_m = recording.p_WP_m - p_WS_m + np.where(touching[:, None], recording.nhat_W, 0.0) * radius_m * 0.5
+    pieces = []
+    for first, last in zip([0, *piece_ticks], piece_ticks, strict=False):
+        at = np.arange(first, last + 1)
+        edges = np.flatnonzero(np.diff(touching[at])) + 1
+        runs = []
+        for start, stop in zip([0, *edges], [*edges, len(at)], strict=True):
+            if touching[at[start]]:
+                runs.append(tube(line_m[at[start:stop]], radius_m, PATH))
+            else:
+                runs.append(tube(line_m[at[max(start - 1, 0) : stop + 1]], radius_m * 0.4, AIR))
+        pieces.append(joined(runs))
+    return pieces
+
+
+def _slices(scene: "Scene", solid: Triangles) -> list[Triangles]:
+    """What is never painted; then, swatch by swatch of each body, strokes with their paint; then those without."""
+    plain = scene_solid(scene, painted=False)
+    worn = np.concatenate([body.face_swatch for body in scene.bodies])
+    owner = np.repeat(np.arange(len(scene.bodies)), [len(body.mesh.faces) for body in scene.bodies])
+    along_m = solid.corner_m.reshape(-1, 3, 3).mean(axis=1) @ (1.0, -0.3, 0.2)  # strokes go to the right
+    chosen = []
+    for body in range(len(scene.bodies)):
+        for swatch in np.unique(worn[(owner == body) & (worn > 0)]):
+            region = (owner == body) & (worn == swatch)
+            borders = np.quantile(along_m[region], np.linspace(0, 1, SLICE_COUNT + 1)[1:-1])
+            stroke = np.searchsorted(borders, along_m)
+            chosen += [region & (stroke == k) for k in range(SLICE_COUNT)]
+    return [cut(solid, worn == 0), *(cut(solid, c) for c in chosen), *(cut(plain, c) for c in chosen)]
+
+
+def _props(size_m: float, theme: Theme) -> list[Triangles]:
+    """Tool, proxy, an arrow's shaft and head of length 1 m: each at the origin, along z."""
+    tool_m, arrow_m, ball_m = TOOL_LENGTH * size_m, ARROW_LENGTH * size_m, 3 * PATH_RADIUS * size_m
+    pen = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
+    X = np.eye(4)
+    X[:3, :3] = _along(np.array(TOOL_ALONG))
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
+    return [
+        moved(lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool), X),
+        lathe([(ball_m * float(np.cos(a)), ball_m * float(np.sin(a))) for a in angle], PROXY_COLOUR),
+        lathe([(0.016 * arrow_m, 0.0), (0.016 * arrow_m, 1.0)], FORCE),
+        lathe([(0.0, 0.0), (0.05 * arrow_m, 1e-3), (0.0, 1.0)], FORCE),
+    ]
+
+
+def _shifted(solid: Triangles, p_m: NDArray[np.float64]) -> Triangles:
+    return Triangles(solid.corner_m - p_m, solid.normal, solid.colour) if len(solid.corner_m) else NOTHING
+
+
+def _at(p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    X = np.eye(4)
+    X[:3, 3] = p_m
+    return X
+
+
+def _along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A rotation (3, 3) that turns z to `direction`."""
+    z = _unit(direction)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x = _unit(x)
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,0 +1,163 @@
+"""The charts and the page are made from the table alone."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import HapsceneError
+from hapscene.handle.compensator import COMPENSATORS
+from hapscene_benchmarks import machine, synthesis
+from hapscene_benchmarks.case import short
+from hapscene_benchmarks.handle import SIGNALS
+from hapscene_benchmarks.order import ORDERS, RECORDINGS
+from hapscene_benchmarks.page import AIMS
+from hapscene_benchmarks.peer import TRIANGLES
+from hapscene_benchmarks.projection import ANGLES_DEG, STEPS
+from hapscene_benchmarks.run import bench, publish, write_results
+from hapscene_benchmarks.sheet import Sheet
+
+
+@pytest.fixture(scope="module")
+def sheet() -> Sheet:
+    """Figures as a run notes them, each with a number of its own."""
+    sheet = Sheet()
+    machine.describe_machine(sheet)
+    sheet.add("method", "path", 10.0, "s")
+    sheet.add("method", "hot runs", 5, "1")
+    sheet.add("clock", "between two reads median", 20, "ns")
+    for count in TRIANGLES:
+        name = f"sphere {short(count)}"
+        sheet.add(name, "triangles", count, "1")
+        sheet.add_spread(name, "contact", [0.2, 0.3, 0.4 + count / 5e6], "µs")
+        for figure, value, unit in (("contact mean", 0.3, "µs"), ("build", 12.0, "ms"), ("rays a tick mean", 1.2, "1")):
+            sheet.add(name, figure, value, unit)
+        for figure in ("ray mean", "rays of a tick mean"):
+            sheet.add(name, figure, 60.0, "ns")
+        for figure in ("proxy to facets", "proxy to closest point", "proxy to round surface"):
+            sheet.add_spread(name, figure, [0.0, 1e-9], "m")
+        sheet.add_spread(name, "force direction error", [100.0 / count, 200.0 / count], "°")
+    for order in ORDERS:
+        name = f"tick, order {order}"
+        sheet.add_spread(name, "tick", [0.02 * order, 0.03 * order], "µs")
+        sheet.add_spread(name, "contact", [0.2, 0.3], "µs")
+        sheet.add(name, "run for 10 s of path", 0.02, "s")
+        sheet.add(name, "step over the tick median", 2.0, "µs")
+    _add_rest(sheet)
+    return sheet
+
+
+def _add_rest(sheet: Sheet) -> None:
+    for figure in ("four idle effects median", "tick without effects median"):
+        sheet.add("harness", figure, 0.0625, "µs")
+    for figure in ("contact", "tick", "late"):
+        sheet.add_spread("sphere 82 k, 1 kHz loop", figure, [1.0, 9.0], "µs")
+    sheet.add_spread("empty 1 kHz loop", "late", [50.0], "µs")
+    sheet.add("start", "import hapscene", 0.004, "s")
+    sheet.add("start", "sphere 82 k, load to first tick", 3.5, "s")
+    for angle_deg in ANGLES_DEG:
+        for steps in STEPS:
+            sheet.add(f"groove {angle_deg:g}°", f"{steps} projections time", 5.0 * steps, "ns")
+            sheet.add(f"groove {angle_deg:g}°", f"{steps} projections error", 2e-3 / steps**3, "m")
+        sheet.add(f"groove {angle_deg:g}°", "active set time", 19.0, "ns")
+        sheet.add(f"groove {angle_deg:g}°", "active set error", 0.0, "m")
+    for name, count in (("1 body", 1), ("10 bodies", 10), ("1000 bodies", 1000)):
+        sheet.add(name, "bodies", count, "1")
+        sheet.add_spread(name, "contact", [0.2 * count], "µs")
+        sheet.add(name, "ray into its own scene mean", 60, "ns")
+        sheet.add(name, "ray through instances mean", 60 + count, "ns")
+        if count > 1:
+            sheet.add(name, "placing the moving bodies", 1.0, "µs")
+            for figure in ("contact, a tenth moving", "commit of instances, a tenth moving"):
+                sheet.add_spread(name, figure, [float(count)], "µs")
+    for order in synthesis.ORDERS:
+        for figure in ("one model", "nine models", "lfilter"):
+            sheet.add(f"synthesis, order {order}", f"{figure} for 10 s", 5e-4 * order, "s")
+    sheet.add("synthesis, wood", "order", 68, "1")
+    for figure in ("swatch", "lfilter"):
+        sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
+    sheet.add("twin, Omni, handle", "times real time", 110.0, "1")
+    sheet.add("twin, Omni, handle", "tick", 9.0, "µs")
+    for k, name in enumerate(COMPENSATORS):
+        sheet.add(f"handle, {name}", "sample least", 0.1 + 0.05 * k, "µs")
+        for signal in SIGNALS:
+            for what in ("nominal", "median", "p95", "firm"):
+                sheet.add(f"handle, {name}", f"{signal} {what}", 90.0 / (k + 1), "%")
+    for name in RECORDINGS:
+        for order in ORDERS:
+            sheet.add(f"recording {name}", f"order {order} distance", 20.0 / order, "dB")
+        sheet.add(f"recording {name}", "floor", 2.0, "dB")
+        sheet.add(f"recording {name}", "chosen order", 40, "1")
+
+
+def test_every_chart_is_written_and_shown_on_the_page(sheet: Sheet, tmp_path: Path) -> None:
+    made = write_results(sheet, tmp_path)
+    charts = {file.name for file in made if file.suffix == ".png"}
+    names = ("speed", "accuracy", "groove", "texture", "crowd", "handle")
+    assert charts == {f"{name}{ground}.png" for name in names for ground in ("", "-dark")}
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in made if file.suffix == ".png")
+    page = (tmp_path / "bench.md").read_text(encoding="utf-8")
+    assert set(re.findall(r'(?:src|srcset)="([^"]+)"', page)) == charts
+    assert "nan" not in page
+
+
+def test_aims_are_judged(sheet: Sheet, tmp_path: Path) -> None:
+    write_results(sheet, tmp_path)
+    page = (tmp_path / "bench.md").read_text(encoding="utf-8")
+    assert "| load of 82 k triangles to the first tick, warm cache | ≤ 3 s | 3.5 s | **no** |" in page
+    assert "| harness of the effect calls | ≤ 0.3 µs | 0.0625 µs | yes |" in page
+    assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
+
+
+def test_synthesis_is_told_in_multiples_of_real_time(sheet: Sheet, tmp_path: Path) -> None:
+    write_results(sheet, tmp_path)
+    page = (tmp_path / "bench.md").read_text(encoding="utf-8")
+    assert "| nine models | 40 | 500 | 500 |" in page and "| wood | 68 | 400 | 400 |" in page
+    assert "| synthesis of 10 s at 10 kHz, order 40 | ≤ 0.02 s | 0.02 s | yes |" in page
+
+
+def test_page_in_docs_is_made_anew_from_the_table(sheet: Sheet, tmp_path: Path) -> None:
+    out, docs = tmp_path / "out", tmp_path / "docs"
+    out.mkdir()
+    docs.mkdir()
+    page = publish(write_results(sheet, out), docs)
+    first = page.read_text(encoding="utf-8")
+    shown = re.findall(r'(?:src|srcset)="([^"]+)"', first)
+    assert "bench/speed.png" in shown
+    assert all((docs / path).is_file() for path in (*shown, *re.findall(r"\]\((bench/[^)]+)\)", first)))
+    page.write_text("by hand")
+    publish(write_results(Sheet.read(docs / "bench" / "bench.csv"), out), docs)
+    assert page.read_text(encoding="utf-8") == first
+
+
+def test_charts_are_drawn_anew_from_a_table(sheet: Sheet, tmp_path: Path) -> None:
+    write_results(sheet, tmp_path)
+    bench(tmp_path / "again", table=tmp_path / "bench.csv")
+    made = sorted(file.name for file in tmp_path.iterdir() if file.is_file())
+    assert made == sorted(file.name for file in (tmp_path / "again").iterdir())
+    assert all((tmp_path / name).read_bytes() == (tmp_path / "again" / name).read_bytes() for name in made)
+
+
+def test_without_recordings_the_texture_is_left_out(sheet: Sheet, tmp_path: Path) -> None:
+    rest = Sheet()
+    for figure in sheet:
+        if not figure.case.startswith("recording "):
+            rest.add(figure.case, figure.name, figure.value, figure.unit)
+    made = write_results(rest, tmp_path)
+    assert "texture.png" not in {file.name for file in made}
+    assert "texture.png" not in (tmp_path / "bench.md").read_text(encoding="utf-8")
+
+
+def test_missing_docs_are_named_before_anything_is_measured(tmp_path: Path) -> None:
+    with pytest.raises(HapsceneError, match=r"nowhere: no such folder"):
+        bench(tmp_path / "out", quick=True, docs=tmp_path / "nowhere")
+    assert not (tmp_path / "out").exists()
+
+
+def test_machine_is_told_without_its_name() -> None:
+    import socket
+
+    sheet = Sheet()
+    machine.describe_machine(sheet)
+    assert sheet.text("machine", "processor")
+    assert all(socket.gethostname() not in str(figure.value) for figure in sheet)

@@ -1,0 +1,105 @@
+"""Known surfaces under white noise: their order and filter come back, and what is none is left alone."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hapscene.capture import fit, metric
+from hapscene.capture.order_search import search_order
+from hapscene.capture.streams import clean
+from hapscene.capture.texture_fit import choose_model_count, fit_texture
+from hapscene.capture.texture_pieces import cut
+from hapscene.capture.whittle import NoisyModel, density, over_noise, refined
+from hapscene.dsp.ar_filter import power_gain
+
+RATE = 10_000.0
+
+
+def resonant(frequency_Hz, width_Hz, rate_Hz=RATE):
+    """The filter with a resonance at each frequency, of that width (−3 dB)."""
+    a = np.array([1.0])
+    for f, w in zip(frequency_Hz, width_Hz, strict=True):
+        radius = np.exp(-np.pi * w / rate_Hz)
+        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / rate_Hz), radius**2])
+    return a
+
+
+def noisy(a, count, snr_dB, seed=0):
+    """Noise through 1/A, variance 1, and white noise beneath."""
+    rng = np.random.default_rng(seed)
+    y = lfilter([1.0], a, rng.standard_normal(count + 5000))[5000:]
+    y /= y.std()
+    return y + 10 ** (-snr_dB / 20) * rng.standard_normal(count)
+
+
+LOW = [
+    ([220], [60]),
+    ([150, 500], [40, 60]),
+    ([120, 380, 800], [50, 60, 90]),
+    ([200, 450, 700, 950], [50, 50, 70, 70]),
+]
+
+
+@pytest.mark.parametrize("snr_dB", [20.0, np.inf])
+@pytest.mark.parametrize(("frequency_Hz", "width_Hz"), LOW)
+def test_all_resonances_below_1_kHz(frequency_Hz, width_Hz, snr_dB):
+    """At 10 kHz: plain linear prediction needs orders of 5 to 50 for 2 to 8 under noise of 20 dB."""
+    truth = resonant(frequency_Hz, width_Hz)
+    texture = fit(noisy(truth, 60_000, snr_dB, seed=len(frequency_Hz)), RATE, excitation="gaussian").texture
+    assert abs(texture.order - 2 * len(frequency_Hz)) <= 2
+    a, variance = texture.model(10.0, 10.0)
+    frequency = np.arange(30.0, 1000.0, 5.0)
+    model = metric.model_spectrum(a, variance, RATE, frequency)
+    should = metric.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
+    heard = should > 2.0 * 10 ** (-snr_dB / 10) / RATE  # what lies below the noise no one can know
+    assert metric.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 0.7
+
+
+def test_the_noise_is_told_from_the_surface():
+    truth = resonant([150, 500], [40, 60])
+    model = over_noise(clean(noisy(truth, 60_000, 20.0), RATE).acceleration_m_s2, RATE, 30)
+    assert model.order == 4
+    assert np.exp(model.log_noise) == pytest.approx(0.01, rel=0.05)
+    np.testing.assert_allclose(np.sort(np.abs(np.angle(np.roots(model.a)))), np.sort(np.abs(np.angle(np.roots(truth)))),
+                               atol=2 * np.pi * 5 / RATE)  # fmt: skip
+
+
+def test_two_filters_under_noise_are_told_apart_by_speed():
+    """Each cluster of pieces gets its own filter over the noise that the whole recording has."""
+    truths = (resonant([200, 500], [60, 60]), resonant([300, 800], [60, 60]))
+    signal = np.concatenate([noisy(truths[i % 2], 15_000, 20.0, seed=i) for i in range(4)])
+    speed = np.repeat([0.1, 0.25, 0.1, 0.25], 15_000)
+    noise = over_noise(clean(signal[:15_000], RATE).acceleration_m_s2, RATE, 30)
+    part = cut(clean(signal, RATE, 1.0, speed))
+    texture = fit_texture(part, RATE, noise.order, 2, noise=noise)
+    assert choose_model_count(part, RATE, noise.order, noise) >= 2
+    frequency = np.arange(100.0, 900.0, 5.0)
+    for truth, v in zip(truths, (0.1, 0.25), strict=True):
+        model = metric.model_spectrum(texture.model(1.0, v)[0], 1.0, RATE, frequency)
+        should = metric.model_spectrum(truth, 1.0 / power_gain(truth), RATE, frequency)
+        heard = should > 0.02 / RATE
+        assert metric.log_spectral_distance(model[heard], should[heard], frequency[heard]) < 1.0
+
+
+def test_what_no_small_model_explains_is_left_alone(shared):
+    rng = np.random.default_rng(0)
+    assert over_noise(clean(rng.standard_normal(20_000), RATE).acceleration_m_s2, RATE, 20) is None  # noise alone
+    changed = np.concatenate([noisy(resonant([f, 600], [40, 60]), 20_000, 20.0) for f in (150, 350)])
+    assert over_noise(clean(changed, RATE).acceleration_m_s2, RATE, 20) is None  # its halves differ
+    accel = np.loadtxt(shared / "data" / "recordings" / "cdp_leather.csv", delimiter=",", skiprows=1)[:, 2]
+    assert search_order(clean(accel, RATE).acceleration_m_s2, RATE).noise is None
+
+
+def test_scoring_never_gets_worse_and_stays_stable():
+    """From random stable starts on spectra of random models."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        truth = resonant(rng.uniform(60, 900, 3), rng.uniform(30, 150, 3))
+        spectrum = density([noisy(truth, 10_000, 20.0, int(rng.integers(1 << 30)))], RATE)
+        radius, angle = rng.uniform(0.1, 0.99, 4), rng.uniform(0.05, 3.0, 4)
+        start = NoisyModel(np.stack([-2 * radius * np.cos(angle), radius**2], axis=1), 0.0, np.log(spectrum.noise_max))
+        end = refined(start, spectrum)
+        whole = start.parts(spectrum)[2]
+        assert end.loss <= np.sum(spectrum.ordinates * (np.log(whole) + spectrum.power / whole)) + 1e-6
+        assert np.all(np.abs(np.roots(end.a)) < 1.0)
+        assert np.exp(end.log_noise) <= spectrum.noise_max * (1 + 1e-9)

@@ -1,0 +1,83 @@
+"""What is typed after an option: refused in a sentence where it is none."""
+
+import argparse
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from hapscene.cli import _parser, main
+from hapscene.command.options import number, whole
+
+ODD = ("abc", "", " ", "nan", "-inf", "inf", "1e999", "-1e999", "0x10", "1.5.2", "²", "-1", "9" * 5000, "1," * 9, "a:b")
+
+
+def options(parser: argparse.ArgumentParser, name: str) -> Iterator[tuple[str, argparse.Action]]:
+    """All options of a parser and of its commands, with the words that lead to them."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word, command in action.choices.items():
+                yield from options(command, f"{name} {word}")
+        elif callable(action.type):
+            yield f"{name} {'/'.join(action.option_strings)}", action
+
+
+TYPED = dict(options(_parser(), "hapscene"))
+
+
+@pytest.mark.parametrize("option", TYPED)
+def test_what_is_no_value_is_told_in_words(option: str) -> None:
+    """argparse turns other errors into "invalid _port value", or lets them through."""
+    kind = TYPED[option].type
+    assert kind not in (int, float), "use hapscene.command.options.whole or number"
+    for text in ODD:
+        try:
+            value = kind(text)  # type: ignore[operator]
+        except argparse.ArgumentTypeError as error:
+            assert len(str(error)) > 10
+        else:
+            assert not isinstance(value, float) or math.isfinite(value)
+
+
+def test_there_are_numbers_among_the_options() -> None:
+    assert {"hapscene paint --port", "hapscene view --turn", "hapscene view --seconds"} <= set(TYPED)
+    assert len(TYPED) > 40
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "bad", "told"),
+    [
+        (whole("a port", 0, 9), ("0", "9", " 7 "), ("-1", "10", "x"), "a port is a whole number from 0 to 9, not "),
+        (whole("a seed", 0), ("0", "999"), ("-1", "1.5"), "a seed is a whole number, 0 or more, not "),
+        (whole("a grip"), ("-5",), ("x",), "a grip is a whole number, not "),
+        (number("a rate is a number of Hz", above=0.0), ("1e-9",), ("0", "nan"), "a rate is a number of Hz, above 0"),
+        (number("a share is a number", 0.0, 1.0), ("0", "1"), ("-.1", "1.1"), "a share is a number from 0 to 1, not "),
+        (
+            number("a film lasts a number of seconds", high=9.0, above=0.0),
+            ("9",),
+            ("0", "9.1"),
+            "a film lasts a number of seconds, above 0 and at most 9, not ",
+        ),
+        (number("an angle is a number of degrees"), ("-720", "1e3"), ("inf", "nan", ""), "an angle is a number of deg"),
+    ],
+)
+def test_kinds_of_numbers(kind, good: tuple[str, ...], bad: tuple[str, ...], told: str) -> None:
+    assert [kind(text) for text in good] == [float(text) for text in good]
+    for text in bad:
+        with pytest.raises(argparse.ArgumentTypeError) as error:
+            kind(text)
+        assert str(error.value).startswith(told) and repr(text) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["view", "a.ply", "--out", "a.gif", "--turn", "nan"], "--turn: an angle is a number of degrees, not 'nan'"),
+        (["view", "a.ply", "--out", "a.gif", "--seconds", "abc"], "above 0 and at most 3600, not 'abc'"),
+        (["paint", "--port", "abc"], "--port: a port is a whole number from 0 to 65535, not 'abc'"),
+    ],
+)
+def test_it_is_said_without_a_traceback(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert told in capsys.readouterr().err

@@ -1,0 +1,138 @@
+"""Force shading: smooth where the mesh is flat enough, sharp where it is not, and the energy that it leaks."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.contact.shading import corner_normals
+from hapscene.scene.mesh import Mesh
+from hapscene.surface.swatch import Swatch
+from hapscene_experiments.stabiliser_case import FACET_M, FACET_RAD, ridge, ridge_radius_m, shading_leak_J, turn_rad
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+
+
+def scene(mesh, **keys) -> hapscene.Scene:
+    built = hapscene.Scene()
+    built.add(mesh, name="body", unit="m", **keys)
+    return built
+
+
+def angle(a, b) -> np.ndarray:
+    return np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0))
+
+
+def test_corners_of_a_ball_are_round():
+    mesh = Mesh.from_trimesh(BALL, "m")
+    shade = corner_normals(mesh, 0.5)
+    outward = mesh.vertices_m[mesh.faces] / 0.05
+    np.testing.assert_allclose(np.linalg.norm(shade, axis=2), 1.0, rtol=1e-12)
+    assert angle(shade, outward).max() < 0.01
+    flat = np.cross(outward[:, 1] - outward[:, 0], outward[:, 2] - outward[:, 0])
+    assert angle(shade, (flat / np.linalg.norm(flat, axis=1)[:, None])[:, None]).max() > 0.05
+
+
+def test_faces_that_share_no_vertices_are_one_surface():
+    soup = BALL.vertices[BALL.faces].reshape(-1, 3), np.arange(3 * len(BALL.faces), dtype=np.int32).reshape(-1, 3)
+    whole = corner_normals(Mesh.from_trimesh(BALL, "m"), 0.5)
+    np.testing.assert_allclose(corner_normals(Mesh(*soup), 0.5), whole, atol=1e-12)
+
+
+def test_a_box_stays_a_box():
+    mesh = Mesh.from_trimesh(trimesh.creation.box((1, 2, 3)), "m")
+    shade = corner_normals(mesh, math.radians(80.0))
+    corner = mesh.vertices_m[mesh.faces]
+    flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    np.testing.assert_allclose(shade, np.repeat((flat / np.linalg.norm(flat, axis=1)[:, None])[:, None], 3, axis=1))
+    rounded = corner_normals(mesh, math.radians(100.0))
+    np.testing.assert_allclose(rounded, np.sign(corner) / math.sqrt(3.0), atol=1e-12)
+
+
+def test_round_side_and_sharp_rim_of_a_cylinder():
+    mesh = Mesh.from_trimesh(trimesh.creation.cylinder(radius=0.03, height=0.04, sections=24), "m")
+    shade, corner = corner_normals(mesh, math.radians(30.0)), mesh.vertices_m[mesh.faces]
+    cap = np.ptp(corner[:, :, 2], axis=1) == 0.0
+    np.testing.assert_allclose(shade[cap], np.sign(corner[cap]) * (0, 0, 1), atol=1e-12)
+    side = corner[~cap] * (1, 1, 0)
+    assert angle(shade[~cap], side / np.linalg.norm(side, axis=2)[..., None]).max() < math.radians(4.0)
+
+
+def circle(radius_m: float, count: int = 4000) -> np.ndarray:
+    t = np.linspace(0.1, 3.0, count)
+    return radius_m * np.c_[np.cos(t), np.sin(t), 0.2 * np.sin(3 * t)]
+
+
+@pytest.mark.parametrize("pose", [np.eye(4), trimesh.transformations.rotation_matrix(0.7, (1, 2, 3))])
+def test_force_turns_steadily_over_a_ball(pose):
+    path = np.concatenate((circle(0.06, 2), circle(0.047)))[1:] @ pose[:3, :3].T
+    built = scene(BALL, pose=pose)
+    turns = []
+    for crease in (0.0, 0.5):
+        recording = hapscene.Renderer(built, ["wall"], crease_rad=crease).run(path)
+        assert recording.touching[1:].all()
+        turns.append(turn_rad(recording))
+        off = angle(recording.nhat_W[5:], recording.p_WP_m[5:] / np.linalg.norm(recording.p_WP_m[5:], axis=1)[:, None])
+        np.testing.assert_allclose(np.linalg.norm(recording.nhat_W, axis=1), 1.0, rtol=1e-12)
+    assert turns[0] > math.radians(6.0)  # from face to face
+    assert turns[1] < math.radians(0.7)
+    assert off.max() < math.radians(1.5)  # and points outward
+
+
+def test_a_valley_is_round_too():
+    """Where two faces hold the proxy in a shallow groove, the force does not jump between theirs and the shaded one."""
+    h = 0.01 * math.tan(FACET_RAD / 2.0)
+    corners = np.array([[x, y, z] for x, z in ((-0.01, h), (0.0, 0.0), (0.01, h)) for y in (-0.05, 0.05)])
+    faces = np.array([(0, 2, 3), (0, 3, 1), (2, 4, 5), (2, 5, 3)], np.int32)
+    x = np.linspace(-0.006, 0.006, 3000)
+    path = np.column_stack((x, np.full(3000, 0.004), np.abs(x) * math.tan(FACET_RAD / 2.0) - 0.002))
+    path[0, 2] = 0.01
+    sharp, round_ = (
+        hapscene.Renderer(scene(Mesh(corners, faces)), ["wall"], crease_rad=c).run(path) for c in (0.0, 0.5)
+    )
+    assert (sharp.flags == 0).all() and (round_.flags == 0).all()
+    assert turn_rad(round_) < math.radians(0.2)
+    np.testing.assert_allclose(angle(round_.nhat_W[1500], np.array([0.0, 0.0, 1.0])), 0.0, atol=1e-3)
+
+
+def test_depth_stays():
+    path = np.concatenate((circle(0.06, 2), circle(0.047)))[1:]
+    flat, shaded = (hapscene.Renderer(scene(BALL), ["wall"], crease_rad=c).run(path) for c in (0.0, 0.5))
+    np.testing.assert_array_equal(flat.depth_m, shaded.depth_m)
+    size = np.linalg.norm(flat.f_W_N, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(shaded.f_W_N, axis=1), size, rtol=1e-12)
+
+
+def test_two_sided_sheets_push_back_to_the_side_of_the_tool():
+    sheet = ridge(Swatch("w"))
+    mesh = sheet.bodies[0].mesh
+    top = ridge_radius_m()
+    below = np.array([[0.003, 0.001, top - 0.002], [0.003, 0.001, top + 0.0005]])
+    recording = hapscene.Renderer(scene(mesh, two_sided=True), ["wall"], crease_rad=0.5).run(below)
+    assert recording.touching[1]
+    assert recording.f_W_N[1, 2] < -0.2
+
+
+@pytest.mark.parametrize(("near_m", "far_m"), [(2e-3, 1e-3), (1e-3, 2e-3), (3e-3, 0.0)])
+def test_leak_of_a_closed_tour(near_m, far_m):
+    """To what linear interpolation of a normal differs from that of its angle: δ²/24, 0.3 % at 15°."""
+    made, said = shading_leak_J(1000.0, near_m, far_m)
+    assert abs(made) > 1e-4
+    assert made == pytest.approx(said, rel=1.05 * FACET_RAD**2 / 24.0)
+
+
+def test_no_leak_without_shading():
+    path = np.column_stack((np.linspace(0.0, 0.0049, 500), np.full(500, 0.003), np.full(500, ridge_radius_m() - 2e-3)))
+    built = ridge(Swatch("w", stiffness_N_m=1000.0), 3, FACET_M, FACET_RAD)
+    renderer = hapscene.Renderer(built, ["wall"])
+    renderer.reset(path[0] + (0.0, 0.0, 3e-3))
+    force = renderer.run(path).f_W_N
+    assert abs(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(path, axis=0))) < 1e-12
+
+
+def test_bad_crease():
+    for crease in (-0.1, 4.0, math.nan):
+        with pytest.raises(hapscene.HapsceneError, match="crease_rad"):
+            hapscene.Renderer(scene(BALL), crease_rad=crease)

@@ -1,0 +1,123 @@
+"""A swatch on its way through a file."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.errors import SceneError, SwatchError
+from hapscene.exchange import swatch_payload
+from hapscene.exchange.swatch_payload import (
+    ExchangeWarning,
+    check_version,
+    digest_of,
+    join,
+    known_swatch,
+    numbers_of,
+    pieces_of,
+    restore,
+)
+from hapscene.scene.body import Body
+from hapscene.scene.mesh import Mesh
+from hapscene.surface import library
+from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import load_swatch, save_swatch, swatch_to_json
+
+FILE = Path("desk.x3d")
+
+
+def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
+    return restore(FILE, swatch.name, numbers_of(swatch), list(swatch.albedo_rgb), digest_of(swatch), text)
+
+
+def test_the_very_same_comes_from_the_library_by_name() -> None:
+    assert carry(load_swatch("wood")) == "wood"
+    assert carry(PLAIN) is PLAIN
+
+
+def test_one_put_into_the_library_later_is_found(own_library: Path) -> None:
+    mine = replace(load_swatch("wood"), name="mine", stiffness_N_m=321.0)
+    with pytest.warns(ExchangeWarning, match="hapscene swatch add"):
+        bare = carry(mine)
+    assert isinstance(bare, Swatch) and bare.texture is None and numbers_of(bare) == numbers_of(mine)
+    library.add(mine)
+    assert carry(mine) == "mine"
+
+
+def test_the_text_wins_over_another_of_its_name() -> None:
+    other = replace(load_swatch("wood"), stiffness_N_m=321.0)
+    back = carry(other, swatch_to_json(other))
+    assert isinstance(back, Swatch) and swatch_to_json(back) == swatch_to_json(other)
+    with pytest.warns(ExchangeWarning, match="is another one"):
+        assert carry(other).stiffness_N_m == 321.0  # type: ignore[union-attr]
+
+
+def test_numbers_alone_are_the_whole_of_a_bare_swatch() -> None:
+    bare = Swatch("bare", 100.0, 0.1, 0.3, 0.2, albedo_rgb=(0.1, 0.2, 0.3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert swatch_to_json(carry(bare)) == swatch_to_json(bare)  # type: ignore[arg-type]
+
+
+def test_a_long_swatch_is_left_to_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    wood = load_swatch("wood")
+    assert swatch_payload.text_of(wood) == swatch_to_json(wood)
+    monkeypatch.setattr(swatch_payload, "EMBEDDED_MAX", 100)
+    assert swatch_payload.text_of(wood) is None
+
+
+def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = replace(load_swatch("wood"), name="x")
+    save_swatch(mine, tmp_path / "x.swatch")
+    for name in ("x.swatch", "./x.swatch", str(tmp_path / "x.swatch"), "..\\x.swatch", "x"):
+        assert known_swatch(name) is None
+
+
+@pytest.mark.parametrize(
+    ("numbers", "albedo", "text", "message"),
+    [
+        ({}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": "500"}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": float("nan")}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": 10**400}, [0, 0, 0], None, "expected numbers"),
+        (numbers_of(PLAIN) | {"stiffness_N_m": -1}, [0, 0, 0], None, "not negative"),
+        (numbers_of(PLAIN), None, None, "three numbers"),
+        (numbers_of(PLAIN), [0, 0], None, "three numbers"),
+        ({}, None, "{}", "desk.x3d: swatch 'odd'"),
+        ({}, None, swatch_to_json(PLAIN), "calls itself 'plain'"),
+    ],
+)
+def test_what_is_no_swatch(numbers: dict, albedo: list | None, text: str | None, message: str) -> None:
+    with pytest.raises((SwatchError, SceneError), match=message):
+        restore(FILE, "odd", numbers, albedo, "0" * 64, text)
+
+
+@pytest.mark.parametrize("version", [0, -1, "1", None, 1.5, True, 2, 10**30])
+def test_versions_that_are_not_read(version: object) -> None:
+    with pytest.raises(SceneError, match="update hapscene" if version in (2, 10**30) else "whole number"):
+        check_version(FILE, version)
+    check_version(FILE, 1.0)
+
+
+# Cutting a body by swatch, and joining it again.
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_joined_pieces_are_the_body_again(seed: int, swatches: int) -> None:
+    rng = np.random.default_rng(seed)
+    vertices = np.concatenate([np.eye(3), rng.normal(size=(9, 3))])
+    faces = np.concatenate([[[0, 1, 2]], [rng.choice(12, 3, replace=False) for _ in range(29)]]).astype(np.int32)
+    painted = rng.integers(0, swatches, 30).astype(np.int16)
+    pieces = pieces_of(Body("b", Mesh(vertices, faces), np.eye(4), False, painted))
+    assert [piece.swatch for piece in pieces] == sorted(set(painted.tolist()))
+    p, f, swatch = join(pieces)
+    order = np.argsort(painted, kind="stable")  # by swatch, within each in the body's order
+    assert np.array_equal(p[f], vertices[faces[order]])
+    assert np.array_equal(swatch, painted[order])
+    assert len(p) == len(np.unique(faces))  # each vertex once, though several pieces have it

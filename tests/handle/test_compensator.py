@@ -1,0 +1,52 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import bilinear, freqz
+
+from hapscene.handle import Plant
+from hapscene.handle.compensator import BUTTERWORTH, COUNT, CRITICAL, differences, integrals, weights
+
+RATE_HZ = 10_000.0
+
+
+def impulse_responses(corner_Hz: float, damping: tuple[float, float], count: int = 60_000) -> Any:
+    g, state = np.tan(np.pi * corner_Hz / RATE_HZ), np.zeros(6)
+    return np.array([integrals(state, g, *damping, 1.0 if k == 0 else 0.0) for k in range(count)])
+
+
+@pytest.mark.parametrize("damping", [CRITICAL, BUTTERWORTH])
+def test_the_inverse_is_tustin_of_its_formula(damping: tuple[float, float]) -> None:
+    """den(s)/(m_c D(s)), by SciPy's bilinear transform, at frequencies of the band."""
+    corner_Hz = 5.0
+    omega = 2.0 * RATE_HZ * np.tan(np.pi * corner_Hz / RATE_HZ)  # the corner is kept where it was asked for
+    d = np.convolve([1, damping[0] * omega, omega**2], [1, damping[1] * omega, omega**2])
+    scaled = weights(Plant(), corner_Hz) * omega ** np.arange(COUNT)
+    numerator, denominator = bilinear(scaled, d, RATE_HZ)
+    frequency = np.array([20.0, 50.0, 200.0, 1000.0])
+    _, wanted = freqz(numerator, denominator, worN=frequency, fs=RATE_HZ)
+    h = impulse_responses(corner_Hz, damping) @ weights(Plant(), corner_Hz)
+    got = np.exp(-2j * np.pi * frequency[:, None] * np.arange(len(h)) / RATE_HZ) @ h
+    assert np.abs(got / wanted - 1.0).max() < 1e-6
+
+
+def test_it_undoes_the_plant_above_its_corner() -> None:
+    frequency = np.geomspace(20.0, 1000.0, 30)
+    h = impulse_responses(10.0, BUTTERWORTH) @ weights(Plant(), 10.0)
+    inverse = np.exp(-2j * np.pi * frequency[:, None] * np.arange(len(h)) / RATE_HZ) @ h
+    butterworth = 1.0 / np.sqrt(1.0 + (10.0 / frequency) ** 8)
+    assert np.abs(inverse * Plant().response(frequency)) == pytest.approx(butterworth, rel=0.02)
+
+
+def test_differences_are_the_first_of_the_integrals() -> None:
+    rng, g = np.random.default_rng(0), 0.003
+    one, two = np.zeros(6), np.zeros(4)
+    for x in rng.standard_normal(1000):
+        assert differences(two, g, *BUTTERWORTH, x) == integrals(one, g, *BUTTERWORTH, x)[0]
+
+
+def test_constant_acceleration_asks_for_a_finite_force() -> None:
+    g, state = np.tan(np.pi * 5.0 / RATE_HZ), np.zeros(6)
+    for _ in range(100_000):
+        phi = integrals(state, g, *CRITICAL, 1.0)
+    assert phi == pytest.approx((0.0, 0.0, 0.0, 0.0, 1.0), abs=1e-9)

@@ -1,0 +1,106 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from hapscene.handle import Plant
+from hapscene.handle.handle_dynamics import amplify, grip_handle, move, sense
+from hapscene.handle.handle_loop import ACCELEROMETER_NOISE_M_S2_RTHZ, new_handle, vibrate
+
+RATE_HZ = 10_000.0
+
+
+def at_rest(plant: Plant, rate_Hz: float = RATE_HZ) -> Any:
+    return new_handle(plant, plant, "none", rate_Hz)[0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.floats(0.005, 0.05),
+    st.floats(50.0, 5000.0),
+    st.floats(0.02, 0.5),
+    st.floats(0.0, 5000.0),
+    st.sampled_from([2500.0, 10_000.0, 48_000.0]),
+)
+def test_the_step_is_scipys_matrix_exponential(m_c: float, k_s: float, m_h: float, k_u: float, rate_Hz: float) -> None:
+    plant = Plant(m_c_kg=m_c, k_s_N_m=k_s, m_h_kg=m_h, k_u_N_m=k_u)
+    a, b, _, _ = plant.discretised(rate_Hz)
+    step = at_rest(plant, rate_Hz).step
+    assert step[:4, :4] == pytest.approx(a, rel=1e-9, abs=1e-13)
+    assert step[:4, 4:] == pytest.approx(b, rel=1e-9, abs=1e-13)
+    assert step[4] == pytest.approx([0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def test_a_firmer_grip_in_place_is_a_handle_made_so() -> None:
+    firm = Plant(k_u_N_m=2000.0, b_u_Ns_m=20.0)
+    handle = at_rest(Plant())
+    grip_handle(handle, 2000.0, 20.0)
+    assert handle.step.tolist() == at_rest(firm).step.tolist()
+
+
+def test_halving_the_step_changes_nothing() -> None:
+    """The same held forces at twice the rate: the state is the same to rounding, also while the grip changes."""
+    rng = np.random.default_rng(0)
+    coarse, fine = at_rest(Plant()), at_rest(Plant(), 2.0 * RATE_HZ)
+    for k, force in enumerate(rng.uniform(-0.5, 0.5, 2000)):
+        if k % 10 == 0:
+            grip = 500.0 + 400.0 * np.sin(0.01 * k)
+            for handle in (coarse, fine):
+                grip_handle(handle, grip, 0.01 * grip)
+        move(coarse, force)
+        move(fine, force)
+        move(fine, force)
+    assert coarse.hits == 0
+    assert coarse.x == pytest.approx(fine.x, rel=1e-8, abs=1e-12)
+
+
+def test_acceleration_force_and_travel_are_the_plants() -> None:
+    """The acceleration is that of SciPy's discretised plant for the force that is reported."""
+    from scipy.signal import dlsim
+
+    plant = Plant(travel_limit_m=0.05)
+    handle = new_handle(plant, plant, "naive", RATE_HZ)[0]
+    desired = np.random.default_rng(0).standard_normal(1000)
+    played = np.array([vibrate(handle, a) for a in desired])
+    _, y, _ = dlsim((*plant.discretised(RATE_HZ), 1.0 / RATE_HZ), played[:, 2:])
+    assert handle.hits == 0
+    assert played[:, 0] == pytest.approx(y[:, 0], abs=1e-9)
+    assert played[:-1, 1] == pytest.approx(y[1:, 2], abs=1e-12)  # displacement at the end of the sample
+
+
+def test_the_amplifier_is_one_pole_seen_as_its_mean_over_a_sample() -> None:
+    handle = at_rest(Plant(amplifier_Hz=2000.0))
+    got = np.array([amplify(handle, 1.0) for _ in range(20)])
+    t = np.arange(20 * 1000 + 1) / (1000 * RATE_HZ)
+    force = 1.0 - np.exp(-2.0 * np.pi * 2000.0 * t)
+    mean = [np.trapezoid(force[k * 1000 : (k + 1) * 1000 + 1], dx=1e-3) for k in range(20)]
+    assert got == pytest.approx(mean, rel=1e-6)
+
+
+def test_a_coil_at_its_stop_stays_there_and_momentum_is_kept() -> None:
+    plant = replace(Plant(), k_u_N_m=1e-6, b_u_Ns_m=0.0, travel_limit_m=0.002)
+    handle = at_rest(plant)
+    dt, momentum = 1.0 / RATE_HZ, []
+    velocity = 0.0
+    for _ in range(400):
+        velocity += dt * move(handle, 3.0)
+        x = handle.x
+        assert abs(x[2]) <= plant.travel_limit_m
+        momentum.append((plant.m_h_kg + plant.m_c_kg) * x[1] + plant.m_c_kg * x[3])
+    assert handle.hits >= 1 and handle.x[2] == -plant.travel_limit_m
+    assert np.abs(momentum).max() < 1e-6  # no force from outside but a grip of almost nothing
+
+
+def test_the_accelerometer_has_its_noise_and_its_pole() -> None:
+    handle = at_rest(Plant())
+    read = np.array([sense(handle, 0.0) for _ in range(10_000)])
+    pole = handle.sensor_pole
+    white = lfilter([1.0 / (1.0 - pole), -pole / (1.0 - pole)], [1.0], read)
+    assert white.std() == pytest.approx(ACCELEROMETER_NOISE_M_S2_RTHZ * np.sqrt(0.5 * RATE_HZ), rel=0.03)
+    for _ in range(1000):
+        read[0] = sense(handle, 5.0)
+    assert read[0] == pytest.approx(5.0, abs=0.5)

@@ -1,0 +1,235 @@
+"""A handle over a pseudo-terminal: a simulated one at the wire, and wires and handles that go wrong."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene.handle import serial_handle as port_module
+from hapscene.handle.force_source import SimulatedSource, simulated_grips
+from hapscene.handle.plant import Plant
+from hapscene.handle.port_simulator import COLUMNS, Peer, serve
+from hapscene.handle.serial_handle import BUFFER, START, SerialSource
+from hapscene.wire.protocol import Column, Header, header_line, sample_line, sealed
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+
+RATE_HZ = 2000.0
+FORCE = 0.3 * np.sin(2 * np.pi * 40.0 * np.arange(6000) / RATE_HZ) * np.hanning(6000)
+
+
+class Wire:
+    """A pseudo-terminal whose other end a thread plays."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        self._thread: threading.Thread | None = None
+        self.over = threading.Event()
+        self.failed: list[BaseException] = []
+
+    def play(self, peer: Peer) -> None:
+        """Plays that handle, as fast as force comes."""
+
+        def run() -> None:
+            try:
+                serve(peer, self.ours, self.over.is_set, hurried=True)
+            except BaseException as error:
+                self.failed.append(error)
+
+        self._thread = threading.Thread(target=run, daemon=True)
+        self._thread.start()
+
+    def say(self, text: bytes) -> None:
+        """Prints that again and again."""
+
+        def run() -> None:
+            while not self.over.wait(0.02):
+                try:
+                    os.write(self.ours, text)
+                except OSError:
+                    return
+
+        self._thread = threading.Thread(target=run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self.over.set()
+        if self._thread is not None:
+            self._thread.join(5.0)
+        os.close(self.ours)
+        os.close(self._theirs)
+        assert not self.failed, self.failed
+
+
+@pytest.fixture
+def wire() -> Iterator[Wire]:
+    wire = Wire()
+    yield wire
+    wire.close()
+
+
+def peer() -> Peer:
+    peer = Peer(SimulatedSource(Plant(), RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0), grip_count=2)
+    peer.give(1)  # compiled before anybody waits
+    return peer
+
+
+def counts(force: np.ndarray) -> np.ndarray:
+    """Force in the wire's counts without its zeros: where the computer is late, the handle puts some between."""
+    whole = np.rint(force / COLUMNS[0].scale)
+    return whole[whole != 0.0]
+
+
+def felt(force: np.ndarray) -> np.ndarray:
+    """What that force makes the simulated handle do in its first grip."""
+    _, k_u, b_u = simulated_grips(2)[0]
+    plant = Plant(k_u_N_m=k_u, b_u_Ns_m=b_u)
+    return SimulatedSource(plant, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0).advance(force)[0]
+
+
+def test_what_is_played_comes_out_and_comes_back(wire: Wire) -> None:
+    shares: list[float] = []
+    wire.play(peer())
+    with closing(SerialSource(wire.port, say=shares.append)) as source:
+        assert source.rate_Hz == RATE_HZ
+        force, acceleration = source.play(FORCE)
+    np.testing.assert_array_equal(counts(force), counts(FORCE))
+    np.testing.assert_allclose(acceleration, felt(force), atol=1e-3)
+    assert shares[-1] == 1.0 and shares == sorted(shares)
+
+
+def test_a_second_sweep_begins_anew_past_the_wrap_of_the_count(wire: Wire) -> None:
+    """70,000 samples: `played` wraps at 65,536; then another, in another grip."""
+    wire.play(peer())
+    long = np.tile(0.5 * FORCE, 12)[:70_000]
+    with closing(SerialSource(wire.port)) as source:
+        first, second = source.play(long), source.play(FORCE)
+    np.testing.assert_array_equal(counts(first[0]), counts(long))
+    np.testing.assert_array_equal(counts(second[0]), counts(FORCE))
+    assert np.abs(second[1] - felt(second[0])).max() > 0.1  # the hand has changed
+
+
+def test_lines_lost_towards_the_handle_are_silence_that_it_reports(wire: Wire) -> None:
+    handle = peer()
+    take, count = handle.take, iter(range(1_000_000))
+
+    def lossy(data: bytes) -> None:
+        take(b"\n".join(line for line in data.split(b"\n") if line.startswith(b"#") or next(count) % 10 != 7))
+
+    handle.take = lossy  # type: ignore[method-assign]
+    wire.play(handle)
+    with closing(SerialSource(wire.port)) as source:
+        force, acceleration = source.play(FORCE)
+    assert 0.75 < np.abs(force).sum() / np.abs(FORCE).sum() < 0.97
+    np.testing.assert_allclose(acceleration, felt(force), atol=1e-3)
+
+
+def dropping(every: int) -> Callable[[bytes], bytes]:
+    """Leaves out each sample line whose number is a multiple."""
+
+    def drop(data: bytes) -> bytes:
+        lines = data.split(b"\n")
+        kept = [x for x in lines if x.startswith(b"#") or not x or int(x.split(b",")[0]) % every]
+        return b"\n".join(kept)
+
+    return drop
+
+
+@pytest.mark.parametrize(("every", "works"), [(300, True), (20, False)])
+def test_samples_lost_on_the_way_back_are_bridged_up_to_1_percent(wire: Wire, every: int, works: bool) -> None:
+    handle = peer()
+    give, drop = handle.give, dropping(every)
+    handle.give = lambda count: drop(give(count))  # type: ignore[method-assign]
+    wire.play(handle)
+    with closing(SerialSource(wire.port)) as source:
+        if works:
+            force, acceleration = source.play(FORCE)
+            assert np.abs(acceleration - felt(force)).mean() < 0.01 * np.abs(acceleration).mean()
+        else:
+            with pytest.raises(HandleError, match=r"5\.0 % of the samples were lost"):
+                source.play(FORCE)
+
+
+def test_never_more_than_the_buffer_is_sent_ahead() -> None:
+    """The peer asserts it; here it is shown that the assertion can fail."""
+    handle = peer()
+    for first in range(0, BUFFER + 64, 32):
+        handle.take(sample_line(first, range(32)))
+    with pytest.raises(AssertionError, match="more than the buffer"):
+        handle.give(1)
+
+
+def test_an_empty_buffer_is_no_force() -> None:
+    handle = peer()
+    handle.take(sealed(START) + sample_line(0, [100, 200]))
+    rows = [line.split(b"*")[0].split(b",") for line in handle.give(4).split(b"\n") if line and line[:1] != b"#"]
+    assert [(int(row[1]), int(row[3])) for row in rows] == [(100, 1), (200, 2), (0, 2), (0, 2)]
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(port_module, "SILENCE_S", 0.25)
+
+
+def header(*columns: Column) -> bytes:
+    return header_line(Header(RATE_HZ, columns))
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"", "no line `#hapscene-probe 1"),
+        (b"hello\n", "no line `#hapscene-probe 1"),
+        (header(*COLUMNS[:2]), "announces no column 'played'"),
+        (header(COLUMNS[0], Column("acceleration", "furlong", 1.0), COLUMNS[2]), "no unit 'furlong' of acceleration"),
+        (header(*COLUMNS).replace(b" 1 ", b" 9 ").split(b"*")[0], "no line"),
+        (sealed(b"#hapscene-probe 9 rate=1"), "speaks version 9"),
+        (header(*COLUMNS), "does not begin anew"),
+        (header(*COLUMNS) + sample_line(0, (0, 0, 5)), "does not begin anew"),
+        (header(*COLUMNS) + sample_line(0, (0, 0, 0)), "plays nothing"),
+    ],
+)
+def test_what_is_no_handle_is_told_from_one(wire: Wire, text: bytes, words: str) -> None:
+    if text:
+        wire.say(text)
+    with pytest.raises(HandleError, match=words), closing(SerialSource(wire.port)) as source:
+        source.play(FORCE)
+
+
+def test_no_such_port() -> None:
+    with pytest.raises(HandleError, match="cannot be opened"):
+        SerialSource("/dev/none")
+
+
+def test_the_simulator_is_identified_as_typed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Two processes: the simulated handle at its port, and the command."""
+    from hapscene.cli import main
+    from hapscene.handle.handle_file import load_handle
+
+    command = [sys.executable, "-m", "hapscene.handle.port_simulator", "--rate", "2000", "--seconds", "60", "--hurry"]
+    with subprocess.Popen([*command, "--grips", "2"], stdout=subprocess.PIPE, text=True) as simulator:
+        assert simulator.stdout is not None
+        name = simulator.stdout.readline().strip()
+        try:
+            words = ["handle", "identify", "--port", name, "--grips", "2", "--high", "400", "--seconds", "2.5"]
+            assert main([*words, "-o", str(tmp_path / "a.handle")]) == 0
+        finally:
+            simulator.terminate()
+    found = load_handle(tmp_path / "a.handle")
+    assert found.plant.m_h_kg == pytest.approx(0.12, rel=0.02) and found.plant.k_s_N_m == pytest.approx(250.0, rel=0.1)
+    assert found.grips[1].k_u_N_m > 5.0 * found.grips[0].k_u_N_m
+    told = capfd.readouterr().out
+    assert "grip light: hold the handle so" in told and "mass of the handle" in told

@@ -1,0 +1,110 @@
+"""The hand made from parts."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import PathError
+from hapscene.motion.hand_path import DEPTH_M, HOVER_M, Hand, explore
+from hapscene.motion.look_from_above import TopView, look_from_above
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import PlaneSide
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+
+TICK_S = 1e-3
+
+
+def make_scene() -> Scene:
+    """A plate with two swatches, its border at x = 0, and a ball beside it that is higher."""
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.12, 0.08, 0.01)), "m"), name="plate")
+    scene.paint("plate", Swatch("rough"), [i for i, c in enumerate(_centres(scene)) if c[0] > 0])
+    X_WB = np.eye(4)
+    X_WB[0, 3] = 0.15
+    scene.add(Mesh.from_trimesh(trimesh.creation.icosphere(3, 0.04), "m"), name="ball", pose=X_WB)
+    return scene
+
+
+def _centres(scene: Scene) -> np.ndarray:
+    return scene.bodies[0].mesh.triangles_m.mean(axis=1)
+
+
+def flat(x_m: np.ndarray, y_m: np.ndarray) -> TopView:
+    """A plane at z = 0."""
+    return TopView(np.zeros(len(x_m)), np.zeros(len(x_m), np.int64), np.zeros(len(x_m), np.int64))
+
+
+def speed_m_s(p_WT: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(np.diff(p_WT, axis=0), axis=1) / TICK_S
+
+
+def test_movement_is_that_of_minimum_jerk() -> None:
+    hand = Hand((0.0, 0.0, 0.1), TICK_S, flat)
+    hand.move((0.2, 0.0, 0.1), 0.5)
+    x_m = hand.p_WT_m[:, 0]
+    assert len(x_m) == 501 and x_m[-1] == pytest.approx(0.2, abs=1e-15)
+    assert x_m[250] == pytest.approx(0.1, abs=1e-12)
+    assert speed_m_s(hand.p_WT_m).max() == pytest.approx(1.875 * 0.2 / 0.5, rel=1e-4)
+
+
+def test_tap_press_and_stroke_go_to_their_depth_and_back() -> None:
+    for act in (
+        lambda hand: hand.tap(0.01, 0.0),
+        lambda hand: hand.press(0.01, 0.0, DEPTH_M),
+        lambda hand: hand.stroke((0.01, 0.0), (0.06, 0.02)),
+    ):
+        hand = Hand((0.0, 0.0, 0.02), TICK_S, flat)
+        act(hand)
+        z_m = hand.p_WT_m[:, 2]
+        assert z_m.min() == pytest.approx(-DEPTH_M, abs=1e-9)
+        assert z_m[-1] == pytest.approx(HOVER_M, abs=1e-9)
+
+
+def test_look_sees_height_body_and_swatch() -> None:
+    scene = make_scene()
+    view = look_from_above(scene)(np.array([-0.03, 0.15, 1.0]), np.array([0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(view.z_m[:2], [0.005, 0.04], atol=1e-4)
+    assert np.isnan(view.z_m[2])
+    assert view.body.tolist() == [0, 1, -1]
+
+
+def test_inner_sides_are_seen_only_of_two_sided_bodies() -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2]], process=False)  # faces down
+    at = np.array([0.2])
+    for two_sided in (False, True):
+        scene = Scene()
+        scene.add(Mesh.from_trimesh(sheet, "m"), name="sheet", two_sided=two_sided)
+        assert np.isfinite(look_from_above(scene)(at, at).z_m[0]) == two_sided
+
+
+def test_explore_touches_every_body_smoothly_and_repeats() -> None:
+    scene = make_scene()
+    p_WT = explore(scene, TICK_S)
+    assert np.array_equal(p_WT, explore(make_scene(), TICK_S))
+    view = look_from_above(scene)(p_WT[:, 0], p_WT[:, 1])
+    below = p_WT[:, 2] < view.z_m
+    assert set(view.body[below]) == {0, 1}
+    assert (view.z_m - p_WT[:, 2])[below].max() < 0.01
+    assert not below[0] and not below[-1]
+    assert speed_m_s(p_WT).max() < 1.5
+    assert 4.0 < len(p_WT) * TICK_S < 12.0
+
+
+def test_explore_strokes_across_the_border_of_two_swatches() -> None:
+    scene = Scene()
+    plate = trimesh.creation.box((0.12, 0.08, 0.01)).subdivide().subdivide()
+    scene.add(Mesh.from_trimesh(plate, "m"), name="plate")
+    scene.paint("plate", Swatch("rough"), PlaneSide((0.0, 0.02, 0.0), (0.0, 1.0, 0.0)))
+    p_WT = explore(scene, TICK_S)
+    view = look_from_above(scene)(p_WT[:, 0], p_WT[:, 1])
+    below = p_WT[:, 2] < view.z_m
+    assert np.any((np.diff(view.swatch) != 0) & below[1:] & below[:-1])
+
+
+def test_scene_that_shows_nothing_upwards_is_one_error() -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2]], process=False)
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(sheet, "m"), name="sheet")
+    with pytest.raises(PathError, match="--two-sided; or give a path by --path"):
+        explore(scene, TICK_S)

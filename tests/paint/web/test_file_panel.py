@@ -1,0 +1,170 @@
+"""The tab of the file: what would lose somebody's work is asked, and done as it was asked."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+import hapscene
+from hapscene.paint.autosave import autosave_folder, find_recovery
+from hapscene.paint.session import Session
+from hapscene.paint.web.page import Page
+
+from ..conftest import make_scene
+from ..tab import Tab, until
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
+    """A page of a mesh, ball.obj, whose scene file is called as it is."""
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save("ball.scene.json")
+    with Page(Session.open(Path("ball.scene.json")), port=0, with_hand=False) as made:
+        yield made
+
+
+@pytest.fixture
+def tab(page: Page) -> Iterator[Tab]:
+    opened = Tab(page)
+    yield opened
+    opened.close()
+
+
+def said(tab: Tab, text: str) -> None:
+    """Wait until the page said so."""
+    until(lambda: any(text in line for line in tab.said))
+
+
+def asked(tab: Tab, answer: str) -> bool:
+    """Whether a question stands that has that answer."""
+    return any(c["props"].get("label") == answer for c in list(tab.controls.values()))
+
+
+def told(tab: Tab, text: str) -> bool:
+    return any(text in c["props"].get("content", "") for c in list(tab.controls.values()))
+
+
+def save_as(tab: Tab, name: str) -> None:
+    tab.set("Scene file", name)
+    tab.settle()
+    tab.send("save")
+
+
+def test_what_was_asked_about_is_written_over(page: Page, tab: Tab) -> None:
+    Path("asked.scene.json").write_text("theirs")
+    Path("precious.scene.json").write_text("precious")
+    save_as(tab, "asked.scene.json")
+    tab.control("Save over it")
+    tab.set("Scene file", "precious.scene.json")
+    tab.settle()
+    tab.set("Save over it", True)
+    said(tab, "Saved: asked.scene.json")
+    assert Path("precious.scene.json").read_text() == "precious"
+    hapscene.load_scene("asked.scene.json")
+    until(lambda: not asked(tab, "Save over it"))
+
+
+def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
+    Path("ball.ply").write_text("theirs")
+    tab.set("Format", "ply")
+    tab.settle()
+    until(lambda: tab.control("File")["value"] == "ball.ply")
+    tab.set("Export", True)
+    tab.control("Save over it")
+    assert Path("ball.ply").read_text() == "theirs"
+    tab.set("Save over it", True)
+    said(tab, "Exported: ball.ply")
+    assert Path("ball.ply").read_bytes().startswith(b"ply")
+
+
+def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
+    before = Path("ball.obj").read_bytes()
+    tab.set("Format", "obj")
+    tab.settle()
+    until(lambda: tab.control("File")["value"] == "ball_painted.obj")
+    tab.set("File", "ball.obj")
+    tab.settle()
+    tab.set("Export", True)
+    said(tab, "is a mesh that a scene is made of")
+    assert Path("ball.obj").read_bytes() == before and not asked(tab, "Save over it")
+
+
+def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
+    Path("sub").mkdir()
+    save_as(tab, "sub/cup.scene.json")
+    said(tab, "Saved")
+    until(lambda: tab.control("File")["value"] == str(Path("sub/cup.glb")))
+    assert page.parts.session.path == Path("sub/cup.scene.json")
+    assert not autosave_folder(Path("ball.scene.json")).exists()
+
+
+def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> None:
+    other = Session.open(Path("ball.scene.json"))
+    other.save(Path("cup.scene.json"))
+    save_as(tab, "cup.scene.json")
+    tab.control("Save over it")
+    other.start_autosave(60.0)
+    tab.set("Save over it", True)
+    said(tab, "open in another painter")
+    assert asked(tab, "Save over it")
+    other.close()
+    tab.set("Save over it", True)
+    said(tab, "Saved: cup.scene.json")
+    until(lambda: not asked(tab, "Save over it"))
+
+
+@pytest.fixture
+def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scene file, whose painter was killed while it painted another mesh."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("cup.scene.json")
+    make_scene(tmp_path).save(path)
+    other = hapscene.Scene()
+    other.add("ball.obj", name="other", unit="mm")
+    session = Session(other, path)
+    session.start_autosave(60.0)
+    session.fill_body(0, session.add_swatch("wood"))
+    session.close(keep=True)
+    return path
+
+
+def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
+    with Page(Session.open(killed), port=0, with_hand=False) as page:
+        tab = Tab(page)
+        tab.control("Recover it")
+        assert page.parts.session.autosaves
+        page.parts.session.fill_body("plate", 0)
+        until(lambda: told(tab, "A copy is kept beside the file"))
+        tab.set("Recover it", True)
+        said(tab, "its bodies are not those of this scene")
+        tab.settle()
+        assert asked(tab, "Recover it")
+        tab.set("Ask me the next time", True)
+        until(lambda: not asked(tab, "Recover it"))
+        tab.close()
+    assert page.kept
+    assert [b.name for b in find_recovery(killed).load().bodies] == ["ball", "plate"]  # the last one first
+    with Page(Session.open(killed), port=0, with_hand=False) as page:
+        tab = Tab(page)
+        tab.set("Recover it", True)
+        until(lambda: (page.parts.session.scene.body("plate").face_swatch == 0).all())
+        until(lambda: len(page.parts.session._autosave.found) == 1)  # and the other is asked for
+        tab.settle()
+        tab.set("Discard it", True)
+        until(lambda: not asked(tab, "Discard it"))
+        tab.send("save")
+        said(tab, "Saved")
+        tab.close()
+    assert not page.kept and not autosave_folder(killed).exists()
+
+
+def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
+    with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
+        tab = Tab(page)
+        page.parts.session.fill_body("plate", 0)
+        until(lambda: told(tab, "No copy of it is kept"))
+        assert not asked(tab, "Recover it")
+        tab.close()
+    assert not page.kept

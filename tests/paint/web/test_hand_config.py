@@ -1,0 +1,48 @@
+"""What the hand can hold."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.device.model import DEVICES
+from hapscene.device.omni import Omni
+from hapscene.errors import HapsceneError
+from hapscene.handle import COMPENSATORS
+from hapscene.paint.web.hand_config import COMPENSATORS_TOLD, HELD_DEVICES, NO_HANDLE, HandConfig
+
+
+def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:
+    movable = {name for name, device in DEVICES.items() if device.point is not None}
+    assert {held.limits for held in HELD_DEVICES.values()} == movable
+    assert [name for name, held in HELD_DEVICES.items() if isinstance(held.model, Omni)] == ["omni"]
+    assert set(COMPENSATORS_TOLD) == {*COMPENSATORS, NO_HANDLE} - {"none"}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"device": "ideal"}, "no mass to move; choose one of omni, omni-point"),
+        ({"device": "omi"}, "no device 'omi'"),
+        ({"grip": "none"}, "no grip 'none'"),
+        ({"compensator": ["flat"]}, "no compensator"),
+    ],
+)
+def test_what_cannot_be_held_is_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(HapsceneError, match=said):
+        HandConfig(**given)
+
+
+def test_a_hold_is_told_in_words() -> None:
+    assert str(HandConfig()) == "omni, medium grip, adaptive handle"
+    assert str(HandConfig("premium-1.5", "firm", NO_HANDLE)) == "premium-1.5, firm grip, no handle"
+    assert HandConfig("omni-point").limits == "omni"
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.3)])
+def test_the_arm_reaches_its_workspace_about_the_start_and_no_metre(start: tuple[float, ...]) -> None:
+    at = np.array(start)
+    for way in ((0.08, 0.0, 0.0), (0.0, 0.035, 0.0), (0.0, 0.0, 0.06)):
+        assert HandConfig().reaches(at, at + way) and HandConfig().reaches(at, at - way)
+    assert not HandConfig().reaches(at, np.add(at, (0.0, 0.0, 1.0)))
+    assert HandConfig("premium-1.5").reaches(at, np.add(at, (0.0, 0.0, 1.0)))

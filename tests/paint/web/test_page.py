@@ -1,0 +1,478 @@
+"""The page through its real protocol: what a browser would send and see."""
+
+import random
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+import hapscene
+from hapscene.errors import ViewError
+from hapscene.paint.autosave import autosave_folder
+from hapscene.paint.session import Session
+from hapscene.paint.web.hand_config import HandConfig
+from hapscene.paint.web.number_panel import rgb_of
+from hapscene.paint.web.page import Page
+from hapscene.scene.scene_file import load_scene
+from hapscene.surface.swatch import Swatch
+
+from ..conftest import make_scene
+from ..tab import Tab, until
+
+TOP = (0.01, 0.0, 0.02)
+"""On top of the ball."""
+
+
+def painted(page: Page, body: int, name: str) -> int:
+    """How many faces of a body wear a swatch."""
+    names = [swatch.name for swatch in page.parts.session.scene.swatches]
+    return int((page.parts.session.scene.bodies[body].face_swatch == names.index(name)).sum()) if name in names else 0
+
+
+def stroke(tab: Tab) -> None:
+    tab.point("down", TOP)
+    for i in range(5):
+        tab.point("move", np.add(TOP, (0.002 * i, 0.0, 0.0)))
+    tab.point("up", TOP)
+    tab.settle()
+
+
+def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    stroke(tab)
+    count = painted(page, 0, "wood")
+    assert 0 < count < 1280 and tab.state["dirty"] and "brush" in tab.state["undo"]
+    assert any(n.startswith("/body/0/") for n in tab.nodes)
+    tab.send("undo")
+    tab.settle()
+    assert painted(page, 0, "wood") == 0
+    tab.send("redo")
+    tab.settle()
+    assert painted(page, 0, "wood") == count
+    tab.send("save")
+    until(lambda: not tab.state["dirty"])
+    saved = load_scene(page.parts.session.path)
+    assert [s.name for s in saved.swatches] == [s.name for s in page.parts.session.scene.swatches]
+    for a, b in zip(saved.bodies, page.parts.session.scene.bodies, strict=True):
+        assert np.array_equal(a.face_swatch, b.face_swatch)
+
+
+def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab: Tab) -> None:
+    for bad in ({"client": 99}, {"w": 0}, {"w": 5e-324}, {"w": "x"}, {"h": -1.0}, {"h": None}):
+        tab.send("frame", **{"client": tab.client, "w": 400, "h": 800, **bad})
+    tab.settle()
+    camera = page.server.get_clients()[tab.client].camera
+    assert np.linalg.norm(camera.position) == pytest.approx(6.0)
+    tab.send("frame", client=tab.client, w=400, h=800)
+    far = 2 * np.linalg.norm(page.server.initial_camera.position)
+    until(lambda: np.linalg.norm(camera.position) == pytest.approx(far) and not np.any(camera.look_at))
+
+
+def test_only_the_body_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    tab.nodes.clear()
+    stroke(tab)
+    until(lambda: any(n.startswith("/body/0/") for n in tab.nodes))
+    assert not any(n.startswith("/body/1/") for n in tab.nodes)
+
+
+def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
+    tab.choose("leather")
+    tab.send("tool", name="sphere")
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.008, 0.0, 0.0)))
+    tab.point("up", TOP)
+    tab.settle()
+    ball = page.parts.session.scene.bodies[0]
+    inside = painted(page, 0, "leather")
+    assert 0 < inside < len(ball.mesh.faces)
+    tab.send("tool", name="eraser")
+    stroke(tab)
+    assert painted(page, 0, "leather") < inside
+    tab.send("tool", name="fill")
+    tab.settle()
+    tab.set("Fill", "whole body")
+    tab.settle()
+    tab.point("down", TOP)
+    tab.point("up", TOP)
+    tab.settle()
+    assert painted(page, 0, "leather") == len(ball.mesh.faces)
+    tab.choose("paper")
+    tab.send("tool", name="box")
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.006, 0.006, -0.002)))
+    tab.point("up", TOP)
+    tab.settle()
+    assert 0 < painted(page, 0, "paper") < len(ball.mesh.faces)
+    tab.choose("wood")
+    tab.send("tool", name="pick")
+    tab.point("down", TOP)
+    tab.point("up", TOP)
+    tab.settle()
+    assert tab.state["swatch"] in ("paper", "leather")
+
+
+def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
+    for name in ("first", "second"):  # as they are fitted: grey, until they are given a colour
+        page.parts.tools.take(name, Swatch(name))
+        stroke(tab)
+        page.parts.tools.radius_m /= 2
+    assert len(set(page.parts.session.scene.bodies[0].face_swatch)) == 3
+
+    def colours() -> set[Any]:
+        nodes = {name: node["props"] for name, node in list(tab.nodes.items()) if name.startswith("/body/0/")}
+        return {tuple(props["color"]) for props in nodes.values() if "color" in props}
+
+    until(lambda: len(colours()) == 3)
+    chips = [c["props"]["content"] for c in tab.controls.values() if 'class="chip"' in str(c["props"].get("content"))]
+    assert all(any(f"background:{colour}" in chip for chip in chips) for colour in page.parts.view.colours[:3])
+
+
+def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    tab.set("Part", "ball: north")
+    tab.set("Fill this part", True)
+    until(lambda: painted(page, 0, "wood"))
+    assert painted(page, 0, "wood") == 700
+
+
+def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
+    tab.choose("paper")
+    index = page.parts.session.swatch_named("paper")
+    before = page.parts.session.scene.swatches[index].stiffness_N_m
+    tab.set("Stiffness [N/m]", 321.0)
+    until(lambda: page.parts.session.scene.swatches[index].stiffness_N_m == 321.0)
+    tab.send("undo")
+    until(lambda: tab.control("Stiffness [N/m]")["value"] == before)
+    tab.set("Stiffness [N/m]", 1e9)
+    tab.settle()
+    assert page.parts.session.scene.swatches[index].stiffness_N_m <= page.parts.session.limits.stiffness_N_m
+
+
+def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
+    tab.choose("paper")
+    tab.set("Stiffness [N/m]", 123.0)
+    tab.set("New name", "card <b>board")
+    tab.settle()
+    tab.set("Save as new swatch", True)
+    until(lambda: any("in your library" in said for said in tab.said))
+    assert list(library.glob("*.swatch"))
+
+    def cards() -> str:
+        return "".join(c["props"].get("content", "") for c in list(tab.controls.values()))
+
+    until(lambda: "card &lt;b&gt;board" in cards())
+    assert "card <b>board" not in cards()
+    assert tab.page.parts.tools.chosen == "card <b>board"
+
+
+def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
+    tab.choose("plain")
+    tab.send("size", factor=1.01)
+    until(lambda: any("stays as it is" in str(c["props"].get("content")) for c in list(tab.controls.values())))
+    tab.set("New name", "softer")
+    tab.set("Copy", True)
+    until(lambda: tab.state["swatch"] == "softer")
+    tab.set("Stiffness [N/m]", 200.0)
+    scene = page.parts.session.scene
+    until(lambda: scene.swatches[-1].stiffness_N_m == 200.0)
+    assert scene.swatches[-1].name == "softer" and scene.swatches[0].name == "plain"
+
+
+def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, tab: Tab) -> None:
+    tab.choose("paper")
+    scene, paper = page.parts.session.scene, page.parts.session.swatch_named("paper")
+    before = scene.swatches[paper]
+    tab.set("New name", "card")
+    tab.settle()
+    tab.set("Copy", True)
+    until(lambda: tab.state["swatch"] == "card")
+    tab.settle()
+    colour = rgb_of(scene.swatches[-1])
+    assert np.abs(np.subtract(colour, rgb_of(before))).max() > 25  # told apart at once, and in every other scene
+    for value in ([10, 20, 300], [1, 2], [1, 2, 3, 4], "red", [1.5, 2, 3], [True, 2, 3]):
+        tab.set("Colour", value)
+    tab.set("Colour", [10, 20, 30])
+    until(lambda: scene.swatches[-1].albedo_rgb == (10 / 255, 20 / 255, 30 / 255))
+    assert scene.swatches[paper] == before and painted(page, 1, "paper") == len(scene.bodies[1].mesh.faces)
+    tab.send("undo")
+    until(lambda: tuple(tab.control("Colour")["value"]) == colour)
+
+
+def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
+    tab.set("Swatch A", "plain")
+    tab.set("Swatch B", "paper")
+    tab.settle()
+    tab.set("Hear", "▶ B")
+    until(lambda: tab.sounds)
+    assert np.abs(tab.sounds[0][2:]).max() > 0.1 and tab.sounds[0][1] == 10_000.0
+    table = next(c for c in tab.controls.values() if "<th>friction" in c["props"].get("content", ""))
+    until(lambda: "plain" in table["props"]["content"] and "paper" in table["props"]["content"])
+
+
+def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
+    def names() -> list[str]:
+        cards = [c["props"]["content"] for c in tab.controls.values() if "hs-swatch" in c["props"].get("content", "")]
+        return [card.split("<b>")[1].split("</b>")[0] for card in cards]
+
+    tab.set("Search", "leather")
+    until(lambda: names() == ["leather"])
+    tab.set("Search", "no such thing")
+    until(lambda: not names())
+    tab.set("Search", "friction < 0.3")
+    until(lambda: "epoxy" in names() and "wood" not in names())
+    tab.set("Search", "friction<")  # half typed: all are there, and it is told beside them
+    until(names)
+    assert any("friction<" in str(c["props"].get("content")) for c in list(tab.controls.values()))
+    tab.settle()
+    assert not any("friction" in said for said in tab.said)
+
+
+def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    stroke(tab)
+    path = page.parts.session.path
+    path.write_text(path.read_text() + "\n")
+    before = path.read_bytes()
+    tab.send("save")
+    tab.control("Save over it")
+    assert path.read_bytes() == before
+    tab.set("Save over it", True)
+    until(lambda: not page.parts.session.dirty)
+    assert path.read_bytes() != before
+
+
+def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, tab: Tab) -> None:
+    other = Tab(page)
+    tab.choose("wood")
+    tab.set("Size [mm]", 7.0)
+    until(lambda: other.control("Size [mm]")["value"] == 7.0)
+    tab.point("down", TOP)
+    tab.point("move", np.add(TOP, (0.004, 0.0, 0.0)))
+    tab.settle()
+    tab.close()  # with the button held
+    until(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
+    assert painted(page, 0, "wood") > 0 and not page.parts.tools.held
+    third = Tab(page)
+    assert third.state["undo"] == other.state["undo"]
+    assert {n for n in third.nodes if n.startswith("/body")} or until(lambda: third.nodes)
+    other.close()
+    third.close()
+
+
+def test_what_was_not_saved_is_offered_to_the_next_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    page = Page(session, port=0, with_hand=False).__enter__()
+    tab = Tab(page)
+    tab.choose("wood")
+    stroke(tab)
+    count = painted(page, 0, "wood")
+    tab.close()
+    page.close()
+    assert page.kept
+    again = Session.open(tmp_path / "made.scene.json")
+    with Page(again, port=0, with_hand=False) as page:
+        tab = Tab(page)
+        assert painted(page, 0, "wood") == 0
+        tab.set("Recover it", True)
+        until(lambda: painted(page, 0, "wood") == count)
+        tab.close()
+
+
+def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: Any) -> Any:
+        raise ViewError("no picture")
+
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    threads = threading.active_count()
+    for place in ("serve", "SceneView"):  # before there is a server, and after
+        with monkeypatch.context() as broken:
+            broken.setattr(f"hapscene.paint.web.page.{place}", fail)
+            with pytest.raises(ViewError):
+                Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False)
+        assert not autosave_folder(tmp_path / "made.scene.json").exists()
+    for _ in range(2):
+        with Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False) as page:
+            page.parts.session.fill_body(0, 1)
+        assert page.kept
+    until(lambda: threading.active_count() <= threads + 1)  # one thread that the loop lends stays
+
+
+def test_a_stroke_goes_on_after_it_was_saved(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    places = np.add(TOP, [[0.0015 * i, 0.0, -0.0001 * i * i] for i in range(9)])
+    tab.point("down", places[0])
+    for i, place in enumerate(places):
+        tab.point("move", place)
+        if i == 3:
+            tab.settle()
+            tab.send("save")
+            until(lambda: any("Saved" in said for said in tab.said))
+            count = painted(page, 0, "wood")
+    tab.point("up", places[-1])
+    tab.settle()
+    assert len(tab.said) == 1 and painted(page, 0, "wood") > count > 0
+    assert tab.state["dirty"]
+
+
+def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
+    with Page(Session(make_scene(tmp_path), tmp_path / "new.scene.json"), port=0, with_hand=False) as page:
+        tab = Tab(page)
+        assert tab.state["dirty"]
+        until(lambda: any("Not saved yet" in c["props"].get("content", "") for c in list(tab.controls.values())))
+        tab.send("save")
+        until(lambda: not tab.state["dirty"])
+        tab.close()
+    assert not page.kept and not autosave_folder(tmp_path / "new.scene.json").exists()
+
+
+def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
+    before = page.parts.session.state
+    for raw in ("", "[]", "{", "null", '{"do": 1}', '{"do": {}}', "[" * 9000, "x" * 100_000):
+        tab.ours.send(raw)
+    tab.ours.send(b"\x00\x01")
+    tab.send("down", x="a", y=None, w=-1, h=0, client=True)
+    tab.send("down", x=float("nan"), y=0.5, w=1e300, h=1, client=0)
+    tab.send("tool", name="hammer")
+    tab.send("size", factor="big")
+    tab.send("rm -rf")
+    uuid = tab.control("Size [mm]")["uuid"]
+    for updates in ({"update_cb": []}, {"value": "7"}, {"value": float("nan")}, {"removed": True}, {}):
+        tab.post("GuiUpdateMessage", uuid=uuid, updates=updates)
+    tab.settle()
+    assert page.parts.live.refused >= 9
+    assert page.parts.session.state == before and tab.state["tool"] == "brush"
+    tab.set("Size [mm]", 9.0)
+    until(lambda: abs(page.parts.tools.radius_m - 0.0045) < 1e-9)
+
+
+def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
+    """Random events as a browser may send them, and as none does."""
+    dice = random.Random(seed)
+    texts = (
+        "",
+        "wood",
+        "friction<0.3",
+        "<b>x</b>",
+        "made.scene.json",
+        "other.scene.json",
+        "no/folder.scene.json",
+        "π" * 50,
+    )
+
+    def value(control: dict[str, Any]) -> Any:
+        known, props = control.get("value"), control["props"]
+        if isinstance(known, bool) or known is None:
+            return True
+        if isinstance(known, str):
+            return dice.choice([*(props.get("options") or texts), "no such"])
+        if isinstance(known, list | tuple):  # a colour
+            return [dice.randrange(-20, 276) for _ in known]
+        return dice.choice((props.get("min", 0), props.get("max", 1), dice.uniform(-1e3, 1e3), 0, 1e308))
+
+    for i in range(count):
+        kind = dice.random()
+        if kind < 0.65:
+            do = dice.choice(("hover", "down", "move", "move", "move", "up", "leave"))
+            tab.point(do, np.add(TOP, [dice.gauss(0.0, 0.02) for _ in range(3)]))
+        elif kind < 0.75:
+            tab.send("tool", name=dice.choice(("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "x")))
+        elif kind < 0.83:
+            tab.send(
+                dice.choice(("undo", "redo", "redo", "size", "listen", "save", "number", "number", "frame")),
+                factor=dice.uniform(0.0, 3.0),
+                client=tab.client,
+                id=dice.choice([*tab.controls, "none"]),
+                value=dice.uniform(-1e3, 1e3),
+                w=dice.uniform(-10.0, 2e3),
+                h=dice.uniform(-10.0, 2e3),
+            )
+        elif kind < 0.86:
+            tab.look([dice.gauss(0, 1) for _ in range(4)], [dice.gauss(0, 4) for _ in range(3)])
+        elif tab.controls:
+            control = dice.choice(list(tab.controls.values()))
+            tab.post("GuiUpdateMessage", uuid=control["uuid"], updates={"value": value(control)})
+        if i % 100 == 99:
+            tab.look()
+            tab.settle()
+
+
+def check_saves_and_loads(page: Page, folder: Path) -> None:
+    session = page.parts.session
+    tab = Tab(page)
+    tab.send("leave")
+    tab.settle()
+    tab.close()
+    session.save(folder / "shaken.scene.json", force=True)
+    loaded = load_scene(folder / "shaken.scene.json")
+    assert [s.name for s in loaded.swatches] == [s.name for s in session.scene.swatches]
+    for a, b in zip(loaded.bodies, session.scene.bodies, strict=True):
+        assert np.array_equal(a.face_swatch, b.face_swatch)
+    hapscene.Renderer(loaded, effects=["wall"])
+
+
+def test_random_events_leave_a_scene_that_saves_and_loads(page: Page, tab: Tab, tmp_path: Path) -> None:
+    shake(page, tab, 400, seed=1)
+    check_saves_and_loads(page, tmp_path)
+
+
+def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[HandConfig] = []
+
+    async def opened(scene: Any, tick_s: float) -> None:
+        made.append(page.parts.touch.hold)
+
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    page = Page(session, port=0, with_hand=False, hold=HandConfig("phantom-1.0", "light", "flat"))
+    assert session.device == "phantom-1.0"
+    monkeypatch.setattr(page.parts.touch, "open", opened)
+    page.parts.touch.status = "ready"
+    with page:
+        tab = Tab(page)
+        tab.choose("wood")
+        stroke(tab)
+        count = painted(page, 0, "wood")
+        assert [tab.control(label)["value"] for label in ("Device", "Grip", "Handle")] == [
+            "phantom-1.0",
+            "light",
+            "flat",
+        ]
+        tab.set("Handle", "no-handle")
+        until(lambda: made == [HandConfig("phantom-1.0", "light", "no-handle")])
+        until(lambda: any("perfect handle" in c["props"].get("content", "") for c in list(tab.controls.values())))
+        tab.set("Device", "omni")
+        until(lambda: made[1:] == [HandConfig("omni", "light", "no-handle")])
+        assert session.device == "omni"
+        tab.set("Grip", "firm")  # at once: nothing starts anew
+        until(lambda: page.parts.touch.hold.grip == "firm")
+        tab.set("Device", "hammer")
+        until(lambda: any("no device 'hammer'" in said for said in tab.said))
+        assert len(made) == 2 and session.device == "omni" and painted(page, 0, "wood") == count > 0
+        tab.close()
+    session.close()
+
+
+@pytest.mark.soak
+def test_ten_thousand_random_events_with_a_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path).save(tmp_path / "made.scene.json")
+    session = Session.open(tmp_path / "made.scene.json")
+    with Page(session, port=0) as page:
+        tab = Tab(page)
+        until(lambda: tab.state.get("hand") == "ready", 300.0)
+        shake(page, tab, 10_000, seed=2)
+        check_saves_and_loads(page, tmp_path)
+        tab.close()
+    session.close()

@@ -1,0 +1,162 @@
+"""The gate, by itself and before a real server."""
+
+import http.client
+import socket
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from hapscene.errors import ViewError
+from hapscene.paint.web.secure_server import (
+    LOOPBACK,
+    POLICY,
+    PORT_MAX,
+    SOCKET_PATH,
+    File,
+    free_port,
+    gated,
+    harden,
+    names_of,
+    refusal,
+    serve,
+)
+
+
+@pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
+def test_our_own_names_are_served(host: str) -> None:
+    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False) is None
+    assert refusal({"Host": host, "Origin": f"http://{host}"}, LOOPBACK, False, upgrade=True) is None
+
+
+@pytest.mark.parametrize(
+    "host", ["", "evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "10.0.0.7:80", "[::1"]
+)
+def test_other_names_are_not(host: str) -> None:
+    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False)
+
+
+@pytest.mark.parametrize(
+    "origin", ["", "null", "http://evil.example", "http://localhost:81", "http://127.0.0.1:80", "file://localhost:80"]
+)
+def test_a_page_of_another_origin_gets_no_socket(origin: str) -> None:
+    assert refusal({"Host": "localhost:80", "Origin": origin}, LOOPBACK, False, upgrade=True)
+
+
+def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
+    names = names_of("192.168.1.5")
+    assert refusal({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
+    assert refusal({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
+    assert refusal({"Host": "rebound.example:80"}, names, True, upgrade=False)
+
+
+async def nobody(connection: Any) -> None:
+    """Serves nothing."""
+
+
+@pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid", "a..b", "x" * 300])
+def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
+    """viser would try a thousand ports, and then wait for ever."""
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
+        pool.submit(serve, host, 0, nobody).result(timeout=60)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "0.0.0.0"])
+def test_a_port_in_use_gives_the_next_free_one(host: str) -> None:
+    with socket.create_server((host, 0)) as taken:
+        port = taken.getsockname()[1]
+        assert port < free_port(host, port) < port + 50
+    assert free_port(host, 0) == 0
+
+
+def test_no_free_port_is_told() -> None:
+    try:
+        taken = socket.create_server(("127.0.0.1", PORT_MAX))
+    except OSError:
+        taken = None  # somebody else has it: as well
+    with pytest.raises(ViewError, match=r"no port from 65535 to 65535 is free.*--port 0"):
+        free_port("127.0.0.1", PORT_MAX)
+    if taken is not None:
+        taken.close()
+
+
+def test_the_page_may_connect_to_its_own_server_alone() -> None:
+    allowed = next(part for part in POLICY.split("; ") if part.startswith("connect-src"))
+    assert set(allowed.split()[1:]) == {"'self'", "data:", "blob:"}
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Any]:
+    import viser
+
+    async def echo(connection: Any) -> None:
+        async for message in connection:
+            await connection.send(message)
+
+    files = {"/ours.js": File("application/javascript", b"ours")}
+    with gated("127.0.0.1", files, lambda page: page.replace(b"<head>", b"<head><!-- ours -->", 1), echo):
+        made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    harden(made)
+    yield made
+    made.stop()
+
+
+def ask(server: Any, path: str, host: str | None = None) -> tuple[int, bytes, Any]:
+    port = server.get_port()
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
+    answer = connection.getresponse()
+    return answer.status, answer.read(), answer.headers
+
+
+def test_the_page_is_visers_with_ours_in_it(server: Any) -> None:
+    status, content, headers = ask(server, "/")
+    assert status == 200 and b"<!-- ours -->" in content and len(content) > 500_000
+    assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert ask(server, "/ours.js?v=1")[:2] == (200, b"ours")
+    assert ask(server, "/nothing")[0] == 404
+    assert ask(server, "/../../etc/passwd")[0] == 404
+
+
+@pytest.mark.parametrize("path", ["/", "/ours.js", "/nothing"])
+def test_another_host_name_gets_nothing_at_all(server: Any, path: str) -> None:
+    status, content, _ = ask(server, path, host="rebound.example")
+    assert status == 403 and b"ours" not in content and len(content) < 100
+
+
+@pytest.mark.parametrize("path", ["/", SOCKET_PATH])
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null"])
+def test_another_origin_gets_no_socket(server: Any, path: str, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(f"ws://127.0.0.1:{server.get_port()}{path}", origin=origin)  # type: ignore[arg-type]
+
+
+def test_our_own_page_gets_both_sockets(server: Any) -> None:
+    url = f"127.0.0.1:{server.get_port()}"
+    with connect(f"ws://{url}{SOCKET_PATH}", origin=f"http://{url}") as ours:  # type: ignore[arg-type]
+        ours.send("hello")
+        assert ours.recv(timeout=20) == "hello"
+    import viser
+
+    protocol: Any = f"viser-v{viser.__version__}"
+    with connect(f"ws://{url}/", origin=f"http://{url}", subprotocols=[protocol]) as theirs:  # type: ignore[arg-type]
+        assert isinstance(theirs.recv(timeout=20), bytes)
+
+
+def test_it_is_bound_to_loopback_alone(server: Any) -> None:
+    with pytest.raises(OSError):  # this computer too, but another address: one bound to all of them would answer
+        socket.create_connection(("127.0.0.2", server.get_port()), timeout=2.0)
+    socket.create_connection(("127.0.0.1", server.get_port()), timeout=2.0).close()
+
+
+def test_no_tunnel_is_opened_on_demand(server: Any) -> None:
+    from viser import _messages
+
+    handlers = server._websock_server._incoming_handlers
+    assert _messages.ShareUrlRequest not in handlers and _messages.ShareUrlDisconnect not in handlers

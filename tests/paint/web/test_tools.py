@@ -1,0 +1,121 @@
+"""The tools in hand, through the page's real protocol."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+import hapscene
+from hapscene.paint.session import Session
+from hapscene.paint.web.page import Page
+
+from ..conftest import make_scene
+from ..tab import Tab, until
+
+TOP = np.array([0.01, 0.0, 0.02])
+"""On top of the ball."""
+
+ASIDE = np.array([0.018, 0.0, 0.018])
+
+
+def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Press at the first place, move over those between, let go at the last; the painting, which is taken back."""
+    tab.point("down", places[0])
+    for place in places[1:-1]:
+        tab.point("move", place)
+    tab.point("up", places[-1])
+    tab.settle()
+    painted = tuple(body.face_swatch.copy() for body in page.parts.session.scene.bodies)
+    tab.send("undo")
+    tab.settle()
+    return painted
+
+
+@pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
+def test_a_flick_ends_where_the_button_went_up(page: Page, tab: Tab, tool: str) -> None:
+    page.parts.tools.take("wood", "wood")
+    tab.send("tool", name=tool)
+    flick, slow = drawn(page, tab, TOP, ASIDE), drawn(page, tab, TOP, ASIDE, ASIDE)
+    for one, other, body in zip(flick, slow, page.parts.session.scene.bodies, strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert body.name != "ball" or (one != body.face_swatch).any()
+
+
+@pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
+def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page, tab: Tab, tool: str) -> None:
+    page.parts.tools.take("nowhere", "nowhere")
+    tab.send("tool", name=tool)
+    tab.point("down", TOP)
+    for place in (ASIDE, TOP, ASIDE):
+        tab.point("move", place)
+    tab.point("up", ASIDE)
+    tab.settle()
+    assert sum("nowhere" in said for said in tab.said) == 1
+    assert not page.parts.tools.held and page.parts.session.undo_word is None
+
+
+def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: Tab, library: Path) -> None:
+    library.mkdir()
+    (library / "index.json").write_text("{")
+    page.parts.tools.take("epoxy", "epoxy")
+    tab.point("down", TOP)  # a new swatch: the shelf is read again
+    tab.point("up", TOP)
+    until(lambda: any("index.json" in said for said in tab.said))
+    tab.send("undo")
+    until(lambda: tab.state["redo"])
+    tab.settle()  # the socket is alive
+
+
+def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
+    page.parts.tools.take("plain", "plain")
+    for tool, told in (("brush", "plain already. Choose another"), ("eraser", "Nothing is painted here")):
+        tab.send("tool", name=tool)
+        tab.point("down", TOP)
+        tab.point("up", TOP)
+        tab.settle()
+        assert sum(told in said for said in tab.said) == 1
+    assert not page.parts.session.changed
+
+
+def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) -> None:
+    make_scene(tmp_path)
+    scene = hapscene.Scene()
+    scene.add(tmp_path / "ball.obj", name="ball", unit="mm")
+    session = Session(scene, tmp_path / "ball.scene.json")
+    with Page(session, port=0, with_hand=False) as page:
+        tab = Tab(page)
+        until(
+            lambda: any("<b>wood</b> has its numbers" in str(c["props"].get("content")) for c in tab.controls.values())
+        )
+        tab.point("down", (0.0, 0.0, 0.02))
+        tab.point("up", (0.0, 0.0, 0.02))
+        tab.settle()
+        assert scene.swatches[1].name == "wood" and (scene.bodies[0].face_swatch == 1).any()
+        assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
+        tab.close()
+    session.close()
+
+
+@pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
+def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
+    seen: list[bool] = []
+    node = {"box": page.parts.view._box, "sphere": page.parts.view._sphere}[tool]
+    tab.send("tool", name=tool)
+    for do in ("hover", "down", "up"):
+        tab.point(do, TOP)
+        tab.settle()
+        seen.append(bool(node.visible))
+    assert seen == [False, True, False] and node.name == mark
+
+
+def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab) -> None:
+    page.parts.tools.take("wood", "wood")
+    tab.point("down", TOP)
+    tab.settle()
+    tab.send("save")
+    until(lambda: not tab.state["dirty"])
+    tab.point("up", TOP)
+    tab.settle()
+    assert not any("already" in said for said in tab.said)

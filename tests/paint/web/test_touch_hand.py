@@ -1,0 +1,312 @@
+"""The hand behind the page, with a servo that only takes notes, and with a real one."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.device.hand import GRIPS
+from hapscene.errors import HapsceneError
+from hapscene.paint.web.hand_config import HELD_DEVICES, NO_HANDLE, HandConfig
+from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_of
+from hapscene.scene.scene import Scene
+from hapscene.servo.servo import ServoState, TickLog
+
+from ..conftest import plate_mesh
+
+UP = np.array([0.0, 0.0, 1.0])
+PLACE = np.array([0.01, 0.02, 0.03])
+
+
+class Notes:
+    """Stands in for a servo."""
+
+    tick_s = 0.001
+
+    def __init__(self, hold: HandConfig, refuse: str | None = None) -> None:
+        self.hold, self.refuse, self.alive, self.closed = hold, refuse, True, False
+        self.orders: list[tuple[Any, ...]] = []
+
+    def __enter__(self) -> "Notes":
+        if self.refuse:
+            raise HapsceneError(self.refuse)
+        return self
+
+    def close(self) -> None:
+        self.closed = True
+
+    def start(self, p_W_m: Any, grip: str) -> None:
+        self.orders.append(("start", tuple(p_W_m)))
+
+    def aim(self, p_W_m: Any, grip: str) -> None:
+        self.orders.append(("aim", tuple(p_W_m)))
+
+    def rest(self) -> None:
+        self.orders.append(("rest",))
+
+    def tune(self, swatch: str, **numbers: float) -> None:
+        if swatch == "gone":
+            raise HapsceneError("no swatch named 'gone'")
+        self.orders.append(("tune", swatch, numbers))
+
+    def repaint(self, scene: Scene) -> None:
+        self.orders.append(("repaint", scene))
+
+    def state(self) -> ServoState:
+        zero = np.zeros(3)
+        return ServoState(9, PLACE, PLACE, UP, zero, 0.0, 0.0, True, 0, 0, 0, 0)  # type: ignore[arg-type]
+
+    def read(self, since: int) -> TickLog:
+        rows = np.zeros(3, [("f_W_N", "f8", (3,))])
+        rows["f_W_N"][:, 2] = 2.0
+        return TickLog(since, rows, np.zeros((3, 10)), np.ones((3, 10)))
+
+
+def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | None = None) -> None:
+    """Do something with a hand, in an event loop."""
+    made: list[Notes] = []
+    said: list[str] = []
+
+    def make(scene: Scene, hold: HandConfig, tick_s: float) -> Notes:
+        made.append(Notes(hold, refuse))
+        return made[-1]
+
+    async def main() -> None:
+        touch = TouchHand(lambda text, kind: said.append(text), HandConfig(), make)
+        await touch.open(Scene(), 0.001)
+        await act(touch, made, said)
+        touch.close()
+
+    asyncio.run(main())
+    assert all(notes.closed for notes in made)
+
+
+async def done(notes: Notes, count: int) -> None:
+    while len(notes.orders) < count:
+        await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
+@pytest.mark.parametrize("grip", ["light", "firm"])
+def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: str) -> None:
+    """At rest the grip's pull is the wall's push: k (depth − x) = K x = force."""
+    depth_m = float((PLACE - aim_of(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
+    k = GRIPS[grip].k_N_m
+    x_m = k * depth_m / (k + stiffness_N_m)
+    assert stiffness_N_m * x_m == pytest.approx(1.5)
+
+
+def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        assert touch.read(0.0) is None
+        assert touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        assert made[0].orders[0] == ("start", tuple(PLACE + HOVER_M * UP))
+        assert made[0].orders[1] == ("aim", tuple(aim_of(PLACE, UP, 1.0, 500.0, "medium")))
+        read = touch.read(0.0)
+        assert read is not None and read[1] == pytest.approx([2.0] * 3)
+        assert read[2].shape == (3, 10) and (read[2] == 1.0).all()  # the handle's
+        touch.move(PLACE + 0.001, UP, 1.0, 500.0)
+        touch.lift(5.0)
+        assert made[0].orders[-1] == ("aim", tuple(PLACE + LIFT_M * UP))
+        assert touch.read(5.0 + 0.9 * IDLE_S) is not None
+        touch.read(5.0 + 1.1 * IDLE_S)
+        await done(made[0], 5)
+        assert made[0].orders[-1] == ("rest",) and touch.read(99.0) is None
+
+    run(act)
+
+
+def test_numbers_that_wait_become_one_order() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        for value in range(50):
+            touch.tune("wood", {"stiffness_N_m": float(value)})
+        await done(made[0], 1)
+        await asyncio.sleep(0.05)
+        assert len(made[0].orders) <= 2
+        assert made[0].orders[-1] == ("tune", "wood", {"stiffness_N_m": 49.0})
+
+    run(act)
+
+
+def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        scene = Scene()
+        touch.repaint(scene)
+        orders = []
+        for device in HELD_DEVICES:
+            touch.hold = HandConfig(device)
+            orders.append(asyncio.ensure_future(touch.open(Scene(), 0.001)))
+            await asyncio.sleep(0.0)
+        await asyncio.gather(*orders)
+        assert touch.status == "ready" and made[-1].hold.device == list(HELD_DEVICES)[-1]
+        assert all(notes.closed for notes in made[:-1])
+        await asyncio.sleep(0.05)
+        assert any(("repaint", scene) in notes.orders for notes in made)
+
+    run(act)
+
+
+def test_what_the_servo_refuses_is_said() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        assert touch.status == "failed" and "no arm" in said[0]
+        assert not touch.press(PLACE, UP, 1.0, 500.0)
+
+    run(act, refuse="no arm")
+
+
+def test_what_is_refused_holds_up_nothing_behind_it() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        touch.tune("gone", {"stiffness_N_m": 1.0})
+        touch.tune("wood", {"stiffness_N_m": 300.0})
+        await asyncio.wait_for(done(made[0], 1), 10.0)
+        assert made[0].orders == [("tune", "wood", {"stiffness_N_m": 300.0})] and "gone" in said[0]
+
+    run(act)
+
+
+def test_after_a_start_that_the_system_refused_another_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Notes) -> Notes:
+        raise OSError(28, "No space left on device")
+
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        with monkeypatch.context() as then:
+            then.setattr(Notes, "__enter__", full)
+            await touch.open(Scene(), 0.001)
+        assert touch.status == "failed" and "No space left" in said[-1]
+        await touch.open(Scene(), 0.001)
+        assert touch.status == "ready" and touch.press(PLACE, UP, 1.0, 500.0)
+
+    run(act)
+
+
+def test_a_process_that_died_is_noticed_once() -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        made[0].alive = False
+        assert not touch.press(PLACE, UP, 1.0, 500.0) and not touch.press(PLACE, UP, 1.0, 500.0)
+        assert touch.status == "failed" and len(said) == 1
+
+    run(act)
+
+
+@pytest.mark.parametrize(("device", "ends"), [("omni", True), ("omni-point", False)])
+def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(device: str, ends: bool) -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        touch.hold = HandConfig(device)
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        touch.move(np.add(PLACE, (0.05, 0.0, 0.0)), UP, 1.0, 500.0)
+        assert len(made[0].orders) == 3 and not said
+        for x_m in (0.4, 0.5):
+            touch.move(np.add(PLACE, (x_m, 0.0, 0.0)), UP, 1.0, 500.0)
+        assert len(made[0].orders) == (3 if ends else 5)
+        assert len(said) == ends and all("choose omni-point" in line for line in said)
+        touch.lift(0.0)
+        touch.press(np.add(PLACE, (0.5, 0.0, 0.0)), UP, 1.0, 500.0)  # the arm is placed anew
+        await done(made[0], len(made[0].orders) + 2)
+        assert made[0].orders[-1][1][0] == PLACE[0] + 0.5 and len(said) == ends
+
+    run(act)
+
+
+async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
+    """Press with a real servo on the side of a plate until the force has been right for 0.3 s, then stroke 0.3 s."""
+    scene, said = Scene(), list[str]()
+    scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
+    place, nhat, stiffness = np.array([0.02, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), scene.swatches[1].stiffness_N_m
+    touch = TouchHand(lambda text, kind: said.append(text), hold)
+    try:
+        await touch.open(scene, 0.001)
+        assert touch.press(place, nhat, force_N, stiffness)
+        end_s, right, newest = time.monotonic() + 60.0, 0, 0
+        while right < 300 or newest < 1000:
+            assert time.monotonic() < end_s and not said, "the force never was what was asked for"
+            await asyncio.sleep(0.025)
+            if (read := touch.read(time.monotonic())) is not None:
+                right = right + len(read[1]) if (abs(read[1] - force_N) < 0.1 * force_N).all() else 0
+                newest = read[0].tick
+        while touch.servo.state().tick < newest + 300:
+            assert time.monotonic() < end_s, "the servo stands still"
+            touch.move(np.add(place, (0.0, 5e-5 * (touch.servo.state().tick - newest), 0.0)), nhat, force_N, stiffness)
+            await asyncio.sleep(0.01)
+        return touch.servo.read(newest), said
+    finally:
+        touch.close()
+
+
+def test_with_the_omni_a_press_gives_the_force_asked_for_and_its_handle_is_heard() -> None:
+    """The arm's friction (0.26 N) and its bending would take a quarter of it: the hand minds what it feels."""
+    felt, said = asyncio.run(feel(HandConfig("omni", "light", "naive"), 1.0))
+    assert not said and np.isfinite(felt.a_handle_m_s2).all()
+    assert felt.a_m_s2.std() > 0.05 and felt.a_handle_m_s2.std() > 0.05
+    assert (felt.a_handle_m_s2 - felt.a_m_s2).std() > 0.2 * felt.a_m_s2.std()
+
+
+@pytest.mark.parametrize(
+    ("grip", "force_N", "peak_N"), [("medium", 0.5, 1.0), ("medium", 1.0, 1.8), ("light", 0.2, 0.6)]
+)
+def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: float) -> None:
+    """The arm's friction is 0.26 N: a press lighter than that must go on until it is through it."""
+
+    async def land() -> np.ndarray:
+        scene = Scene()
+        scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
+        place, nhat = np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.0, 1.0])
+        touch = TouchHand(lambda text, kind: None, HandConfig("omni", grip, NO_HANDLE))
+        try:
+            await touch.open(scene, 0.001)
+            touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
+            felt_N, end_s = np.zeros(0), time.monotonic() + 60.0
+            while np.count_nonzero(felt_N) < 500:
+                assert time.monotonic() < end_s, "it never arrives"
+                await asyncio.sleep(0.015)
+                if (read := touch.read(time.monotonic())) is not None:
+                    felt_N = np.append(felt_N, read[1])
+            return felt_N
+        finally:
+            touch.close()
+
+    assert force_N / 2 < asyncio.run(land()).max() < peak_N
+
+
+def test_without_a_handle_what_is_asked_for_is_heard() -> None:
+    felt, said = asyncio.run(feel(HandConfig("omni-point", "medium", NO_HANDLE), 1.0))
+    assert not said and felt.a_m_s2.std() > 0.05
+    assert np.array_equal(felt.a_handle_m_s2, felt.a_m_s2)
+
+
+def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
+    """A first start compiles, which may take half a minute."""
+
+    class Slow(Notes):
+        begun, given_up = threading.Event(), threading.Event()
+
+        def __enter__(self) -> "Slow":
+            self.begun.set()
+            assert self.given_up.wait(60.0)
+            raise HapsceneError("given up")
+
+        def cancel(self) -> None:
+            self.given_up.set()
+
+    made: list[Slow] = []
+
+    def make(scene: Scene, hold: HandConfig, tick_s: float) -> Slow:
+        made.append(Slow(hold))
+        return made[-1]
+
+    async def main() -> None:
+        touch = TouchHand(lambda text, kind: None, HandConfig(), make)
+        opening = asyncio.create_task(touch.open(Scene(), 0.001))
+        while not Slow.begun.is_set():
+            await asyncio.sleep(0.001)
+        opening.cancel()
+        touch.close()
+
+    start_s = time.monotonic()
+    asyncio.run(main())
+    assert time.monotonic() - start_s < 30.0 and made[0].closed

@@ -1,0 +1,207 @@
+"""The doctor finds what was broken on purpose, and nothing in what is whole; so does the mender mend."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.errors import MeshError
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh_doctor import examine, repair
+from hapscene.scene.mesh_report import length
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+V, F = np.array(BALL.vertices), np.array(BALL.faces)
+
+
+def joined(*parts):
+    start = np.cumsum([0] + [len(v) for v, _ in parts])
+    faces = [f + s for (_, f), s in zip(parts, start, strict=False)]
+    return Mesh(np.concatenate([v for v, _ in parts]), np.concatenate(faces))
+
+
+def counts(mesh: Mesh) -> dict[str, int]:
+    return {finding.kind: finding.count for finding in examine(mesh).findings}
+
+
+def flipped(faces, chosen):
+    faces = faces.copy()
+    faces[chosen] = faces[chosen][:, ::-1]
+    return faces
+
+
+def t_junction(gap_m: float) -> Mesh:
+    """Two triangles on one side of an edge, one on the other."""
+    vertices = [[0, 0, 0], [0.1, 0, 0], [0.05, 0.1, 0], [0.05, -0.1, 0], [0.05, gap_m, 0]]
+    return Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2]]))
+
+
+def cube(edge_m: float, unit: str = "m") -> Mesh:
+    box = trimesh.creation.box((edge_m, edge_m, edge_m))
+    return Mesh(np.array(box.vertices), np.array(box.faces), unit=unit)
+
+
+FAN = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]), np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+)
+SLIVER = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, 1, 0.0]]), np.array([[0, 1, 2], [1, 3, 2], [3, 0, 2]])
+)
+INWARD = F[:, ::-1]
+SHIFT = np.array([0.05, 0, 0])  # exactly to the middle: edges meet edges
+
+BROKEN = {
+    "whole": (Mesh(V, F), {}),
+    "turned": (Mesh(V, flipped(F, slice(100, 300))), {"mixed_winding": 200}),
+    "inside out": (Mesh(V, F[:, ::-1]), {"inside_out": 1280}),
+    "doubled": (Mesh(V, np.concatenate([F, F[:50], F[:10, [1, 2, 0]]])), {"doubled_faces": 60}),
+    "back to back": (Mesh(V, np.concatenate([F[:1], F[:1, ::-1]])), {"open_edges": 3, "opposed_faces": 1}),
+    "open": (Mesh(V, F[1:]), {"open_edges": 3}),
+    "collapsed": (Mesh(V, np.concatenate([F, F[:7, [0, 0, 1]]])), {"zero_area": 7}),
+    "soup": (Mesh(V[F].reshape(-1, 3), np.arange(3 * len(F)).reshape(-1, 3)), {"duplicate_vertices": 3840 - 642}),
+    "t-junction": (t_junction(1e-8), {"open_edges": 7, "t_junctions": 1}),
+    "crack": (t_junction(5e-6), {"open_edges": 7, "cracks": 1}),
+    "gap": (t_junction(1e-3), {"open_edges": 7}),
+    "three at an edge": (FAN, {"open_edges": 6, "nonmanifold_edges": 1}),
+    "sliver": (SLIVER, {"slivers": 1, "open_edges": 3}),
+    "cavity": (joined((V, F), (V * 0.5, F[:, ::-1])), {}),
+    "cavity with a solid inside out": (joined((V, F), (V * 0.6, INWARD), (V * 0.3, INWARD)), {"inside_out": 1280}),
+    "two that cross": (joined((V, F), (V + SHIFT, F)), {"self_intersections": None}),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_broken_is_found(name):
+    mesh, expected = BROKEN[name]
+    found = counts(mesh)
+    assert found.keys() == expected.keys()
+    assert all(count is None or found[kind] == count for kind, count in expected.items())
+
+
+def test_a_needle_that_fills_a_t_junction_is_kept():
+    vertices = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, 0, 0]]
+    mesh = Mesh(np.array(vertices, float), np.array([[0, 3, 1], [0, 4, 2], [4, 1, 2], [0, 1, 4]]))
+    assert counts(mesh) == {"open_edges": 4, "needles": 1}
+    assert repair(mesh) == (mesh, [])
+
+
+def test_the_report_says_size_in_metres_and_is_json():
+    report = examine(Mesh(V, flipped(F, [0])))
+    content = json.loads(report.to_json())
+    assert content["format"] == "hapscene mesh report" and content["version"] == 1
+    np.testing.assert_allclose(content["size_m"], [0.1, 0.1, 0.1], rtol=1e-12)
+    assert content["closed"] and content["volume_m3"] == pytest.approx(BALL.volume, rel=1e-12)
+    assert content["findings"][0]["examples"] == [0] and report.fault_count == 1
+    text = report.text()
+    assert "size 100 mm × 100 mm × 100 mm" in text and "1 face wound against" in text and "--fix does it" in text
+    assert "nothing odd was found" in examine(Mesh(V, F)).text()
+
+
+ZOO = {
+    "flip20k": {"mixed_winding": 6144},  # 30 % of 20,480
+    "degen20k": {"zero_area": 2000, "doubled_faces": 500},
+    "tjunc": {"open_edges": 112, "t_junctions": 52, "duplicate_vertices": 2},
+    "open40": {"open_edges": 80},
+    "soup20k": {"duplicate_vertices": 51198},
+    "cube40": {},
+    "plate2mm": {},
+    "vgroove15": {},
+    "sph20k_off10": {},
+}
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_the_zoo(shared, name):
+    zoo = np.load(shared / "zoo" / f"mesh_{name}.npz")
+    mesh = Mesh(zoo["vertices_m"], zoo["faces"])
+    assert counts(mesh) == ZOO[name]
+    mended, done = repair(mesh)
+    left = {finding.kind for finding in examine(mended).findings}
+    assert not any(finding.fixable for finding in examine(mended).findings)
+    assert left == {k for k in ZOO[name] if k in ("open_edges", "t_junctions")} and bool(done) == (
+        left != ZOO[name].keys()
+    )
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_mending_moves_nothing_and_leaves_nothing_to_mend(name):
+    mesh, _ = BROKEN[name]
+    mended, done = repair(mesh)
+    fixable = any(finding.fixable for finding in examine(mesh).findings)
+    assert bool(done) == fixable
+    assert not any(finding.fixable for finding in examine(mended).findings)
+    places = {tuple(v) for v in mesh.vertices_m.tolist()}
+    assert {tuple(v) for v in mended.vertices_m.tolist()} == places
+    assert repair(mended) == (mended, [])
+
+
+def test_groups_and_colours_follow_their_faces():
+    group, colour = np.arange(len(F)) % 3, np.random.default_rng(0).integers(0, 256, (len(F), 3))
+    vertices, faces = np.concatenate([V, V]), flipped(F, slice(40, 80))
+    faces[::2] += len(V)
+    faces[7] = faces[7, [0, 0, 1]]
+    faces = np.concatenate([faces, faces[:1]])
+    mesh = Mesh(vertices, faces, np.append(group, 0), ("a", "b", "c"), np.concatenate([colour, colour[:1]]))
+    mended, done = repair(mesh)
+    kept = np.delete(np.arange(len(F)), 7)
+    np.testing.assert_array_equal(mended.group, group[kept])
+    np.testing.assert_array_equal(mended.colour_rgb, colour[kept])
+    np.testing.assert_array_equal(mended.triangles_m.sum(axis=1), V[F[kept]].sum(axis=1))
+    assert [line.split()[0] for line in done] == ["merged", "dropped", "dropped", "turned"]
+    assert len(mended.vertices_m) == len(V)
+
+
+def test_nothing_but_flat_faces_cannot_be_mended():
+    with pytest.raises(MeshError, match="no face has an area"):
+        repair(Mesh(V, F[:, [0, 0, 1]]))
+
+
+def test_eighty_thousand_faces_take_seconds():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.05)
+    mesh = Mesh(np.array(ball.vertices), np.array(ball.faces))
+    start = time.perf_counter()
+    assert not examine(mesh).findings
+    assert time.perf_counter() - start < 30  # about one, on an idle core
+
+
+@pytest.mark.parametrize(
+    ("edge_m", "unit", "kind", "advice"),
+    [
+        (2e-5, "mm", "tiny", "check the unit: --unit m makes it 34.64 mm, --unit ft makes it 10.56 mm"),
+        (2e-5, "m", "tiny", "scale it in a mesh editor"),
+        (0.1, "m", None, ""),
+        (0.001, "m", None, ""),
+        (100.0, "m", "huge", "check the unit: --unit cm makes it 1.732 m, --unit mm makes it 173.2 mm"),
+    ],
+)
+def test_a_size_that_is_no_hands_is_told_with_the_unit_that_may_be_right(edge_m, unit, kind, advice):
+    found = [finding for finding in examine(cube(edge_m, unit)).findings if finding.kind in ("tiny", "huge")]
+    assert [finding.kind for finding in found] == ([kind] if kind else [])
+    assert [finding.advice for finding in found] == ([advice] if kind else [])
+
+
+def test_what_turns_inside_out_into_what_is_felt_is_told():
+    text = examine(Mesh(V, F[:, ::-1])).text()
+    assert "FAULT: 1,280 faces in closed shells that are wound inward" in text
+    assert "two_sided=True (--two-sided)" in text
+
+
+@pytest.mark.parametrize(
+    ("length_m", "text"),
+    [
+        (12.3456, "12.35 m"),
+        (0.99999, "1 m"),
+        (0.999949, "999.9 mm"),
+        (0.0005, "500 µm"),
+        (9.99999e-7, "1 µm"),
+        (9.87654e-7, "987.7 nm"),
+        (1e-9, "1 nm"),
+        (4.4e-10, "0.44 nm"),
+        (1e-13, "0 mm"),
+        (12345.6, "12350 m"),
+    ],
+)
+def test_lengths_are_told_in_the_unit_that_reads_best(length_m, text):
+    assert length(length_m) == text

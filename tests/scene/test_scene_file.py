@@ -1,0 +1,440 @@
+"""A scene comes back as it was; a changed mesh is noticed; hostile files are refused in a sentence."""
+
+import base64
+import json
+import re
+import shutil
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from trimesh.creation import icosphere
+
+import hapscene
+from hapscene.errors import HapsceneError, SceneError
+from hapscene.files import write_whole
+from hapscene.scene.mesh import MeshWarning
+from hapscene.scene.scene_file import RUN_MAX, decode_paint, encode_paint, is_own
+from hapscene.surface.swatch import Swatch
+
+BALL = trimesh.creation.icosphere(subdivisions=2, radius=30)
+OAK = Swatch("oak tree/2", stiffness_N_m=400)
+
+
+def build(folder) -> hapscene.Scene:
+    """A mesh from a file, twice; one from memory; a swatch from a file and one from memory."""
+    (folder / "meshes").mkdir()
+    BALL.export(folder / "meshes" / "ball.stl")
+    hapscene.save_swatch(Swatch("slate"), folder / "slate.swatch")
+    scene = hapscene.Scene()
+    scene.add(folder / "meshes" / "ball.stl", unit="mm", swatch=folder / "slate.swatch")
+    pose = trimesh.transformations.rotation_matrix(0.1, (1, 2, 3), (4, 5, 6))
+    scene.add(folder / "meshes" / "ball.stl", name="zweite Kugel", unit="mm", pose=pose, two_sided=True)
+    scene.add(trimesh.creation.box((0.1, 0.2, 0.3)), name='a [ 1 ] "box"', unit="ft")
+    rng = np.random.default_rng(0)
+    scene.paint("ball", OAK, rng.random(320) < 0.4)
+    scene.paint("zweite Kugel", "plain", [1, 2])
+    return scene
+
+
+def same(a: hapscene.Scene, b: hapscene.Scene) -> None:
+    assert [s.name for s in a.swatches] == [s.name for s in b.swatches]
+    assert len(a.bodies) == len(b.bodies)
+    for x, y in zip(a.bodies, b.bodies, strict=True):
+        assert (x.name, x.two_sided, x.mesh.digest) == (y.name, y.two_sided, y.mesh.digest)
+        assert x.mesh.group_names == y.mesh.group_names
+        np.testing.assert_array_equal(x.X_WB, y.X_WB)
+        np.testing.assert_array_equal(x.face_swatch, y.face_swatch)
+
+
+def test_round_trip_is_exact(tmp_path):
+    scene = build(tmp_path)
+    scene.save(tmp_path / "my.scene.json")
+    back = hapscene.load_scene(tmp_path / "my.scene.json")
+    same(scene, back)
+    assert back.bodies[0].mesh is back.bodies[1].mesh
+    back.save(str(tmp_path / "again.scene.json"))
+    same(scene, hapscene.load_scene(tmp_path / "again.scene.json"))
+    first, again = ((tmp_path / f"{n}.scene.json").read_text() for n in ("my", "again"))
+    assert first == again
+
+
+def test_the_file_is_readable_and_moves_with_its_folder(tmp_path):
+    (tmp_path / "old").mkdir()
+    build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
+    text = (tmp_path / "old" / "my.scene.json").read_text()
+    content = json.loads(text)
+    assert str(tmp_path) not in text and content["meshes"][0]["path"] == "meshes/ball.stl"
+    assert content["swatches"][:2] == ["plain", "slate.swatch"]
+    assert re.fullmatch(r"my\.oak_tree_2\.[0-9a-f]{8}\.swatch", content["swatches"][2])
+    assert "[1.0, 0.0, 0.0, 0.0]" in text and sum(run[1] for run in content["bodies"][0]["paint"]) == 320
+    (tmp_path / "old").rename(tmp_path / "new")
+    assert len(hapscene.load_scene(tmp_path / "new" / "my.scene.json").bodies) == 3
+
+
+def test_a_scene_is_opened_and_saved_through_a_link(tmp_path):
+    (tmp_path / "old").mkdir()
+    scene = build(tmp_path / "old")
+    scene.save(tmp_path / "old" / "my.scene.json")
+    (tmp_path / "links").mkdir()
+    link = tmp_path / "links" / "my.scene.json"
+    link.symlink_to("../old/my.scene.json")
+    through = hapscene.load_scene(link)
+    same(scene, through)
+    through.paint("ball", "plain")
+    through.save(link)
+    assert link.is_symlink() and [file.name for file in link.parent.iterdir()] == ["my.scene.json"]
+    same(through, hapscene.load_scene(tmp_path / "old" / "my.scene.json"))
+
+
+def test_a_scene_may_be_linked_with_all_its_files(tmp_path):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "old").mkdir()
+    build(tmp_path / "old").save(tmp_path / "old" / "my.scene.json")
+    (tmp_path / "old" / "my.scene.json").rename(tmp_path / "store" / "1")
+    (tmp_path / "old" / "my.scene.json").symlink_to(tmp_path / "store" / "1")
+    assert len(hapscene.load_scene(tmp_path / "old" / "my.scene.json").bodies) == 3
+    (tmp_path / "old" / "meshes" / "ball.stl").unlink()
+    with pytest.raises(HapsceneError, match=r"meshes/ball\.stl: no such file"):
+        hapscene.load_scene(tmp_path / "old" / "my.scene.json")
+
+
+def test_meshes_in_memory_do_not_overwrite_those_in_files(tmp_path):
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.box((1, 1, 1)), name="a b", unit="m")
+    scene.add(trimesh.creation.box((2, 2, 2)), name="a_b", unit="m")
+    scene.save(tmp_path / "s.scene.json")
+    back = hapscene.load_scene(tmp_path / "s.scene.json")
+    assert [round(body.mesh.bounds_m[1, 0], 3) for body in back.bodies] == [0.5, 1.0]
+    back.add(trimesh.creation.box((3, 3, 3)), name="a?b", unit="m")
+    back.save(tmp_path / "s.scene.json")
+    same(back, hapscene.load_scene(tmp_path / "s.scene.json"))
+
+
+def test_a_changed_mesh_is_noticed(tmp_path):
+    build(tmp_path).save(tmp_path / "my.scene.json")
+    moved = BALL.copy()
+    moved.vertices[0] += 0.5
+    moved.export(tmp_path / "meshes" / "ball.stl")
+    with pytest.raises(SceneError, match=r"ball\.stl has changed.*as many faces \(320\).*accept_changed=True"):
+        hapscene.load_scene(tmp_path / "my.scene.json")
+    with pytest.warns(MeshWarning, match="has changed since"):
+        scene = hapscene.load_scene(tmp_path / "my.scene.json", accept_changed=True)
+    scene.save(tmp_path / "my.scene.json")
+    hapscene.load_scene(tmp_path / "my.scene.json")
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "meshes" / "ball.stl")
+    for accept in (False, True):
+        with pytest.raises(SceneError, match="it had 320 faces and has 80, so the painting no longer fits"):
+            hapscene.load_scene(tmp_path / "my.scene.json", accept_changed=accept)
+
+
+def test_saving_leaves_the_old_file_until_the_new_one_is_whole(tmp_path, monkeypatch):
+    scene = build(tmp_path)
+    scene.save(tmp_path / "my.scene.json")
+    before = (tmp_path / "my.scene.json").read_bytes()
+    scene.paint("ball", "plain")
+
+    def fail(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", fail)
+    with pytest.raises(HapsceneError, match="cannot be written: No space left"):
+        scene.save(tmp_path / "my.scene.json")
+    assert (tmp_path / "my.scene.json").read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("my.json", r"ends in \.scene\.json, as in my\.scene\.json"), ("gone/my.scene.json", "there is no folder")],
+)
+def test_where_a_scene_cannot_be_saved(tmp_path, name, message):
+    with pytest.raises(SceneError, match=message):
+        hapscene.Scene().save(tmp_path / name)
+
+
+def test_an_empty_scene(tmp_path):
+    hapscene.Scene().save(tmp_path / "empty.scene.json")
+    assert hapscene.load_scene(tmp_path / "empty.scene.json").bodies == []
+
+
+def edit(*keys_and_value):
+    *keys, value = keys_and_value
+
+    def change(content):
+        for key in keys[:-1]:
+            content = content[key]
+        if value is KeyError:
+            del content[keys[-1]]
+        else:
+            content[keys[-1]] = value
+
+    return change
+
+
+HOSTILE = [
+    (edit("format", "other"), "format is 'other'"),
+    (edit("format", KeyError), "'format' is missing"),
+    (edit("version", 3), "format version 3; this hapscene reads up to 2"),
+    (edit("version", 0), "format version 0"),
+    (edit("version", True), "'version' must be a whole number"),
+    (edit("version", "1"), "'version' must be a whole number"),
+    (edit("swatches", {}), "'swatches' must be a list"),
+    (edit("swatches", 0, 7), r"swatches\[0\]: must be a text"),
+    (edit("swatches", 1, "oka"), "no swatch 'oka'"),
+    (edit("swatches", 1, "gone.swatch"), r"gone\.swatch"),
+    (edit("meshes", KeyError), "'meshes' is missing"),
+    (edit("meshes", 0, []), r"meshes\[0\]: must be an object"),
+    (edit("meshes", 0, "path", "gone.stl"), r"gone\.stl: no such file"),
+    (edit("meshes", 0, "path", "my.scene.json"), "no mesh format"),
+    (edit("meshes", 0, "path", None), "'path' must be a text"),
+    (edit("meshes", 0, "unit", "furlong"), r"meshes\[0\]: no unit of length 'furlong'"),
+    (edit("meshes", 0, "sha256", "00"), "has changed since"),
+    (edit("bodies", 0, "mesh", 2), r"bodies\[0\]: 'mesh' must be one of 2, counted from 0, is 2"),
+    (edit("bodies", 0, "mesh", -1), "'mesh' must be one of 2, counted from 0, is -1"),
+    (edit("bodies", 0, "mesh", 0.0), "'mesh' must be a whole number"),
+    (edit("bodies", 0, "name", ""), "printable text"),
+    (edit("bodies", 1, "name", "ball"), "'ball' is in the scene already"),
+    (edit("bodies", 0, "two_sided", 1), "'two_sided' must be true or false"),
+    (edit("bodies", 0, "pose", [[1, 0], [0, 1]]), r"\(4, 4\)"),
+    (edit("bodies", 0, "pose", [["1", 0, 0, 0]] * 4), "four rows of four finite numbers"),
+    (edit("bodies", 0, "pose", [[10**400, 0, 0, 0]] * 4), "matrix"),
+    (edit("bodies", 0, "pose", [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]), "scales"),
+    (edit("bodies", 0, "paint", [[0, 319]]), "covers 319 faces; the mesh has 320"),
+    (edit("bodies", 0, "paint", [[0, 10**15]]), "covers 1,000,000,000,000,000 faces"),
+    (edit("bodies", 0, "paint", [[0, 640], [0, -320]]), "number of faces"),
+    (edit("bodies", 0, "paint", [[9, 320]]), "names swatch 9; there are 3"),
+    (edit("bodies", 0, "paint", [[True, 320]]), "must be a list of"),
+    (edit("bodies", 0, "paint", 5), "'paint' must be a list of runs or a packed text"),
+    (edit("bodies", 0, "paint", "all"), "'paint' is packed, and damaged"),
+    (edit("bodies", 0, "made_of", 9), "'made_of' must be one of 3, counted from 0, is 9"),
+    (edit("bodies", 0, "made_of", None), "'made_of' must be a whole number"),
+    (edit("bodies", [{}] * 10_001), "10,001 bodies; at most 10,000"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), HOSTILE)
+def test_hostile_files(tmp_path, change, message):
+    build(tmp_path).save(tmp_path / "my.scene.json")
+    content = json.loads((tmp_path / "my.scene.json").read_text())
+    change(content)
+    (tmp_path / "my.scene.json").write_text(json.dumps(content))
+    with pytest.raises(HapsceneError, match=message) as error:
+        hapscene.load_scene(tmp_path / "my.scene.json")
+    assert "\n" not in str(error.value) and len(str(error.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "truncated"),
+        (b'{"format": "hapscene scene", "ver', "truncated"),
+        (b"[" * 100_000, "not a scene"),
+        (b"\xff\xfe\x00", "not a scene"),
+        (b"[]", "must be a JSON object"),
+        (b"7" * 5000, "not a scene"),
+    ],
+)
+def test_files_that_are_no_scene(tmp_path, content, message):
+    (tmp_path / "bad.scene.json").write_bytes(content)
+    with pytest.raises(SceneError, match=message):
+        hapscene.load_scene(tmp_path / "bad.scene.json")
+    with pytest.raises(SceneError, match="no such file"):
+        hapscene.load_scene(tmp_path / "gone.scene.json")
+
+
+# What lies beside a scene file: never written over, removed when no scene names it.
+
+
+def make(stiffness_N_m: float = 300.0, edge_m: float = 0.1) -> hapscene.Scene:
+    """A box and a swatch, both in memory alone."""
+    scene = hapscene.Scene()
+    scene.add(trimesh.creation.box((edge_m, 0.1, 0.1)), name="box", unit="m", swatch=Swatch("slate", stiffness_N_m))
+    return scene
+
+
+def own(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir() if file.suffix in (".ply", ".swatch")}
+
+
+def stiffness(file: Path) -> float:
+    return hapscene.load_scene(file).swatches[1].stiffness_N_m
+
+
+def test_the_same_content_is_the_same_file_and_other_content_another(tmp_path: Path) -> None:
+    file = tmp_path / "cup.scene.json"
+    make().save(file)
+    first = own(tmp_path)
+    assert len(first) == 2 and all(is_own(tmp_path / name) for name in first)
+    made = {name: (tmp_path / name).stat().st_mtime_ns for name in first}
+    make().save(file)
+    assert {name: (tmp_path / name).stat().st_mtime_ns for name in own(tmp_path)} == made
+    make(100.0, 0.2).save(file)
+    assert len(own(tmp_path)) == 2 and not own(tmp_path) & first  # what nobody names any more is gone
+    assert stiffness(file) == 100.0
+
+
+def test_a_failed_save_leaves_the_old_scene_with_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "cup.scene.json"
+    make().save(file)
+    before = own(tmp_path)
+
+    def full(path: Path, content: bytes, error: type[Exception]) -> None:
+        raise error(f"{path}: cannot be written: No space left on device")
+
+    monkeypatch.setattr("hapscene.scene.scene_file.write_whole", full)  # of the scene file, the last
+    with pytest.raises(HapsceneError, match="No space left"):
+        make(7.0, 0.2).save(file)
+    monkeypatch.setattr("hapscene.scene.scene_file.write_whole", write_whole)
+    assert stiffness(file) == 300.0 and own(tmp_path) == before
+
+
+def test_files_of_others_stay(tmp_path: Path) -> None:
+    file = tmp_path / "cup.scene.json"
+    theirs = {"cup.box.ply": b"a", "cup.slate.swatch": b"b", "cup.slate.0123abcd.swatch": b"c"}
+    for name, content in theirs.items():
+        (tmp_path / name).write_bytes(content)
+    make().save(file)
+    mine = own(tmp_path) - set(theirs)
+    for name in mine:
+        (tmp_path / name).write_bytes(b"changed by hand")
+    make().save(file)
+    assert len(own(tmp_path)) == len(theirs) + 4 and stiffness(file) == 300.0  # beside it, under longer names
+    make(100.0, 0.2).save(file)
+    kept = {name: (tmp_path / name).read_bytes() for name in (*theirs, *mine)}
+    assert kept == theirs | dict.fromkeys(mine, b"changed by hand")
+
+
+def test_a_copy_of_the_scene_file_keeps_what_it_names(tmp_path: Path) -> None:
+    file, copy = tmp_path / "cup.scene.json", tmp_path / "cup_before.scene.json"
+    make().save(file)
+    shutil.copyfile(file, copy)
+    make(100.0).save(file)
+    assert (stiffness(file), stiffness(copy)) == (100.0, 300.0)
+    make(50.0).save(copy)
+    assert (stiffness(file), stiffness(copy)) == (100.0, 50.0)
+
+
+def test_saved_into_another_folder_it_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    make().save(tmp_path / "a" / "cup.scene.json")
+    hapscene.load_scene(tmp_path / "a" / "cup.scene.json").save(tmp_path / "b" / "mug.scene.json")
+    shutil.rmtree(tmp_path / "a")
+    assert stiffness(tmp_path / "b" / "mug.scene.json") == 300.0
+
+
+def test_what_was_removed_meanwhile_is_written_anew(tmp_path: Path) -> None:
+    file = tmp_path / "cup.scene.json"
+    make().save(file)
+    opened = hapscene.load_scene(file)
+    make(100.0, 0.2).save(file)  # by another program
+    opened.save(file)
+    assert stiffness(file) == 300.0 and len(own(tmp_path)) == 2
+
+
+def test_nothing_but_its_own_files_is_ever_removed(tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    names = ("cup.scan.ply", "cup.20240115.ply", "cup.abcdef01.ply", "mug.abcdef01.ply", "scans/cup.abcdef01.ply")
+    for name in names:
+        trimesh.creation.icosphere(1).export(tmp_path / name)
+    content = {"swatches": ["plain"], "meshes": [{"path": name} for name in (*names, "../cup.abcdef01.ply")]}
+    (tmp_path / "cup.scene.json").write_text(json.dumps(content))  # from a stranger
+    make().save(tmp_path / "cup.scene.json")
+    assert all((tmp_path / name).is_file() for name in names)
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("cup.box.0123abcd.ply", True),
+        ("cup.box.0123abcde.swatch", True),
+        ("scan.20240115.ply", False),  # a date
+        ("cup.box.ply", False),
+        ("cup.0123abc.ply", False),
+        ("cup.box.0123abcd.stl", False),
+        ("0123abcd.ply", False),
+    ],
+)
+def test_own_files_are_known_by_name(name: str, answer: bool) -> None:
+    assert is_own(Path("somewhere") / name) is answer
+
+
+def test_long_names_of_swatches_are_cut(tmp_path: Path) -> None:
+    scene = make()
+    scene.paint("box", Swatch("日" * 200))
+    scene.save(tmp_path / "cup.scene.json")
+    assert hapscene.load_scene(tmp_path / "cup.scene.json").swatches[2].name == "日" * 200
+
+
+# A painting as it stands in a scene file: exact both ways, compact, and safe to read from anybody.
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 300), st.integers(1, 40)), min_size=1, max_size=60), st.booleans())
+def test_every_painting_comes_back(runs: list[tuple[int, int]], packed: bool) -> None:
+    paint = np.repeat([r[0] for r in runs], [r[1] for r in runs]).astype(np.int16)
+    if packed:  # many short runs over the same swatches
+        paint = np.resize(np.concatenate([paint, paint[::-1]]), 3 * RUN_MAX)
+        paint[::2] = (paint[::2] + 1) % 301
+    value = json.loads(json.dumps(encode_paint(paint)))
+    np.testing.assert_array_equal(decode_paint(value, len(paint), 301), paint)
+
+
+def test_few_runs_are_for_reading_and_many_are_packed() -> None:
+    paint = np.repeat(np.arange(RUN_MAX, dtype=np.int16), 2)
+    assert encode_paint(paint) == [[i, 2] for i in range(RUN_MAX)]
+    more = np.repeat(np.arange(RUN_MAX + 1, dtype=np.int16), 2)
+    assert isinstance(encode_paint(more), str)
+
+
+def test_a_mesh_painted_face_by_face_takes_less_than_a_byte_a_face() -> None:
+    paint = np.random.default_rng(0).integers(0, 6, 330_000).astype(np.int16)
+    text = encode_paint(paint)
+    assert isinstance(text, str)
+    assert len(text) < len(paint)
+    np.testing.assert_array_equal(decode_paint(text, len(paint), 6), paint)
+
+
+def packed(content: bytes) -> str:
+    return base64.b64encode(zlib.compress(content)).decode()
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no base64!", "damaged"),
+        (base64.b64encode(b"no zlib").decode(), "damaged"),
+        (packed(bytes(6)), "another number of faces"),
+        (packed(bytes(10)), "another number of faces"),
+        (packed(bytes(100_000_000)), "another number of faces"),  # 100 kB that would grow to 100 MB
+        (base64.b64encode(zlib.compress(bytes(8))[:-2]).decode(), "cut off"),
+        (packed(np.array([0, 1, 2, 3], "<i2").tobytes()), "names swatch 3; there are 3"),
+        (packed(np.array([0, 1, -1, 2], "<i2").tobytes()), "names swatch -1"),
+        ({}, "must be a list of runs or a packed text"),
+    ],
+)
+def test_hostile_paintings(value: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        decode_paint(value, 4, 3)
+
+
+def test_a_scene_with_a_packed_painting(tmp_path) -> None:
+    scene = hapscene.Scene()
+    icosphere(subdivisions=4).export(tmp_path / "ball.ply")
+    scene.add(tmp_path / "ball.ply", unit="mm")
+    for name in ("wood", "paper"):
+        scene.paint("ball", name, np.random.default_rng(len(name)).random(5120) < 0.4)
+    scene.save(tmp_path / "my.scene.json")
+    content = json.loads((tmp_path / "my.scene.json").read_text())
+    assert content["version"] == 2
+    assert isinstance(content["bodies"][0]["paint"], str)
+    back = hapscene.load_scene(tmp_path / "my.scene.json")
+    np.testing.assert_array_equal(back.bodies[0].face_swatch, scene.bodies[0].face_swatch)
+    scene.paint("ball", "plain")
+    scene.save(tmp_path / "my.scene.json")
+    assert json.loads((tmp_path / "my.scene.json").read_text())["version"] == 1  # older readers can read that

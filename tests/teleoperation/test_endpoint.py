@@ -1,0 +1,184 @@
+"""The two ends: wave variables against their laws, whatever the line does; the timeout; the plain controller."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hapscene.contact.world import records
+from hapscene.errors import HapsceneError
+from hapscene.native import native
+from hapscene.teleoperation.datagram import MESSAGE
+from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, hear, new_endpoint, place, tell
+from hapscene.teleoperation.link import Impairment, collect, new_link, post
+
+Array = NDArray[np.float64]
+
+TICK_S = 1e-3
+QUIET = Coupling(allowance_J=1.0, reserve_J=10.0)  # energy enough: the scheme without its net
+
+
+@native
+def drive(
+    ends: tuple[Any, Any],
+    links: tuple[Any, Any],
+    out: Any,
+    x_m: Array,
+    f_N: Array,
+    energy_J: Array,
+) -> None:
+    """Both ends with their devices on given paths x_m (n, 2); their forces (n, 2), and told and spent energy (n, 4)."""
+    for k in range(len(x_m)):
+        for i in range(2):
+            while collect(links[1 - i], k, out, 0):
+                hear(ends[i], k, out[0])
+        for i in range(2):
+            f_N[k, i] = control(ends[i], k, x_m[k, i], 0.0, 0.0)[0]
+        for i in range(2):
+            tell(ends[i], k, out)
+            post(links[i], k, out)
+            energy_J[k, i] = out[0].wave_J
+            energy_J[k, 2 + i] = ends[i].port[0].spent_J
+
+
+def run(
+    x_m: Array, coupling: Coupling, line: Impairment, seed: int = 0
+) -> tuple[tuple[Endpoint, Endpoint], Array, Array]:
+    """The ends afterwards, their forces (n, 2), told and spent energy (n, 4)."""
+    ends = new_endpoint(coupling, "leader", TICK_S), new_endpoint(coupling, "follower", TICK_S)
+    for i, end in enumerate(ends):
+        place(end, x_m[0, i], 0.0, 0.0)
+    links = new_link(line, TICK_S, seed, "forth"), new_link(line, TICK_S, seed, "back")
+    f_N, energy_J = np.zeros((len(x_m), 2)), np.zeros((len(x_m), 4))
+    drive(ends, links, records(1, MESSAGE), x_m, f_N, energy_J)
+    return ends, f_N, energy_J
+
+
+def wander(seed: int, count: int = 1500) -> Array:
+    """Two devices that are moved about at random, smoothly (n, 2)."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(count) * TICK_S
+    x = np.zeros((count, 2))
+    for i in range(2):
+        for f_Hz in rng.uniform(0.5, 20.0, 5):
+            x[:, i] += rng.normal(0.0, 0.005) / f_Hz * (np.sin(2 * np.pi * f_Hz * t_s + rng.uniform(0, 6)))
+    return x
+
+
+lines = st.builds(
+    Impairment,
+    delay_s=st.floats(0.0, 0.1),
+    jitter_s=st.floats(0.0, 0.01),
+    loss=st.floats(0.0, 0.5),
+    reorder=st.floats(0.0, 0.5),
+)
+
+
+@given(lines, st.integers(0, 10_000))
+@settings(max_examples=60, deadline=None)
+def test_no_more_energy_comes_out_of_the_line_than_went_in(line: Impairment, seed: int) -> None:
+    """Whatever the line loses, delays, turns round or repeats, and however the devices are moved."""
+    _, _, energy_J = run(wander(seed), Coupling(), line, seed)
+    told, spent = np.maximum.accumulate(energy_J[:, :2], axis=0), energy_J[:, 2:]
+    assert (spent[:, 0] <= told[:, 1] + 1e-12).all()
+    assert (spent[:, 1] <= told[:, 0] + 1e-12).all()
+
+
+@given(lines, st.integers(0, 10_000))
+@settings(max_examples=60, deadline=None)
+def test_an_end_tells_of_no_energy_that_was_not_there(line: Impairment, seed: int) -> None:
+    """Told is at most what arrived, less the work of the motors, exact for a held force, and the allowance."""
+    x_m = wander(seed)
+    _, f_N, energy_J = run(x_m, Coupling(), line, seed)
+    work_J = np.cumsum(np.vstack((np.zeros(2), f_N[:-1] * np.diff(x_m, axis=0))), axis=0)
+    assert (energy_J[:, :2] <= energy_J[:, 2:] - work_J + Coupling().allowance_J + 1e-12).all()
+
+
+@pytest.mark.parametrize("delay_ms", [1, 7, 60])
+def test_over_a_line_that_only_delays_waves_come_out_as_they_went_in(delay_ms: int) -> None:
+    x_m = wander(1)
+    (leader, follower), f_N, _ = run(x_m, QUIET, Impairment(delay_ms * TICK_S))
+    assert leader.port[0].short == follower.port[0].short == 0
+    # the leader's law, from what the follower sent `delay` ago: F = b v − √(2b) v̂, f = −F
+    b, smoothing = QUIET.impedance_Ns_m, leader.port[0].smoothing
+    smooth = np.zeros(len(x_m))
+    for k in range(1, len(x_m)):
+        smooth[k] = smooth[k - 1] + smoothing * (x_m[k, 0] - x_m[0, 0] - smooth[k - 1])
+    v_m_s = np.diff(smooth, prepend=0.0) / TICK_S
+    wave = simulate_follower(x_m[:, 1], f_N[:, 1], v_m_s, f_N[:, 0], delay_ms)
+    back = np.zeros(len(x_m))
+    back[delay_ms:] = wave[:-delay_ms]
+    np.testing.assert_allclose(f_N[3 * delay_ms :, 0], (math.sqrt(2 * b) * back - b * v_m_s)[3 * delay_ms :], atol=1e-6)
+
+
+def simulate_follower(
+    x_m: Array,
+    f_N: Array,
+    v_leader: Array,
+    f_l: Array,
+    delay: int,
+) -> Array:
+    """What the follower sends: v = û − √(2/b) F, with û = √(2b) v − v̂ of the leader `delay` ago, v̂ from its force."""
+    b = QUIET.impedance_Ns_m
+    root = math.sqrt(2 * b)
+    back = (f_l + b * v_leader) / root
+    out = root * v_leader - back
+    arrived = np.zeros(len(x_m))
+    arrived[delay:] = out[:-delay]
+    return arrived - 2.0 / root * f_N
+
+
+def test_the_plain_controller_is_the_papers() -> None:
+    """f = K (x_peer − x) + B (v_peer − v)."""
+    coupling = Coupling("position", stiffness_N_m=400.0, damping_Ns_m=2.0)
+    end, told = new_endpoint(coupling, "leader", TICK_S), records(1, MESSAGE)
+    place(end, 0.01, 0.0, 0.0)
+    told[0].p_WT_m = (0.03, 0.0, 0.0)
+    hear(end, 0, told[0])  # engages where they are: no force
+    assert abs(control(end, 0, 0.01, 0.0, 0.0)[0]) < 1e-12
+    told[0].tick, told[0].p_WT_m, told[0].v_WT_m_s = 1, (0.031, 0.002, 0.0), (0.1, 0.0, 0.0)
+    hear(end, 1, told[0])
+    f = control(end, 1, 0.01, 0.0, 0.0)
+    assert f == pytest.approx((400.0 * 0.001 + 2.0 * 0.1, 400.0 * 0.002, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["wave", "position"])
+def test_the_motors_let_go_when_the_peer_is_silent_and_take_up_without_a_jerk(scheme: str) -> None:
+    coupling = Coupling(scheme, timeout_s=0.05)
+    end = new_endpoint(coupling, "follower", TICK_S)
+    told = records(1, MESSAGE)
+    for k in range(100):
+        told[0].tick, told[0].p_WT_m = k, (k * 1e-5, 0.0, 0.0)
+        told[0].wave_sqrtJs, told[0].wave_J = (k * 1e-3, 0.0, 0.0), k * 5e-4
+        hear(end, k, told[0])
+        force = control(end, k, 0.0, 0.0, 0.0)
+    assert abs(force[0]) > 0.1
+    forces = [control(end, 100 + k, 0.0, 0.0, 0.0)[0] for k in range(100)]
+    assert forces[60:] == [0.0] * 40
+    told[0].tick, told[0].p_WT_m, told[0].wave_sqrtJs = 200, (0.05, 0.0, 0.0), (5.0, 0.0, 0.0)
+    hear(end, 200, told[0])
+    assert control(end, 200, 0.0, 0.0, 0.0)[0] == 0.0
+
+
+@given(st.floats(0.5, 5.0), st.integers(0, 100))
+@settings(max_examples=20, deadline=None)
+def test_forces_stay_within_the_motors_limit(limit_N: float, seed: int) -> None:
+    _, f_N, _ = run(20.0 * wander(seed, 400), Coupling(force_limit_N=limit_N), Impairment(0.02, 0.005, 0.2))
+    assert np.abs(f_N).max() <= limit_N * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"scheme": "naive"}, "no scheme 'naive'"),
+        ({"stiffness_N_m": 0.0}, "above 0"),
+        ({"reserve_J": -1.0}, "at least 0"),
+    ],
+)
+def test_a_coupling_that_cannot_be_is_refused(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(HapsceneError, match=says):
+        Coupling(**wrong)

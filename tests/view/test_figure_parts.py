@@ -1,0 +1,84 @@
+"""What stands in a picture."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.recording import Recording
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
+from hapscene.view.figure_parts import (
+    ARROW_LENGTH,
+    BODIES,
+    HEAD,
+    SHAFT,
+    TOOL,
+    FigureParts,
+    arrow_ticks,
+    make_figure_parts,
+)
+from hapscene.view.palette import LIGHT
+from hapscene.view.triangles import moved
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.icosphere(2, 0.05), "m"), name="ball")
+    scene.paint("ball", Swatch("card"), np.arange(100))
+    return scene
+
+
+def test_path_grows_and_tool_and_force_are_where_they_were(scene: Scene, recording: Recording) -> None:
+    stage = make_figure_parts(scene, recording, LIGHT, np.array([500, 1000, 1999]))
+    counts = [len(stage.shown(tick)) - len(stage.shown()) for tick in (100, 600, 1999)]
+    assert counts == [2, 3, 5]  # tool and proxy; a piece; three pieces, all in the air
+    poses = dict(stage.shown(900))  # within a stroke: 0.5 N along z
+    assert poses[TOOL][:3, 3] == pytest.approx(recording.p_WT_m[900])
+    tip = moved(stage.parts[HEAD], poses[HEAD]).corner_m
+    top = tip[tip[:, 2].argmax()]
+    assert top == pytest.approx(recording.p_WP_m[900] + (0, 0, ARROW_LENGTH * stage.size_m), abs=1e-9)
+    foot = moved(stage.parts[SHAFT], poses[SHAFT]).corner_m
+    assert foot[:, 2].min() == pytest.approx(recording.p_WP_m[900, 2], abs=1e-9)
+
+
+def test_arrow_is_as_long_as_the_force_is_large(scene: Scene, recording: Recording) -> None:
+    half = recording.f_W_N.copy()
+    half[900:] *= 0.5
+    stage = make_figure_parts(scene, replace(recording, f_W_N=half), LIGHT, np.array([1999]))
+    ends = [moved(stage.parts[HEAD], dict(stage.shown(tick))[HEAD]).corner_m[:, 2].max() for tick in (850, 950)]
+    assert ends[1] == pytest.approx(0.5 * ends[0])
+
+
+def test_arrows_stand_at_even_distances_and_once_in_a_tap(recording: Recording) -> None:
+    ticks = arrow_ticks(recording, 0.005)
+    assert all(recording.touching[ticks])
+    held = [np.count_nonzero((ticks >= a * 1e3) & (ticks < b * 1e3)) for a, b in ((0.2, 0.25), (0.8, 1.4))]
+    assert held[0] == 1 and held[1] >= 5
+    within = ticks[(ticks >= 800) & (ticks < 1400)]
+    assert np.linalg.norm(np.diff(recording.p_WP_m[within], axis=0), axis=1).max() < 0.0055
+
+
+def test_painting_covers_every_face_once(scene: Scene) -> None:
+    stage = make_figure_parts(scene, None, LIGHT, np.zeros(0, np.int64), painting=True)
+    whole = make_figure_parts(scene, None, LIGHT, np.zeros(0, np.int64))
+    centres = {tuple(np.round(c, 9)) for c in whole.parts[BODIES].corner_m.reshape(-1, 3, 3).mean(axis=1)}
+    for painted in range(stage.slice_count + 1):
+        solids = [stage.parts[part] for part, _ in stage.shown(None, painted)]
+        corners = np.concatenate([solid.corner_m for solid in solids])
+        assert len(corners) == len(whole.parts[BODIES].corner_m)
+        assert {tuple(np.round(c, 9)) for c in corners.reshape(-1, 3, 3).mean(axis=1)} == centres
+    assert stage.slice_count > 1
+
+
+def test_stage_comes_back_from_its_file(tmp_path: Path, scene: Scene, recording: Recording) -> None:
+    stage = make_figure_parts(scene, recording, LIGHT, np.array([1999]))
+    stage.save(tmp_path / "stage.npz")
+    again = FigureParts.load(tmp_path / "stage.npz")
+    assert [len(part.corner_m) for part in again.parts] == [len(part.corner_m) for part in stage.parts]
+    for (i, X), (j, Y) in zip(stage.shown(900), again.shown(900), strict=True):
+        assert i == j and np.array_equal(X, Y)
