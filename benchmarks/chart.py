@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.library import load_swatch
 from hapscene.view.chart import save_both
 from hapscene.view.palette import CHART_STYLE, EDGE, INK, OKABE_ITO, albedo_colours
 

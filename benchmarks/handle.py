@@ -75,7 +75,7 @@ def signals() -> dict[str, Array]:
     from scipy.signal import chirp
 
     from hapscene.capture.synthesis import synthesize
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import load_swatch
 
     count = round(DURATION_S * RATE_HZ)
     t_s, rng = np.arange(count) / RATE_HZ, np.random.default_rng(0)

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import load_swatch
 
 from .sheet import Sheet
 

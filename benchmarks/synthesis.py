@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import load_swatch
 from hapscene.surface.texture import Texture
 
 from .sheet import Sheet

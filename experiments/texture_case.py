@@ -25,8 +25,8 @@ from hapscene.scene.scene import Scene
 from hapscene.stability.answer import Answer
 from hapscene.stability.rig import AT_M, sheet
 from hapscene.stability.wall_chart import draw_panels
+from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import load_swatch, shipped_swatches
 from hapscene.surface.texture import Texture, filters, form
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin

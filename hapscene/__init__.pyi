@@ -19,14 +19,14 @@ from .renderer import Command as Command
 from .renderer import Renderer as Renderer
 from .scene.body import Body as Body
 from .scene.mesh import Mesh as Mesh
-from .scene.mesh import load_mesh as load_mesh
+from .scene.mesh_file import load_mesh as load_mesh
 from .scene.scene import Scene as Scene
-from .scene.scene_file import load_scene as load_scene
+from .scene.scene import load_scene as load_scene
 from .surface.effect import Effect as Effect
 from .surface.effect import Param as Param
 from .surface.effect import State as State
+from .surface.library import load_swatch as load_swatch
 from .surface.swatch import Swatch as Swatch
-from .surface.swatch_file import load_swatch as load_swatch
 from .surface.swatch_file import save_swatch as save_swatch
 
 __version__: str

@@ -167,7 +167,7 @@ def open_scene(
         ExchangeWarning: what the file of a painted scene does not keep.
     """
     if str(path).endswith(".scene.json"):
-        from hapscene.scene.scene_file import load_scene
+        from hapscene.scene.scene import load_scene
 
         for option, value in (("--unit", unit), ("--swatch", swatch), ("--two-sided", two_sided)):
             if value:

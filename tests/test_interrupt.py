@@ -69,7 +69,7 @@ def test_a_command_says_so_and_tells_by_its_code(monkeypatch: pytest.MonkeyPatch
     def end(*arguments: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr("hapscene.scene.mesh.load_mesh", end)
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
     assert main(["check", "any.ply"]) == 128 + signal.SIGTERM
     assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
 

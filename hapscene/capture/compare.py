@@ -19,9 +19,9 @@ from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording, load_surface_recording
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.surface.library import library_folder
+from hapscene.surface.library import library_folder, load_swatch, shipped_swatches
 from hapscene.surface.swatch import NAME_MAX, Swatch
-from hapscene.surface.swatch_file import SUFFIX, load_swatch, shipped_swatches
+from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 

@@ -437,7 +437,7 @@ def add_capture_report(commands: Any) -> None:
 def _report(options: argparse.Namespace) -> int:
     from hapscene.capture.recording_file import load_surface_recording
     from hapscene.capture.report import write_report
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
     recording = None

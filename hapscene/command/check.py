@@ -26,8 +26,8 @@ def add_check(commands: Any) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from hapscene.files import check_file
-    from hapscene.scene.mesh import load_mesh
     from hapscene.scene.mesh_doctor import examine
+    from hapscene.scene.mesh_file import load_mesh
 
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)

@@ -59,7 +59,7 @@ def _open(path: str, unit: str | None) -> Any:
         return import_scene(path, unit)
     if unit is not None:
         raise SceneError(f"{path}: is a scene file, which says this itself; leave --unit out")
-    from hapscene.scene.scene_file import load_scene
+    from hapscene.scene.scene import load_scene
 
     return load_scene(path)
 

@@ -115,8 +115,7 @@ def _swatches(scene: str | None) -> "list[Swatch]":
         from hapscene.touch import open_scene
 
         return open_scene(scene).swatches
-    from hapscene.surface.library import own_entries
-    from hapscene.surface.swatch_file import load_swatch, shipped_swatches
+    from hapscene.surface.library import load_swatch, own_entries, shipped_swatches
 
     names = [*shipped_swatches(), *(entry.name for entry in own_entries())]
     return [load_swatch(name) for name in names]

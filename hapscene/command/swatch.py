@@ -216,7 +216,7 @@ def _export_hatt(options: argparse.Namespace) -> int:
     from pathlib import Path
 
     from hapscene.capture.hatt import export_hatt
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import load_swatch
 
     export_hatt(load_swatch(options.swatch), options.out, options.taps, options.rate)
     name_made([Path(file) for file in (options.out, options.taps) if file is not None])
@@ -250,7 +250,7 @@ def _export_hjif(options: argparse.Namespace) -> int:
     from pathlib import Path
 
     from hapscene.capture.hjif import export_hjif
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
     export_hjif(swatch, options.out, options.force, options.speed, options.seconds, options.rate, options.seed)
@@ -279,7 +279,7 @@ def add_swatch_gallery(commands: Any) -> None:
 def _gallery(options: argparse.Namespace) -> int:
     from hapscene.errors import SwatchError
     from hapscene.paint.gallery import write_gallery
-    from hapscene.surface.swatch_file import load_swatch, shipped_swatches
+    from hapscene.surface.library import load_swatch, shipped_swatches
     from hapscene.touch import speak
 
     page = Path(options.out)
@@ -364,8 +364,7 @@ def _add_show(commands: Any) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import find
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import find, load_swatch
     from hapscene.surface.swatch_summary import figures, lines, words
 
     own = find(options.swatch, options.library) if options.library else None
@@ -425,8 +424,7 @@ def _add(options: argparse.Namespace) -> int:
     from pathlib import Path
 
     from hapscene.errors import SwatchError
-    from hapscene.surface.library import add, library_folder
-    from hapscene.surface.swatch_file import load_swatch
+    from hapscene.surface.library import add, library_folder, load_swatch
 
     if options.name is not None and len(options.files) > 1:
         raise SwatchError("--name is for a single file")

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError, SwatchError
 from hapscene.scene.body import Body
 from hapscene.scene.topology import weld
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch
-from hapscene.surface.swatch_file import SUFFIX, load_swatch, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch_file import SUFFIX, swatch_from_json, swatch_to_json
 
 VERSION: Final = 1
 """Version of what is written into other programs' formats. Raised when a reader of the old one would misread it."""

@@ -18,7 +18,8 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 from hapscene.errors import SceneError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import write_mesh
-from hapscene.scene.scene_file import SUFFIX, is_own, load_scene
+from hapscene.scene.scene import load_scene
+from hapscene.scene.scene_file import SUFFIX, is_own
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -8,8 +8,8 @@ from hapscene.errors import SaveConflict, SceneError
 from hapscene.paint.autosave import INTERVAL_S, Autosave, Recovery, Sight, find_recovery
 from hapscene.paint.painting import Canvas
 from hapscene.paint.save import check_unchanged, stamp_of
-from hapscene.scene.scene import Scene
-from hapscene.scene.scene_file import SUFFIX, check_place, load_scene
+from hapscene.scene.scene import Scene, load_scene
+from hapscene.scene.scene_file import SUFFIX, check_place
 
 LOOK_S: Final = 0.2
 """How long the autosave waits for a scene that is being changed [s], before it comes again: whoever holds the scene may

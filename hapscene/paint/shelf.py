@@ -15,9 +15,16 @@ from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene
-from hapscene.surface.library import LibraryEntry, entry_of, library_folder, own_entries, search, shipped_entries
+from hapscene.surface.library import (
+    LibraryEntry,
+    entry_of,
+    library_folder,
+    load_swatch,
+    own_entries,
+    search,
+    shipped_entries,
+)
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import load_swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures, words
 from hapscene.view.sound import FADE_S, PEAK_DBFS
 

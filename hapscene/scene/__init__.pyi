@@ -2,8 +2,8 @@ from . import region as region
 from .body import Body as Body
 from .mesh import Mesh as Mesh
 from .mesh import MeshWarning as MeshWarning
-from .mesh import load_mesh as load_mesh
 from .mesh_doctor import examine as examine
 from .mesh_doctor import repair as repair
+from .mesh_file import load_mesh as load_mesh
 from .scene import Scene as Scene
-from .scene_file import load_scene as load_scene
+from .scene import load_scene as load_scene

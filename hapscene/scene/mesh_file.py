@@ -7,8 +7,7 @@ from typing import Any, Final
 
 from hapscene.errors import MeshError
 from hapscene.scene.gltf_check import check_gltf
-from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, unit_name, warn
-from hapscene.scene.mesh_parts import Part, join, parts_of
+from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, Part, join, parts_of, unit_name, warn
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 
@@ -158,8 +157,22 @@ FORMATS: Final = (*UNITLESS, "glb", "gltf", "3mf", "step", "stp", "zip")
 """Suffixes of the files that can be loaded."""
 
 
-def read_mesh(path: Path, unit: str | None) -> Mesh:
-    """What `hapscene.scene.mesh.load_mesh` does."""
+def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
+    """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF, 3MF or STEP, or a zip archive that holds one of them.
+
+    All geometries of a file become one mesh, in their places; vertices and faces are neither merged, dropped
+    nor reordered. A face's group is its object, group and material name in the file, as far as it has them.
+
+    Args:
+        path: the file.
+        unit: of the file's numbers, a key of `UNIT_M`. STL, OBJ, PLY and OFF carry none, so they need it.
+            glTF is in metres and 3MF says its unit; one given here wins over that. STEP is always converted
+            from the unit it says.
+
+    Raises:
+        MeshError: the file is missing, damaged or no mesh, or its unit is not known.
+    """
+    path = Path(path)
     given = None if unit is None else unit_name(unit)
     suffix, content, resolver = _open(path)
     if suffix in UNITLESS and given is None:

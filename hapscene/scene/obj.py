@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import UNNAMED
-from hapscene.scene.mesh_parts import Part, sample
+from hapscene.scene.mesh import UNNAMED, Part, sample
 
 
 def read_obj(text: str, where: str, resolver: Any) -> Part:

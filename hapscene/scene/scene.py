@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
 from hapscene.scene.body import Body, rigid
-from hapscene.scene.mesh import Mesh, load_mesh, warn
+from hapscene.scene.mesh import Mesh, warn
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
 from hapscene.scene.region import Region
 from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
@@ -142,7 +143,7 @@ class Scene:
             source = _source(swatch)
             if source in self.swatch_source:
                 return self.swatch_source.index(source)
-            from hapscene.surface.swatch_file import load_swatch
+            from hapscene.surface.library import load_swatch
 
             swatch = load_swatch(swatch)
         for index, known in enumerate(self.swatches):
@@ -191,6 +192,26 @@ class Scene:
             return name
         stem = mesh.path.stem if mesh.path else "body"
         return next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(taken) + 3))) if n not in taken)
+
+
+def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
+    """Load a scene as `Scene.save` wrote it.
+
+    Args:
+        path: the file, NAME.scene.json.
+        accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
+            on faces of the same number.
+
+    Raises:
+        SceneError: the file is missing, damaged or of a later version, or a mesh has changed.
+        MeshError: a mesh cannot be loaded.
+        SwatchError: a swatch is unknown or broken.
+    """
+    from hapscene.scene.scene_file import read_scene
+
+    scene = Scene()
+    read_scene(scene, Path(path), accept_changed)
+    return scene
 
 
 def _source(swatch: str | os.PathLike[str]) -> str | Path:

@@ -27,7 +27,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,12 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError
 from hapscene.files import check_file, write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.mesh import UNIT_M, Mesh, load_mesh, warn
+from hapscene.scene.mesh import UNIT_M, Mesh, warn
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import mesh_to_ply
-from hapscene.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
 
 # Files of a scene's own, beside its scene file: the meshes and swatches that no other file holds.
 #
@@ -220,7 +223,7 @@ BODY_MAX: Final = 10_000
 """Most bodies of a scene file [count]."""
 
 
-def save_scene(scene: Scene, path: Path) -> None:
+def save_scene(scene: "Scene", path: Path) -> None:
     """What `Scene.save` does. Through a link, what it points to is written, and named from there."""
     check_place(path)
     path = path.resolve() if path.is_symlink() else path
@@ -241,7 +244,7 @@ def check_place(path: Path) -> None:
     check_file(path.resolve() if path.is_symlink() else path, SceneError)
 
 
-def _content(scene: Scene, files: SidecarFiles) -> dict[str, Any]:
+def _content(scene: "Scene", files: SidecarFiles) -> dict[str, Any]:
     """What the file says; what the scene got from memory is written beside it."""
     index: dict[int, int] = {}
     meshes: list[dict[str, Any]] = []
@@ -267,32 +270,18 @@ def _content(scene: Scene, files: SidecarFiles) -> dict[str, Any]:
     }
 
 
-def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Scene:
-    """Load a scene as `Scene.save` wrote it.
-
-    Args:
-        path: the file, NAME.scene.json.
-        accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
-            on faces of the same number.
-
-    Raises:
-        SceneError: the file is missing, damaged or of a later version, or a mesh has changed.
-        MeshError: a mesh cannot be loaded.
-        SwatchError: a swatch is unknown or broken.
-    """
-    path = Path(path)
+def read_scene(scene: "Scene", path: Path, accept_changed: bool) -> None:
+    """Fill an empty scene with what a file says: what `hapscene.load_scene` does."""
     content = _Place(path, "", _parse(path))
     if content.get("format", str) != FORMAT:
         raise SceneError(f"{path}: not a scene: format is {content.get('format', str)!r}, expected {FORMAT!r}")
     version = content.get("version", int)
     if not 1 <= version <= VERSION:
         raise SceneError(f"{path}: format version {version}; this hapscene reads up to {VERSION}: update hapscene")
-    scene = Scene()
     swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
     meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
     for place in content.items("bodies", dict):
         _load_body(scene, place, meshes, swatches)
-    return scene
 
 
 class _Place:
@@ -364,7 +353,7 @@ def _named(path: Path, name: str) -> Path:
     return own if path.is_symlink() and (there(own) or not there(link)) else link
 
 
-def _load_swatch(scene: Scene, place: _Place, path: Path) -> int:
+def _load_swatch(scene: "Scene", place: _Place, path: Path) -> int:
     name = place.value
     return scene.swatch_index(_named(path, name) if name.endswith(".swatch") else name)
 
@@ -392,7 +381,7 @@ def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
     return mesh
 
 
-def _load_body(scene: Scene, place: _Place, meshes: list[Mesh], swatches: list[int]) -> None:
+def _load_body(scene: "Scene", place: _Place, meshes: list[Mesh], swatches: list[int]) -> None:
     mesh = meshes[place.index("mesh", len(meshes))]
     pose = place.get("pose", list)
     if not all(type(row) is list and all(type(x) in (int, float) and abs(x) < math.inf for x in row) for row in pose):
@@ -418,7 +407,7 @@ def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Any]:
     return {"path": name, "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
 
 
-def _write_swatch(scene: Scene, index: int, files: SidecarFiles) -> str:
+def _write_swatch(scene: "Scene", index: int, files: SidecarFiles) -> str:
     source, swatch = scene.swatch_source[index], scene.swatches[index]
     if isinstance(source, str):
         return source

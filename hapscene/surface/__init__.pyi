@@ -3,10 +3,10 @@ from .effect import Effect as Effect
 from .effect import Param as Param
 from .effect import State as State
 from .effect_registry import load_effect as load_effect
+from .library import load_swatch as load_swatch
+from .library import shipped_swatches as shipped_swatches
 from .swatch import Swatch as Swatch
-from .swatch_file import load_swatch as load_swatch
 from .swatch_file import save_swatch as save_swatch
-from .swatch_file import shipped_swatches as shipped_swatches
 from .taps import Tap as Tap
 from .taps import Taps as Taps
 from .texture import Texture as Texture

@@ -23,8 +23,8 @@ from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import (
     BYTES_MAX,
     SUFFIX,
-    load_swatch,
-    shipped_swatches,
+    read_swatch,
+    suggest,
     swatch_from_json,
     swatch_to_json,
 )
@@ -71,6 +71,34 @@ def library_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     from platformdirs import user_data_path
 
     return user_data_path("hapscene", appauthor=False) / "swatches"
+
+
+def shipped_swatches() -> list[str]:
+    """Names of the swatches that come with hapscene, sorted."""
+    folder = resources.files("hapscene_swatches")
+    return sorted(f.name.removesuffix(SUFFIX) for f in folder.iterdir() if f.name.endswith(SUFFIX))
+
+
+def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
+    """The swatch of that file, or the one of that name in the user's library or among the shipped ones.
+
+    A `Path`, a text that ends in ".swatch" or one with a folder separator is a file; any other text is a name.
+
+    Raises:
+        SwatchError: unknown name; a file that is missing, too large, damaged, of a later version or unstable.
+    """
+    text = os.fspath(name_or_path)
+    if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
+        return read_swatch(Path(text))
+    known = shipped_swatches()
+    if text not in known:
+        own = find(text)
+        if own is not None:
+            return read_swatch(own)
+        known += [entry.name for entry in own_entries()]
+        raise SwatchError(no_such("swatch", text, known) + suggest(text, known))
+    with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
+        return read_swatch(path)
 
 
 def shipped_entries() -> list[LibraryEntry]:

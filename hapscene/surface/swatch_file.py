@@ -9,14 +9,13 @@ import difflib
 import json
 import os
 from collections.abc import Iterable, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import SwatchError, no_such
+from hapscene.errors import SwatchError
 from hapscene.files import parse_json, write_whole
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
@@ -43,36 +42,6 @@ _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "
 
 MEASURED_MAX: Final = 4 * TAP_MAX
 """Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each of its own numbers."""
-
-
-def shipped_swatches() -> list[str]:
-    """Names of the swatches that come with hapscene, sorted."""
-    folder = resources.files("hapscene_swatches")
-    return sorted(f.name.removesuffix(SUFFIX) for f in folder.iterdir() if f.name.endswith(SUFFIX))
-
-
-def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
-    """The swatch of that file, or the one of that name in the user's library or among the shipped ones.
-
-    A `Path`, a text that ends in ".swatch" or one with a folder separator is a file; any other text is a name.
-
-    Raises:
-        SwatchError: unknown name; a file that is missing, too large, damaged, of a later version or unstable.
-    """
-    text = os.fspath(name_or_path)
-    if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
-        return _read(Path(text))
-    known = shipped_swatches()
-    if text not in known:
-        from hapscene.surface.library import find, own_entries  # it reads swatches itself
-
-        own = find(text)
-        if own is not None:
-            return _read(own)
-        known += [entry.name for entry in own_entries()]
-        raise SwatchError(no_such("swatch", text, known) + _suggest(text, known))
-    with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
-        return _read(path)
 
 
 def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
@@ -130,7 +99,12 @@ def _layout(value: Any, indent: str) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _read(path: Path) -> Swatch:
+def read_swatch(path: Path) -> Swatch:
+    """The swatch of a file.
+
+    Raises:
+        SwatchError: the file is missing, too large, damaged, of a later version or unstable.
+    """
     try:
         if path.exists() and not path.is_file():
             raise SwatchError(f"{path}: cannot be read: is no file")
@@ -236,7 +210,7 @@ def _check_keys(where: str, content: Any, known: Iterable[str], required: Iterab
     known = list(known)
     for key in content:
         if key not in known:
-            raise SwatchError(f"unknown key {_short(prefix + key)}{_suggest(key, known)}")
+            raise SwatchError(f"unknown key {_short(prefix + key)}{suggest(key, known)}")
     for key in required:
         if key not in content:
             raise SwatchError(f"key {prefix + key!r} is missing")
@@ -282,6 +256,6 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "…"
 
 
-def _suggest(name: str, known: Iterable[str]) -> str:
+def suggest(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""

@@ -22,7 +22,7 @@ from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_ba
 from hapscene.capture.batch_pool import Job, fit_job
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.library import load_swatch
 
 READING = {"rate_Hz": 1000.0, "units": {"acceleration": "m/s2"}}
 FITTING = {"order": 3}

@@ -12,7 +12,7 @@ from hapscene.capture.order_search import search_order
 from hapscene.capture.streams import clean
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
-from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.library import load_swatch
 from hapscene.surface.texture import INTERPOLATIONS
 
 

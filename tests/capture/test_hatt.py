@@ -15,8 +15,8 @@ from hapscene import cli
 from hapscene.capture.hatt import export_hatt, import_hatt, import_many, import_noted
 from hapscene.capture.hatt_file import read_models, read_taps
 from hapscene.errors import SwatchError
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN
-from hapscene.surface.swatch_file import load_swatch
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from hapscene import cli
 from hapscene.capture.hjif import as_hjif, export_hjif
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import SwatchError
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
-from hapscene.surface.swatch_file import load_swatch
 from hapscene.surface.taps import Taps
 
 

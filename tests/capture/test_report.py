@@ -18,8 +18,8 @@ from hapscene.capture.report_numbers import judge, residual_along, spectrum_alon
 from hapscene.capture.segment import segment
 from hapscene.capture.streams import clean
 from hapscene.errors import CaptureError
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
-from hapscene.surface.swatch_file import load_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 

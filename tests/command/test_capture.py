@@ -13,7 +13,7 @@ from hapscene.command.capture import add_capture_fit, add_capture_report
 from hapscene.constants import EXCITATION_KNOTS
 from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import texture
-from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch_summary import lines, sounding
 
 UNITS = "acceleration=m/s2,speed=mm/s,force=N"

@@ -8,8 +8,7 @@ import pytest
 
 from hapscene.cli import main
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.scene import Scene
-from hapscene.scene.scene_file import load_scene
+from hapscene.scene.scene import Scene, load_scene
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def test_no_display_is_told_before_the_work(
 def test_a_place_that_cannot_be_written_is_told_before_the_work(
     command: str, tmp_path: Path, plate: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hapscene.scene.mesh.load_mesh", lambda *arguments: pytest.fail("loaded"))
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", lambda *arguments: pytest.fail("loaded"))
     monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
     option, name = ("--out", "a.gif") if command == "view" else ("--fix", "a.ply")
     assert main([command, plate, "--unit", "m", option, str(tmp_path / "none" / name)]) == 2

@@ -22,8 +22,7 @@ from hapscene.exchange.gltf_read import mark_of
 from hapscene.exchange.swatch_payload import ExchangeWarning
 from hapscene.recording import Recording
 from hapscene.scene.body import Body
-from hapscene.scene.scene import Scene
-from hapscene.scene.scene_file import load_scene
+from hapscene.scene.scene import Scene, load_scene
 from hapscene.surface.swatch_file import swatch_to_json
 from hapscene.touch import open_scene
 

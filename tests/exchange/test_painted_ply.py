@@ -11,7 +11,7 @@ import pytest
 
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.exchange import export_scene, import_scene
-from hapscene.scene.mesh import load_mesh
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")

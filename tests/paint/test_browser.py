@@ -20,7 +20,7 @@ from trimesh.creation import icosphere
 import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
-from hapscene.scene.scene_file import load_scene
+from hapscene.scene.scene import load_scene
 from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
 
 from .conftest import library_in, mesh_of

@@ -14,7 +14,7 @@ import hapscene
 from hapscene.paint import gallery
 from hapscene.paint.gallery import GROUNDS, painted_body
 from hapscene.paint.shelf import FULL_SCALE_M_S2
-from hapscene.surface.swatch_file import shipped_swatches
+from hapscene.surface.library import shipped_swatches
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

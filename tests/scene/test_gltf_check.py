@@ -11,9 +11,9 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
-from hapscene.scene import mesh_file, mesh_parts
+from hapscene.scene import mesh, mesh_file
 from hapscene.scene.gltf_check import check_gltf
-from hapscene.scene.mesh import load_mesh
+from hapscene.scene.mesh_file import load_mesh
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
 
@@ -113,7 +113,7 @@ def test_what_is_named_over_and_over_is_counted_each_time(
 
 
 def test_a_mesh_in_many_places_is_counted_in_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_parts, "FACE_MAX", 1000)
+    monkeypatch.setattr(mesh, "FACE_MAX", 1000)
     tree = gltf(nodes=[{"mesh": 0}] * 400, scenes=[{"nodes": list(range(400))}])
     with pytest.raises(MeshError, match="more than 1,000 faces or vertices"):
         load_mesh(write(tmp_path, tree))

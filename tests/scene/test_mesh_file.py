@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import MeshWarning, load_mesh
+from hapscene.scene.mesh import MeshWarning
+from hapscene.scene.mesh_file import load_mesh
 
 FLOAT32 = {"rtol": 1e-6, "atol": 1e-9}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import load_mesh
+from hapscene.scene.mesh_file import load_mesh
 
 
 def read(tmp_path, text, **files):

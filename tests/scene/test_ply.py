@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
-from hapscene.scene.mesh import Mesh, load_mesh
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import write_mesh
 
 

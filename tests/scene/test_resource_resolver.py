@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import MeshError, SceneError
-from hapscene.scene.mesh import load_mesh
+from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 
 BESIDE = ("data.bin", "my%20data.bin", "my data.bin", "deep/more.bin", "./data.bin", "../elsewhere/data.bin")

@@ -23,15 +23,17 @@ from hapscene.surface.library import (
     find,
     get,
     library_folder,
+    load_swatch,
     own_entries,
     parse_index,
     read_index,
     remove,
     search,
     shipped_entries,
+    shipped_swatches,
 )
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.swatch_file import load_swatch, save_swatch, shipped_swatches, swatch_to_json
+from hapscene.surface.swatch_file import save_swatch, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture

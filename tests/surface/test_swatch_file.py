@@ -11,14 +11,9 @@ from hypothesis import strategies as st
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
+from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.swatch import PLAIN, Swatch
-from hapscene.surface.swatch_file import (
-    load_swatch,
-    save_swatch,
-    shipped_swatches,
-    swatch_from_json,
-    swatch_to_json,
-)
+from hapscene.surface.swatch_file import save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
 from hapscene.surface.texture import Texture
 

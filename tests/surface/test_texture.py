@@ -9,7 +9,7 @@ from scipy.signal import freqz, lfilter
 from hapscene.constants import EXCITATION_KNOTS
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
-from hapscene.surface.swatch_file import load_swatch
+from hapscene.surface.library import load_swatch
 from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
 
 

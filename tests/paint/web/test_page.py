@@ -17,7 +17,7 @@ from hapscene.paint.session import Session
 from hapscene.paint.web.hand_config import HandConfig
 from hapscene.paint.web.number_panel import rgb_of
 from hapscene.paint.web.page import Page
-from hapscene.scene.scene_file import load_scene
+from hapscene.scene.scene import load_scene
 from hapscene.surface.swatch import Swatch
 
 from ..conftest import make_scene
