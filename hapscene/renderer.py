@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, place_ball, records
+from hapscene.contact.world import build_world, place_ball
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
-from hapscene.geometry import block_of, numbers, positions, rigid
+from hapscene.geometry import numbers, positions, rigid
 from hapscene.native import INTERPRETED
-from hapscene.records import ROW, Flag
+from hapscene.records import ROW, Flag, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers
@@ -317,7 +317,7 @@ class Renderer:
                     f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
                 )
             moving[m] = self._body_names.index(name)
-            X_WB[:, m] = rigid(X, name)
+            X_WB[:, m] = rigid(X, f"body {name!r}")
         return moving, X_WB
 
 

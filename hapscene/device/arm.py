@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from hapscene.contact.world import records
 from hapscene.device.hand import HAND
 from hapscene.device.omni import (
     Omni,
@@ -19,6 +18,7 @@ from hapscene.device.omni_record import OMNI
 from hapscene.device.point import POINT, PointMass, advance_point, hold_point, read_point
 from hapscene.geometry import Vector
 from hapscene.native import native
+from hapscene.records import records
 
 
 class Arm(NamedTuple):

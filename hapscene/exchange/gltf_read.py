@@ -16,7 +16,7 @@ from hapscene.errors import SceneError
 from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import Piece, check_version, is_digest, join, known_swatch, lose, restore
 from hapscene.files import read_bytes, refusing
-from hapscene.scene.body import RIGID_TOLERANCE
+from hapscene.geometry import RIGID_TOLERANCE
 from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
 from hapscene.device.arm import new_arm
 from hapscene.device.model import Limits
 from hapscene.device.omni import Omni, stand
@@ -16,7 +15,7 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
-from hapscene.records import ROW
+from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin_loop import DELAY_MAX, TwinBody, live
