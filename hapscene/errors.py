@@ -7,6 +7,20 @@ The text names the file, the place in it, what was expected and what would have 
 import difflib
 from collections.abc import Iterable
 
+__all__ = [
+    "CaptureError",
+    "EffectError",
+    "FormatError",
+    "HandleError",
+    "HapsceneError",
+    "MeshError",
+    "PathError",
+    "SaveConflict",
+    "SceneError",
+    "SwatchError",
+    "ViewError",
+]
+
 
 class HapsceneError(Exception):
     """An error with a message for the user: bad input, not a fault of the program."""
