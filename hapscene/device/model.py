@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ from hapscene.errors import HapsceneError, no_such
 if TYPE_CHECKING:
     from hapscene.device.omni import Omni
 
-    DeviceLike = str | "Device" | PointMass | Omni
-    """A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one."""
+
+DeviceLike: TypeAlias = "str | Device | PointMass | Omni"
+"""A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one."""
 
 DELAY_MAX: Final = 63
 """Longest delay that the passivity controller reckons with [ticks]. Sets the size of its memory of forces sent."""
