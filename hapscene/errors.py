@@ -5,6 +5,8 @@ The text names the file, the place in it, what was expected and what would have 
 """
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable
 
 __all__ = [
@@ -79,3 +81,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of that sentence where a known name is near: "; did you mean 'oak'?", else nothing."""
     near = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn, pointing at the line outside of hapscene that led there."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "hapscene":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)

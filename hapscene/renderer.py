@@ -1,6 +1,5 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -12,7 +11,7 @@ from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
-from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
+from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.native import INTERPRETED
 from hapscene.old_spellings import old_spellings
@@ -340,10 +339,10 @@ class Renderer:
 
 
 def _warn(messages: list[str]) -> None:
-    """One line, at the line that called the renderer."""
+    """One line for all of them."""
     if messages:
         more = f"; and {len(messages) - 1} more, see Renderer.clips" if len(messages) > 1 else ""
-        warnings.warn(messages[0] + more, DeviceWarning, stacklevel=3)
+        warn(messages[0] + more, DeviceWarning)
 
 
 def _entry(function: Any, *arguments: Any) -> Any:

@@ -22,6 +22,7 @@ CORE = (
     "files",
     "geometry",
     "native",
+    "old_spellings",
     "recording",
     "records",
     "renderer",

@@ -5,7 +5,6 @@ What a file does not say is asked for: the message names the argument, and the o
 
 import os
 import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
 from hapscene.capture.streams import speed_of
-from hapscene.errors import CaptureError
+from hapscene.errors import CaptureError, warn
 from hapscene.wire.unit import UNITS
 
 # Three axes of acceleration made one: DFT321.
@@ -153,7 +152,7 @@ def load_recording(
     """
     recording = read_surface_recording(path, rate_Hz, columns, units)
     if recording.bridged:
-        warnings.warn(f"{path}: {bridged_note(recording)}", BridgedWarning, stacklevel=2)
+        warn(f"{path}: {bridged_note(recording)}", BridgedWarning)
     return recording
 
 

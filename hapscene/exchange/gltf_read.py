@@ -3,7 +3,6 @@
 import base64
 import binascii
 import itertools
-import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,18 +16,13 @@ from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import Piece, check_version, is_digest, join, known_swatch, lose, restore
 from hapscene.files import read_bytes, refusing
 from hapscene.geometry import RIGID_TOLERANCE
+from hapscene.scene.gltf_check import parse_gltf
 from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import PLAIN, Swatch
-
-JSON_MAX_B: Final = 256 * 1024 * 1024
-"""Longest JSON of a GLB file that is read [bytes]: 10,000 bodies of 8 swatches have 40 MB."""
-
-CONTAINER_MAX: Final = 2_000_000
-"""Most lists and objects of a GLB's JSON [count], at some 60 bytes each: 10,000 bodies of 8 swatches have 700,000."""
 
 
 def read_bounded(path: Path) -> bytes:
@@ -50,18 +44,8 @@ def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
     Raises:
         SceneError: damaged, truncated, more than is read, or without a file that it needs.
     """
-    chunk = b""
-    text = content
-    if path.suffix.lower() == ".glb":
-        if content[:4] != b"glTF" or len(content) < 20 or content[16:20] != b"JSON":
-            raise SceneError(f"{path}: not a GLB file: it must begin with glTF, version 2, and a chunk of JSON")
-        version, size, length = (int(n) for n in np.frombuffer(content, "<u4", 3, 4))
-        if version != 2 or size > len(content) or 20 + length > len(content):
-            raise SceneError(f"{path}: the file is truncated, or not of version 2: it says {size:,} bytes")
-        text, rest = content[20 : 20 + length], content[20 + length :]
-        if len(rest) >= 8 and rest[4:8] == b"BIN\0":
-            chunk = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
-    tree = _parse(path, text)
+    with refusing(SceneError):
+        tree, chunk = parse_gltf(content, path.suffix.lower() == ".glb", str(path))
     return tree, _buffers(path, tree, chunk)
 
 
@@ -94,21 +78,6 @@ def _embedded(path: Path, uri: str) -> bytes:
         return base64.b64decode(data, validate=True)
     except (binascii.Error, ValueError):
         raise SceneError(f"{path}: the buffer in the file is damaged: not base64") from None
-
-
-def _parse(path: Path, text: bytes) -> dict[str, Any]:
-    if path.suffix.lower() == ".glb" and len(text) > JSON_MAX_B:
-        raise SceneError(f"{path}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
-    found = text.count(b"[") + text.count(b"{")
-    if found > CONTAINER_MAX:
-        raise SceneError(f"{path}: {found:,} lists and objects; at most {CONTAINER_MAX:,} are read")
-    try:
-        tree = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"{path}: not a glTF file, or truncated: {str(error)[:200]}") from None
-    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise SceneError(f"{path}: not a glTF file: expected a JSON object with 'asset'")
-    return tree
 
 
 # The tree and the buffers of a glTF file, each item looked up with care: files come from strangers.

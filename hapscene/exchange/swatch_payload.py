@@ -4,7 +4,6 @@ import hashlib
 import math
 import os
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import SceneError, SwatchError
+from hapscene.errors import SceneError, SwatchError, warn
 from hapscene.files import refusing
 from hapscene.scene.body import Body
 from hapscene.scene.topology import weld
@@ -35,7 +34,7 @@ class ExchangeWarning(UserWarning):
 
 def lose(message: str) -> None:
     """Warn of what is lost."""
-    warnings.warn(message, ExchangeWarning, stacklevel=2)
+    warn(message, ExchangeWarning)
 
 
 def numbers_of(swatch: Swatch) -> dict[str, float]:

@@ -1,10 +1,12 @@
 """What a glTF file says it holds, held against its data: trimesh believes it, so a small file could take all memory."""
 
 import json
+import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-from hapscene.errors import MeshError
+from hapscene.errors import FormatError, MeshError
+from hapscene.files import refusing
 
 WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of each type of number: glTF 2.0, 3.6.2.2."""
@@ -16,15 +18,21 @@ PACKED_MAX: Final = 8
 but for the sparse ones, or come from a compressed mesh, of which the smallest have a few bits each."""
 
 
+JSON_MAX_B: Final = 256 * 1024 * 1024
+"""Longest JSON of a GLB file that is read [bytes]: 10,000 bodies of 8 swatches have 40 MB."""
+
+CONTAINER_MAX: Final = 2_000_000
+"""Most lists and objects of a file's JSON [count], at some 60 bytes each: 10,000 bodies of 8 swatches have 700,000."""
+
+
 def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     """Refuse a .gltf, or a (`binary`) .glb, whose accessors name more than the file can hold, or unpack to too much.
 
     Raises:
         MeshError: with the first of them; or it is no such file.
     """
-    tree = _tree(content, binary, where)
-    if tree is None:
-        return
+    with refusing(MeshError):
+        tree, _ = parse_gltf(content, binary, where)
     views = [_view(view, i, where) for i, view in enumerate(_items(tree, "bufferViews", where))]
     ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
     for view in views:
@@ -37,22 +45,35 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
             raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")
 
 
-def _tree(content: bytes, binary: bool, where: str) -> dict[str, Any] | None:
-    """The JSON; None where there is none, and trimesh will say why."""
-    text: str | bytes = content
+def parse_gltf(content: bytes, binary: bool, where: str) -> tuple[dict[str, Any], bytes]:
+    """The JSON tree of a .gltf or a (`binary`) .glb, bounded before it is made, and the latter's chunk of data.
+
+    Raises:
+        FormatError: no such file, truncated, or with more JSON than is read.
+    """
+    kind, text, chunk = "GLTF", content, b""
     if binary:
+        kind = "GLB"
         if content[:4] != b"glTF" or content[16:20] != b"JSON":
-            return None
-        length = int.from_bytes(content[12:16], "little")
-        text = content[20 : 20 + length].decode("utf-8-sig", errors="replace")
+            raise FormatError(f"{where}: not a readable GLB file: it must begin with glTF, version 2, and JSON")
+        version, size_B, length_B = struct.unpack_from("<3I", content, 4)
+        if version != 2 or size_B > len(content) or 20 + length_B > len(content):
+            raise FormatError(f"{where}: the file is truncated, or not of version 2: it says {size_B:,} bytes")
+        text, rest = content[20 : 20 + length_B], content[20 + length_B :]
+        if rest[4:8] == b"BIN\0":
+            chunk = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
+        if len(text) > JSON_MAX_B:
+            raise FormatError(f"{where}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
+    found = text.count(b"[") + text.count(b"{")
+    if found > CONTAINER_MAX:
+        raise FormatError(f"{where}: {found:,} lists and objects; at most {CONTAINER_MAX:,} are read")
     try:
-        tree = json.loads(text)
+        tree = json.loads(text.decode("utf-8-sig", errors="replace"))
     except (ValueError, RecursionError) as error:
-        kind = "GLB" if binary else "GLTF"
-        raise MeshError(f"{where}: not a readable {kind} file, or truncated: {error}") from None
-    if not isinstance(tree, dict) or "asset" not in tree:
-        raise MeshError(f"{where}: not a readable GLTF file: expected a JSON object with 'asset'")
-    return tree
+        raise FormatError(f"{where}: not a readable {kind} file, or truncated: {str(error)[:200]}") from None
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise FormatError(f"{where}: not a readable {kind} file: expected a JSON object with 'asset'")
+    return tree, chunk
 
 
 def _size_B(accessor: dict[str, Any], index: int, views: list[dict[str, int]], held_B: int, where: str) -> int:

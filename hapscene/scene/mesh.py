@@ -1,7 +1,6 @@
 """A mesh: triangles in metres, with the names and colours its file gave them."""
 
 import hashlib
-import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -166,11 +165,6 @@ def unit_name(unit: str) -> str:
     if name not in UNIT_M:
         raise MeshError(no_such("unit of length", str(unit), UNIT_M))
     return name
-
-
-def warn(message: str) -> None:
-    """Warn of a mesh, pointing at the caller's own line as far as that can be known."""
-    warnings.warn(message, MeshWarning, stacklevel=4)
 
 
 def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:

@@ -5,10 +5,10 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-from hapscene.errors import MeshError
+from hapscene.errors import MeshError, warn
 from hapscene.files import read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
-from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, Part, join, parts_of, unit_name, warn
+from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, parts_of, unit_name
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 
@@ -183,7 +183,7 @@ def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         )
     parts, own = _read(path, suffix, content, resolver)
     if suffix in ("step", "stp") and given not in (None, "m"):
-        warn(f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used")
+        warn(f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used", MeshWarning)
         given = None
     return join(parts, given or unit_name(own or "m"), path)
 

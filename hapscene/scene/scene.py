@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import SceneError, no_such
+from hapscene.errors import SceneError, no_such, warn
 from hapscene.geometry import rigid
 from hapscene.old_spellings import old_spellings
 from hapscene.scene.body import Body
-from hapscene.scene.mesh import Mesh, warn
+from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
 from hapscene.scene.region import Region
@@ -97,7 +97,8 @@ class Scene:
         if _is_flat(shape):
             warn(
                 f"body {name!r}: none of its {len(shape.faces):,} faces has an area, so it can never be touched: is "
-                "its file complete, and not scaled flat?"
+                "its file complete, and not scaled flat?",
+                MeshWarning,
             )
         elif not body.two_sided and not any(b.mesh is shape and not b.two_sided for b in self.bodies):
             _warn_of_winding(body)
@@ -290,5 +291,6 @@ def _warn_of_winding(body: Body) -> None:
     if turned:
         warn(
             f"body {body.name!r}: {turned:,} of {len(mesh.faces):,} faces are {what}; two_sided=True (--two-sided) "
-            f"feels both sides, `hapscene check {mesh.path or 'MESH'} --fix FIXED.ply` turns them"
+            f"feels both sides, `hapscene check {mesh.path or 'MESH'} --fix FIXED.ply` turns them",
+            MeshWarning,
         )

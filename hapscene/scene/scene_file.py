@@ -32,10 +32,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import SceneError
+from hapscene.errors import SceneError, warn
 from hapscene.files import check_file, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.mesh import UNIT_M, Mesh, warn
+from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import mesh_to_ply
 
@@ -370,7 +370,7 @@ def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
             "corners; put the old mesh back, or load with accept_changed=True to keep the paint (`hapscene paint "
             "--accept-changed`), and save again"
         )
-    warn(f"{path}: {file} has changed since the scene was saved; its paint stays")
+    warn(f"{path}: {file} has changed since the scene was saved; its paint stays", MeshWarning)
     return mesh
 
 

@@ -226,7 +226,7 @@ def _set(tree: dict, path: str, value: Any) -> None:
         ("materials.0.extras.swatch_file", "{}", "swatch"),
         ("materials.1.extras.sha256", "0", None),
         ("accessors", {}, "accessors"),
-        ("asset", 2, "not a glTF file"),
+        ("asset", 2, "not a readable GLTF file"),
         ("scenes.0.nodes", [[0]], r"no nodes\[\[0\]\]"),
         ("scene", 7, r"no scenes\[7\]"),
     ],
