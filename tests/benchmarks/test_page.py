@@ -64,12 +64,9 @@ def _add_rest(sheet: Sheet) -> None:
     for name, count in (("1 body", 1), ("10 bodies", 10), ("1000 bodies", 1000)):
         sheet.add(name, "bodies", count, "1")
         sheet.add_spread(name, "contact", [0.2 * count], "µs")
-        sheet.add(name, "ray into its own scene mean", 60, "ns")
-        sheet.add(name, "ray through instances mean", 60 + count, "ns")
         if count > 1:
             sheet.add(name, "placing the moving bodies", 1.0, "µs")
-            for figure in ("contact, a tenth moving", "commit of instances, a tenth moving"):
-                sheet.add_spread(name, figure, [float(count)], "µs")
+            sheet.add_spread(name, "contact, a tenth moving", [float(count)], "µs")
     for order in synthesis.ORDERS:
         for figure in ("one model", "nine models", "lfilter"):
             sheet.add(f"synthesis, order {order}", f"{figure} for 10 s", 5e-4 * order, "s")
