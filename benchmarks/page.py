@@ -7,9 +7,9 @@ from typing import Final
 from hapscene.files import whole_file
 from hapscene.view.chart import picture
 
+from .handle import FIRM, PLANTS, SIGNALS, SPREAD
 from .markdown import paragraph, shown, table
 from .order import ORDERS, RECORDINGS
-from .page_twin import handle_section, twin_section
 from .peer import CITED, PEERS, TRIANGLES
 from .projection import ANGLES_DEG, STEPS
 from .sheet import QUANTILES, Sheet
@@ -30,9 +30,9 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
 )
 
 
-INSTANCES: Final = """Tried on 2026-11-22 (two shared cores of 2.5 GHz, dynamic scene, low build quality, the rays of the
-same slide): among 1,000 bodies a ray took 0.171 µs through the instances, 0.093 µs in a body's own scene, where a whole
-contact took 0.462 µs at rest; and whenever bodies had moved, a tenth of them, the scene had to be committed anew:
+INSTANCES: Final = """Tried on 2026-11-22 (two shared cores of 2.5 GHz, dynamic scene, low build quality, the rays of
+the same slide): among 1,000 bodies a ray took 0.171 µs through the instances, 0.093 µs in a body's own scene, where a
+whole contact took 0.462 µs at rest; and whenever bodies had moved, a tenth of them, the scene had to be committed anew:
 1,568 µs, with locks and allocations."""
 """What Embree's instances cost, stated: nothing here measures it any more."""
 
@@ -47,9 +47,9 @@ def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
     if sheet.cases("synthesis, "):
         parts.append(_synthesis(sheet))
     if sheet.cases("twin, "):
-        parts.append(twin_section(sheet))
+        parts.append(_twin(sheet))
     if "handle" in known:
-        parts.append(handle_section(sheet, known))
+        parts.append(_handle(sheet, known))
     parts.append(_crowd(sheet, known))
     with whole_file(path) as part:
         part.write_text("\n".join(parts), encoding="utf-8")
@@ -292,6 +292,47 @@ def _synthesis(sheet: Sheet) -> str:
 {table(head, rows)}"""
 
 
+def _twin(sheet: Sheet) -> str:
+    """How fast the closed loop is."""
+    rows = [
+        (
+            case.removeprefix("twin, "),
+            f"{sheet.number(case, 'times real time'):,.0f}",
+            shown(sheet.number(case, "tick")),
+        )
+        for case in sheet.cases("twin, ")
+    ]
+    said = """A hand that scrubs wood, four effects, 1 kHz force and 10 kHz acceleration, the device and the handle
+        (`adaptive`) advanced ten times a tick; the fastest of seven runs, making of the arrays included."""
+    return f"""## The twin in closed loop
+{paragraph(said)}
+
+{table(("device", "times real time", "tick [µs]"), rows)}"""
+
+
+def _handle(sheet: Sheet, charts: dict[str, str]) -> str:
+    """How well the compensators play, and what each costs."""
+    rows = []
+    for case in sheet.cases("handle, "):
+        errors = [
+            " / ".join(f"{sheet.number(case, f'{signal} {what}'):.1f}" for what in ("nominal", "median", "p95", "firm"))
+            for signal in SIGNALS
+        ]
+        rows.append((case.removeprefix("handle, "), *errors, f"{sheet.number(case, 'sample least'):.2f}"))
+    said = f"""Spectrogram error [%] of the handle's acceleration against the desired, no output being 100: the nominal
+        handle / median and p95 of {PLANTS} handles with all six parameters off by up to {100 * SPREAD:.0f} % / a grip
+        {FIRM:g} times as firm. Simulated at 10 kHz with amplifier, accelerometer and its noise, travel and force
+        limits. Time is that of one sample, plant and all."""
+    head = ("compensator", *(f"{signal}" for signal in SIGNALS), "sample [µs]")
+    return f"""## The handle: error against time
+
+{picture(charts["handle"], "Error against time of the compensators")}
+
+{paragraph(said)}
+
+{table(head, rows)}"""
+
+
 def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:
     """Many bodies, and the way that was not taken."""
     rows = []
@@ -300,8 +341,8 @@ def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:
         times = [shown(sheet.number(case, name)) if (case, name) in sheet else "" for name in moving]
         rows.append((case, _pair(sheet, case, "contact", 1.0, ("median", "p99")), *times))
     head = ("", "contact, median / p99 [µs]", "contact, a tenth moving [µs]", "placing them [µs]")
-    said = f"""The other way would be one top-level scene over Embree's instances. {INSTANCES} The tick takes no lock and
-        allocates nothing; so each body is asked by itself, in its own frame."""
+    said = f"""The other way would be one top-level scene over Embree's instances. {INSTANCES} The tick takes no
+        lock and allocates nothing; so each body is asked by itself, in its own frame."""
     return f"""## Many bodies: one query per body, not Embree's instances
 
 {picture(charts["crowd"], "Contact time over the number of bodies")}
