@@ -1,4 +1,4 @@
-"""An empty loop beside the servo's, which waits as that does and does nothing else; apart, for its process starts here."""
+"""An empty loop beside the servo's, which waits as that does and does nothing else; in a file that its process starts."""
 
 import contextlib
 import multiprocessing
