@@ -1,4 +1,4 @@
-"""An empty loop beside the servo's, which waits as that does and does nothing else; in a file that its process starts."""
+"""An empty loop beside the servo's, which waits as it does and does nothing else; its process starts from this file."""
 
 import contextlib
 import multiprocessing
