@@ -1,4 +1,7 @@
-"""Benchmark: time and accuracy of the tick on cases with known answers, charted one against the other.
+"""Benchmarks: time and accuracy of hapscene on cases with known answers, charted one against the other.
+
+Installed as `hapscene_benchmarks`; `hapscene bench` runs all but painting. One measurement a file: each that `run`
+alone calls stands by itself because it measures one thing.
 
 | module | does |
 |---|---|
@@ -7,12 +10,16 @@
 | `tick_time` | time of contact and tick, of `run` and `step` |
 | `loop_time` | the same with cold caches; the start of a process |
 | `ray` | the rays of a path, counted and timed by themselves |
-| `crowd`, `instance` | many bodies: one query per body, and Embree's instances instead |
-| `paint`, `paint_page` | painting; and in a browser: `paint_click`, `paint_late` (the servo), `paint_delay` (sound) |
-| `paint_browser`, `paint_hand`, `idle` | the browser, the hand and the empty loop for that |
+| `crowd` | many bodies, at rest and moving |
 | `accuracy` | how far force and proxy are from the truth |
 | `projection` | the proxy's exact solution against alternating projection |
 | `order` | textures: order against time and against recordings |
+| `synthesis` | textures made without a tick, beside SciPy's filter |
+| `twin_time` | the closed loop of hand, device and handle |
+| `handle` | the handle's compensators: error against time |
+| `paint` | painting large meshes: `python -m hapscene_benchmarks.paint` |
+| `paint_page` | the painter's page in a browser: `python -m hapscene_benchmarks.paint_page` |
+| `paint_browser`, `idle`, `screen` | for that: the browser and a hand, an empty loop, a screen where there is none |
 | `sheet`, `machine`, `peer` | the figures, the machine, other renderers' figures |
-| `chart`, `page` | the pictures, and docs/benchmark.md |
+| `chart`, `page`, `markdown` | the pictures, docs/benchmark.md, and what such pages are made of |
 """

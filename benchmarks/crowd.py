@@ -1,4 +1,4 @@
-"""Many bodies: one query per body that a ball lets through, as hapscene does, against Embree's instances."""
+"""Many bodies: what it costs to ask each that a ball lets through, at rest and while some of them move."""
 
 import math
 from typing import Any, Final
@@ -7,15 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns
-from hapscene.contact.embree import Search
 from hapscene.native import native
 from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
 from hapscene.tick import place_bodies
 
 from .case import slide_path, sphere
-from .instance import InstanceScene
-from .ray import Rays, time_rays
 from .sheet import Sheet
 from .tick_time import hot
 
@@ -37,13 +34,11 @@ MOVING_TICKS: Final = 1000
 """Ticks with moving bodies [count]: a pose of each body for each tick takes memory."""
 
 
-def measure_crowd(sheet: Sheet, rays: Rays, search: Search, tick_count: int, repeats: int) -> None:
+def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
     """Time of the contact among many bodies, at rest and with some moving.
 
     Args:
         sheet: where the figures go.
-        rays: of a slide over `search`, the sphere that all bodies are: for Embree's instances.
-        search: their one search structure.
         tick_count: length of the slide.
         repeats: runs after one to warm up.
     """
@@ -54,17 +49,11 @@ def measure_crowd(sheet: Sheet, rays: Rays, search: Search, tick_count: int, rep
         scene = _scene(place)
         sheet.add(name, "bodies", count, "1")
         sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
-        instances = InstanceScene(search, place)
-        one_ns, all_ns = time_rays(search.handle, rays, repeats), time_rays(instances.handle, rays, repeats)
-        sheet.add(name, "ray into its own scene mean", one_ns, "ns")
-        sheet.add(name, "ray through instances mean", all_ns, "ns")
         if count * MOVING_SHARE >= 1.0:
-            _measure_moving(sheet, name, scene, instances, place, path, repeats)
+            _measure_moving(sheet, name, scene, place, path, repeats)
 
 
-def _measure_moving(
-    sheet: Sheet, name: str, scene: Scene, instances: InstanceScene, place: Array, path: Array, repeats: int
-) -> None:
+def _measure_moving(sheet: Sheet, name: str, scene: Scene, place: Array, path: Array, repeats: int) -> None:
     """The same while a tenth of the bodies, but not the touched one, moves."""
     moving = np.arange(len(place) - round(MOVING_SHARE * len(place)), len(place))
     first = int(np.argmax(np.linalg.norm(path, axis=1) < 0.049))
@@ -82,8 +71,6 @@ def _measure_moving(
         _place_all(renderer.world, renderer.surface, moving, X_WB, new_clock()) / len(part) for _ in range(repeats)
     ]
     sheet.add(name, "placing the moving bodies", 1e-3 * min(placed), "µs")
-    times = np.array([instances.move(moving, X[:, :3, 3]) for X in X_WB[:200]])
-    sheet.add_spread(name, "commit of instances, a tenth moving", times[:, 1], "µs", 1e6)
 
 
 @native

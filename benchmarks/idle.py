@@ -1,4 +1,4 @@
-"""An empty loop beside the servo's: waits as that does, in a process and thread of its own, and does nothing else."""
+"""An empty loop beside the servo's, which waits as it does and does nothing else; its process starts from this file."""
 
 import contextlib
 import multiprocessing

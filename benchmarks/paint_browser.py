@@ -1,4 +1,4 @@
-"""The painter's page in a real browser: Chromium, drawn by the processor, cut off from the net."""
+"""The painter's page in a real browser, Chromium, drawn by the processor, cut off from the net; and its hand."""
 
 import asyncio
 import math
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.paint.session import Session
@@ -185,3 +186,41 @@ def sweep(tab: Any, seconds: float) -> None:
     while (t_s := end_s - time.monotonic()) > 0.0:
         tab.mouse.move(x + 150 * math.sin(3.0 * t_s), y + 100 * math.sin(4.1 * t_s))
         tab.wait_for_timeout(1e3 / 60)
+
+
+# The hand on the ball, without a pointer: so that it can touch while the pointer does something else.
+
+FORCE_N: Final = 1.0
+STIFFNESS_N_M: Final = 400.0
+
+
+@contextmanager
+def touching(page: Page, strokes: bool) -> Iterator[Any]:
+    """Meanwhile the hand presses on the ball's front, at rest or to and fro at up to 50 mm/s; yields the servo.
+
+    Raises:
+        ViewError: the hand does not get there.
+    """
+    touch, loop = page.parts.touch, page.server.get_event_loop()
+    do(page, lambda: touch.press(*_contact(0.0)))
+    moving = asyncio.run_coroutine_threadsafe(_stroke(page), loop) if strokes else None
+    try:
+        until(lambda: bool(touch.servo.state().touching), "the painter's hand does not touch the ball")
+        yield touch.servo
+    finally:
+        if moving is not None:
+            moving.cancel()
+        do(page, lambda: touch.lift(time.monotonic()))
+
+
+async def _stroke(page: Page) -> None:
+    began_s = time.monotonic()
+    while True:
+        page.parts.touch.move(*_contact(0.3 * math.sin(5.5 * (time.monotonic() - began_s))))
+        await asyncio.sleep(1 / 60)
+
+
+def _contact(angle_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Place, normal, force and stiffness, so far round the ball from its front."""
+    nhat = np.array([0.8 * math.sin(angle_rad), -0.8 * math.cos(angle_rad), 0.6])
+    return RADIUS_M * nhat, nhat, FORCE_N, STIFFNESS_N_M

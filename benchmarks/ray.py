@@ -25,8 +25,8 @@ Rays = NDArray[np.float64]
 """Rays (n, 7): origin [m], unit direction, length [m], in the search structure's frame."""
 
 
-def measure_rays(sheet: Sheet, name: str, subdivisions: int, tick_count: int, repeats: int) -> tuple[Rays, Search]:
-    """Count the rays in contact, and time them alone, in their order. Returns them, with what they were cast at."""
+def measure_rays(sheet: Sheet, name: str, subdivisions: int, tick_count: int, repeats: int) -> None:
+    """Count the rays in contact, and time them alone, in their order."""
     mesh = sphere(subdivisions)
     search = Search(mesh.vertices_m, mesh.faces, skin_of(mesh))
     rays, ticks = recorded_rays(subdivisions, tick_count)
@@ -34,7 +34,6 @@ def measure_rays(sheet: Sheet, name: str, subdivisions: int, tick_count: int, re
     sheet.add(name, "rays a tick mean", len(rays) / ticks, "1")
     sheet.add(name, "ray mean", ray_ns, "ns")
     sheet.add(name, "rays of a tick mean", ray_ns * len(rays) / ticks, "ns")
-    return rays, search
 
 
 def time_rays(handle: int, rays: Rays, repeats: int) -> float:

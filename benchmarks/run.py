@@ -27,7 +27,7 @@ from .chart import write_charts
 from .page import write_page
 from .sheet import Sheet
 
-SHARED: Final = Path(__file__).resolve().parents[3] / "shared"
+SHARED: Final = Path(__file__).resolve().parents[2] / "shared"
 """Reference data beside the checkout, used where it is there."""
 
 MAIN: Final = "sphere 82 k"
@@ -134,9 +134,9 @@ def _measure_spheres(
     for k in (sizes[-1], sizes[0]):
         name = f"sphere {case.short(20 * 4**k)}"
         say(f"{name}: its rays, noted from the interpreted tick")
-        rays, search = ray.measure_rays(sheet, name, k, ticks, repeats)
+        ray.measure_rays(sheet, name, k, ticks, repeats)
     say("many bodies")
-    crowd.measure_crowd(sheet, rays, search, ticks, repeats)
+    crowd.measure_crowd(sheet, ticks, repeats)
 
 
 def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[str], None]) -> None:

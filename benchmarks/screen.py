@@ -1,4 +1,4 @@
-"""A screen where there is none, for windows that are tested and pictured: Xvfb (package xvfb)."""
+"""A screen where there is none, for tests and docs/make_pictures.py alone to open windows on: Xvfb (package xvfb)."""
 
 import os
 import subprocess

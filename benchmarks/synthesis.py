@@ -13,12 +13,10 @@ from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
+from .order import ORDERS
 from .sheet import Sheet
 
 Array = NDArray[np.float64]
-
-ORDERS: Final = (8, 20, 40, 80, 120)
-"""Orders that are timed [count]."""
 
 SHIPPED: Final = ("wood", "paper", "leather", "epoxy")
 """Shipped swatches that are timed, at the order they were fitted with."""

@@ -1,1 +1,13 @@
-"""Studies made with hapscene: stability beyond the critical limits, and teleoperation after the haptography paper."""
+"""Experiments made with hapscene: stability beyond the critical limits, and teleoperation over a line with delay.
+
+Installed as `hapscene_experiments`. One study a file: each that one command alone calls stands by itself for that.
+
+| module | does |
+|---|---|
+| `stability_page` | docs/stability.md from all of the cases: `hapscene stability --docs docs`; start here |
+| `stabiliser_case` | every stabiliser on the same cases: rest, energy, stiffness kept, cost |
+| `friction_case` | friction with known answers: F1 to F4 |
+| `texture_case` | no filter explodes, no texture drives a hand: L1 to L3, and textures on bare motors |
+| `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
+| `delay_study` | position–position and wave variables over a line with delay: `hapscene teleoperate experiment` |
+"""

@@ -60,8 +60,7 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     from hapscene.stability.wall_chart import write_random_chart
 
     from .friction_case import draw_friction, friction_cases
-    from .stabiliser_case import cost_us, run_cases
-    from .stabiliser_chart import draw_stabilisers
+    from .stabiliser_case import cost_us, draw_stabilisers, run_cases
     from .texture_case import draw_texture, texture_cases
     from .zoo_case import draw_zoo, zoo_cases
 

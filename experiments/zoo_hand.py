@@ -1,4 +1,4 @@
-"""The hand of the zoo in closed loop: what it means to do along a path, and how it pushes.
+"""The hand of the zoo in closed loop, compiled, so apart from its cases: what it means to do, and how it pushes.
 
 The path is first played through the renderer as it is; what it meets there is what the hand then aims for. It goes
 along the proxy, on the surface, and pushes with `PUSH_N` against the normal: that of the surface where it touches, else

@@ -1,7 +1,5 @@
-"""How the plots of a report are made: Matplotlib's SVG, its colours turned into the page's own, light or dark."""
+"""The plots of a report, as drawings inside its page."""
 
-import io
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -20,68 +18,27 @@ from hapscene.dsp.spectrogram import SPECTROGRAM_S
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import TAP_ROWS, Taps
 from hapscene.surface.texture import Texture
-from hapscene.view.palette import OKABE_ITO
+from hapscene.view.chart import inline_svg, new_chart
+from hapscene.view.palette import INK, OKABE_ITO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-COLOURS: Final = {
-    "ink": ("#1b1f24", "#e6e9ed"),
-    "muted": ("#5c6570", "#a3acb7"),
-    "grid": ("#dfe3e8", "#313942"),
-    "shade": ("#cfe3f1", "#203a4c"),
-    "blue": (OKABE_ITO["blue"].lower(), "#5ab4e8"),
-    "orange": (OKABE_ITO["vermilion"].lower(), "#f29a4a"),
-    "green": (OKABE_ITO["green"].lower(), "#3fcfa4"),
-    "purple": ("#a8457f", "#d98bb5"),
-}
-"""Colours of the plots by name, on light and on dark ground: Okabe & Ito's, shifted where their contrast on the
-ground would be less than 3 to 1. Lines that must be told apart differ in dash or width as well."""
+BLUE, ORANGE, GREEN, PURPLE = (OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple"))
 
-INK, MUTED, GRID, SHADE = (COLOURS[name][0] for name in ("ink", "muted", "grid", "shade"))
-BLUE, ORANGE, GREEN, PURPLE = (COLOURS[name][0] for name in ("blue", "orange", "green", "purple"))
+MUTED: Final = "#707070"
+"""Of what others are compared with; a grey, so that it turns with the ground."""
 
-WIDTH_IN: Final = 4.4
-"""Width of a plot [in]. At 9 points its text is 10 px high on a phone of 360 px."""
+BAND: Final[dict[str, Any]] = {"color": OKABE_ITO["sky"], "alpha": 0.3, "linewidth": 0}
+"""Look of what is within bounds."""
 
-_STYLE: Final[dict[str, Any]] = {
-    "svg.fonttype": "none",  # text stays text: small, and searched, read aloud and copied
-    "font.family": "DejaVu Sans",  # its metrics are laid out with; the page names look-alikes
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "axes.edgecolor": MUTED,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "lines.linewidth": 1.4,
-    "text.parse_math": False,
-    "axes.formatter.use_mathtext": False,
-    "axes.unicode_minus": True,
-}
+WIDTH_IN: Final = 4.8
+"""Width of a plot [in]: its text is 10 px high on a phone of 360 px."""
 
-
-@dataclass(frozen=True)
-class Key:
-    """An entry of a plot's legend: what the lines or points of a look are."""
-
-    text: str
-    colour: str
-    look: str = "solid"  # solid, dashed, dotted, dot, ring, area
+LINE_IN: Final = 0.19
+"""Height of a line of a legend [in]."""
 
 
 @dataclass(frozen=True)
@@ -92,29 +49,24 @@ class Plot:
     caption: str
     svg: str = ""
     alternative: str = ""
-    legend: tuple[Key, ...] = ()
-    wide: bool = False
 
 
-def drawn(draw: Callable[["Figure"], None], height_in: float = 2.7, width_in: float = WIDTH_IN) -> str:
-    """The SVG element that `draw` fills, its colours those of the page; the same for the same content."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
+def drawn(name: str, draw: Callable[["Figure"], None], height_in: float = 2.9, columns: int = 2) -> str:
+    """The SVG element that `draw` fills, and above it, in some columns, the legend of what it has labelled.
 
-    with rc_context(cast(Any, _STYLE | {"svg.hashsalt": f"{draw.__qualname__}{height_in}"})):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        FigureCanvasSVG(figure)
+    Args:
+        name: of the drawing, one of its own on the page.
+        draw: is given the figure.
+        height_in: of the plot without its legend [in].
+        columns: of the legend.
+    """
+    with new_chart(WIDTH_IN, height_in) as figure:
         draw(figure)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r' (?:width|height)="[\d.]+pt"', "", svg, count=2)  # the page sets them
-    for name, (light, _) in COLOURS.items():
-        svg = svg.replace(light, f"var(--{name})")
-    return svg.strip()
+        count = sum(len(axes.get_legend_handles_labels()[1]) for axes in figure.axes)
+        if count:
+            figure.set_figheight(height_in + LINE_IN * -(-count // columns))
+            figure.legend(loc="outside upper left", ncols=columns, fontsize=9, borderpad=0.0, columnspacing=1.2)
+        return inline_svg(figure, name)
 
 
 # The plots of a report that need the recording.
@@ -134,11 +86,15 @@ def plot_spectra(held_out: HeldOut) -> Plot:
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        looks = (("fitted", MUTED, 1.0, "-"), ("held_out", BLUE, 1.6, "-"), ("model", ORANGE, 1.8, (0, (4, 1.5))))
+        looks = (
+            ("fitted", "recorded, first half (fitted)", MUTED, 1.0, "-"),
+            ("held_out", "recorded, second half (held out)", BLUE, 1.6, "-"),
+            ("model", "model of the first half", ORANGE, 1.8, (0, (4, 1.5))),
+        )
         low, high = [], []
-        for name, colour, width, dash in looks:
+        for name, label, colour, width, dash in looks:
             level = decibels(getattr(held_out, name))
-            axes.plot(held_out.frequency_Hz, level, color=colour, linewidth=width, linestyle=dash)
+            axes.plot(held_out.frequency_Hz, level, color=colour, linewidth=width, linestyle=dash, label=label)
             shown = level[(held_out.frequency_Hz >= 20.0) & (held_out.frequency_Hz <= 1000.0)]
             low.append(shown.min())
             high.append(shown.max())
@@ -148,13 +104,8 @@ def plot_spectra(held_out: HeldOut) -> Plot:
         "Spectra",
         f"The model of the first half follows the second, which it has not seen, to {held_out.distance_dB:.2f} dB "
         f"(root mean square, shape only). The two real halves differ by {held_out.floor_dB:.2f} dB.",
-        drawn(draw),
+        drawn("spectra", draw, columns=1),
         "Power spectral density over frequency of both halves of the recording and of the model.",
-        (
-            Key("recorded, first half (fitted)", "muted"),
-            Key("recorded, second half (held out)", "blue"),
-            Key("model of the first half", "orange", "dashed"),
-        ),
     )
 
 
@@ -190,7 +141,7 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
         f"The error between the two is {100 * judgement.spectrogram_error:.0f} % of the recording. A synthesised "
         "texture repeats the statistics and not the waveform: other noise of exactly the same spectrum and level has "
         "66 %, no output 100 %.",
-        drawn(draw, 4.2),
+        drawn("spectrograms", draw, 4.6),
         "Spectrograms of the recording and of the synthesised vibration.",
     )
 
@@ -200,21 +151,24 @@ def plot_order(search: OrderSearch, texture: Texture) -> Plot:
 
     def draw(figure: "Figure") -> None:
         upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
-        upper.axhline(search.floor_dB, color=MUTED, linestyle=(0, (1, 1.5)))
-        upper.plot(search.orders, search.distance_dB, color=BLUE)
+        upper.plot(search.orders, search.distance_dB, color=BLUE, label="held-out spectral distance")
+        upper.axhline(
+            search.floor_dB, color=MUTED, linestyle=(0, (1, 1.5)), label="floor (of the halves), misfit allowed"
+        )
         # the first orders are off the scale on purpose: what matters is the flat part
         low, high = min(search.distance_dB.min(), search.floor_dB), np.quantile(search.distance_dB, 0.95)
         upper.set(ylabel="LSD [dB]", ylim=(low - 0.2 * (high - low + 0.2), high + 0.4 * (high - low + 0.2)))
         middle.axhline(search.allowed_dB, color=MUTED, linestyle=(0, (1, 1.5)))
-        middle.plot(search.orders, search.misfit_dB, color=PURPLE)
+        middle.plot(search.orders, search.misfit_dB, color=PURPLE, label="misfit")
         middle.set(ylabel="misfit [dB]", ylim=(0.0, 5.0 * search.allowed_dB))
-        lower.semilogy(search.orders, search.residual, color=GREEN)
+        lower.semilogy(search.orders, search.residual, color=GREEN, label="held-out residual")
         lower.set(xlabel="order of the models", ylabel="residual [1]")
         lower.set_ylim(0.9 * search.residual.min(), min(1.1 * search.residual.max(), 3.0 * search.residual.min()))
         _plain_log(lower)
         figure.align_ylabels()
         for axes in (upper, middle, lower):
-            axes.axvline(texture.order, color=ORANGE, linestyle=(0, (4, 1.5)))
+            label = f"order of the swatch, {texture.order}" if axes is lower else None
+            axes.axvline(texture.order, color=ORANGE, linestyle=(0, (4, 1.5)), label=label)
         cost = upper.secondary_xaxis("top", functions=(_times(texture.rate_Hz), _times(1.0 / texture.rate_Hz)))
         cost.set_xlabel(f"cost [10⁶ multiplications a second at {texture.rate_Hz / 1e3:g} kHz]")
 
@@ -230,15 +184,8 @@ def plot_order(search: OrderSearch, texture: Texture) -> Plot:
             else f"With white noise beneath, {search.chosen} misses nothing: the rest would describe the sensor. "
         )
         + "The residual is the share of the power that a model leaves of the half it was not fitted to.",
-        drawn(draw, 4.4),
+        drawn("order", draw, 4.8),
         "Held-out log-spectral distance and residual over the order of the models.",
-        (
-            Key("held-out spectral distance", "blue"),
-            Key("misfit", "purple"),
-            Key("held-out residual", "green"),
-            Key("floor (of the halves), misfit allowed", "muted", "dotted"),
-            Key(f"order of the swatch, {texture.order}", "orange", "dashed"),
-        ),
     )
 
 
@@ -250,8 +197,8 @@ def plot_whiteness(held_out: HeldOut) -> Plot:
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        axes.axhspan(-bound, bound, color=SHADE, linewidth=0)
-        axes.vlines(np.arange(1, len(rho) + 1), 0.0, rho, color=BLUE, linewidth=1.3)
+        axes.axhspan(-bound, bound, **BAND, label="95 % bounds of white noise")
+        axes.vlines(np.arange(1, len(rho) + 1), 0.0, rho, color=BLUE, linewidth=1.3, label="autocorrelation")
         axes.axhline(0.0, color=INK, linewidth=0.8)
         reach = max(0.1, 1.15 * np.abs(rho).max())
         axes.set(xlabel="lag [samples]", ylabel="autocorrelation [1]", ylim=(-reach, reach), xlim=(0, len(rho) + 1))
@@ -263,9 +210,8 @@ def plot_whiteness(held_out: HeldOut) -> Plot:
         f"Of what the model leaves of the held-out half, {100 * beyond:.0f} % of the lags are beyond the bounds; white "
         f"noise has 5 %. Ljung–Box Q = {test.statistic:.0f} on {test.freedom} degrees of freedom, {said}: "
         + ("nothing speaks against white." if test.p_value > 0.05 else "not white. Long recordings fail it by traces."),
-        drawn(draw),
+        drawn("whiteness", draw),
         "Autocorrelation of the held-out residual over lag.",
-        (Key("autocorrelation", "blue"), Key("95 % bounds of white noise", "shade", "area")),
     )
 
 
@@ -276,11 +222,11 @@ def plot_bands(held_out: HeldOut) -> Plot:
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        axes.axhspan(-FELT_DB, FELT_DB, color=SHADE, linewidth=0)
-        axes.bar(
-            edge[:-1], held_out.band_dB, 0.94 * np.diff(edge), align="edge",
-            color=np.where(over, ORANGE, BLUE), linewidth=0,
-        )  # fmt: skip
+        axes.axhspan(-FELT_DB, FELT_DB, **BAND, label=f"±{FELT_DB:g} dB")
+        width = 0.94 * np.diff(edge)
+        for some, colour, label in ((~over, BLUE, "not felt"), (over, ORANGE, "felt")):
+            if some.any():
+                axes.bar(edge[:-1][some], held_out.band_dB[some], width[some], align="edge", color=colour, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.8)
         reach = max(4.0, 1.15 * float(np.abs(held_out.band_dB).max()))
         over_frequency(axes, -reach, reach)
@@ -290,9 +236,8 @@ def plot_bands(held_out: HeldOut) -> Plot:
         "Level, band by band",
         f"In {int(over.sum())} of {len(over)} bands the model is louder or softer than the held-out half by more than "
         f"{FELT_DB:g} dB, which a person feels. All together: {signed(held_out.level_dB, 1)} dB.",
-        drawn(draw),
+        drawn("bands", draw, columns=3),
         "Difference of level of model and held-out half in twelve bands.",
-        (Key("not felt", "blue", "area"), Key("felt", "orange", "area"), Key(f"±{FELT_DB:g} dB", "shade", "area")),
     )
 
 
@@ -304,18 +249,18 @@ def plot_distribution(held_out: HeldOut, choice: ExcitationChoice, texture: Text
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        axes.stairs(_density(held_out.residual, edge), edge, color=BLUE, linewidth=1.4, baseline=None)
-        axes.plot(middle, np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi), color=MUTED, linestyle=(0, (1, 1.5)))
+        density = _density(held_out.residual, edge)
+        axes.stairs(density, edge, color=BLUE, linewidth=1.4, baseline=None, label="held-out residual")
+        gaussian = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
+        axes.plot(middle, gaussian, color=MUTED, linestyle=(0, (1, 1.5)), label="Gaussian")
         if knots.size:
-            axes.plot(middle, _bent(knots, edge), color=ORANGE, linestyle=(0, (4, 1.5)), linewidth=1.6)
+            label, dash = "excitation of the swatch", (0, (4, 1.5))
+            axes.plot(middle, _bent(knots, edge), color=ORANGE, linestyle=dash, linewidth=1.6, label=label)
         axes.set_yscale("log")
         axes.set(xlabel="residual [standard deviations]", ylabel="density [1]", ylim=(1e-5, 1.0), xlim=(-8, 8))
         axes.set_yticks([10.0**n for n in range(-5, 1)], ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1", "1"])
         axes.set_yticks([], minor=True)
 
-    legend = [Key("held-out residual", "blue"), Key("Gaussian", "muted", "dotted")]
-    if knots.size:
-        legend.append(Key("excitation of the swatch", "orange", "dashed"))
     nearer = "the measured one" if choice.empirical < choice.gaussian else "Gaussian noise"
     return Plot(
         "Residual: how is it distributed?",
@@ -323,9 +268,8 @@ def plot_distribution(held_out: HeldOut, choice: ExcitationChoice, texture: Text
         f"vibration is {choice.gaussian:.3f} standard deviations off with Gaussian noise, {choice.empirical:.3f} with "
         f"the measured one (mean distance of amplitudes): {nearer} is nearer. The swatch has "
         + ("the measured one." if knots.size else "Gaussian noise."),
-        drawn(draw),
+        drawn("distribution", draw),
         "Density of the held-out residual beside a Gaussian and the swatch's excitation.",
-        tuple(legend),
     )
 
 
@@ -393,30 +337,26 @@ TRANSIENT_COUNT: Final = 3
 def plot_models(texture: Texture) -> Plot:
     """Spectra of the texture at a few places: what is shown where there is no recording."""
     places = [(f, v) for f in (0.5, 1.0) for v in (0.5, 1.0)]
-    looks = list(zip((BLUE, GREEN, PURPLE, ORANGE), ("blue", "green", "purple", "orange"), strict=True))
-    dashes = (("dotted", (0, (1, 1.2))), ("dashed", (0, (4, 1.5))), ("dashed", (0, (7, 2))), ("solid", "-"))
+    looks = ((BLUE, (0, (1, 1.2))), (GREEN, (0, (4, 1.5))), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
     frequency = np.geomspace(20.0, min(1000.0, 0.5 * texture.rate_Hz), 400)
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
         shown = []
-        for (force, speed), (colour, _), (_, dash) in zip(places, looks, dashes, strict=True):
-            a, variance = texture.model(force * texture.force_max_N, speed * texture.speed_max_m_s)
+        for (force, speed), (colour, dash) in zip(places, looks, strict=True):
+            force_N, speed_m_s = force * texture.force_max_N, speed * texture.speed_max_m_s
+            a, variance = texture.model(force_N, speed_m_s)
             shown.append(decibels(metric.model_spectrum(a, variance, texture.rate_Hz, frequency)))
-            axes.plot(frequency, shown[-1], color=colour, linestyle=dash)
+            label = f"{force_N:.2g} N, {1e3 * speed_m_s:.0f} mm/s"
+            axes.plot(frequency, shown[-1], color=colour, linestyle=dash, label=label)
         sounding = [level for level in shown if level.max() > -200.0] or shown
         over_frequency(axes, min(s.min() for s in sounding), max(s.max() for s in sounding))
 
-    legend = [
-        Key(f"{f * texture.force_max_N:.2g} N, {1e3 * v * texture.speed_max_m_s:.0f} mm/s", name, look)
-        for (f, v), (_, name), (look, _) in zip(places, looks, dashes, strict=True)
-    ]
     return Plot(
         "Spectra of the models",
         "What the texture gives at half and at full force and speed of its models.",
-        drawn(draw),
+        drawn("models", draw),
         "Power spectral density of the texture over frequency at four places.",
-        tuple(legend),
     )
 
 
@@ -434,25 +374,28 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
             pick = slice(None, None, max(1, len(channels.force_N) // POINT_COUNT))
             axes.plot(
                 1e3 * channels.speed_m_s[pick], channels.force_N[pick], ".",
-                color=BLUE, markersize=2.5, alpha=0.5, zorder=2,
+                color=BLUE, markersize=3.5, alpha=0.5, zorder=2, label="the recording",
             )  # fmt: skip
-        silent = ~sounding
-        axes.plot(speed[silent], force[silent], "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3)
-        axes.plot(speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4)
+        axes.plot(
+            speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4,
+            label="model, with its vibration (rms)",
+        )  # fmt: skip
+        axes.plot(
+            speed[~sounding], force[~sounding], "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3,
+            label="silent model",
+        )  # fmt: skip
         if np.count_nonzero(sounding) <= 12:
             for x, y, rms in zip(speed[sounding], force[sounding], 10 ** (level[sounding] / 20), strict=True):
                 right = x > 0.6 * speed.max()
                 axes.annotate(
                     f"{rms:.2g} m/s²", (x, y), (-6 if right else 6, -5), textcoords="offset points",
-                    ha="right" if right else "left", va="top", fontsize=8.0, zorder=5,
+                    ha="right" if right else "left", va="top", fontsize=9, zorder=5,
                 )  # fmt: skip
         axes.set(xlabel="slip speed [mm/s]", ylabel="normal force [N]")
         axes.margins(0.06)
 
-    legend = [Key("model, with its vibration (rms)", "orange", "dot"), Key("silent model", "muted", "ring")]
     beyond = ""
     if channels is not None:
-        legend.append(Key("the recording", "blue", "dot"))
         moving = channels.force_N > 0.02 * channels.force_N.max()
         over = (channels.force_N > texture.force_max_N) | (channels.speed_m_s > texture.speed_max_m_s)
         share = round(100 * float(np.mean(over[moving])))
@@ -461,9 +404,8 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
     return Plot(
         "Force and speed",
         f"{count} sounding model{'s' if count != 1 else ''}; between them a triangle's three are blended.{beyond}",
-        drawn(draw),
+        drawn("plane", draw),
         "Plane of slip speed and normal force with models and triangles.",
-        tuple(legend),
     )
 
 
@@ -479,31 +421,26 @@ def plot_friction(swatch: Swatch, channels: Streams, states: Segmentation) -> Pl
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        axes.plot(normal[pick], tangential[pick], ".", color=BLUE, markersize=2.5, alpha=0.5)
+        axes.plot(
+            normal[pick], tangential[pick], ".", color=BLUE, markersize=3.5, alpha=0.5, label="recorded while sliding"
+        )
         top = np.array([0.0, float(normal[pick].max(initial=0.1)) * 1.05])
         if interval is not None:
-            axes.fill_between(top, interval[0] * top, interval[1] * top, color=SHADE, linewidth=0)
-        axes.plot(top, swatch.friction_dynamic * top, color=ORANGE, linewidth=1.8)
-        axes.plot(top, swatch.friction_static * top, color=INK, linestyle=(0, (4, 1.5)))
+            axes.fill_between(top, interval[0] * top, interval[1] * top, **BAND, label="interval")
+        dynamic, static = swatch.friction_dynamic, swatch.friction_static
+        axes.plot(top, dynamic * top, color=ORANGE, linewidth=1.8, label=f"dynamic, {dynamic:.3f}")
+        axes.plot(top, static * top, color=INK, linestyle=(0, (4, 1.5)), label=f"static, {static:.3f}")
         axes.set(xlabel="normal force [N]", ylabel="tangential force [N]", xlim=(0.0, top[1]))
         axes.set_ylim(0.0, 1.3 * max(swatch.friction_static * top[1], float(np.quantile(tangential[pick], 0.95))))
 
     low, high = np.quantile(tangential[pick] / normal[pick], (0.05, 0.95))
     said = "" if interval is None else f" (95 % interval {interval[0]:.3f} to {interval[1]:.3f})"
-    legend = [
-        Key("recorded while sliding", "blue", "dot"),
-        Key(f"dynamic, {swatch.friction_dynamic:.3f}", "orange"),
-        Key(f"static, {swatch.friction_static:.3f}", "ink", "dashed"),
-    ]
-    if interval is not None:
-        legend.append(Key("interval", "shade", "area"))
     return Plot(
         "Friction",
         f"Dynamic coefficient {swatch.friction_dynamic:.3f}{said}. Nine tenths of the samples lie between {low:.2f} "
         f"and {high:.2f}. A person feels a change of 11 %.",
-        drawn(draw),
+        drawn("friction", draw),
         "Tangential over normal force with the lines of dynamic and static friction.",
-        tuple(legend),
     )
 
 
@@ -516,29 +453,28 @@ def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
         np.array([intervals.get(f"taps.{name}[{i}]", (np.nan, np.nan)) for i in range(len(taps.approach_m_s))])
         for name in TAP_ROWS[1:]
     ]
+    given = "in the swatch" + (", 95 % interval" if any(np.isfinite(bar).any() for bar in bars) else "")
 
     def draw(figure: "Figure") -> None:
-        for axes, label, name, line, bar in zip(
-            figure.subplots(3, 1, sharex=True), labels, TAP_ROWS[1:], tap.T, bars, strict=True
-        ):
+        panels = figure.subplots(3, 1, sharex=True)
+        for axes, label, name, line, bar in zip(panels, labels, TAP_ROWS[1:], tap.T, bars, strict=True):
             points = getattr(taps, name)
-            axes.plot(1e3 * speed, line, color=ORANGE)
+            said = ("what a tap gets", given) if axes is panels[0] else (None, None)
+            axes.plot(1e3 * speed, line, color=ORANGE, label=said[0])
             axes.vlines(1e3 * taps.approach_m_s, bar[:, 0], bar[:, 1], color=BLUE)
-            axes.plot(1e3 * taps.approach_m_s, points, "o", color=BLUE, markersize=4)
+            axes.plot(1e3 * taps.approach_m_s, points, "o", color=BLUE, markersize=4, label=said[1])
             top = np.nanmax(np.concatenate([points, bar[:, 1], [1e-9]]))
             axes.set(ylabel=label, ylim=(0.0, 1.2 * float(top)))
         axes.set_xlabel("approach speed [mm/s]")
         figure.align_ylabels()
 
     count = len(taps.approach_m_s)
-    known = any(np.isfinite(bar).any() for bar in bars)
     return Plot(
         "Taps",
         f"{count} speed{'s' if count != 1 else ''}. Below the lowest the amplitude falls to nothing at rest, "
         "above the highest its tap is given.",
-        drawn(draw, 3.6),
+        drawn("taps", draw, 3.9),
         "Amplitude, frequency and decay of taps over approach speed.",
-        (Key("what a tap gets", "orange"), Key("in the swatch" + (", 95 % interval" if known else ""), "blue", "dot")),
     )
 
 
@@ -552,11 +488,13 @@ def plot_transients(taps: Taps) -> Plot:
     waves = taps.wave_m_s2
 
     def draw(figure: "Figure") -> None:
-        for axes, row in zip(figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0], rows, strict=True):
+        panels = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, row in zip(panels, rows, strict=True):
+            said = ("measured", "decaying sinusoid") if axes is panels[0] else (None, None)
             tap = taps.at(float(taps.approach_m_s[row]))
             ideal = np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
-            axes.plot(1e3 * t_s, waves[row], color=BLUE)
-            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=(0, (4, 1.5)))
+            axes.plot(1e3 * t_s, waves[row], color=BLUE, label=said[0])
+            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=(0, (4, 1.5)), label=said[1])
             axes.set(ylabel="[m/s²]", title=f"at {1e3 * taps.approach_m_s[row]:.0f} mm/s")
         axes.set_xlabel("time from the onset [ms]")
         figure.align_ylabels()
@@ -565,7 +503,6 @@ def plot_transients(taps: Taps) -> Plot:
         "Tap transients",
         f"What was measured and the sinusoid fitted to it, at {len(rows)} of {count} approach speeds. The measured "
         "transient is what is played.",
-        drawn(draw, 1.2 + 0.9 * len(rows)),
+        drawn("transients", draw, 1.3 + len(rows)),
         "Acceleration of taps over time, measured and fitted.",
-        (Key("measured", "blue"), Key("decaying sinusoid", "orange", "dashed")),
     )

@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Segmentation
 from hapscene.capture.streams import Streams
-from hapscene.files import whole_file
+from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
+from hapscene.view.plot import STYLE, envelope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-COLUMN_COUNT: Final = 2000
-"""Columns that a long stream is reduced to, each drawn from its least to its greatest value: peaks stay."""
 
 COLOURS: Final = {
     InteractionState.AIR: "#D5DAE1",
@@ -46,23 +44,17 @@ def write_states(parts: Sequence[tuple[Streams, Segmentation]], path: str | Path
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    figure = draw_states(parts, titles)
-    with whole_file(path) as part:
-        figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+    save_chart(draw_states(parts, titles), path)
 
 
 def draw_states(parts: Sequence[tuple[Streams, Segmentation]], titles: Sequence[str] = ()) -> "Figure":
     """The figure that `write_states` writes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     rows = [_streams(*part) for part in parts]
     heights = [0.7 + 1.5 * len(streams) for streams in rows]
-    figure = Figure(figsize=(13, sum(heights) + 0.7 * len(parts)), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = np.atleast_1d(np.array(figure.subfigures(len(parts), 1, height_ratios=heights), dtype=object))
-    for i, (part, streams, panel) in enumerate(zip(parts, rows, panels, strict=True)):
-        _draw(panel, part[1], streams, titles[i] if i < len(titles) else "")
+    with new_chart(13, sum(heights) + 0.7 * len(parts), style=STYLE) as figure:
+        panels = np.atleast_1d(np.array(figure.subfigures(len(parts), 1, height_ratios=heights), dtype=object))
+        for i, (part, streams, panel) in enumerate(zip(parts, rows, panels, strict=True)):
+            _draw(panel, part[1], streams, titles[i] if i < len(titles) else "")
     return figure
 
 
@@ -101,7 +93,7 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
     if states.changes:
         strip.plot([], [], color=INK, linewidth=1.2, label=f"change of vibration ({len(pieces)} pieces)")
     strip.set(ylim=(0, 1), yticks=[], xlim=(0, seconds))
-    strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=10, borderaxespad=0.2)
+    strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
     for ax, (label, values, threshold) in zip(axes[1:], streams, strict=True):
         _draw_stream(ax, values, states.rate_Hz)
         if threshold is not None:
@@ -111,8 +103,6 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
                 textcoords="offset points", va="center", fontsize=9, color=INK,
             )  # fmt: skip
         ax.set_ylabel(label)
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel("time [s]")
     panel.align_ylabels(axes[1:])
     panel.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
@@ -120,9 +110,5 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
 
 def _draw_stream(ax: "Axes", values: Array, rate_Hz: float) -> None:
     """A stream with every peak kept."""
-    length = max(1, len(values) // COLUMN_COUNT)
-    count = len(values) // length
-    rows = values[: count * length].reshape(count, length)
-    t_s = (np.arange(count) + 0.5) * length / rate_Hz
-    low, high = rows.min(axis=1), rows.max(axis=1)
+    t_s, low, high = envelope(np.arange(len(values)) / rate_Hz, values)
     ax.fill_between(t_s, low, high, facecolor=INK, edgecolor=INK, linewidth=0.6)

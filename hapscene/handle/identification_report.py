@@ -3,17 +3,18 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
-from hapscene.files import whole_file, whole_folder
+from hapscene.files import whole_folder
 from hapscene.handle.fit import Identification, IdentifiedGrip, Interval, sampled_response
 from hapscene.handle.handle_file import SUFFIX, save_handle
 from hapscene.handle.measure import GripRecording
 from hapscene.handle.response import Response
+from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 
 if TYPE_CHECKING:
@@ -23,18 +24,6 @@ if TYPE_CHECKING:
 
 COLOURS: Final = tuple(OKABE_ITO[name] for name in ("sky", "blue", "green", "orange", "vermilion", "purple"))
 """Of the grips, in turn."""
-
-STYLE: Final[dict[str, Any]] = {
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "font.size": 11,
-    "legend.frameon": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
 
 
 def write_bode(handle: Identification, responses: Sequence[Response], path: str | Path) -> None:
@@ -48,16 +37,10 @@ def write_bode(handle: Identification, responses: Sequence[Response], path: str 
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with rc_context(cast(Any, STYLE)):  # its type lists every key by name
-        figure = Figure(figsize=(11, 9), layout="constrained")
-        FigureCanvasAgg(figure)
+    title = f"{handle.name}: acceleration of the handle over force of its coil"
+    with new_chart(11, 9, title, {"font.size": 11}) as figure:
         _draw(figure, handle, responses)
-        with whole_file(path) as part:
-            figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+        save_chart(figure, path)
 
 
 def modelled(handle: Identification, grip: IdentifiedGrip, frequency_Hz: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -100,8 +83,7 @@ def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> 
     coherence.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     coherence.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:g}"[0] in "25" else "")
     for one in axes:
-        one.grid(which="both", color="#DDDDDD", linewidth=0.6)
-        one.set_axisbelow(True)
+        one.grid(which="both")
     looks = [
         Line2D([], [], color=INK, linewidth=1.1, label="measured, with 95 % interval"),
         Line2D([], [], color=INK, linewidth=4.5, alpha=0.45, label="model"),
@@ -109,7 +91,6 @@ def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> 
     ]
     magnitude.legend(handles=looks, loc="lower right")
     figure.align_ylabels()
-    figure.suptitle(f"{handle.name}: acceleration of the handle over force of its coil", x=0.01, ha="left", fontsize=13)
     figure.legend(loc="outside lower left", ncols=2 if len(handle.grips) > 3 else 3, title="grip", alignment="left")
 
 

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
 from hapscene.files import whole_file
-from hapscene.handle.identification_report import STYLE
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import Played
+from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
+from hapscene.view.plot import STYLE, envelope
 from hapscene.view.sound import PEAK_DBFS
 
 if TYPE_CHECKING:
@@ -25,9 +26,6 @@ SHOWN_S: Final = 0.05
 
 RANGE_DB: Final = 50.0
 """Range of the spectrograms below their maximum [dB]."""
-
-COLUMN_COUNT: Final = 1500
-"""Columns that force and travel are reduced to, each drawn from its least to its greatest value."""
 
 
 def write_wave(acceleration_m_s2: Array, rate_Hz: float, path: Path) -> float:
@@ -51,13 +49,7 @@ def write_playback(desired_m_s2: Array, played: Played, rate_Hz: float, plant: P
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with rc_context(cast(Any, STYLE)):
-        figure = Figure(figsize=(13, 12), layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_chart(13, 12, title, STYLE) as figure:
         grid = figure.add_gridspec(5, 2, height_ratios=(2, 2, 2, 1.2, 1.2), width_ratios=(1, 0.012))
         zoom = figure.add_subplot(grid[0, 0])
         wanted = figure.add_subplot(grid[1, 0])
@@ -72,9 +64,7 @@ def write_playback(desired_m_s2: Array, played: Played, rate_Hz: float, plant: P
         rows[-1].set_xlabel("time [s]")
         rows[-1].set_xlim(0.0, len(desired_m_s2) / rate_Hz)
         figure.align_ylabels([zoom, *rows])
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13)
-        with whole_file(path) as part:
-            figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+        save_chart(figure, path)
 
 
 def _draw_moment(ax: "Axes", desired: Array, rendered: Array, rate_Hz: float) -> None:
@@ -85,7 +75,6 @@ def _draw_moment(ax: "Axes", desired: Array, rendered: Array, rate_Hz: float) ->
     ax.plot(t_s, desired[part], color=INK, linewidth=3.0, alpha=0.35, label="desired")
     ax.plot(t_s, rendered[part], color=OKABE_ITO["vermilion"], linewidth=1.3, label="rendered")
     ax.set(xlabel="time [s], at the strongest moment", ylabel="acceleration\n[m/s²]", xlim=(t_s[0], t_s[-1]))
-    ax.grid(axis="y", color="#DDDDDD", linewidth=0.6)
     ax.legend(loc="upper left", bbox_to_anchor=(0.0, 1.18), ncols=2, borderaxespad=0.0)
 
 
@@ -101,17 +90,16 @@ def _draw_spectrograms(axes: list["Axes"], bar: "Axes", both: tuple[Array, Array
             extent=(time_s[0] - step_s, time_s[-1] + step_s, -0.5 * frequency_Hz[1], frequency_Hz[shown][-1]),
         )  # fmt: skip
         ax.set(ylabel=f"{label},\nfrequency [Hz]", ylim=(0.0, ACCELERATION_BAND_HZ[1]))
+        ax.grid(visible=False)
     colours = ax.figure.colorbar(image, cax=bar, label="level [dB re 1 m/s²]")
     cast(Any, colours.outline).set_visible(False)
 
 
 def _draw_use(ax: "Axes", values: Array, limit: float, rate_Hz: float, label: str) -> None:
     """How much of the force or the travel is used, every peak kept."""
-    stride = max(1, len(values) // COLUMN_COUNT)
-    starts = np.arange(0, len(values), stride)
-    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    t_s, low, high = envelope(np.arange(len(values)) / rate_Hz, values)
     colour = OKABE_ITO["blue"]
-    ax.fill_between(starts / rate_Hz, low, high, facecolor=colour, edgecolor=colour, linewidth=0.5)
+    ax.fill_between(t_s, low, high, facecolor=colour, edgecolor=colour, linewidth=0.5)
     for sign in (-1.0, 1.0):
         ax.axhline(sign * limit, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.set_ylim(-1.12 * limit, 1.12 * limit)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -21,8 +21,8 @@ from hapscene.paint.shelf import START_S, Phrase, phrases, stroked, wav
 from hapscene.surface.library import entry_of
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
-from hapscene.view.chart import turn_dark
-from hapscene.view.palette import CHART_STYLE, DARK, INK, LIGHT
+from hapscene.view.chart import new_chart, turn_dark
+from hapscene.view.palette import DARK, INK, LIGHT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +39,8 @@ STROKES: Final = ((0.5, 0.05, (0, (1, 1.2))), (1.0, 0.1, "-"), (2.0, 0.2, (0, (6
 """Strokes whose spectra are drawn: normal force [N], slip speed [m/s], dash. Light, plain, brisk. None has a colour:
 those are the swatches'."""
 
-STYLE: Final[dict[str, Any]] = CHART_STYLE | {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
-"""Matplotlib's settings."""
+STYLE: Final = {"axes.titlesize": 10, "legend.fontsize": 8.5, "lines.linewidth": 1.4}
+"""How it differs from other charts."""
 
 RANGE_DB: Final = 50.0
 """Range of the spectra below the highest of the gallery [dB]: what is lower is not felt beside it."""
@@ -112,14 +112,8 @@ def painted_body(swatch: Swatch) -> Pixels | None:
 
 def write_portraits(swatch: Swatch, body: Pixels | None, scale: Scale, folder: Path, stem: str) -> None:
     """Draw a swatch as PNG on each of `GROUNDS`: STEM-light.png, STEM-dark.png."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    with rc_context(cast(Any, STYLE)):
-        figure = Figure(figsize=(9.6, 2.9), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.08))
-        FigureCanvasAgg(figure)
+    with new_chart(9.6, 2.9, style=STYLE) as figure:
+        figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.08)
         first, second, third = figure.subplots(1, 3, width_ratios=(1.0, 1.5, 1.0))
         first.axis("off")
         if body is None:

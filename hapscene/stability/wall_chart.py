@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from hapscene.device.model import Limits
 from hapscene.stability.random_limit import KINDS, RandomLimit
 from hapscene.stability.z_width import STIFFNESS_N_M, Point, StableRegion
-from hapscene.view.chart import save_both
-from hapscene.view.palette import CHART_STYLE, INK, OKABE_ITO
+from hapscene.view.chart import new_chart, save_both
+from hapscene.view.palette import INK, OKABE_ITO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,13 +32,7 @@ def draw_panels(
     path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
 ) -> None:
     """Write a PNG of rows × columns panels of a size [in]; `draw` is given the figure and its axes (rows, columns)."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with rc_context(cast(Any, CHART_STYLE)):
-        figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_chart(size[0] * columns, size[1] * rows) as figure:
         draw(figure, figure.subplots(rows, columns, squeeze=False))
         save_both(figure, path)
 

@@ -9,18 +9,19 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.dsp.spectrogram import spectrogram, spectrogram_error
-from hapscene.files import whole_file, whole_folder
+from hapscene.files import whole_folder
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.operation import Operated, Operation
 from hapscene.teleoperation.test_plate import START_M, Gesture, explore, plate
+from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import FREQUENCY_MAX_HZ, RANGE_DB
 
@@ -112,8 +113,13 @@ def write_experiment(
         HapsceneError: an unknown swatch, compensator or grip.
         OSError: the folder cannot be written.
     """
-    from hapscene_experiments.delay_plot import write_delay_plot
-    from hapscene_experiments.delay_study import study_delays, study_stiffness, summarise_delays, trace_delay
+    from hapscene_experiments.delay_study import (
+        study_delays,
+        study_stiffness,
+        summarise_delays,
+        trace_delay,
+        write_delay_plot,
+    )
 
     pass
 
@@ -170,42 +176,22 @@ TITLES: Final = {"none": "base motors alone", "inverse": "base motors and handle
 
 PARTS: Final = {"all": "all", "tap": "taps", "stroke": "strokes"}
 
-STYLE: Final[dict[str, Any]] = {
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "font.size": 10,
-    "legend.frameon": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
-
 
 def write_experiment_plot(renderings: "Sequence[Rendering]", path: Path, title: str) -> None:
     """Draw, column by column, desired and rendered accelerations over time, and their spectrograms."""
-    from matplotlib import rc_context
-
-    with rc_context(cast(Any, STYLE)):
-        figure = _draw(renderings, title)
-        with whole_file(path) as part:
-            figure.savefig(part, format="png", dpi=110, metadata={"Software": "hapscene"})
+    count = 1 + len(renderings)
+    with new_chart(4.2 * count + 0.8, 7.0, f"Teleoperation: {title}") as figure:
+        _draw(figure, renderings)
+        save_chart(figure, path)
 
 
-def _draw(renderings: "Sequence[Rendering]", title: str) -> "Figure":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _draw(figure: "Figure", renderings: "Sequence[Rendering]") -> None:
     columns = [("desired:\nthe follower's accelerometer", renderings[0].desired_m_s2, INK)]
     for rendering, colour in zip(renderings, ("blue", "green", "vermilion"), strict=False):
         name = TITLES.get(rendering.compensator, f"base motors and handle,\n{rendering.compensator}")
         error = ", ".join(f"{PARTS[part]} {100 * value:.0f} %" for part, value in rendering.errors.items())
         columns.append((f"{name}\nerror: {error}", rendering.rendered_m_s2, OKABE_ITO[colour]))
     count = len(columns)
-    figure = Figure(figsize=(4.2 * count + 0.8, 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(f"Teleoperation: {title}", x=0.01, ha="left", fontsize=13)
     grid = figure.add_gridspec(2, count + 1, width_ratios=(*[1.0] * count, 0.03))
     most_m_s2 = 1.05 * max(float(np.abs(signal).max()) for _, signal, _ in columns)
     levels = [_levels(signal) for _, signal, _ in columns]
@@ -214,9 +200,9 @@ def _draw(renderings: "Sequence[Rendering]", title: str) -> "Figure":
     for k, ((name, signal, colour), (t_s, frequency_Hz, level)) in enumerate(zip(columns, levels, strict=True)):
         over, under = figure.add_subplot(grid[0, k]), figure.add_subplot(grid[1, k])
         over.plot(np.arange(len(signal)) / ACCELERATION_RATE_HZ, signal, color=colour, linewidth=0.4)
-        over.set_title(name, fontsize=10, loc="left")
+        over.set_title(name)
         over.set_ylim(-most_m_s2, most_m_s2)
-        over.grid(axis="y", color="#D8D8D8", linewidth=0.6)
+        under.grid(visible=False)
         over.tick_params(labelbottom=False, labelleft=k == 0)
         extent = (float(t_s[0]), float(t_s[-1]), 0.0, float(frequency_Hz[-1]))
         look: dict[str, Any] = {
@@ -236,7 +222,6 @@ def _draw(renderings: "Sequence[Rendering]", title: str) -> "Figure":
             over.set_ylabel("acceleration along the handle [m/s²]")
             under.set_ylabel("frequency [Hz]")
     figure.colorbar(image, cax=figure.add_subplot(grid[1, count]), label="dB re 1 m/s²")
-    return figure
 
 
 def _levels(signal: Any) -> tuple[Any, Any, Any]:

@@ -1,14 +1,17 @@
-"""Charts, each on the light and on the dark ground of pages that show Markdown."""
+"""Charts in one style, each on light and on dark ground: as PNG, or as a drawing inside an HTML page."""
 
 import html
-from collections.abc import Iterator
+import io
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from hapscene.files import whole_file
-from hapscene.view.palette import DARK, INK, rgb
+from hapscene.view.palette import CHART_STYLE, DARK, INK, rgb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +24,28 @@ _PARTS: Final = ("color", "facecolor", "edgecolor", "markerfacecolor", "markered
 """What of an artist may have a colour."""
 
 
-def save_chart(figure: "Figure", path: str | Path, dpi: int, dark: bool = False) -> Path:
+@contextmanager
+def new_chart(
+    width_in: float, height_in: float, title: str = "", style: Mapping[str, Any] | None = None
+) -> Iterator["Figure"]:
+    """A figure to be drawn on in the style of all charts, without a window.
+
+    Args:
+        width_in, height_in: its size [in].
+        title: stands over it.
+        style: what differs from `CHART_STYLE`, as matplotlib's rc parameters.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(cast(Any, {**CHART_STYLE, **(style or {})})):  # its type lists every key by name
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        if title:
+            figure.suptitle(title, x=0.01, ha="left")
+        yield figure
+
+
+def save_chart(figure: "Figure", path: str | Path, dpi: int = 110, dark: bool = False) -> Path:
     """Write a figure that was drawn for light ground as PNG; with `dark` it is turned dark, and stays it.
 
     Raises:
@@ -56,6 +80,34 @@ def picture(path: str, told: str) -> str:
   <source media="(prefers-color-scheme: dark)" srcset="{stem}-dark{dot}{suffix}">
   <img src="{path}" alt="{html.escape(told)}">
 </picture>"""
+
+
+def inline_svg(figure: "Figure", name: str) -> str:
+    """A figure that was drawn for light ground as an SVG element of an HTML page: light or dark as the reader has it.
+
+    Its greys are CSS's `light-dark()`, so the page must say `color-scheme: light dark`. Text stays text: small, and
+    searched, read aloud and copied. The same content makes the same drawing.
+
+    Args:
+        figure: what is drawn.
+        name: one of its own on the page, so that no drawing refers to another's parts.
+    """
+    from matplotlib import rc_context
+
+    text = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    drawing = text.getvalue()
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
+    drawing = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawing, count=2)  # the page sets them
+    return re.sub(r"(?<=: )#[0-9a-f]{6}\b", _light_or_dark, drawing).strip()
+
+
+def _light_or_dark(colour: re.Match[str]) -> str:
+    from matplotlib.colors import to_hex
+
+    dark = _turned(colour[0])
+    return colour[0] if dark is None else f"light-dark({colour[0]}, {to_hex(dark)})"
 
 
 def turn_dark(figure: "Figure") -> None:

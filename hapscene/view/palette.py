@@ -43,6 +43,7 @@ CHART_STYLE: Final[dict[str, Any]] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 11,
+    "figure.titlesize": 13,
     "font.size": 10,
     "grid.color": "#E2E2E2",
     "grid.linewidth": 0.6,
@@ -51,7 +52,7 @@ CHART_STYLE: Final[dict[str, Any]] = {
     "xtick.color": INK,
     "ytick.color": INK,
 }
-"""How charts for the documents are drawn, as matplotlib's rc parameters."""
+"""How every chart is drawn, as matplotlib's rc parameters."""
 
 SHADE: Final = "#ECEFF3"
 """Behind a plot while the tool touches."""

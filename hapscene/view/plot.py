@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.recording import Recording
-from hapscene.view.chart import save_chart
+from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
 
 if TYPE_CHECKING:
@@ -58,18 +58,11 @@ def write_plot(
 
 def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | None = None) -> "Figure":
     """The figure that `write_plot` writes."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with rc_context(cast(Any, STYLE)):  # its type lists every key by name
-        figure = Figure(figsize=(13, 9.5), layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_chart(13, 9.5, title, STYLE) as figure:
         # legends and the colour bar have a column of their own, so they hide no data
         grid = figure.add_gridspec(5, 2, height_ratios=(0.4, 3, 2, 2, 2.6), width_ratios=(1, 0.012))
         axes = [figure.add_subplot(grid[0, 0])]
         axes += [figure.add_subplot(grid[row, 0], sharex=axes[0]) for row in range(1, 5)]
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13, color=INK)
         _draw_swatches(axes[0], recording, colours or swatch_colours(len(recording.swatch_names)))
         _draw_force(axes[1], recording)
         _draw_depth(axes[2], recording)
@@ -77,8 +70,6 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
         _draw_spectrogram(axes[4], figure.add_subplot(grid[4, 1]), recording)
         for ax in axes[1:4]:
             shade(ax, recording)
-            ax.grid(axis="y", color="#D8D8D8", linewidth=0.6)
-            ax.set_axisbelow(True)
         for ax in axes[:4]:
             ax.tick_params(labelbottom=False)
         axes[-1].set_xlabel("time [s]")
@@ -87,18 +78,8 @@ def draw_plot(recording: Recording, title: str = "", colours: Sequence[str] | No
     return figure
 
 
-STYLE: Final[dict[str, Any]] = {
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "font.size": 11,
-    "legend.frameon": False,
-    "legend.loc": "upper left",
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-}
+STYLE: Final[dict[str, Any]] = {"axes.grid.axis": "y", "font.size": 11}
+"""How plots over time differ from other charts."""
 
 
 def _draw_swatches(ax: "Axes", recording: Recording, colours: Sequence[str]) -> None:
@@ -148,6 +129,7 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     a_m_s2, rate_Hz = recording.a_m_s2.ravel(), recording.a_rate_Hz
     ax.set_ylabel("acceleration,\nfrequency [Hz]")
     ax.set_ylim(0, min(FREQUENCY_MAX_HZ, rate_Hz / 2))
+    ax.grid(visible=False)
     bar.set_visible(False)
     length = int(WINDOW_S * rate_Hz)
     if len(a_m_s2) < 2 * length or not a_m_s2.any():
@@ -234,20 +216,11 @@ def write_hand_plot(feel: "Feel", path: str | Path, title: str = "", dark: bool 
 
 def draw_hand_plot(feel: "Feel", title: str = "") -> "Figure":
     """The figure that `write_hand_plot` writes."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with rc_context(cast(Any, STYLE)):
-        figure = Figure(figsize=(13, 9.5), layout="constrained")
-        FigureCanvasAgg(figure)
+    with new_chart(13, 9.5, title, STYLE) as figure:
         axes = figure.subplots(4, 1, sharex=True)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13, color=INK)
         for ax, draw in zip(axes, (_draw_height, _draw_hand_force, _draw_hand_acceleration, _draw_work), strict=True):
             draw(ax, feel)
             shade(ax, feel.recording)
-            ax.grid(axis="y", color="#D8D8D8", linewidth=0.6)
-            ax.set_axisbelow(True)
             legend_above(ax)
         axes[-1].set_xlabel("time [s]")
         axes[0].set_xlim(feel.recording.t_s[0], feel.recording.t_s[-1])

@@ -12,11 +12,20 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 from hapscene.errors import ViewError
 from hapscene.paint.web.page import Page
 from hapscene.servo.servo_loop import BIN_COUNT, Lateness, count_in_bin
-from hapscene_benchmarks import paint_browser, paint_click, paint_delay
+from hapscene_benchmarks import paint_browser, paint_page
 from hapscene_benchmarks.idle import IdleLoop
 from hapscene_benchmarks.paint_browser import ball_page, browser, find_chromium, open_tab
-from hapscene_benchmarks.paint_late import Window, late_us, measure_orbit, measure_rest, measure_stroke
-from hapscene_benchmarks.paint_page import click_table, delay_table, late_table, machine_line
+from hapscene_benchmarks.paint_page import (
+    Window,
+    click_table,
+    delay_table,
+    late_table,
+    late_us,
+    machine_line,
+    measure_orbit,
+    measure_rest,
+    measure_stroke,
+)
 
 needs_browser = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
@@ -43,8 +52,8 @@ def chromium() -> Iterator[Any]:
 
 @needs_browser
 def test_clicks_paint_and_are_undone(page: Page, chromium: Any) -> None:
-    tab = open_tab(chromium, page, paint_click.WATCH)
-    took_ms = paint_click.measure_click(tab, 2)
+    tab = open_tab(chromium, page, paint_page.WATCH_PIXEL)
+    took_ms = paint_page.measure_click(tab, 2)
     tab.close()
     assert len(took_ms) == 2 and min(took_ms) > 0.0
     assert page.parts.session.undo_word is None and page.parts.session.redo_word is not None
@@ -71,8 +80,8 @@ def test_servo_and_empty_loop_tick_beside_each_other(page: Page, chromium: Any) 
 @needs_browser
 def test_a_change_is_felt_comes_and_is_heard(page: Page, chromium: Any) -> None:
     stiffness = [swatch.stiffness_N_m for swatch in page.parts.session.scene.swatches]
-    tab = open_tab(chromium, page, paint_delay.WATCH)
-    delay = paint_delay.measure_delay(page, tab, 2)
+    tab = open_tab(chromium, page, paint_page.WATCH_FORCE)
+    delay = paint_page.measure_delay(page, tab, 2)
     tab.close()
     for felt, arrived, heard in zip(delay.felt_ms, delay.arrived_ms, delay.heard_ms, strict=True):
         assert felt > 0.0 and 0.0 < arrived < heard
@@ -108,7 +117,7 @@ def test_lateness_is_told_as_medians_over_windows() -> None:
 
 def test_tables_have_medians_and_the_longest() -> None:
     assert "| 20 triangles | 3 | 9 |" in click_table({"20 triangles": [9.0, 1.0, 3.0]})
-    delay = paint_delay.Delay([10.0, 20.0, 30.0], [11.0, 21.0, 31.0], [50.0, 60.0, 99.0], 2, 7.4)
+    delay = paint_page.Delay([10.0, 20.0, 30.0], [11.0, 21.0, 31.0], [50.0, 60.0, 99.0], 2, 7.4)
     assert "| it rests | 20 | 21 | 60 | 99 | 2 in 7 s |" in delay_table({"it rests": delay})
 
 

@@ -122,7 +122,12 @@ def test_a_page_is_whole_and_alone(swatch: Swatch, recording: SurfaceRecording) 
         assert re.search(f"<h3>[^<]*{title}", text)
     for unit in ("frequency [Hz]", "slip speed [mm/s]", "normal force [N]", "time [s]", "lag [samples]", "LSD [dB]"):
         assert unit in text
-    assert "var(--orange)" in text and "#d55e00;" in text  # drawings take the page's colours
+    assert "var(--orange)" in text and "#d55e00;" in text  # verdicts take the page's colours
+    assert all("light-dark(#222222, #e6e9ed)" in drawing for drawing in drawings)  # and drawings its ink
+    ids = [
+        value for name, value in parsed.attributes if name == "id" and value and re.match(r"(?:p|m|image)\w{10}", value)
+    ]
+    assert ids and len(ids) == len(set(ids))  # no drawing refers to another's parts
 
 
 def test_without_a_recording_the_plots_say_so() -> None:

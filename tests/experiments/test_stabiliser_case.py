@@ -5,8 +5,7 @@ import math
 import pytest
 
 from hapscene.device.model import DEVICES
-from hapscene_experiments.stabiliser_case import BARE, STABILISERS, cost_us, run_case, run_cases
-from hapscene_experiments.stabiliser_chart import draw_stabilisers
+from hapscene_experiments.stabiliser_case import BARE, STABILISERS, cost_us, draw_stabilisers, run_case, run_cases
 
 BOUNCING = [(BARE, gesture, 2000.0) for gesture in ("tap", "press")]
 

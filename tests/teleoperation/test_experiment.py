@@ -9,8 +9,14 @@ from PIL import Image
 
 from hapscene.errors import HapsceneError
 from hapscene.teleoperation.experiment import MADE, Rendering, compare_handles, write_experiment, write_experiment_plot
-from hapscene_experiments.delay_plot import write_delay_plot
-from hapscene_experiments.delay_study import DelayOutcome, operate_case, study_delays, study_stiffness, summarise_delays
+from hapscene_experiments.delay_study import (
+    DelayOutcome,
+    operate_case,
+    study_delays,
+    study_stiffness,
+    summarise_delays,
+    write_delay_plot,
+)
 
 
 @pytest.fixture(scope="module")

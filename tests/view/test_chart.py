@@ -1,23 +1,23 @@
 """Charts on light and on dark ground."""
 
+import re
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib import rc_context
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from PIL import Image
 
-from hapscene.view.chart import dark_twin, picture, save_both, turn_dark
-from hapscene.view.palette import CHART_STYLE, DARK, INK, OKABE_ITO, rgb
+from hapscene.view.chart import dark_twin, inline_svg, new_chart, picture, save_both, turn_dark
+from hapscene.view.palette import DARK, INK, OKABE_ITO, rgb
 
 
 @pytest.fixture
 def figure() -> Figure:
     """A chart with a line, points with white middles, a named arrow, a legend and a grid."""
-    with rc_context(CHART_STYLE):
-        figure = Figure(figsize=(4, 3), layout="constrained")
+    with new_chart(4, 3) as figure:
         axes = figure.subplots()
         axes.plot([1, 2, 3], [1, 5, 2], "o-", color=OKABE_ITO["blue"], markerfacecolor="white", label="felt")
         axes.axhline(2.0, color=INK, linestyle="--", label="limit")
@@ -54,6 +54,18 @@ def test_both_grounds_are_written_and_alike(figure: Figure, tmp_path: Path) -> N
     inked = [np.abs(x - x[0, 0]).max(axis=2) > 100 for x in (a, b)]
     assert felt[0].sum() > 50 and (felt[0] == felt[1]).mean() > 0.995
     assert inked[0].sum() > 500 and (inked[0] == inked[1]).mean() > 0.97
+
+
+def test_a_drawing_is_light_or_dark_as_its_page(figure: Figure) -> None:
+    drawing = inline_svg(figure, "force")
+    refers, others = (set(re.findall(r"url\(#(\w+)\)", some)) for some in (drawing, inline_svg(figure, "other")))
+    assert refers and not refers & others  # two on a page have parts of their own
+    assert ET.fromstring(drawing).get("viewBox") and "width=" not in drawing.split(">")[0]
+    inks = f"light-dark({INK}, {DARK.ink})".lower(), f"light-dark(#ffffff, {DARK.page})".lower()
+    assert all(ink in drawing for ink in inks)
+    assert f"stroke: {OKABE_ITO['blue']}".lower() in drawing  # colours are the same on both
+    assert INK not in re.sub(r"light-dark\(.*?\)", "", drawing)
+    assert ">force [N]</text>" in drawing
 
 
 def test_page_offers_both() -> None:
