@@ -376,3 +376,24 @@ def test_real_meshes_are_touched(
     assert summary["ticks_in_contact"] > 300 and summary["ticks_on_swatches"]["wood"] > 300
     assert not any(summary["flags"].values())
     assert summary["depth_max_m"] < 0.01 and summary["acceleration_max_m_s2"] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--swatch", "oka"], "no swatch 'oka'"),
+        (["--effects", "wal"], "no effect 'wal'"),
+        (["--hand", "strok"], "no gesture 'strok'; there are: circle, explore, follow,"),
+        (["--hand", "stroke", "--device", "omi"], "no device 'omi'"),
+        (["--hand", "stroke", "--device", "ideal"], "no mass to move"),
+        (["--hand", "stroke", "--grip", "soft"], "no grip 'soft'"),
+        (["--hand", "stroke", "--compensator", "flot"], "no compensator 'flot'"),
+        (["--out", "path.csv"], "path.csv: is a file; expected a folder"),
+    ],
+)
+def test_what_is_wrong_with_a_touch_is_told_before_the_mesh_is_loaded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
+    assert main(["touch", "cube.ply", "--unit", "m", *words]) == 2
+    assert told in capsys.readouterr().err

@@ -12,6 +12,7 @@ from hapscene.command.options import (
     add_recording_options,
     base_name,
     baud,
+    check_out_folder,
     check_there,
     folder,
     force,
@@ -54,6 +55,7 @@ def _play(options: argparse.Namespace) -> int:
         raise HandleError("--grip needs --handle: the assumed handle has but one")
     check_there(options.handle, HandleError)
     options.out = options.out or f"out/{base_name(options.file)}"
+    check_out_folder(options.out)
     from hapscene.dsp.spectrogram import spectrogram_error
     from hapscene.files import whole_folder
     from hapscene.handle.handle_file import load_handle

@@ -136,6 +136,10 @@ def check_scene(path: str, unit: str | None = None, swatch: str | None = None) -
             f"known are {', '.join(UNITS)}"
         )
     check_swatch(swatch)
+    if swatch is not None:
+        from hapscene.surface.library import load_swatch
+
+        load_swatch(swatch)  # a mesh may take a while to load
 
 
 def _is_painted(path: str, suffix: str) -> bool:
@@ -178,6 +182,12 @@ def add_out_folder(command: Any, default: str | None, told: str = "") -> None:
 def add_out_file(command: Any, metavar: str, told: str) -> None:
     """Adds --out, a file; None where it is not given."""
     command.add_argument("-o", "--out", metavar=metavar, help=told)
+
+
+def check_out_folder(path: str) -> None:
+    """Refuse, before the work is done, a folder to write into that is a file."""
+    if Path(path).is_file():
+        raise HapsceneError(f"{path}: is a file; expected a folder, or a name that is free")
 
 
 def base_name(path: str | Path) -> str:

@@ -5,7 +5,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import name_made, say
-from hapscene.command.options import add_command, add_out_folder, check_scene, check_there, load_input, number, whole
+from hapscene.command.options import (
+    add_command,
+    add_out_folder,
+    check_out_folder,
+    check_scene,
+    check_there,
+    load_input,
+    number,
+    whole,
+)
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import HapsceneError
 
@@ -86,6 +95,7 @@ def _check_read(options: argparse.Namespace) -> None:
     if options.scene is not None:
         check_scene(options.scene)
     check_there(options.cases)
+    check_out_folder(options.out)
     if options.zoo is not None and options.docs is None:
         raise HapsceneError("--zoo is for the page of documents; add --docs DIR")
     for option in ("docs", "zoo"):

@@ -11,6 +11,7 @@ from hapscene.command.options import (
     add_group,
     add_out_folder,
     add_recording_options,
+    check_out_folder,
     check_swatch,
     check_there,
     number,
@@ -58,6 +59,7 @@ def _add_experiment(parts: Any) -> None:
 
 def _experiment(options: argparse.Namespace) -> int:
     check_there(options.recording, CaptureError)
+    check_out_folder(options.out)
     check_swatch(options.swatch)
     from hapscene.teleoperation.experiment import write_experiment
     from hapscene.touch import step

@@ -1,6 +1,7 @@
 """`hapscene touch` and `hapscene demo`."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from hapscene.command.options import (
     add_mesh_options,
     add_out_folder,
     base_name,
+    check_out_folder,
     check_scene,
     check_there,
     load_input,
@@ -76,6 +78,7 @@ def _touch(options: argparse.Namespace) -> int:
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.path, PathError)
     options.out = options.out or f"out/{base_name(options.scene)}"
+    check_out_folder(options.out)
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
@@ -84,6 +87,7 @@ def _touch(options: argparse.Namespace) -> int:
         from hapscene.view.window import check_display
 
         check_display()  # before minutes are spent
+    _check_names(options, effects or ())
     from hapscene.motion.path_file import load_path
     from hapscene.touch import step, touch
 
@@ -145,6 +149,27 @@ def _check_hand(options: argparse.Namespace) -> None:
             setattr(options, option, value)
 
 
+def _check_names(options: argparse.Namespace, effects: Iterable[str]) -> None:
+    """Look them up before a mesh is loaded, which may take a while."""
+    from hapscene.surface.effect_registry import load_effect
+
+    for name in effects:
+        load_effect(name)
+    if options.hand is not None:
+        from hapscene.device.hand import grip_named
+        from hapscene.device.model import device_named
+        from hapscene.errors import no_such
+        from hapscene.handle.compensator import find_compensator
+        from hapscene.motion.gestures import GESTURES
+
+        if options.hand != "follow" and options.hand not in GESTURES:
+            raise PathError(no_such("gesture", options.hand, [*GESTURES, "follow"]))
+        grip_named(options.grip)
+        find_compensator(options.compensator)
+        if device_named(options.device).point is None:
+            raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
+
+
 def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
@@ -156,8 +181,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
 
     device = device_named(options.device)
     held = Omni() if device.name == "omni" else device.point
-    if held is None:
-        raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
+    assert held is not None  # as was checked
     with step(say, f"the hand: {options.hand}"):
         intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
 
