@@ -5,5 +5,10 @@ from .mesh import MeshWarning as MeshWarning
 from .mesh_doctor import examine as examine
 from .mesh_doctor import repair as repair
 from .mesh_file import load_mesh as load_mesh
+from .region import Box as Box
+from .region import Facet as Facet
+from .region import PlaneSide as PlaneSide
+from .region import Region as Region
+from .region import Sphere as Sphere
 from .scene import Scene as Scene
 from .scene import load_scene as load_scene

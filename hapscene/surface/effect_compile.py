@@ -74,17 +74,12 @@ def _reason(error: NumbaError) -> str:
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 
 
+Bytes = NDArray[np.uint8]
+
 if INTERPRETED:
 
     def call_effect(
-        address: int,
-        touch: Any,
-        params: NDArray[np.uint8],
-        param_start: int,
-        table: NDArray[np.float64],
-        states: NDArray[np.uint8],
-        state_start: int,
-        out: Any,
+        address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
     ) -> None:
         """Call an effect: its records lie in `params` and `states` from the given bytes on."""
         effect = _interpreted[address]
@@ -92,7 +87,7 @@ if INTERPRETED:
         s = _record(states, state_start, effect.state_dtype)
         effect.render(touch, p, table, s, out)
 
-    def _record(raw: NDArray[np.uint8], start: int, dtype: np.dtype[Any]) -> Any:
+    def _record(raw: Bytes, start: int, dtype: np.dtype[Any]) -> Any:
         return raw[start : start + dtype.itemsize].view(dtype).view(np.recarray)[0]
 
 else:
@@ -124,14 +119,7 @@ else:
 
     @native
     def call_effect(
-        address: int,
-        touch: Any,
-        params: NDArray[np.uint8],
-        param_start: int,
-        table: NDArray[np.float64],
-        states: NDArray[np.uint8],
-        state_start: int,
-        out: Any,
+        address: int, touch: Any, params: Bytes, param_start: int, table: Any, states: Bytes, state_start: int, out: Any
     ) -> None:
         """Call an effect: its records lie in `params` and `states` from the given bytes on."""
         _call(address, touch, params.ctypes.data + param_start, table, states.ctypes.data + state_start, out)
