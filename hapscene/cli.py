@@ -2,18 +2,22 @@
 
 import argparse
 import os
+import shutil
 import signal
 import sys
+import textwrap
 import warnings
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NoReturn
 
 from hapscene import __version__
 from hapscene.command.bench import add_bench
 from hapscene.command.capture import add_capture
 from hapscene.command.check import add_check
+from hapscene.command.console import note
 from hapscene.command.export import add_export, add_import
 from hapscene.command.handle import add_handle
+from hapscene.command.options import nearest, print_help
 from hapscene.command.paint import add_paint
 from hapscene.command.plugins import add_plugins
 from hapscene.command.stability import add_stability
@@ -23,6 +27,14 @@ from hapscene.command.touch import add_demo, add_touch
 from hapscene.command.view import add_view
 from hapscene.errors import HapsceneError
 from hapscene.interrupt import interrupted_by_ends
+
+FIRST: Final = (add_demo, add_touch, add_paint, add_capture, add_swatch)
+"""What one starts with, in that order."""
+
+FURTHER: Final = (
+    *(add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate),
+    *(add_plugins, add_bench),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,19 +70,64 @@ def _run(options: argparse.Namespace) -> int:
         return 2
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with the words, and which was meant."""
+
+    def error(self, message: str) -> NoReturn:
+        see = " See" if message.endswith("?") else "; see"
+        self.exit(2, f"hapscene: {message}{see} `{self.prog} --help`\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As its own, but what it does not know is refused here, where its options are known."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            option = next((word for word in unknown if word.startswith("-")), None)
+            if option is None:
+                self.error(f"{unknown[0]!r} is one word too many")
+            self.error(f"no option {option}{_meant(option.split('=')[0], self._option_string_actions)}")
+        return known, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        known = [str(choice) for choice in action.choices]
+        if isinstance(action, argparse._SubParsersAction):
+            group = self.prog.removeprefix("hapscene").strip()
+            raise argparse.ArgumentError(None, f"no command {f'{group} {value}'.strip()!r}{_meant(value, known)}")
+        raise argparse.ArgumentError(action, f"no {value!r}; there are: {', '.join(known)}{_meant(value, known)}")
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    near = nearest(word, known)
+    return f"; did you mean {near}?" if near else ""
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="hapscene",
-        description="Haptic rendering with a 3-D scene.",
-        epilog="hapscene COMMAND --help says more.",
+        usage=argparse.SUPPRESS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="hapscene COMMAND --help says more, with examples.",
     )
     parser.add_argument("--version", action="version", version=f"hapscene {__version__}")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    first = (add_touch, add_demo, add_view, add_paint, add_check, add_export, add_import, add_plugins)
-    for add in (*first, add_bench, add_capture, add_handle, add_stability, add_swatch, add_teleoperate):
+    parser.set_defaults(command=lambda options: print_help(parser))
+    commands = parser.add_subparsers(prog="hapscene", metavar="COMMAND", help=argparse.SUPPRESS)
+    for add in (*FIRST, *FURTHER):
         add(commands)
+    parser.description = _listed(commands.choices)
     return parser
+
+
+def _listed(commands: Mapping[str, argparse.ArgumentParser]) -> str:
+    """What the commands do, those to start with first."""
+    width = max(shutil.get_terminal_size().columns - 2, 40)
+    lines = [
+        textwrap.fill(str(command.description), width, initial_indent=f"  {name:<13}", subsequent_indent=" " * 15)
+        for name, command in commands.items()
+    ]
+    about = "Touch a 3-D scene through a tool, and feel what its surfaces are made of."
+    return "\n".join([about, "", "start with:", *lines[: len(FIRST)], "", "then:", *lines[len(FIRST) :]])
 
 
 def _sentence(error: BaseException) -> str:
@@ -84,7 +141,7 @@ def _sentence(error: BaseException) -> str:
 
 def _show_warning(message: Warning | str, category: Any, *place: Any, **more: Any) -> None:
     """A warning in one line, without the place in our code."""
-    print(f"hapscene: note: {' '.join(str(message).split())}", file=sys.stderr)
+    note(" ".join(str(message).split()))
 
 
 def _speak_utf8() -> None:

@@ -77,3 +77,8 @@ EXCITATION_KNOTS: Final = 65
 
 ACCELERATION_BAND_HZ: Final = (20.0, 1000.0)
 """Band that the acceleration channel is for [Hz]: below it the motors act, above it no one feels it."""
+
+# --- hand ------------------------------------------------------------------------------------------------
+
+DEFAULT_GRIP: Final = "light"
+"""How firmly the simulated hand holds, of `device.hand.GRIPS`, unless it is said: where walls bounce most easily."""

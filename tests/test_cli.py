@@ -1,9 +1,11 @@
 """The command line, as a user meets it."""
 
+import argparse
 import json
+import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ import pytest
 import trimesh
 
 from hapscene import __version__
-from hapscene.cli import main
+from hapscene.cli import _parser, main
+from hapscene.command.touch import HAND_DEFAULTS
 
 PATH = "t,x,y,z\n" + "".join(f"{k / 1000},0,0,{0.012 - 0.00001 * k:.6f}\n" for k in range(300))
 
@@ -106,23 +109,156 @@ def test_bad_input_is_one_line_and_leaves_nothing(folder: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "told"),
     [
-        [],
-        ["tuoch"],
-        ["touch", "cube.ply"],
-        [*TOUCH, "--seed", "-1"],
-        [*TOUCH, "--seed", "x"],
-        [*TOUCH, "--rate", "0"],
+        (["tuch", "cube.ply"], "no command 'tuch'; did you mean touch? See `hapscene --help`"),
+        (["xyz"], "no command 'xyz'; see `hapscene --help`"),
+        (["swatch", "lst"], "no command 'swatch lst'; did you mean list? See `hapscene swatch --help`"),
+        (["capture", "fti"], "no command 'capture fti'; did you mean fit? See `hapscene capture --help`"),
+        (
+            ["capture", "fit", "--excitation", "gausian"],
+            "; there are: auto, gaussian, measured; did you mean gaussian?",
+        ),
+        (["touch"], "the following arguments are required: SCENE; see `hapscene touch --help`"),
+        (["touch", "cube.ply", "cube.stl"], "'cube.stl' is one word too many; see `hapscene touch --help`"),
+        ([*TOUCH, "--untt", "mm"], "no option --untt; did you mean --unit? See `hapscene touch --help`"),
+        ([*TOUCH, "--untt=mm"], "no option --untt=mm; did you mean --unit?"),
+        (
+            [*TOUCH, "--seed", "-1"],
+            "--seed: a seed is a whole number, 0 or more, not '-1'; see `hapscene touch --help`",
+        ),
+        ([*TOUCH, "--seed", "x"], "not 'x'"),
+        ([*TOUCH, "--rate", "0"], "above 0, not '0'"),
     ],
 )
-def test_wrong_words_exit_with_2_and_the_usage(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+def test_wrong_words_exit_with_2_and_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2
-    assert capsys.readouterr().err.startswith("usage: hapscene")
+    error = capsys.readouterr().err
+    assert error.startswith("hapscene: ") and error.count("\n") == 1 and told in error
+
+
+def test_alone_it_opens_with_what_one_starts_with(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    said = capsys.readouterr().out
+    first, then = said.split("start with:")[1].split("then:")
+    assert re.findall(r"^  (\w+)  ", first, re.MULTILINE) == ["demo", "touch", "paint", "capture", "swatch"]
+    assert set(_commands()) == set(re.findall(r"^  (\w+)  ", first + then.split("options:")[0], re.MULTILINE))
+
+
+@pytest.mark.parametrize("group", ["swatch", "capture", "handle", "teleoperate", "swatch import", "swatch export"])
+def test_a_group_alone_prints_its_help(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(group.split()) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"usage: hapscene {group}") and f"hapscene {group} " in said.splitlines()[-1]
+
+
+def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in leaves(_parser(), ()):
+        with pytest.raises(SystemExit, match="0"):
+            main([*words, "--help"])
+        assert f"for example:\n  hapscene {' '.join(words)}" in capsys.readouterr().out
+
+
+def _commands() -> dict[str, argparse.ArgumentParser]:
+    return dict(subparsers(_parser()))
+
+
+def subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return dict(groups[0].choices) if groups else {}
+
+
+def leaves(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """The words of each command that does something."""
+    below = subparsers(parser)
+    if not below:
+        yield words
+    for word, command in below.items():
+        yield from leaves(command, (*words, word))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["touch", name] for name in ("none.xyz", "none.stl", "none.ply", "none.glb", "none.scene.json", "none")),
+        ["touch", "cube.ply", "--unit", "m", "--swatch", "none.swatch"],
+        ["view", "none.xyz"],
+        ["view", "cube.ply", "--unit", "m", "--touch", "none.npz"],
+        ["paint", "none.xyz"],
+        ["check", "none.xyz"],
+        ["export", "none.xyz"],
+        ["import", "none.xyz"],
+        ["bench", "--from", "none.csv"],
+        ["capture", "fit", "none.csv"],
+        ["capture", "report", "wood", "none.csv"],
+        ["capture", "report", "none.swatch"],
+        ["swatch", "show", "none.swatch"],
+        ["swatch", "add", "none.swatch"],
+        ["swatch", "compare", "wood", "none.csv"],
+        ["swatch", "export", "hjif", "none.swatch"],
+        ["swatch", "gallery", "none.swatch"],
+        ["handle", "show", "none.handle"],
+        ["handle", "play", "none.npz"],
+        ["handle", "play", "path.csv", "--handle", "none.handle"],
+        ["handle", "identify", "--from", "none.csv"],
+        ["stability", "--scene", "none.scene.json"],
+        ["stability", "--cases", "none.json"],
+        ["teleoperate", "experiment", "--recording", "none.csv"],
+    ],
+)
+def test_a_missing_file_is_told_in_one_way(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    assert main(words) == 2
+    missing = next(word for word in words if word.startswith("none"))
+    assert capsys.readouterr() == ("", f"hapscene: {missing}: no such file\n")
+
+
+@pytest.mark.parametrize("command", ["touch", "view", "paint", "check", "export", "import"])
+def test_the_unit_is_asked_for_before_anything_is_imported(folder: Path, command: str) -> None:
+    code = (
+        f"import sys\nfrom hapscene.cli import main\nassert main(['{command}', 'cube.stl']) == 2\n"
+        "assert not {'numpy', 'numba', 'scipy', 'trimesh', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (
+        done.stderr.startswith("hapscene: cube.stl: STL files carry no unit of length") and "--unit mm" in done.stderr
+    )
+
+
+def test_results_go_into_a_folder_that_is_called_as_the_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["touch", "cube.ply", "--unit", "m", "--path", "path.csv", "--no-picture"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"loading cube.ply \(\d+ B\) … [\d.]+ s\n", said)
+    assert f"  {Path('out/cube/touch.npz')}  (" in said and "\r" not in said and "\b" not in said
+    assert (folder / "out" / "cube" / "summary.json").is_file()
+
+
+def test_a_file_written_by_default_replaces_none(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "cube.png").write_text("theirs")
+    (folder / "wood.html").write_text("theirs")
+    (folder / "cube.glb").write_text("theirs")
+    for words, name in (
+        (["view", "cube.ply", "--unit", "m"], "cube.png"),
+        (["capture", "report", "wood"], "wood.html"),
+        (["export", "cube.ply", "--unit", "m"], "cube.glb"),
+    ):
+        assert main(words) == 2
+        assert f"{name}: is there already" in capsys.readouterr().err
+        assert (folder / name).read_text() == "theirs"
+
+
+def test_one_grip_everywhere() -> None:
+    from hapscene.constants import DEFAULT_GRIP
+    from hapscene.device.hand import GRIPS
+
+    assert DEFAULT_GRIP in GRIPS
+    for words in (["paint"], ["stability"], ["teleoperate", "experiment"], ["teleoperate", "leader"]):
+        assert _parser().parse_args(words).grip == DEFAULT_GRIP
+    assert HAND_DEFAULTS["grip"] == DEFAULT_GRIP
 
 
 def test_debug_shows_the_traceback(folder: Path) -> None:
@@ -240,3 +376,24 @@ def test_real_meshes_are_touched(
     assert summary["ticks_in_contact"] > 300 and summary["ticks_on_swatches"]["wood"] > 300
     assert not any(summary["flags"].values())
     assert summary["depth_max_m"] < 0.01 and summary["acceleration_max_m_s2"] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--swatch", "oka"], "no swatch 'oka'"),
+        (["--effects", "wal"], "no effect 'wal'"),
+        (["--hand", "strok"], "no gesture 'strok'; there are: circle, explore, follow,"),
+        (["--hand", "stroke", "--device", "omi"], "no device 'omi'"),
+        (["--hand", "stroke", "--device", "ideal"], "no mass to move"),
+        (["--hand", "stroke", "--grip", "soft"], "no grip 'soft'"),
+        (["--hand", "stroke", "--compensator", "flot"], "no compensator 'flot'"),
+        (["--out", "path.csv"], "path.csv: is a file; expected a folder"),
+    ],
+)
+def test_what_is_wrong_with_a_touch_is_told_before_the_mesh_is_loaded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
+    assert main(["touch", "cube.ply", "--unit", "m", *words]) == 2
+    assert told in capsys.readouterr().err

@@ -65,12 +65,15 @@ def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -
             os.kill(os.getpid(), signal.SIGTERM)
 
 
-def test_a_command_says_so_and_tells_by_its_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_a_command_says_so_and_tells_by_its_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def end(*arguments: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
-    assert main(["check", "any.ply"]) == 128 + signal.SIGTERM
+    (tmp_path / "any.glb").touch()
+    assert main(["check", str(tmp_path / "any.glb")]) == 128 + signal.SIGTERM
     assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
 
 

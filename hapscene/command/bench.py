@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.options import add_command
+from hapscene.command.options import add_command, add_out_folder, check_there
 
 
 def add_bench(commands: Any) -> None:
@@ -13,10 +13,11 @@ def add_bench(commands: Any) -> None:
         "bench",
         _bench,
         "measure the time per tick on this machine",
-        "hapscene bench --out out/bench",
+        "hapscene bench",
+        "hapscene bench --quick --out out/quick",
         "hapscene bench --from out/bench/bench.csv --out out/again",
     )
-    command.add_argument("--out", default="out/bench", metavar="DIR", help="folder to write into (default out/bench)")
+    add_out_folder(command, "out/bench")
     command.add_argument("--quick", action="store_true", help="fewer cases, in a third of the time")
     command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
     command.add_argument("--from", dest="table", type=Path, metavar="CSV", help="draw this bench.csv; measure nothing")
@@ -24,6 +25,7 @@ def add_bench(commands: Any) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
+    check_there(options.table)
     from hapscene_benchmarks.run import bench
 
     docs = None if options.docs is None else Path(options.docs)

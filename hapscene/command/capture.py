@@ -1,21 +1,30 @@
 """`hapscene capture`: the group of commands of haptography."""
 
 import argparse
+import os
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from hapscene.command.console import name_made, note, say
 from hapscene.command.options import (
     add_command,
+    add_group,
+    add_out_file,
+    add_out_folder,
     add_recording_options,
+    base_name,
     baud,
-    name_made,
+    check_swatch,
+    check_there,
+    new_file,
     recording_options,
     seconds,
     whole,
 )
 from hapscene.constants import ORDER_MAX
+from hapscene.errors import CaptureError, SwatchError
 from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
@@ -23,8 +32,181 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
 
 
+def add_capture(commands: Any) -> None:
+    """Declare the group and its commands."""
+    summary = "haptography: record a surface, fit a swatch to it, judge the fit"
+    add_group(commands, "capture", summary, add_fit, add_record, add_batch, add_report)
+
+
+# `hapscene capture fit`.
+
+
+def add_fit(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "fit",
+        _fit,
+        "fit a swatch to recordings of a tool on one surface; or, into a folder, a swatch to each recording",
+        "hapscene capture fit oak.csv --rate 10000 --units acceleration=m/s2,speed=mm/s,force=N   # as oak.swatch",
+        "hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \\",
+        "    --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N",
+        "hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'",
+        "hapscene capture fit oak.npz --plot states.png",
+        "hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786",
+    )
+    command.add_argument(
+        "recordings", metavar="RECORDING", nargs="*",
+        help="CSV, text, WAV, NPZ, MAT or .hsrec; several are pooled into one swatch, unless -o is a folder",
+    )  # fmt: skip
+    command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
+    add_out_file(
+        command,
+        "SWATCH",
+        "the .swatch file to write; or a folder, as in swatches/, for a swatch of each recording "
+        f"(default NAME.swatch, as oak.swatch; of folders, {BATCH_OUT})",
+    )
+    add_fit_options(command)
+    command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
+    add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
+    add_recording_options(command)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    if _is_batch(options):
+        return _batch(options)
+    return _fit_one(options)
+
+
+def _is_batch(options: argparse.Namespace) -> bool:
+    """Whether each recording is to have a swatch of its own; refuses options that do not fit together."""
+    from hapscene.surface.swatch_file import SUFFIX
+
+    for_each = [name for name in ("list", "jobs", "scheduler") if getattr(options, name) is not None]
+    folders = [path for path in options.recordings if Path(path).is_dir()]
+    if options.out is None:
+        if for_each or folders:
+            options.out = f"{BATCH_OUT}/"
+        elif options.recordings:
+            check_there(options.recordings[0], CaptureError)
+            options.out = new_file(base_name(options.recordings[0]) + SUFFIX, "-o")
+        else:
+            raise CaptureError("no recordings: name one or more files")
+    out = Path(options.out)
+    if out.suffix == SUFFIX and not out.is_dir():
+        if for_each:
+            raise CaptureError(
+                f"--{for_each[0]} is for a swatch of each recording: with it, -o names a folder, as in -o swatches/, "
+                f"not {options.out}"
+            )
+        if folders:
+            raise CaptureError(
+                f"{folders[0]}: a folder: for a swatch of each recording in it name a folder, as in -o swatches/; "
+                f"to pool its recordings into {options.out}, name its files"
+            )
+        if not options.recordings:
+            raise CaptureError("no recordings: name one or more files")
+        for path in options.recordings:
+            check_there(path, CaptureError)
+        return False
+    if not (for_each or out.is_dir() or options.out.endswith(("/", os.sep))):
+        raise SwatchError(
+            f"{options.out}: a swatch's file name must end in {SUFFIX}; a folder, for a swatch of each recording, "
+            f"is named with a slash: -o {options.out}/"
+        )
+    for name in ("name", "plot"):
+        if getattr(options, name) is not None:
+            raise CaptureError(
+                f"--{name} is for one swatch: leave it out, or name a file, as in -o oak{SUFFIX}; here each recording "
+                f"has a swatch of its own in {options.out}"
+            )
+    return True
+
+
+def _fit_one(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from hapscene import __version__
+    from hapscene.capture.recording_file import load_recording
+    from hapscene.capture.segment import InteractionState
+    from hapscene.capture.segment_plot import WORDS, write_states
+    from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.surface.swatch_file import save_swatch
+    from hapscene.touch import step
+
+    parts = []
+    for path in options.recordings:
+        with step(say, f"reading {path}"):
+            recording = load_recording(path, **recording_options(options))
+            try:
+                part = prepare(recording)
+            except CaptureError as error:
+                raise CaptureError(f"{path}: {error}") from None
+        parts.append(part)
+        held = (
+            f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in InteractionState if part[1].seconds(state)
+        )
+        say(f"  {', '.join(held)}\n")
+    made = []
+    if options.plot is not None:  # before the fit: it shows why one may fail
+        write_states(parts, options.plot, [Path(path).name for path in options.recordings])
+        made.append(Path(options.plot))
+    with step(say, "fitting"):
+        swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
+    files = ", ".join(Path(path).name for path in options.recordings)
+    provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
+    swatch = replace(swatch, provenance=provenance)
+    save_swatch(swatch, options.out)
+    print("\n".join(_told(swatch)))
+    name_made([Path(options.out), *made])
+    return 0
+
+
+def _told(swatch: "Swatch") -> list[str]:
+    """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
+    from hapscene.capture.tap_fit import SPEED_RATIO
+    from hapscene.surface.swatch_summary import sounding
+
+    lines = [f"{swatch.name}:"]
+    texture, taps = swatch.texture, swatch.taps
+    if texture is not None:
+        count = sounding(texture)
+        lines.append(
+            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
+            f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
+        )
+    if swatch.friction_dynamic > 0.0:
+        lines.append(f"  friction: dynamic {_with_interval(swatch, 'friction_dynamic', '.3f')}")
+        lines.append(f"            static {_with_interval(swatch, 'friction_static', '.3f')}")
+    if "stiffness_N_m" in swatch.intervals:
+        lines.append(f"  stiffness: {_with_interval(swatch, 'stiffness_N_m', '.0f')} N/m")
+    for i, speed in enumerate(() if taps is None else taps.approach_m_s):
+        assert taps is not None
+        frequency, decay = swatch.intervals.get(f"taps.frequency_Hz[{i}]"), swatch.intervals.get(f"taps.decay_1_s[{i}]")
+        lines.append(
+            f"  tap at {1e3 * speed:.0f} mm/s: {taps.amplitude_m_s2[i]:.3g} m/s², {taps.frequency_Hz[i]:.1f} "
+            f"{_interval(frequency, '.1f')} Hz, decay {taps.decay_1_s[i]:.0f} {_interval(decay, '.0f')} 1/s"
+        )
+    if taps is not None:
+        lines.append(f"  (taps at speeds within {100 * (SPEED_RATIO - 1):.0f} % count as one)")
+    if swatch.intervals:
+        lines.append("  in brackets: 95 % intervals")
+    lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
+    return lines
+
+
+def _with_interval(swatch: "Swatch", name: str, form: str) -> str:
+    return f"{getattr(swatch, name):{form}} {_interval(swatch.intervals.get(name), form)}".rstrip()
+
+
+def _interval(pair: tuple[float, float] | None, form: str) -> str:
+    return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
+
+
 # The options that say how a texture is fitted: the order of its models, how they blend, what drives them.
 
+
+BATCH_OUT: Final = "out/swatches"
+"""Where a swatch of each recording goes unless it is said."""
 
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
 EXCITATIONS: Final = ("auto", "gaussian", "measured")  # as in capture.swatch_fit
@@ -70,9 +252,9 @@ def add_batch(commands: Any) -> None:
     command = add_command(
         commands,
         "batch",
-        run_batch,
+        _batch,
         "fit a swatch to each of many recordings; run it again to go on where it was stopped",
-        "hapscene capture batch recordings/ --out swatches --rate 10000 --units acceleration=m/s2,force=N,speed=m/s",
+        "hapscene capture batch recordings/ --rate 10000 --units acceleration=m/s2,force=N,speed=m/s",
         "hapscene capture batch --list files.csv --out swatches --jobs 4",
         "hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786",
     )
@@ -83,7 +265,7 @@ def add_batch(commands: Any) -> None:
         "Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C."
     )
     command.add_argument("recordings", metavar="RECORDING", nargs="*", help="files, and folders of them")
-    command.add_argument("-o", "--out", required=True, metavar="DIR", help="folder to write into")
+    add_out_folder(command, BATCH_OUT)
     add_fit_options(command)
     add_batch_options(command)
     add_recording_options(command)
@@ -103,14 +285,16 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
     command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
 
 
-def run_batch(options: argparse.Namespace) -> int:
+def _batch(options: argparse.Namespace) -> int:
     """Fits a swatch to each recording, into the folder `options.out`; the exit code."""
     from hapscene.capture.batch import fit_batch, gather, read_list
-    from hapscene.errors import CaptureError
     from hapscene.interrupt import interrupt_noted
 
     if options.jobs is not None and options.scheduler is not None:
         raise CaptureError("--jobs is for processes here, --scheduler for a cluster: give one of the two")
+    for place in options.recordings:
+        check_there(place, CaptureError, "file or folder")
+    check_there(options.list, CaptureError)
     items = gather(options.recordings) + ([] if options.list is None else read_list(options.list))
     if not items:
         raise CaptureError("no recordings: name files or folders, or --list files.csv")
@@ -143,8 +327,8 @@ def run_batch(options: argparse.Namespace) -> int:
     print(f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed")
     for entry in result.failed:
         print(f"  {entry.reason}")
-    for note in result.notes:
-        print(f"note: {note}")
+    for line in result.notes:
+        print(f"note: {line}")
     print(f"made:\n  {options.out}: swatches and manifest.json")
     if result.stopped:
         left = len(items) - result.count
@@ -200,165 +384,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
 
 
-# `hapscene capture fit`.
-
-
-def add_capture_fit(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "fit",
-        _fit,
-        "fit a swatch to recordings of a tool on one surface; or, into a folder, a swatch to each recording",
-        "hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \\",
-        "    --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N",
-        "hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'",
-        "hapscene capture fit oak.npz --name oak -o oak.swatch --plot states.png",
-        "hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786",
-    )
-    command.add_argument(
-        "recordings", metavar="RECORDING", nargs="*",
-        help="CSV, text, WAV, NPZ, MAT or .hsrec; several are pooled into one swatch, unless -o is a folder",
-    )  # fmt: skip
-    command.add_argument("--name", help="what the surface is called (default: as the file that is written)")
-    command.add_argument(
-        "-o", "--out", metavar="SWATCH", required=True,
-        help="the .swatch file to write; or a folder, as in swatches/, for a swatch of each recording",
-    )  # fmt: skip
-    add_fit_options(command)
-    command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
-    add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
-    add_recording_options(command)
-
-
-def _fit(options: argparse.Namespace) -> int:
-    if _is_batch(options):
-        return run_batch(options)
-    return _fit_one(options)
-
-
-def _is_batch(options: argparse.Namespace) -> bool:
-    """Whether each recording is to have a swatch of its own; refuses options that do not fit together."""
-    import os
-
-    from hapscene.errors import CaptureError, SwatchError
-    from hapscene.surface.swatch_file import SUFFIX
-
-    out = Path(options.out)
-    for_each = [name for name in ("list", "jobs", "scheduler") if getattr(options, name) is not None]
-    if out.suffix == SUFFIX and not out.is_dir():
-        if for_each:
-            raise CaptureError(
-                f"--{for_each[0]} is for a swatch of each recording: with it, -o names a folder, as in -o swatches/, "
-                f"not {options.out}"
-            )
-        folders = [path for path in options.recordings if Path(path).is_dir()]
-        if folders:
-            raise CaptureError(
-                f"{folders[0]}: a folder: for a swatch of each recording in it name a folder, as in -o swatches/; "
-                f"to pool its recordings into {options.out}, name its files"
-            )
-        if not options.recordings:
-            raise CaptureError("no recordings: name one or more files")
-        return False
-    if not (for_each or out.is_dir() or options.out.endswith(("/", os.sep))):
-        raise SwatchError(
-            f"{options.out}: a swatch's file name must end in {SUFFIX}; a folder, for a swatch of each recording, "
-            f"is named with a slash: -o {options.out}/"
-        )
-    for name in ("name", "plot"):
-        if getattr(options, name) is not None:
-            raise CaptureError(
-                f"--{name} is for one swatch: leave it out, or name a file, as in -o oak{SUFFIX}; here each recording "
-                f"has a swatch of its own in {options.out}"
-            )
-    return True
-
-
-def _fit_one(options: argparse.Namespace) -> int:
-    from dataclasses import replace
-
-    from hapscene import __version__
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.capture.segment import InteractionState
-    from hapscene.capture.segment_plot import WORDS, write_states
-    from hapscene.capture.swatch_fit import fit_parts, prepare
-    from hapscene.errors import CaptureError
-    from hapscene.surface.swatch_file import save_swatch
-    from hapscene.touch import speak
-
-    parts = []
-    for path in options.recordings:
-        speak(f"reading {path}\n")
-        recording = load_recording(path, **recording_options(options))
-        try:
-            part = prepare(recording)
-        except CaptureError as error:
-            raise CaptureError(f"{path}: {error}") from None
-        parts.append(part)
-        held = (
-            f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in InteractionState if part[1].seconds(state)
-        )
-        speak(f"  {', '.join(held)}\n")
-    made = []
-    if options.plot is not None:  # before the fit: it shows why one may fail
-        write_states(parts, options.plot, [Path(path).name for path in options.recordings])
-        made.append(Path(options.plot))
-    speak("fitting\n")
-    swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
-    files = ", ".join(Path(path).name for path in options.recordings)
-    provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
-    swatch = replace(swatch, provenance=provenance)
-    save_swatch(swatch, options.out)
-    print("\n".join(summary(swatch)))
-    name_made([Path(options.out), *made])
-    return 0
-
-
-def summary(swatch: "Swatch") -> list[str]:
-    """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
-    from hapscene.capture.tap_fit import SPEED_RATIO
-    from hapscene.surface.swatch_summary import sounding
-
-    lines = [f"{swatch.name}:"]
-    texture, taps = swatch.texture, swatch.taps
-    if texture is not None:
-        count = sounding(texture)
-        lines.append(
-            f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
-            f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
-        )
-    if swatch.friction_dynamic > 0.0:
-        lines.append(f"  friction: dynamic {_number(swatch, 'friction_dynamic', '.3f')}")
-        lines.append(f"            static {_number(swatch, 'friction_static', '.3f')}")
-    if "stiffness_N_m" in swatch.intervals:
-        lines.append(f"  stiffness: {_number(swatch, 'stiffness_N_m', '.0f')} N/m")
-    for i, speed in enumerate(() if taps is None else taps.approach_m_s):
-        assert taps is not None
-        frequency, decay = swatch.intervals.get(f"taps.frequency_Hz[{i}]"), swatch.intervals.get(f"taps.decay_1_s[{i}]")
-        lines.append(
-            f"  tap at {1e3 * speed:.0f} mm/s: {taps.amplitude_m_s2[i]:.3g} m/s², {taps.frequency_Hz[i]:.1f} "
-            f"{_interval(frequency, '.1f')} Hz, decay {taps.decay_1_s[i]:.0f} {_interval(decay, '.0f')} 1/s"
-        )
-    if taps is not None:
-        lines.append(f"  (taps at speeds within {100 * (SPEED_RATIO - 1):.0f} % count as one)")
-    if swatch.intervals:
-        lines.append("  in brackets: 95 % intervals")
-    lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
-    return lines
-
-
-def _number(swatch: "Swatch", name: str, form: str) -> str:
-    return f"{getattr(swatch, name):{form}} {_interval(swatch.intervals.get(name), form)}".rstrip()
-
-
-def _interval(pair: tuple[float, float] | None, form: str) -> str:
-    return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
-
-
 # `hapscene capture record`.
 
 
-RATE_TOLERANCE = 0.02
+RATE_TOLERANCE: Final = 0.02
 """How far the samples that come may be off the announced rate before it is told [1]."""
 
 
@@ -368,16 +397,15 @@ def add_record(commands: Any) -> None:
         "record",
         _record,
         "record from an accelerometer or force probe on a serial port (docs/probe-protocol.md)",
-        "hapscene capture record --port /dev/ttyUSB0 -o tap.hsrec",
+        "hapscene capture record --port /dev/ttyUSB0",
         "hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz",
         "python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware",
     )
     command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
     command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
-    command.add_argument(
-        "-o", "--out", required=True, metavar="FILE", help="the file to write: .hsrec (crash-safe), or .npz at the end"
-    )
+    told = "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec)"
+    add_out_file(command, "FILE", told)
 
 
 def _record(options: argparse.Namespace) -> int:
@@ -385,11 +413,12 @@ def _record(options: argparse.Namespace) -> int:
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
 
+    options.out = options.out or f"recording{SUFFIX}"
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
     with interrupt_noted() as stopped:
         try:
-            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say)
+            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say_line)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
@@ -397,44 +426,43 @@ def _record(options: argparse.Namespace) -> int:
             return 130
     count = made.count
     lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"
-    _say(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
+    _say_line(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
     if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        _note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
+        note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
     if count.restarts:
-        _note(f"the probe began anew {count.restarts} times")
-    _say(f"made:\n  {made.path}  ({made.path.stat().st_size / 1e3:,.0f} kB)")
+        note(f"the probe began anew {count.restarts} times")
+    name_made([made.path])
     return 0 if made.ended in (STOPPED, REACHED) else 1
 
 
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
-def _note(line: str) -> None:
-    print(f"hapscene: note: {line}", file=sys.stderr)
+def _say_line(line: str) -> None:
+    say(f"{line}\n")
 
 
 # `hapscene capture report`.
 
 
-def add_capture_report(commands: Any) -> None:
+def add_report(commands: Any) -> None:
     command = add_command(
         commands,
         "report",
         _report,
         "one page on how good a swatch is and why: plots, figures, what is absent",
         "hapscene capture report oak.swatch oak.csv --rate 10000 --units acceleration=m/s2,force=N -o oak.html",
-        "hapscene capture report wood -o wood.html",
+        "hapscene capture report wood                                     # as wood.html",
     )
     command.add_argument("swatch", metavar="SWATCH", help="a .swatch file, or the name of a shipped swatch")
     command.add_argument(
         "recording", metavar="RECORDING", nargs="?", help="what it was fitted to, or another recording of that surface"
     )
-    command.add_argument("-o", "--out", metavar="PAGE", required=True, help="the HTML file to write")
+    add_out_file(command, "PAGE", "the HTML file to write (default NAME.html, as oak.html)")
     add_recording_options(command)
 
 
 def _report(options: argparse.Namespace) -> int:
+    check_swatch(options.swatch)
+    check_there(options.recording, CaptureError)
+    options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
     from hapscene.capture.recording_file import load_recording
     from hapscene.capture.report import write_report
     from hapscene.surface.library import load_swatch
@@ -447,16 +475,3 @@ def _report(options: argparse.Namespace) -> int:
     write_report(swatch, options.out, recording, source)
     name_made([Path(options.out)])
     return 0
-
-
-def add_capture(commands: Any) -> None:
-    """Declare the group and its commands."""
-    group = commands.add_parser(
-        "capture",
-        help="haptography: record a surface, fit a swatch to it, judge the fit",
-        description="From a recording of a tool on a surface to a swatch, and how good it is.",
-        epilog="hapscene capture COMMAND --help says more.",
-    )
-    words = group.add_subparsers(required=True, metavar="COMMAND")
-    for add in (add_capture_fit, add_record, add_batch, add_capture_report):
-        add(words)

@@ -5,7 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.options import UNIT_HELP, add_command
+from hapscene.command.console import name_made, say
+from hapscene.command.options import UNIT_HELP, add_command, check_scene, loading
 from hapscene.errors import MeshError
 
 
@@ -25,14 +26,19 @@ def add_check(commands: Any) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    check_scene(options.mesh, options.unit)
     from hapscene.files import check_file
     from hapscene.scene.mesh_doctor import examine
     from hapscene.scene.mesh_file import load_mesh
+    from hapscene.touch import step
 
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)
-    mesh = load_mesh(options.mesh, options.unit)
-    report = examine(mesh)
+    tell = _say_nothing if options.json else say
+    with step(tell, loading(options.mesh)):
+        mesh = load_mesh(options.mesh, options.unit)
+    with step(tell, f"examining {len(mesh.faces):,} faces"):
+        report = examine(mesh)
     done: list[str] = []
     if options.fix is not None:
         from hapscene.scene.mesh_doctor import repair
@@ -47,5 +53,10 @@ def _check(options: argparse.Namespace) -> int:
     print(report.text())
     if options.fix is not None:
         print("", *(f"mended: {line}" for line in done or ["nothing needed it"]), sep="\n")
-        print(f"made:\n  {options.fix}  (in metres)")
+        name_made([Path(options.fix)])
+        print("it is in metres: --unit m")
     return 0
+
+
+def _say_nothing(text: str) -> None:
+    """Standard output is for the JSON."""

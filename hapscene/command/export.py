@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.options import UNIT_HELP, add_command, name_made
+from hapscene.command.console import name_made, say
+from hapscene.command.options import UNIT_HELP, add_command, add_out_file, base_name, check_scene, loading
 from hapscene.errors import SaveConflict, SceneError
 
 
@@ -14,13 +15,13 @@ def add_export(commands: Any) -> None:
         "export",
         _export,
         "write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, STL",
-        "hapscene export desk.scene.json --out desk.glb",
+        "hapscene export desk.scene.json                                 # as desk.glb",
         "hapscene export desk.scene.json --out desk.gltf --haptics draft",
         "hapscene export desk.scene.json --out desk.x3d",
         "hapscene export desk.scene.json --out desk.glb --replace",
     )
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
-    command.add_argument("--out", required=True, metavar="FILE", help=".glb, .gltf, .ply, .x3d, .obj or .stl")
+    add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj or .stl (default NAME.glb, as desk.glb)")
     command.add_argument("--unit", help=UNIT_HELP)
     command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
     command.add_argument(
@@ -31,15 +32,19 @@ def add_export(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
+    check_scene(options.scene, options.unit)
+    options.out = options.out or f"{base_name(options.scene)}.glb"
     from hapscene.exchange import EXPORTS, export_scene
     from hapscene.scene.scene import Scene
+    from hapscene.touch import step
 
     name = None
     if options.haptics is not None:
         if Path(options.out).suffix.lower() not in (".glb", ".gltf"):
             raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
         name = "gltf-haptics"
-    scene: Scene = _open(options.scene, options.unit)
+    with step(say, loading(options.scene)):
+        scene: Scene = _open(options.scene, options.unit)
     try:
         made = export_scene(scene, options.out, name, options.replace)
     except SaveConflict as conflict:
@@ -70,19 +75,23 @@ def add_import(commands: Any) -> None:
         "import",
         _import,
         "make a scene file of what export wrote, or of a mesh whose materials are called as swatches",
-        "hapscene import desk.glb --out desk.scene.json",
+        "hapscene import desk.glb                                        # as desk.scene.json",
         "hapscene import table.obj --unit mm --out table.scene.json",
     )
     command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
-    command.add_argument("--out", required=True, metavar="SCENE", help="scene file to write: NAME.scene.json")
+    add_out_file(command, "SCENE", "scene file to write (default NAME.scene.json, as desk.scene.json)")
     command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
     command.add_argument("--unit", help=UNIT_HELP)
 
 
 def _import(options: argparse.Namespace) -> int:
+    check_scene(options.file, options.unit)
+    options.out = options.out or f"{base_name(options.file)}.scene.json"
     from hapscene.exchange import import_scene
+    from hapscene.touch import step
 
-    scene = import_scene(options.file, options.unit)
+    with step(say, loading(options.file)):
+        scene = import_scene(options.file, options.unit)
     if Path(options.out).exists() and not options.replace:
         raise SaveConflict(f"{options.out}: is there already; take another name, or replace it (--replace)")
     scene.save(options.out)

@@ -4,13 +4,18 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.command.console import name_made
 from hapscene.command.options import (
     add_command,
+    add_group,
+    add_out_folder,
     add_recording_options,
+    base_name,
     baud,
+    check_out_folder,
+    check_there,
     folder,
     force,
-    name_made,
     number,
     rate,
     recording_options,
@@ -18,12 +23,13 @@ from hapscene.command.options import (
     seed,
     whole,
 )
+from hapscene.errors import CaptureError, HandleError, no_such
 from hapscene.wire.port import BAUD
 
 # `hapscene handle play`.
 
 
-def add_handle_play(commands: Any) -> None:
+def _add_play(commands: Any) -> None:
     command = add_command(
         commands,
         "play",
@@ -39,14 +45,18 @@ def add_handle_play(commands: Any) -> None:
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )
     command.add_argument("--compensator", default="adaptive", help="none, naive, inverse, … (default adaptive)")
-    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    add_out_folder(command, None, "out/NAME, as out/oak")
     command.add_argument("--seed", type=seed, default=0, help="of the accelerometer's noise (default 0)")
     add_recording_options(command)
 
 
 def _play(options: argparse.Namespace) -> int:
+    if options.handle is None and options.grip is not None:
+        raise HandleError("--grip needs --handle: the assumed handle has but one")
+    check_there(options.handle, HandleError)
+    options.out = options.out or f"out/{base_name(options.file)}"
+    check_out_folder(options.out)
     from hapscene.dsp.spectrogram import spectrogram_error
-    from hapscene.errors import HandleError, no_such
     from hapscene.files import whole_folder
     from hapscene.handle.handle_file import load_handle
     from hapscene.handle.plant import Plant
@@ -61,8 +71,7 @@ def _play(options: argparse.Namespace) -> int:
             if not 1 <= options.grip <= len(handle.grips):
                 raise HandleError(no_such("grip", str(options.grip), map(str, range(1, len(handle.grips) + 1))))
             plant = handle.plant_in(handle.grips[options.grip - 1])
-    elif options.grip is not None:
-        raise HandleError("--grip needs --handle: the assumed handle has but one")
+    check_there(options.file, CaptureError)
     desired, rate_Hz = _desired(options)
     played = play(desired, rate_Hz, plant, compensator=options.compensator, nominal=nominal, seed=options.seed)
     error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
@@ -97,16 +106,8 @@ HZ: Final = "a frequency is a number of Hz"
 
 
 def add_handle(commands: Any) -> None:
-    """Declare the group and its commands."""
-    group = commands.add_parser(
-        "handle",
-        help="the haptography handle: identify one, show it, play an acceleration through it",
-        description="The haptography handle: what it is, and what a hand would feel through it.",
-        epilog="hapscene handle COMMAND --help says more.",
-    )
-    words = group.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_identify, _add_show, add_handle_play):
-        add(words)
+    summary = "the haptography handle: identify one, show it, play an acceleration through it"
+    add_group(commands, "handle", summary, _add_identify, _add_show, _add_play)
 
 
 def _add_identify(commands: Any) -> None:
@@ -115,7 +116,7 @@ def _add_identify(commands: Any) -> None:
         "identify",
         _identify,
         "play a swept sine through a handle in several grips, and find its parameters, with intervals",
-        "hapscene handle identify --simulated --out out/handle",
+        "hapscene handle identify --simulated",
         "hapscene handle identify --port /dev/ttyACM0 --grips 5 --out out/mine",
         "hapscene handle identify --from a.csv b.csv --rate 10000 --units acceleration=m/s2,force=N -o my.handle",
         "python -m hapscene.handle.port_simulator   # a handle to try --port with, without hardware",
@@ -131,8 +132,9 @@ def _add_identify(commands: Any) -> None:
         help="recordings with columns force and acceleration, one for each grip",
     )  # fmt: skip
     command.add_argument(
-        "-o", "--out", required=True, type=folder, metavar="PATH",
-        help="a .handle file; or a folder, for that file, the Bode plot, the responses and the recordings",
+        "-o", "--out", type=folder, metavar="PATH",
+        help="a .handle file; or a folder, for that file, the Bode plot, the responses and the recordings "
+        "(default out/NAME, as out/handle)",
     )  # fmt: skip
     command.add_argument(
         "--grips", type=whole("a number of grips"), default=5, metavar="N", help="how many grips to play (default 5)"
@@ -160,6 +162,9 @@ def _add_identify(commands: Any) -> None:
 
 
 def _identify(options: argparse.Namespace) -> int:
+    for file in options.files or ():
+        check_there(file, HandleError)
+    options.out = options.out or f"out/{options.name}"
     from hapscene.handle.fit import identify
     from hapscene.handle.handle_loop import ACCELEROMETER_HZ
     from hapscene.handle.identification_report import describe_lines, write_result
@@ -189,7 +194,6 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
     """The recordings of all grips, and where they come from."""
     from dataclasses import replace
 
-    from hapscene.errors import HandleError
     from hapscene.handle.fit import GRIP_MAX
     from hapscene.handle.force_source import SimulatedSource, grip_names, simulated_grips
     from hapscene.handle.measure import load_grips, play_grips
@@ -252,6 +256,7 @@ def _add_show(commands: Any) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
+    check_there(options.file, HandleError)
     from hapscene.handle.handle_file import handle_to_json, load_handle
     from hapscene.handle.identification_report import describe_lines
 

@@ -1,11 +1,19 @@
-"""What the commands share: how a command is declared, kinds of arguments, and naming what was made."""
+"""What the commands share: how one is declared, kinds of arguments, what is read and where results go by default."""
 
 import argparse
 import math
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from hapscene.command.console import say, size_words
+from hapscene.errors import HapsceneError, MeshError, SceneError, SwatchError
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
 
 _Number = TypeVar("_Number", int, float)
 
@@ -25,7 +33,38 @@ def add_command(commands: Any, name: str, function: Any, summary: str, *examples
     return command
 
 
+def add_group(commands: Any, name: str, summary: str, *adds: Callable[[Any], None], metavar: str = "COMMAND") -> None:
+    """A word that further words follow, each added by one of `adds`; alone it prints its help."""
+    group: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}."
+    )
+    group.epilog = f"{group.prog} {metavar} --help says more."
+    group.set_defaults(command=lambda options: print_help(group))
+    words = group.add_subparsers(metavar=metavar)
+    for add in adds:
+        add(words)
+
+
+def print_help(parser: argparse.ArgumentParser) -> int:
+    """What a word does that needs another one after it."""
+    parser.print_help()
+    return 0
+
+
+# What is read: a file that is there, a mesh whose unit is known. Asked for before anything else is done or imported.
+
+
 UNIT_HELP: Final = "of the mesh, where its file carries none: m, mm, in, …"
+
+UNITLESS: Final = ("stl", "obj", "ply", "off")  # as in scene.mesh_file, which is heavy to import
+UNITS: Final = ("m", "cm", "mm", "um", "in", "ft")  # as in scene.mesh
+
+STEM_NEAR: Final = 0.75
+"""How alike a file's name up to its first dot is to the one that was typed, to be suggested: difflib's ratio [1]. Names
+of one suffix are alike already: none.scene.json does not mean demo.scene.json."""
+
+NAME_MAX: Final = 10_000
+"""Most files of a folder that are held against the name that was typed [count]."""
 
 
 def add_mesh_options(command: Any, two_sided: bool = True) -> None:
@@ -34,6 +73,141 @@ def add_mesh_options(command: Any, two_sided: bool = True) -> None:
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
     if two_sided:
         command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
+
+
+def check_there(
+    path: str | Path | None, error: type[HapsceneError] = HapsceneError, what: str = "file", prefix: str = ""
+) -> None:
+    """Refuse with `error`, in the same words whatever is read, a path that leads to no `what`; None is no path.
+
+    Args:
+        path: where it should be.
+        error: what the command's room raises.
+        what: "file", "folder", or "file or folder".
+        prefix: what stands before the path in the message, as "--docs ".
+    """
+    if path is None:
+        return
+    path = Path(path)
+    if path.is_dir():
+        if "folder" not in what:
+            raise error(f"{prefix}{path}: is a folder; expected a {what}")
+    elif not path.exists():
+        place = path.parent
+        if not place.is_dir():
+            raise error(f"{prefix}{path}: no such {what}: there is no folder {place}")
+        stem = path.name.split(".")[0]
+        names = [name for name in islice(_names(place), NAME_MAX) if nearest(stem, [name.split(".")[0]], STEM_NEAR)]
+        near = nearest(path.name, names)
+        raise error(f"{prefix}{path}: no such {what}" + (f"; did you mean {path.with_name(near)}?" if near else ""))
+    elif what == "folder":
+        raise error(f"{prefix}{path}: is a file; expected a folder")
+
+
+def _names(folder: Path) -> Iterable[str]:
+    with suppress(OSError):  # a folder that may not be listed
+        yield from (file.name for file in folder.iterdir() if not file.name.startswith("."))
+
+
+def nearest(word: str, known: Iterable[str], alike: float = 0.6) -> str | None:
+    """The one that may have been meant: the most alike, from that ratio of difflib on."""
+    from difflib import get_close_matches
+
+    return next(iter(get_close_matches(word, list(known), 1, alike)), None)
+
+
+def check_swatch(name: str | None) -> None:
+    """Refuse what is a .swatch file by its name, and is not there; other names are looked up later."""
+    if name is not None and (name.endswith(".swatch") or "/" in name or os.sep in name):
+        check_there(name, SwatchError)
+
+
+def check_scene(path: str, unit: str | None = None, swatch: str | None = None) -> None:
+    """Refuse a scene or mesh that is not there, or whose file says no unit where none was given."""
+    check_there(path, SceneError)
+    suffix = Path(path).suffix.lower().lstrip(".")
+    if unit is not None:
+        from hapscene.scene.mesh import unit_name
+
+        unit_name(unit)
+    elif suffix in UNITLESS and not _is_painted(path, suffix):
+        raise MeshError(
+            f"{path}: {suffix.upper()} files carry no unit of length: say which one its numbers are in, as --unit mm; "
+            f"known are {', '.join(UNITS)}"
+        )
+    check_swatch(swatch)
+    if swatch is not None:
+        from hapscene.surface.library import load_swatch
+
+        load_swatch(swatch)  # a mesh may take a while to load
+
+
+def _is_painted(path: str, suffix: str) -> bool:
+    """Whether a PLY is a painted scene of ours, which says its unit."""
+    if suffix != "ply":
+        return False
+    with Path(path).open("rb") as file:
+        return b"comment hapscene" in file.read(4096)
+
+
+def load_input(path: str, unit: str | None = None, swatch: str | None = None, two_sided: bool = False) -> "Scene":
+    """A scene from its file or around a mesh, told while it is loaded.
+
+    Raises:
+        HapsceneError: it is not there, or cannot be loaded.
+    """
+    check_scene(path, unit, swatch)
+    from hapscene.touch import open_scene, step
+
+    with step(say, loading(path)):
+        return open_scene(path, unit, swatch, two_sided)
+
+
+def loading(path: str | Path) -> str:
+    """What is said while a file is loaded: "loading bunny.stl (65.5 MB)"."""
+    return f"loading {path} ({size_words(Path(path).stat().st_size)})"
+
+
+# Where results go unless it is said: into out/NAME, or into a file of this folder that is not there yet.
+
+
+def add_out_folder(command: Any, default: str | None, told: str = "") -> None:
+    """Adds --out, a folder; a default that depends on what is read is None, and told in words."""
+    command.add_argument(
+        "-o", "--out", type=folder, default=default, metavar="DIR",
+        help=f"folder to write into (default {told or default})",
+    )  # fmt: skip
+
+
+def add_out_file(command: Any, metavar: str, told: str) -> None:
+    """Adds --out, a file; None where it is not given."""
+    command.add_argument("-o", "--out", metavar=metavar, help=told)
+
+
+def check_out_folder(path: str) -> None:
+    """Refuse, before the work is done, a folder to write into that is a file."""
+    if Path(path).is_file():
+        raise HapsceneError(f"{path}: is a file; expected a folder, or a name that is free")
+
+
+def base_name(path: str | Path) -> str:
+    """The name of what a file holds, "bunny" of meshes/bunny.ply and of bunny.scene.json."""
+    name = Path(path).name
+    return name.removesuffix(".scene.json") if name.endswith(".scene.json") else Path(path).stem
+
+
+def new_file(name: str, option: str = "--out") -> str:
+    """The file that is written where none was named: one that is not there yet.
+
+    Raises:
+        HapsceneError: it is there.
+    """
+    if Path(name).exists():
+        raise HapsceneError(f"{name}: is there already; {option} {name} takes its place, another name keeps it")
+    return name
+
+
+# Kinds of arguments.
 
 
 def folder(text: str) -> str:
@@ -94,13 +268,6 @@ seed = whole("a seed", 0)
 force = number("a force is a number of N")
 rate = number("a rate is a number of Hz", above=0.0)
 seconds = number("a duration is a number of seconds", above=0.0)
-
-
-def name_made(made: list[Path]) -> None:
-    """End a command by naming the files it made."""
-    print("made:")
-    for file in made:
-        print(f"  {file}  ({file.stat().st_size / 1e3:,.0f} kB)")
 
 
 # The options that say what a recording file does not: its rate, its columns, its units.

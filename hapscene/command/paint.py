@@ -7,7 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.options import add_command, add_mesh_options, port
+from hapscene.command.console import say
+from hapscene.command.options import add_command, add_mesh_options, base_name, check_scene, loading, port
+from hapscene.constants import DEFAULT_GRIP
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
@@ -45,7 +47,7 @@ def add_paint(commands: Any) -> None:
         help="what the hand holds: omni (default), or as a mass that reaches everywhere omni-point, phantom-1.0, "
         "premium-1.5",
     )
-    command.add_argument("--grip", default="medium", help="light, medium (default) or firm")
+    command.add_argument("--grip", default=DEFAULT_GRIP, help=f"light, medium or firm (default {DEFAULT_GRIP})")
     command.add_argument(
         "--compensator",
         default="adaptive",
@@ -72,31 +74,32 @@ def add_paint(commands: Any) -> None:
 
 
 def _paint(options: argparse.Namespace) -> int:
+    if options.scene is not None:
+        check_scene(options.scene, options.unit, options.swatch)
     import webbrowser
 
     from hapscene.paint.web.hand_config import HandConfig
     from hapscene.paint.web.page import Page
-    from hapscene.touch import speak
 
     hold = HandConfig(options.device, options.grip, options.compensator)
-    session = open_session(options, speak)
+    session = open_session(options, say)
     page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
     with page, suppress(KeyboardInterrupt):
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
         if session.problem:
-            speak(f"{session.problem}\n")
+            say(f"{session.problem}\n")
         if page.public:
-            speak("open to the network: whoever reaches this computer may paint here, and save over your files\n")
+            say("open to the network: whoever reaches this computer may paint here, and save over your files\n")
         if not options.no_browser:
             webbrowser.open(page.url)
         while True:
             time.sleep(NAP_S)
     if page.kept:
-        speak(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
+        say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
     elif session.changed:
-        speak(f"not saved, and lost: {session.problem or 'no copy was kept'}\n")
+        say(f"not saved, and lost: {session.problem or 'no copy was kept'}\n")
     elif session.dirty:
-        speak(f"nothing was painted, so there is no {session.path}\n")
+        say(f"nothing was painted, so there is no {session.path}\n")
     return 0
 
 
@@ -107,18 +110,17 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
         HapsceneError: it cannot be loaded.
     """
     from hapscene.paint.session import Session
-    from hapscene.touch import open_scene
+    from hapscene.touch import open_scene, step
 
     name = options.scene
     if name is None:
         name = _copy_demo(DEMO)
         say(f"the demo scene, in {name}\n")
-    else:
-        say(f"loading {name}\n")
-    if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
-        return Session.open(Path(name), options.accept_changed)
-    # of a scene file, it refuses the options
-    return Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
+    with step(say, loading(name)):
+        if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
+            return Session.open(Path(name), options.accept_changed)
+        # of a scene file, it refuses the options
+        return Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
 
 
 def _copy_demo(folder: Path) -> Path:
@@ -138,6 +140,6 @@ def _copy_demo(folder: Path) -> Path:
 
 def _free(mesh: Path) -> Path:
     """Where the scene of a mesh is saved: in the working folder, over no other."""
-    stem = mesh.name.split(".")[0] or "mesh"
+    stem = base_name(mesh)
     names = (stem, *(f"{stem}_{i}" for i in range(2, 10_000)))
     return next(path for path in (Path(name + SUFFIX) for name in names) if not path.exists())

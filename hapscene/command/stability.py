@@ -4,7 +4,19 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.options import add_command, folder, name_made, number, whole
+from hapscene.command.console import name_made, say
+from hapscene.command.options import (
+    add_command,
+    add_out_folder,
+    check_out_folder,
+    check_scene,
+    check_there,
+    load_input,
+    number,
+    whole,
+)
+from hapscene.constants import DEFAULT_GRIP
+from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -23,8 +35,8 @@ def add_stability(commands: Any) -> None:
         "stability",
         _stability,
         "draw the walls at which a device is still, and say which swatches would buzz",
-        "hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1 --out out/stability",
-        "hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/stability",
+        "hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1",
+        "hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/premium",
     )
     command.add_argument("--device", default="omni", metavar="NAME", help="a device by name (default omni)")
     command.add_argument(
@@ -38,7 +50,10 @@ def add_stability(commands: Any) -> None:
         "--delay", type=_delays, default=(0, 1), metavar="TICKS,…", help="of the loop, in ticks (default 0,1)"
     )
     command.add_argument("--scene", metavar="SCENE", help="place its swatches; else those shipped and in the library")
-    command.add_argument("--grip", default="light", metavar="NAME", help="of the hand: none, light, medium, firm")
+    command.add_argument(
+        "--grip", default=DEFAULT_GRIP, metavar="NAME",
+        help=f"of the hand: none, light, medium or firm (default {DEFAULT_GRIP})",
+    )  # fmt: skip
     command.add_argument("--cases", type=Path, metavar="JSON", help="run a file of wall cases with known answers too")
     command.add_argument(
         "--random",
@@ -49,16 +64,15 @@ def add_stability(commands: Any) -> None:
     )
     command.add_argument("--docs", type=Path, metavar="DIR", help="run everything, and write stability.md there too")
     command.add_argument("--zoo", type=Path, metavar="DIR", help="folder of the zoo, for --docs")
-    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    add_out_folder(command, "out/stability")
 
 
 def _stability(options: argparse.Namespace) -> int:
+    _check_read(options)
     from hapscene.device.hand import grip_named
     from hapscene.stability.study import stability
-    from hapscene.touch import speak
 
     grip = grip_named(options.grip)
-    _check_documents(options)
     made = stability(
         Path(options.out),
         options.device,
@@ -68,7 +82,7 @@ def _stability(options: argparse.Namespace) -> int:
         _swatches(options.scene),
         options.cases,
         options.random,
-        speak,
+        say,
     )
     if options.docs is not None:
         made += _publish(options, made)
@@ -76,16 +90,16 @@ def _stability(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_documents(options: argparse.Namespace) -> None:
+def _check_read(options: argparse.Namespace) -> None:
     """Before minutes of work: that there is something to read from, and to write into."""
-    from hapscene.errors import HapsceneError
-
+    if options.scene is not None:
+        check_scene(options.scene)
+    check_there(options.cases)
+    check_out_folder(options.out)
     if options.zoo is not None and options.docs is None:
         raise HapsceneError("--zoo is for the page of documents; add --docs DIR")
     for option in ("docs", "zoo"):
-        path = getattr(options, option)
-        if path is not None and not path.is_dir():
-            raise HapsceneError(f"--{option} {path}: no such folder")
+        check_there(getattr(options, option), what="folder", prefix=f"--{option} ")
     if options.cases is not None:
         from hapscene.stability.wall_case import read_cases
 
@@ -97,13 +111,12 @@ def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
     import shutil
 
     from hapscene.files import whole_folder
-    from hapscene.touch import speak
     from hapscene_experiments.stability_page import find, write_page
 
     with whole_folder(options.docs / "stability") as folder:
         for file in made:
             shutil.copyfile(file, folder / file.name)
-        found = find(folder, options.cases, options.zoo, speak)
+        found = find(folder, options.cases, options.zoo, say)
         found.words = (folder / "words.txt").read_text(encoding="utf-8").splitlines()
     write_page(options.docs / "stability.md", found, "stability")
     return [options.docs / "stability.md"]
@@ -112,9 +125,7 @@ def _publish(options: argparse.Namespace, made: list[Path]) -> list[Path]:
 def _swatches(scene: str | None) -> "list[Swatch]":
     """Those of a scene, or all that are known."""
     if scene is not None:
-        from hapscene.touch import open_scene
-
-        return open_scene(scene).swatches
+        return load_input(scene).swatches
     from hapscene.surface.library import load_swatch, own_entries, shipped_swatches
 
     names = [*shipped_swatches(), *(entry.name for entry in own_entries())]

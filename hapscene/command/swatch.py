@@ -6,28 +6,347 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
+from hapscene.command.console import name_made, note, say
 from hapscene.command.options import (
     add_command,
+    add_group,
+    add_out_file,
+    add_out_folder,
     add_recording_options,
+    base_name,
+    check_swatch,
+    check_there,
     force,
-    name_made,
+    new_file,
     number,
     rate,
     recording_options,
     seconds,
     seed,
 )
+from hapscene.errors import CaptureError, SwatchError
 
 if TYPE_CHECKING:
     from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
+
+RECORDING_SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")  # as in capture.batch, heavy to import
+
+
+def add_swatch(commands: Any) -> None:
+    """Declare the group and its commands."""
+    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery"
+    library = (_add_list, _add_show, _add_search, _add_add, _add_remove, _add_get)
+    add_group(commands, "swatch", summary, *library, _add_import, _add_export, _add_compare, _add_gallery)
+
+
+# The library: `hapscene swatch list`, `show`, `search`, `add`, `remove`, `get`.
+
+
+def _library(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--library",
+        metavar="DIR",
+        help="folder of the library (default: that of $HAPSCENE_LIBRARY, else one in your data folder)",
+    )
+
+
+def _add_list(commands: Any) -> None:
+    command = add_command(
+        commands, "list", _list, "list the swatches there are: shipped, and of the library", "hapscene swatch list"
+    )
+    _library(command)
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _list(options: argparse.Namespace) -> int:
+    from hapscene.surface.library import library_folder, own_entries, shipped_entries
+
+    own = own_entries(options.library)
+    _print_entries(shipped_entries(), own, options.json)
+    if not own and not options.json:
+        print(f"the library in {library_folder(options.library)} is empty")
+    return 0
+
+
+def _print_entries(shipped: list[Any], own: list[Any], as_json: bool) -> None:
+    """One line a swatch, or JSON."""
+    rows = [(entry, "shipped") for entry in shipped] + [(entry, "library") for entry in own]
+    if as_json:
+        found = [
+            {"name": e.name, "from": source, "words": e.words, "figures": e.figures, "licence": e.licence}
+            for e, source in rows
+        ]
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+        return
+    width = max((len(entry.name) for entry, _ in rows), default=0)
+    for entry, source in rows:
+        print(f"{entry.name:<{width}}  {source:<8}  {', '.join(entry.words)}")
+
+
+def _add_show(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "show",
+        _show,
+        "tell how a swatch feels, in words and figures, and where it comes from",
+        "hapscene swatch show wood",
+        "hapscene swatch show oak.swatch --json",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
+    _library(command)
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _show(options: argparse.Namespace) -> int:
+    check_swatch(options.swatch)
+    from hapscene.surface.library import find, load_swatch
+    from hapscene.surface.swatch_summary import figures, lines, words
+
+    own = find(options.swatch, options.library) if options.library else None
+    swatch = load_swatch(own or options.swatch)
+    numbers = figures(swatch)
+    if options.json:
+        told = {"name": swatch.name, "words": words(numbers), "figures": numbers}
+        told |= {"provenance": swatch.provenance, "licence": swatch.licence}
+        print(json.dumps(told, indent=2, ensure_ascii=False))
+        return 0
+    print("\n".join(lines(swatch)))
+    return 0
+
+
+def _add_search(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "search",
+        _search,
+        "find swatches by words and by bounds on their figures",
+        "hapscene swatch search grippy",
+        'hapscene swatch search wood "friction<0.4" "roughness>=1"',
+    )
+    command.add_argument("terms", nargs="+", metavar="TERM", help="a word, or a bound: stiffness, roughness, friction")
+    _library(command)
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _search(options: argparse.Namespace) -> int:
+    from hapscene.surface.library import own_entries, search, shipped_entries
+
+    shipped, own = shipped_entries(), own_entries(options.library)
+    found = search([*shipped, *own], options.terms)
+    _print_entries([e for e in shipped if e in found], [e for e in own if e in found], options.json)
+    if not found and not options.json:
+        print("none")
+    return 0 if found else 1
+
+
+def _add_add(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "add",
+        _add,
+        "put swatch files into the library",
+        "hapscene swatch add oak.swatch",
+        "hapscene swatch add oak.swatch --name 'oak, oiled'",
+    )
+    command.add_argument("files", nargs="+", metavar="FILE", help="a .swatch file")
+    command.add_argument("--name", help="name in the library, of a single file")
+    command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
+    _library(command)
+
+
+def _add(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from hapscene.surface.library import add, library_folder, load_swatch
+
+    if options.name is not None and len(options.files) > 1:
+        raise SwatchError("--name is for a single file")
+    for file in options.files:
+        check_there(file, SwatchError)
+    swatches = [load_swatch(Path(file)) for file in options.files]  # all are read before any is added
+    for swatch in swatches:
+        entry = add(
+            swatch if options.name is None else replace(swatch, name=options.name), options.library, options.replace
+        )
+        print(f"{entry.name} → {library_folder(options.library) / entry.file}")
+    return 0
+
+
+def _add_remove(commands: Any) -> None:
+    command = add_command(
+        commands, "remove", _remove, "take swatches out of the library, their files too", "hapscene swatch remove oak"
+    )
+    command.add_argument("names", nargs="+", metavar="NAME", help="a swatch of the library")
+    _library(command)
+
+
+def _remove(options: argparse.Namespace) -> int:
+    from hapscene.surface.library import remove
+
+    for name in options.names:
+        print(f"removed {remove(name, options.library)}")
+    return 0
+
+
+def _add_get(commands: Any) -> None:
+    command = add_command(
+        commands,
+        "get",
+        _get,
+        "fetch swatches from a library on the web, hashes checked; without a name, list what it has",
+        "hapscene swatch get --from https://example.org/swatches/",
+        "hapscene swatch get oak birch --from https://example.org/swatches/",
+    )
+    command.add_argument("names", nargs="*", metavar="NAME", help="a swatch that its index lists")
+    command.add_argument("--from", dest="url", required=True, metavar="URL", help="the folder of its index.json")
+    command.add_argument("--all", action="store_true", help="all that its index lists")
+    command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
+    _library(command)
+
+
+def _get(options: argparse.Namespace) -> int:
+    from hapscene.surface.library import get, library_folder, read_index
+
+    address, entries = read_index(options.url)
+    names = [entry.name for entry in entries] if options.all else options.names
+    if not names:
+        _print_entries([], entries, False)
+        return 0
+    broken: list[str] = []
+    for i, name in enumerate(names, 1):
+        try:
+            entry = get(name, address, entries, options.library, options.replace)
+        except SwatchError as error:
+            broken.append(str(error))
+            continue
+        print(f"{i}/{len(names)}  {entry.name} → {library_folder(options.library) / entry.file}", flush=True)
+    for line in broken:
+        print(f"hapscene: {line}", file=sys.stderr)
+    return 2 if broken else 0
+
+
+# `hapscene swatch import` and `hapscene swatch export`.
+
+
+def _add_import(commands: Any) -> None:
+    add_group(commands, "import", "make swatches of other programs' files: hatt", _add_import_hatt, metavar="FORMAT")
+
+
+def _add_import_hatt(formats: Any) -> None:
+    command = add_command(
+        formats,
+        "hatt",
+        _import_hatt,
+        "import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name",
+        'hapscene swatch import hatt "Models_ABS Plastic.xml" "Taps_ABS Plastic.xml" -o swatches',
+        "hapscene swatch import hatt Models10000Hz/XML Taps/XML -o swatches",
+    )
+    command.add_argument("files", nargs="+", metavar="FILE", help="Models_X.xml, Taps_X.xml, or a folder of them")
+    add_out_folder(command, "out/hatt")
+
+
+def _import_hatt(options: argparse.Namespace) -> int:
+    for file in options.files:
+        check_there(file, SwatchError, "file or folder")
+    from hapscene.capture.hatt import ImportOutcome, import_many
+
+    outcome = ImportOutcome()
+    try:
+        import_many(options.files, options.out, lambda line: say(f"{line}\n"), outcome)
+    except KeyboardInterrupt:
+        print(f"hapscene: interrupted; the {len(outcome.made)} swatches named above are whole", file=sys.stderr)
+        return 130
+    print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
+    for line in outcome.broken:
+        print(f"hapscene: {' '.join(line.split())}", file=sys.stderr)
+    return 2 if outcome.broken else 0
+
+
+def _add_export(commands: Any) -> None:
+    summary = "write a swatch for other programs: hatt, hjif"
+    add_group(commands, "export", summary, _add_export_hatt, _add_export_hjif, metavar="FORMAT")
+
+
+def _add_export_hatt(formats: Any) -> None:
+    command = add_command(
+        formats,
+        "hatt",
+        _export_hatt,
+        "write a swatch in the layout of the Penn Haptic Texture Toolkit",
+        "hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml",
+        "hapscene swatch export hatt wood --rate 10000",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
+    add_out_file(command, "XML", "file to write the models to (default Models_NAME.xml, as Models_oak.xml)")
+    command.add_argument("--taps", metavar="XML", help="file to write the taps to")
+    command.add_argument(
+        "--rate", type=rate, metavar="HZ", help="resample to this rate; the toolkit plays 10000 and 1000"
+    )
+
+
+def _export_hatt(options: argparse.Namespace) -> int:
+
+    check_swatch(options.swatch)
+    options.out = options.out or new_file(f"Models_{base_name(options.swatch)}.xml", "-o")
+    from hapscene.capture.hatt import export_hatt
+    from hapscene.surface.library import load_swatch
+
+    export_hatt(load_swatch(options.swatch), options.out, options.taps, options.rate)
+    name_made([Path(file) for file in (options.out, options.taps) if file is not None])
+    return 0
+
+
+def _add_export_hjif(formats: Any) -> None:
+    command = add_command(
+        formats,
+        "hjif",
+        _export_hjif,
+        "write a swatch as an MPEG haptics file: its texture at one force and speed, then its taps",
+        "hapscene swatch export hjif wood",
+        "hapscene swatch export hjif oak.swatch --force 1 --speed 0.1 --seconds 2 -o oak.hjif",
+    )
+    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
+    add_out_file(command, "HJIF", "file to write (default NAME.hjif, as oak.hjif)")
+    command.add_argument("--force", type=force, default=1.0, metavar="N", help="normal force [N] (default 1)")
+    command.add_argument(
+        "--speed",
+        type=number("a speed is a number of m/s"),
+        default=0.1,
+        metavar="M_S",
+        help="slip speed [m/s] (default 0.1)",
+    )
+    command.add_argument("--seconds", type=seconds, default=2.0, metavar="S", help="length of the texture (default 2)")
+    command.add_argument("--rate", type=rate, metavar="HZ", help="samples a second (default: the texture's own)")
+    command.add_argument("--seed", type=seed, default=0, help="of the texture's noise (default 0)")
+
+
+def _export_hjif(options: argparse.Namespace) -> int:
+
+    check_swatch(options.swatch)
+    options.out = options.out or new_file(f"{base_name(options.swatch)}.hjif", "-o")
+    from hapscene.capture.hjif import export_hjif
+    from hapscene.surface.library import load_swatch
+
+    swatch = load_swatch(options.swatch)
+    export_hjif(
+        swatch,
+        options.out,
+        force_N=options.force,
+        speed_m_s=options.speed,
+        seconds=options.seconds,
+        rate_Hz=options.rate,
+        seed=options.seed,
+    )
+    name_made([Path(options.out)])
+    return 0
 
 
 # `hapscene swatch compare`.
 
 
-def add_swatch_compare(commands: Any) -> None:
+def _add_compare(commands: Any) -> None:
     command = add_command(
         commands,
         "compare",
@@ -50,11 +369,15 @@ def add_swatch_compare(commands: Any) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from hapscene.capture.compare import compare, follow, load_library, load_surface, rank
-    from hapscene.errors import CaptureError
-
     if options.series and options.library is not None:
         raise CaptureError("--series follows one surface over time, --library ranks others: give one of the two")
+    for name in options.surface:
+        check_swatch(name)
+        if Path(name).suffix.lower() in RECORDING_SUFFIXES:
+            check_there(name, CaptureError)
+    check_there(options.library, SwatchError, "folder")
+    from hapscene.capture.compare import compare, follow, load_library, load_surface, rank
+
     surfaces = [load_surface(name, **recording_options(options)) for name in options.surface]
     swatches = [surface.swatch for surface in surfaces]
     if options.series:
@@ -73,7 +396,7 @@ def _compare(options: argparse.Namespace) -> int:
         content = {"ranked": [[c.as_dict() for c in ranked] for ranked in ranks], "unreadable": broken}
         _print(options.json, content | _repeats(surfaces), [line for r in ranks for line in _rank_text(r)])
         for reason in broken.values():
-            print(f"hapscene: note: {reason}", file=sys.stderr)
+            note(reason)
     return 0
 
 
@@ -147,355 +470,34 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-# `hapscene swatch import` and `hapscene swatch export`.
-
-
-def add_import(commands: Any) -> None:
-    group = commands.add_parser(
-        "import",
-        help="make swatches of other programs' files: hatt",
-        description="Make swatches of other programs' files.",
-    )
-    kinds = group.add_subparsers(required=True, metavar="FORMAT")
-    command = add_command(
-        kinds,
-        "hatt",
-        _import_hatt,
-        "import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name",
-        'hapscene swatch import hatt "Models_ABS Plastic.xml" "Taps_ABS Plastic.xml" -o swatches',
-        "hapscene swatch import hatt Models10000Hz/XML Taps/XML -o swatches",
-    )
-    command.add_argument("files", nargs="+", metavar="FILE", help="Models_X.xml, Taps_X.xml, or a folder of them")
-    command.add_argument("-o", "--out", required=True, metavar="DIR", help="folder to write the swatches into")
-
-
-def _import_hatt(options: argparse.Namespace) -> int:
-    from hapscene.capture.hatt import ImportOutcome, import_many
-
-    outcome = ImportOutcome()
-    try:
-        import_many(options.files, options.out, lambda line: print(line, flush=True), outcome)
-    except KeyboardInterrupt:
-        print(f"hapscene: interrupted; the {len(outcome.made)} swatches named above are whole", file=sys.stderr)
-        return 130
-    print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
-    for line in outcome.broken:
-        print(f"hapscene: {' '.join(line.split())}", file=sys.stderr)
-    return 2 if outcome.broken else 0
-
-
-def add_export(commands: Any) -> None:
-    group = commands.add_parser(
-        "export",
-        help="write a swatch for other programs: hatt, hjif",
-        description="Write a swatch for other programs.",
-    )
-    kinds = group.add_subparsers(required=True, metavar="FORMAT")
-    _add_hatt(kinds)
-    _add_hjif(kinds)
-
-
-def _add_hatt(kinds: Any) -> None:
-    command = add_command(
-        kinds,
-        "hatt",
-        _export_hatt,
-        "write a swatch in the layout of the Penn Haptic Texture Toolkit",
-        "hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml",
-        "hapscene swatch export hatt wood --rate 10000 -o Models_wood.xml",
-    )
-    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
-    command.add_argument("-o", "--out", required=True, metavar="XML", help="file to write the models to")
-    command.add_argument("--taps", metavar="XML", help="file to write the taps to")
-    command.add_argument(
-        "--rate", type=rate, metavar="HZ", help="resample to this rate; the toolkit plays 10000 and 1000"
-    )
-
-
-def _export_hatt(options: argparse.Namespace) -> int:
-    from pathlib import Path
-
-    from hapscene.capture.hatt import export_hatt
-    from hapscene.surface.library import load_swatch
-
-    export_hatt(load_swatch(options.swatch), options.out, options.taps, options.rate)
-    name_made([Path(file) for file in (options.out, options.taps) if file is not None])
-    return 0
-
-
-def _add_hjif(kinds: Any) -> None:
-    command = add_command(
-        kinds,
-        "hjif",
-        _export_hjif,
-        "write a swatch as an MPEG haptics file: its texture at one force and speed, then its taps",
-        "hapscene swatch export hjif oak.swatch --force 1 --speed 0.1 --seconds 2 -o oak.hjif",
-    )
-    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
-    command.add_argument("-o", "--out", required=True, metavar="HJIF", help="file to write")
-    command.add_argument("--force", type=force, default=1.0, metavar="N", help="normal force [N] (default 1)")
-    command.add_argument(
-        "--speed",
-        type=number("a speed is a number of m/s"),
-        default=0.1,
-        metavar="M_S",
-        help="slip speed [m/s] (default 0.1)",
-    )
-    command.add_argument("--seconds", type=seconds, default=2.0, metavar="S", help="length of the texture (default 2)")
-    command.add_argument("--rate", type=rate, metavar="HZ", help="samples a second (default: the texture's own)")
-    command.add_argument("--seed", type=seed, default=0, help="of the texture's noise (default 0)")
-
-
-def _export_hjif(options: argparse.Namespace) -> int:
-    from pathlib import Path
-
-    from hapscene.capture.hjif import export_hjif
-    from hapscene.surface.library import load_swatch
-
-    swatch = load_swatch(options.swatch)
-    export_hjif(
-        swatch,
-        options.out,
-        force_N=options.force,
-        speed_m_s=options.speed,
-        seconds=options.seconds,
-        rate_Hz=options.rate,
-        seed=options.seed,
-    )
-    name_made([Path(options.out)])
-    return 0
-
-
 # `hapscene swatch gallery`.
 
 
-def add_swatch_gallery(commands: Any) -> None:
+def _add_gallery(commands: Any) -> None:
     command = add_command(
         commands,
         "gallery",
         _gallery,
         "make a page of swatches: picture, spectra, sound, and their numbers in words",
-        "hapscene swatch gallery --out gallery.md",
+        "hapscene swatch gallery",
         "hapscene swatch gallery oak.swatch wood --out oak.md",
     )
     command.add_argument("swatches", nargs="*", metavar="SWATCH", help="a name, or a .swatch file (default: shipped)")
-    command.add_argument(
-        "--out", required=True, metavar="FILE", help="the page, .md; pictures and sounds go into a folder of its name"
-    )
+    told = "the page, .md; pictures and sounds go into a folder of its name (default gallery.md)"
+    add_out_file(command, "FILE", told)
 
 
 def _gallery(options: argparse.Namespace) -> int:
-    from hapscene.errors import SwatchError
-    from hapscene.paint.gallery import write_gallery
-    from hapscene.surface.library import load_swatch, shipped_swatches
-    from hapscene.touch import speak
-
-    page = Path(options.out)
+    for name in options.swatches:
+        check_swatch(name)
+    page = Path(options.out or new_file("gallery.md"))
     if page.suffix.lower() != ".md":
         raise SwatchError(f"{page}: a gallery is a Markdown page; name it {page.stem or 'gallery'}.md")
     if not page.parent.is_dir():
         raise SwatchError(f"{page}: there is no folder {page.parent}; make it first")
+    from hapscene.paint.gallery import write_gallery
+    from hapscene.surface.library import load_swatch, shipped_swatches
+
     swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
-    name_made(write_gallery(swatches, page, speak))
+    name_made(write_gallery(swatches, page, say))
     return 0
-
-
-def add_swatch(commands: Any) -> None:
-    group = commands.add_parser(
-        "swatch",
-        help="the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery",
-        description="The library of swatches, and files of other programs.",
-        epilog="hapscene swatch COMMAND --help says more.",
-    )
-    words = group.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_list, _add_show, _add_search, _add_add, _add_remove, _add_get):
-        add(words)
-    add_import(words)
-    add_export(words)
-    add_swatch_compare(words)
-    add_swatch_gallery(words)
-
-
-def _library(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--library",
-        metavar="DIR",
-        help="folder of the library (default: that of $HAPSCENE_LIBRARY, else one in your data folder)",
-    )
-
-
-def _add_list(commands: Any) -> None:
-    command = add_command(
-        commands, "list", _list, "list the swatches there are: shipped, and of the library", "hapscene swatch list"
-    )
-    _library(command)
-    command.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _list(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import library_folder, own_entries, shipped_entries
-
-    own = own_entries(options.library)
-    _print_entries(shipped_entries(), own, options.json)
-    if not own and not options.json:
-        print(f"the library in {library_folder(options.library)} is empty")
-    return 0
-
-
-def _print_entries(shipped: list[Any], own: list[Any], as_json: bool) -> None:
-    """One line a swatch, or JSON."""
-    rows = [(entry, "shipped") for entry in shipped] + [(entry, "library") for entry in own]
-    if as_json:
-        found = [
-            {"name": e.name, "from": source, "words": e.words, "figures": e.figures, "licence": e.licence}
-            for e, source in rows
-        ]
-        print(json.dumps(found, indent=2, ensure_ascii=False))
-        return
-    width = max((len(entry.name) for entry, _ in rows), default=0)
-    for entry, source in rows:
-        print(f"{entry.name:<{width}}  {source:<8}  {', '.join(entry.words)}")
-
-
-def _add_show(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "show",
-        _show,
-        "tell how a swatch feels, in words and figures, and where it comes from",
-        "hapscene swatch show wood",
-        "hapscene swatch show oak.swatch --json",
-    )
-    command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
-    _library(command)
-    command.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _show(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import find, load_swatch
-    from hapscene.surface.swatch_summary import figures, lines, words
-
-    own = find(options.swatch, options.library) if options.library else None
-    swatch = load_swatch(own or options.swatch)
-    numbers = figures(swatch)
-    if options.json:
-        told = {"name": swatch.name, "words": words(numbers), "figures": numbers}
-        told |= {"provenance": swatch.provenance, "licence": swatch.licence}
-        print(json.dumps(told, indent=2, ensure_ascii=False))
-        return 0
-    print("\n".join(lines(swatch)))
-    return 0
-
-
-def _add_search(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "search",
-        _search,
-        "find swatches by words and by bounds on their figures",
-        "hapscene swatch search grippy",
-        'hapscene swatch search wood "friction<0.4" "roughness>=1"',
-    )
-    command.add_argument("terms", nargs="+", metavar="TERM", help="a word, or a bound: stiffness, roughness, friction")
-    _library(command)
-    command.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _search(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import own_entries, search, shipped_entries
-
-    shipped, own = shipped_entries(), own_entries(options.library)
-    found = search([*shipped, *own], options.terms)
-    _print_entries([e for e in shipped if e in found], [e for e in own if e in found], options.json)
-    if not found and not options.json:
-        print("none")
-    return 0 if found else 1
-
-
-def _add_add(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "add",
-        _add,
-        "put swatch files into the library",
-        "hapscene swatch add oak.swatch",
-        "hapscene swatch add oak.swatch --name 'oak, oiled'",
-    )
-    command.add_argument("files", nargs="+", metavar="FILE", help="a .swatch file")
-    command.add_argument("--name", help="name in the library, of a single file")
-    command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
-    _library(command)
-
-
-def _add(options: argparse.Namespace) -> int:
-    from dataclasses import replace
-    from pathlib import Path
-
-    from hapscene.errors import SwatchError
-    from hapscene.surface.library import add, library_folder, load_swatch
-
-    if options.name is not None and len(options.files) > 1:
-        raise SwatchError("--name is for a single file")
-    swatches = [load_swatch(Path(file)) for file in options.files]  # all are read before any is added
-    for swatch in swatches:
-        entry = add(
-            swatch if options.name is None else replace(swatch, name=options.name), options.library, options.replace
-        )
-        print(f"{entry.name} → {library_folder(options.library) / entry.file}")
-    return 0
-
-
-def _add_remove(commands: Any) -> None:
-    command = add_command(
-        commands, "remove", _remove, "take swatches out of the library, their files too", "hapscene swatch remove oak"
-    )
-    command.add_argument("names", nargs="+", metavar="NAME", help="a swatch of the library")
-    _library(command)
-
-
-def _remove(options: argparse.Namespace) -> int:
-    from hapscene.surface.library import remove
-
-    for name in options.names:
-        print(f"removed {remove(name, options.library)}")
-    return 0
-
-
-def _add_get(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "get",
-        _get,
-        "fetch swatches from a library on the web, hashes checked; without a name, list what it has",
-        "hapscene swatch get --from https://example.org/swatches/",
-        "hapscene swatch get oak birch --from https://example.org/swatches/",
-    )
-    command.add_argument("names", nargs="*", metavar="NAME", help="a swatch that its index lists")
-    command.add_argument("--from", dest="url", required=True, metavar="URL", help="the folder of its index.json")
-    command.add_argument("--all", action="store_true", help="all that its index lists")
-    command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
-    _library(command)
-
-
-def _get(options: argparse.Namespace) -> int:
-    import sys
-
-    from hapscene.errors import SwatchError
-    from hapscene.surface.library import get, library_folder, read_index
-
-    address, entries = read_index(options.url)
-    names = [entry.name for entry in entries] if options.all else options.names
-    if not names:
-        _print_entries([], entries, False)
-        return 0
-    broken: list[str] = []
-    for i, name in enumerate(names, 1):
-        try:
-            entry = get(name, address, entries, options.library, options.replace)
-        except SwatchError as error:
-            broken.append(str(error))
-            continue
-        print(f"{i}/{len(names)}  {entry.name} → {library_folder(options.library) / entry.file}", flush=True)
-    for line in broken:
-        print(f"hapscene: {line}", file=sys.stderr)
-    return 2 if broken else 0

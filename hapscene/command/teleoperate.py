@@ -5,11 +5,15 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+from hapscene.command.console import name_made, say
 from hapscene.command.options import (
     add_command,
+    add_group,
+    add_out_folder,
     add_recording_options,
-    folder,
-    name_made,
+    check_out_folder,
+    check_swatch,
+    check_there,
     number,
     port,
     recording_options,
@@ -17,7 +21,8 @@ from hapscene.command.options import (
     seed,
     whole,
 )
-from hapscene.errors import HapsceneError
+from hapscene.constants import DEFAULT_GRIP
+from hapscene.errors import CaptureError, HapsceneError
 
 HOST: Final = "127.0.0.1"
 """This machine alone."""
@@ -29,15 +34,8 @@ SCHEMES: Final = ("wave", "position")  # as in teleoperation.port, which is heav
 
 
 def add_teleoperate(commands: Any) -> None:
-    group = commands.add_parser(
-        "teleoperate",
-        help="feel a surface through a leader and a follower",
-        description="A follower touches a surface, a leader with the haptography handle feels it; all simulated.",
-    )
-    parts = group.add_subparsers(required=True, metavar="COMMAND")
-    _add_experiment(parts)
-    _add_follower(parts)
-    _add_leader(parts)
+    summary = "a follower touches a surface, a leader with the haptography handle feels it; all simulated"
+    add_group(commands, "teleoperate", summary, _add_experiment, _add_follower, _add_leader)
 
 
 def _add_experiment(parts: Any) -> None:
@@ -46,38 +44,41 @@ def _add_experiment(parts: Any) -> None:
         "experiment",
         _experiment,
         "base motors alone against base motors with the handle, and what delay does to both schemes; plots and numbers",
-        "hapscene teleoperate experiment --out out/teleoperation",
+        "hapscene teleoperate experiment",
         "hapscene teleoperate experiment --recording oak.csv --rate 10000 --units acceleration=m/s2 --out out/oak",
     )
-    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    add_out_folder(command, "out/teleoperation")
     surface = command.add_mutually_exclusive_group()
     surface.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
     surface.add_argument("--recording", metavar="FILE", help="a recording of a real surface, fitted first")
     command.add_argument("--compensator", default="adaptive", metavar="NAME", help="of the handle (default adaptive)")
-    command.add_argument("--grip", default="medium", metavar="NAME", help="of the hand (default medium)")
+    command.add_argument("--grip", default=DEFAULT_GRIP, metavar="NAME", help=f"of the hand (default {DEFAULT_GRIP})")
     command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
     add_recording_options(command)
 
 
 def _experiment(options: argparse.Namespace) -> int:
+    check_there(options.recording, CaptureError)
+    check_out_folder(options.out)
+    check_swatch(options.swatch)
     from hapscene.teleoperation.experiment import write_experiment
-    from hapscene.touch import speak
+    from hapscene.touch import step
 
     swatch: Any = options.swatch
     if options.recording is not None:
         from hapscene.capture.recording_file import load_recording
         from hapscene.capture.swatch_fit import fit_parts, prepare
 
-        speak(f"fitting {options.recording}\n")
-        recording = load_recording(options.recording, **recording_options(options))
-        swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
+        with step(say, f"fitting {options.recording}"):
+            recording = load_recording(options.recording, **recording_options(options))
+            swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
     made = write_experiment(
         options.out,
         swatch,
         compensator=options.compensator,
         grip=options.grip,
         seed=options.seed,
-        say=speak,
+        say=say,
     )
     name_made(made)
     return 0
@@ -102,6 +103,7 @@ def _add_follower(parts: Any) -> None:
 def _follower(options: argparse.Namespace) -> int:
     if options.allow is None and options.host != HOST:
         raise HapsceneError(f"--host {options.host} can be reached from elsewhere: say by --allow who may lead")
+    check_swatch(options.swatch)
     from hapscene.teleoperation.udp_session import run_follower
 
     allowed = options.allow or HOST
@@ -119,7 +121,7 @@ def _add_leader(parts: Any) -> None:
     command.add_argument(
         "--peer", type=_address, default=(HOST, PORT), metavar="HOST:PORT", help=f"the follower (default {HOST}:{PORT})"
     )
-    command.add_argument("--grip", default="medium", metavar="NAME", help="of the hand (default medium)")
+    command.add_argument("--grip", default=DEFAULT_GRIP, metavar="NAME", help=f"of the hand (default {DEFAULT_GRIP})")
     command.add_argument("--compensator", default="adaptive", metavar="NAME", help="of the handle (default adaptive)")
     _add_session_options(command)
 

@@ -1,14 +1,28 @@
 """`hapscene touch` and `hapscene demo`."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.options import add_command, add_mesh_options, folder, name_made, rate, seed, whole
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.command.console import name_made, say
+from hapscene.command.options import (
+    add_command,
+    add_mesh_options,
+    add_out_folder,
+    base_name,
+    check_out_folder,
+    check_scene,
+    check_there,
+    load_input,
+    rate,
+    seed,
+    whole,
+)
+from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
 from hapscene.errors import EffectError, PathError
 
-HAND_DEFAULTS: Final = {"grip": "light", "device": "omni", "compensator": "adaptive", "delay": 0}
+HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "adaptive", "delay": 0}
 """Options of a touch in closed loop."""
 
 
@@ -18,8 +32,8 @@ def add_touch(commands: Any) -> None:
         "touch",
         _touch,
         "touch a scene or a mesh along a path, and write what was felt",
-        "hapscene touch demo.scene.json --path hand.csv --out out/touch",
-        "hapscene touch bunny.ply --unit m --swatch wood --out out/bunny",
+        "hapscene touch bunny.ply --unit m --swatch wood",
+        "hapscene touch demo.scene.json --path hand.csv --out out/hand",
         "hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke",
     )
     command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
@@ -28,7 +42,7 @@ def add_touch(commands: Any) -> None:
         metavar="CSV",
         help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above",
     )
-    command.add_argument("--out", required=True, type=folder, metavar="DIR", help="folder to write into")
+    add_out_folder(command, None, "out/NAME, as out/bunny")
     add_mesh_options(command)
     command.add_argument("--effects", metavar="A,B,…", help="effects to sum; `hapscene plugins` lists them")
     command.add_argument("--seed", type=seed, default=0, help="of what effects draw at random (default 0)")
@@ -47,7 +61,7 @@ def add_touch(commands: Any) -> None:
         metavar="GESTURE",
         help="tap, press, stroke, circle, scrub, hesitate, let-go, grip-firmly, explore; or follow, along --path",
     )
-    closed.add_argument("--grip", help="light (default), medium or firm")
+    closed.add_argument("--grip", help=f"light, medium or firm (default {DEFAULT_GRIP})")
     closed.add_argument("--device", help="what the hand holds: omni (default), phantom-1.0 or premium-1.5")
     closed.add_argument(
         "--compensator",
@@ -61,9 +75,10 @@ def add_touch(commands: Any) -> None:
 
 
 def _touch(options: argparse.Namespace) -> int:
-    from hapscene.motion.path_file import load_path
-    from hapscene.touch import open_scene, speak, touch
-
+    check_scene(options.scene, options.unit, options.swatch)
+    check_there(options.path, PathError)
+    options.out = options.out or f"out/{base_name(options.scene)}"
+    check_out_folder(options.out)
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
@@ -72,16 +87,19 @@ def _touch(options: argparse.Namespace) -> int:
         from hapscene.view.window import check_display
 
         check_display()  # before minutes are spent
+    _check_names(options, effects or ())
+    from hapscene.motion.path_file import load_path
+    from hapscene.touch import step, touch
+
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
-    speak(f"loading {options.scene}\n")
-    scene = open_scene(options.scene, options.unit, options.swatch, options.two_sided)
+    scene = load_input(options.scene, options.unit, options.swatch, options.two_sided)
     if options.hand is not None:
         return _touch_by_hand(options, scene, effects, p_WT)
     if p_WT is None:
         from hapscene.motion.hand_path import explore
 
-        speak("no --path: a hand feels it from above\n")
-        p_WT = explore(scene, TICK_S)
+        with step(say, "no --path: a hand feels it from above"):
+            p_WT = explore(scene, TICK_S)
     made = touch(
         scene,
         options.out,
@@ -93,7 +111,7 @@ def _touch(options: argparse.Namespace) -> int:
         title=Path(options.scene).name,
         with_picture=not options.no_picture,
         dark=options.dark,
-        say=speak,
+        say=say,
     )
     name_made(made)
     _show(options, scene)
@@ -131,20 +149,41 @@ def _check_hand(options: argparse.Namespace) -> None:
             setattr(options, option, value)
 
 
+def _check_names(options: argparse.Namespace, effects: Iterable[str]) -> None:
+    """Look them up before a mesh is loaded, which may take a while."""
+    from hapscene.surface.effect_registry import load_effect
+
+    for name in effects:
+        load_effect(name)
+    if options.hand is not None:
+        from hapscene.device.hand import grip_named
+        from hapscene.device.model import device_named
+        from hapscene.errors import no_such
+        from hapscene.handle.compensator import find_compensator
+        from hapscene.motion.gestures import GESTURES
+
+        if options.hand != "follow" and options.hand not in GESTURES:
+            raise PathError(no_such("gesture", options.hand, [*GESTURES, "follow"]))
+        grip_named(options.grip)
+        find_compensator(options.compensator)
+        if device_named(options.device).point is None:
+            raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
+
+
 def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
     from hapscene.motion.gestures import act
     from hapscene.renderer import EFFECTS
-    from hapscene.touch import speak, touch_by_hand
+    from hapscene.touch import step, touch_by_hand
     from hapscene.twin import Intent, Twin
 
     device = device_named(options.device)
     held = Omni() if device.name == "omni" else device.point
-    if held is None:
-        raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
-    intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+    assert held is not None  # as was checked
+    with step(say, f"the hand: {options.hand}"):
+        intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
 
     def ready() -> Twin:
         return Twin(
@@ -167,7 +206,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
         title=f"{Path(options.scene).name}: {options.hand}, {options.grip} grip, {options.device}",
         with_picture=not options.no_picture,
         dark=options.dark,
-        say=speak,
+        say=say,
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
     name_made(made)
@@ -183,7 +222,7 @@ def add_demo(commands: Any) -> None:
         "touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes",
         "hapscene demo",
     )
-    command.add_argument("--out", default="out/demo", type=folder, metavar="DIR", help="folder (default out/demo)")
+    add_out_folder(command, "out/demo")
     _add_dark(command)
 
 
@@ -195,11 +234,10 @@ def _demo(options: argparse.Namespace) -> int:
     from importlib.resources import as_file, files
 
     from hapscene.motion.hand_path import explore
-    from hapscene.touch import open_scene, speak, touch
+    from hapscene.touch import open_scene, step, touch
 
-    speak("loading the demo scene\n")
-    with as_file(files("hapscene_assets")) as folder:
+    with step(say, "loading the demo scene"), as_file(files("hapscene_assets")) as folder:
         scene = open_scene(folder / "demo.scene.json")
-    path = explore(scene, TICK_S)
-    name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=speak))
+        path = explore(scene, TICK_S)
+    name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=say))
     return 0

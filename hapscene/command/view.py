@@ -4,7 +4,19 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.options import add_command, add_mesh_options, name_made, number, whole
+from hapscene.command.console import name_made, say
+from hapscene.command.options import (
+    add_command,
+    add_mesh_options,
+    add_out_file,
+    base_name,
+    check_scene,
+    check_there,
+    load_input,
+    new_file,
+    number,
+    whole,
+)
 from hapscene.errors import ViewError
 
 SIDE_MAX: Final = 4096
@@ -19,14 +31,12 @@ def add_view(commands: Any) -> None:
         "view",
         _view,
         "draw a scene, and a touch of it, as a picture or a film",
-        "hapscene view desk.scene.json --out desk.png",
+        "hapscene view desk.scene.json",
         "hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark",
         "hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4",
     )
     command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
-    command.add_argument(
-        "--out", required=True, metavar="FILE", help="picture .png; film .gif, or .mp4 (extra `video`)"
-    )
+    add_out_file(command, "FILE", "picture .png; film .gif, or .mp4 (extra `video`) (default NAME.png, as desk.png)")
     add_mesh_options(command, two_sided=False)
     command.add_argument("--touch", metavar="NPZ", help="a touch of it, touch.npz: path and forces; played in a film")
     command.add_argument("--size", type=size, metavar="WxH", help="in pixels, with the legend (films: 800x600)")
@@ -54,11 +64,15 @@ def add_view(commands: Any) -> None:
 
 
 def _view(options: argparse.Namespace) -> int:
+    check_scene(options.scene, options.unit, options.swatch)
+    check_there(options.touch, ViewError)
+    options.out = options.out or new_file(f"{base_name(options.scene)}.png")
+
     import numpy as np
 
     from hapscene.files import check_file
     from hapscene.recording import Recording
-    from hapscene.touch import open_scene, speak, step
+    from hapscene.touch import step
     from hapscene.view.film import RATES_HZ, Film, write_film
     from hapscene.view.palette import DARK, LIGHT
     from hapscene.view.picture import write_picture
@@ -70,11 +84,10 @@ def _view(options: argparse.Namespace) -> int:
     if kind == ".png" and given:
         raise ViewError(f"{options.out}: is a picture; --{next(iter(given))} is for films, .gif and .mp4")
     check_file(Path(options.out), ViewError)
-    speak(f"loading {options.scene}\n")
-    scene = open_scene(options.scene, options.unit, options.swatch)
+    scene = load_input(options.scene, options.unit, options.swatch)
     recording = None if options.touch is None else Recording.load(options.touch)
     theme = DARK if options.dark else LIGHT
-    with step(speak, f"drawing {options.out}"):
+    with step(say, f"drawing {options.out}"):
         if kind == ".png":
             write_picture(scene, recording, options.out, options.size, theme)
         else:
@@ -86,7 +99,7 @@ def _view(options: argparse.Namespace) -> int:
                 painting=bool(options.painting),
                 theme=theme,
             )
-            write_film(scene, recording, options.out, film, speak)
+            write_film(scene, recording, options.out, film, say)
     name_made([Path(options.out)])
     return 0
 

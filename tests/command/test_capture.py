@@ -9,7 +9,7 @@ import pytest
 from hapscene.capture import swatch_fit
 from hapscene.cli import main
 from hapscene.command import capture
-from hapscene.command.capture import add_capture_fit, add_capture_report
+from hapscene.command.capture import add_fit, add_report
 from hapscene.constants import EXCITATION_KNOTS
 from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import texture
@@ -21,7 +21,7 @@ UNITS = "acceleration=m/s2,speed=mm/s,force=N"
 
 def run(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    add_capture_fit(parser.add_subparsers())
+    add_fit(parser.add_subparsers())
     options = parser.parse_args(["fit", *words])
     code: int = options.command(options)
     return code
@@ -91,6 +91,11 @@ def test_into_a_folder_each_recording_has_a_swatch(tmp_path: Path, capsys: pytes
         (["a.csv", "b.csv", "-o", "oak"], r"must end in \.swatch; a folder, .* with a slash: -o oak/"),
         (["a.csv", "b.csv", "-o", "out/", "--name", "oak"], r"--name is for one swatch: .* -o oak\.swatch"),
         (["a.csv", "b.csv", "-o", "out/", "--plot", "x.png"], r"--plot is for one swatch"),
+        (["a.csv"], r"^a\.csv: no such file$"),
+        (["a.csv", "-o", "oak.swatch"], r"^a\.csv: no such file$"),
+        ([], r"no recordings: name one or more files"),
+        (["-o", "out/", "--list", "files.csv"], r"^files\.csv: no such file$"),
+        (["none", "-o", "out/"], r"^none: no such file or folder$"),
         (["a.csv", "-o", "out", "--jobs", "2", "--scheduler", "tcp://x:1"], r"give one of the two"),
         (["-o", "out/"], r"no recordings: name files or folders, or --list files\.csv"),
     ],
@@ -122,6 +127,22 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
 
 
+def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    assert run(str(write(tmp_path / "in" / "oak.csv")), *options) == 0
+    assert "  oak.swatch  (" in capsys.readouterr().out
+    before = (tmp_path / "oak.swatch").read_bytes()
+    with pytest.raises(HapsceneError, match=r"oak\.swatch: is there already; -o oak\.swatch takes its place"):
+        run("in/oak.csv", *options)
+    assert (tmp_path / "oak.swatch").read_bytes() == before
+    assert run("in", *options, "--jobs", "1") == 0
+    assert load_swatch(tmp_path / "out" / "swatches" / "oak.swatch").name == "oak"
+
+
 def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = str(write(tmp_path / "a.csv")), tmp_path / "oak.swatch"
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
@@ -145,16 +166,16 @@ def test_the_choices_are_those_of_the_fit() -> None:
 # `hapscene capture report`, as typed.
 
 
-def run_capture_report(*words: str) -> int:
+def run_report(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    add_capture_report(parser.add_subparsers())
+    add_report(parser.add_subparsers())
     options = parser.parse_args(["report", *words])
     code: int = options.command(options)
     return code
 
 
 def test_a_swatch_alone_makes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_capture_report("wood", "-o", str(tmp_path / "wood.html")) == 0
+    assert run_report("wood", "-o", str(tmp_path / "wood.html")) == 0
     assert "wood.html" in capsys.readouterr().out
     assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!doctype html>")
 
@@ -163,21 +184,19 @@ def test_a_recording_is_named_on_the_page(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).standard_normal(4000)
     np.savetxt(tmp_path / "noise.csv", noise, header="a", comments="")
     options = ("--rate", "2000", "--columns", "acceleration=a", "--units", "acceleration=m/s2")
-    run_capture_report("wood", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "wood.html"), *options)
+    run_report("wood", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "wood.html"), *options)
     assert "noise.csv: 2.00 s at 2000 Hz" in (tmp_path / "wood.html").read_text(encoding="utf-8")
 
 
 def test_what_is_missing_is_said_and_nothing_is_written_capture_report(tmp_path: Path) -> None:
     page = tmp_path / "a.html"
     with pytest.raises(SwatchError, match="there are"):
-        run_capture_report("oka", "-o", str(page))
+        run_report("oka", "-o", str(page))
     with pytest.raises(CaptureError):
-        run_capture_report("wood", str(tmp_path / "none.csv"), "-o", str(page), "--rate", "1000")
+        run_report("wood", str(tmp_path / "none.csv"), "-o", str(page), "--rate", "1000")
     (tmp_path / "silent.csv").write_text("acceleration\n" + "0\n" * 2000)
     with pytest.raises(CaptureError, match=r"silent\.csv: .*silent above"):
-        run_capture_report(
-            "wood", str(tmp_path / "silent.csv"), "-o", str(page), "--rate", "1000", "--units", "acceleration=g"
-        )
+        run_report("wood", str(tmp_path / "silent.csv"), "-o", str(page), "--rate", "1000", "--units", "acceleration=g")
     with pytest.raises(SystemExit):
-        run_capture_report("wood", "-o", str(page), "--units", "acceleration")
+        run_report("wood", "-o", str(page), "--units", "acceleration")
     assert not page.exists()

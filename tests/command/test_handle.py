@@ -95,7 +95,7 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
         ),
         (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: no such file"),
         (["identify", "--port", "/dev/none", "-o", "a.handle"], "cannot be opened"),
-        (["show", "none.handle"], "no such file"),
+        (["show", "none.handle"], "none.handle: no such file"),
         (["play", "none.csv", "--grip", "1", "--out", "o"], "--grip needs --handle"),
         (["play", "none.csv", "--out", "o"], "none.csv: no such file"),
     ],

@@ -3,11 +3,14 @@
 import argparse
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from hapscene.cli import _parser, main
-from hapscene.command.options import number, whole
+from hapscene.command.options import UNITLESS, UNITS, base_name, check_scene, check_there, number, whole
+from hapscene.errors import HapsceneError, MeshError
+from hapscene.scene import mesh, mesh_file
 
 ODD = ("abc", "", " ", "nan", "-inf", "inf", "1e999", "-1e999", "0x10", "1.5.2", "²", "-1", "9" * 5000, "1," * 9, "a:b")
 
@@ -81,3 +84,62 @@ def test_it_is_said_without_a_traceback(words: list[str], told: str, capsys: pyt
     with pytest.raises(SystemExit, match="2"):
         main(words)
     assert told in capsys.readouterr().err
+
+
+def test_what_is_kept_twice_is_the_same() -> None:
+    assert UNITLESS == mesh_file.UNITLESS and tuple(mesh.UNIT_M) == UNITS
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        ("bnny.ply", "bnny.ply: no such file; did you mean bunny.ply?"),
+        ("bunny.stl", "bunny.stl: no such file; did you mean bunny.ply?"),
+        ("desk.scen.json", "desk.scen.json: no such file; did you mean desk.scene.json?"),
+        ("none.ply", "none.ply: no such file"),
+        ("none.scene.json", "none.scene.json: no such file"),
+        ("no/bunny.ply", "no/bunny.ply: no such file: there is no folder no"),
+        ("folder", "folder: is a folder; expected a file"),
+    ],
+)
+def test_a_missing_file_names_the_one_that_was_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    for name in ("bunny.ply", "desk.scene.json", ".bnny.ply"):
+        (tmp_path / name).touch()
+    check_there("bunny.ply")
+    check_there(None)
+    check_there("folder", what="file or folder")
+    with pytest.raises(MeshError) as error:
+        check_there(Path(typed), MeshError)
+    assert str(error.value).replace("\\", "/") == told
+    with pytest.raises(HapsceneError, match=r"^--docs bunny\.ply: is a file; expected a folder$"):
+        check_there("bunny.ply", what="folder", prefix="--docs ")
+
+
+def test_a_painted_ply_says_its_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text("ply\nformat ascii 1.0\ncomment hapscene scene 1\n")
+    (tmp_path / "b.PLY").write_text("ply\nformat ascii 1.0\ncomment made elsewhere\n")
+    check_scene(str(tmp_path / "a.ply"))
+    with pytest.raises(MeshError, match="PLY files carry no unit of length"):
+        check_scene(str(tmp_path / "b.PLY"))
+    check_scene(str(tmp_path / "b.PLY"), "inch")
+    with pytest.raises(MeshError, match="no unit of length 'mmm'"):
+        check_scene(str(tmp_path / "b.PLY"), "mmm")
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        ("meshes/bunny.ply", "bunny"),
+        ("bunny.scene.json", "bunny"),
+        ("v1.2.scene.json", "v1.2"),
+        ("v1.2.stl", "v1.2"),
+        ("wood", "wood"),
+        ("part", "part"),
+    ],
+)
+def test_the_name_of_what_a_file_holds(path: str, name: str) -> None:
+    assert base_name(path) == name

@@ -35,7 +35,6 @@ def test_options_are_milliseconds_and_shares() -> None:
         ("leader", "--loss", "2"),
         ("follower", "--port", "70000"),
         ("follower", "--delay", "-1"),
-        ("experiment",),
     ],
 )
 def test_what_cannot_be_is_refused_by_usage(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:

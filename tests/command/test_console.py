@@ -1,0 +1,56 @@
+"""What a command says while it works, to a pipe and to a terminal."""
+
+import io
+import time
+
+import pytest
+
+from hapscene.command import console
+from hapscene.command.console import note, say, size_words
+
+
+class Terminal(io.StringIO):
+    """A standard output that is one."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("size_B", "told"),
+    [(0, "0 B"), (464, "464 B"), (1000, "1 kB"), (12_345, "12.3 kB"), (999_600, "1 MB"), (65_536_084, "65.5 MB")],
+)
+def test_sizes_have_three_digits(size_B: float, told: str) -> None:
+    assert size_words(size_B) == told
+
+
+def test_a_pipe_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    say("loading … ")
+    assert console._open is not None and console._open._thread is None
+    say("1.20 s\n")
+    assert console._open is None and capsys.readouterr().out == "loading … 1.20 s\n"
+
+
+def test_a_terminal_sees_the_seconds_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    monkeypatch.setattr(console, "TICK_S", 0.01)
+    say("loading … ")
+    end_s = time.monotonic() + 60.0
+    while "0 s\b\b\b0 s" not in terminal.getvalue():
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+    assert console._open is not None
+    thread = console._open._thread
+    say("1.20 s\n")
+    assert thread is not None and not thread.is_alive()
+    assert terminal.getvalue().startswith("loading … 0 s\b\b\b") and terminal.getvalue().endswith("\b1.20 s\n")
+
+
+def test_a_note_waits_for_the_end_of_the_line(capsys: pytest.CaptureFixture[str]) -> None:
+    note("first")
+    say("loading … ")
+    note("second")
+    assert capsys.readouterr().err == "hapscene: note: first\n"
+    say("1.20 s\n")
+    assert capsys.readouterr().err == "hapscene: note: second\n"
