@@ -101,7 +101,7 @@ def ball_page(subdivisions: int) -> Iterator[Page]:
     with tempfile.TemporaryDirectory() as folder:
         session = Session(scene, Path(folder) / "ball.scene.json")
         with Page(session, port=0, with_autosave=False) as page:
-            until(lambda: page.parts.touch.status == "ready", "the painter's hand does not get ready")
+            until(lambda: page.context.touch.status == "ready", "the painter's hand does not get ready")
             yield page
 
 

@@ -120,7 +120,7 @@ def _felt(servo: Any, since: int) -> float:
 
 def _take(page: Page, index: int) -> str:
     """Have the sliders show that swatch of the scene; returns its name."""
-    swatch = page.parts.session.scene.swatches[index]
-    page.parts.tools.take(swatch.name, swatch)
-    page.changed()
+    swatch = page.context.session.scene.swatches[index]
+    page.context.tools.choose_swatch(swatch.name, swatch)
+    page.refresh()
     return swatch.name

@@ -25,7 +25,7 @@ def touching(page: Page, strokes: bool) -> Iterator[Any]:
     Raises:
         ViewError: the hand does not get there.
     """
-    touch, loop = page.parts.touch, page.server.get_event_loop()
+    touch, loop = page.context.touch, page.server.get_event_loop()
     do(page, lambda: touch.press(*_contact(0.0)))
     moving = asyncio.run_coroutine_threadsafe(_stroke(page), loop) if strokes else None
     try:
@@ -40,7 +40,7 @@ def touching(page: Page, strokes: bool) -> Iterator[Any]:
 async def _stroke(page: Page) -> None:
     began_s = time.monotonic()
     while True:
-        page.parts.touch.move(*_contact(0.3 * math.sin(5.5 * (time.monotonic() - began_s))))
+        page.context.touch.move(*_contact(0.3 * math.sin(5.5 * (time.monotonic() - began_s))))
         await asyncio.sleep(1 / 60)
 
 

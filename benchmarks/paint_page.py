@@ -141,7 +141,7 @@ def _change(page: Page, chromium: Any) -> dict[str, Delay]:
 
 
 def _size(page: Page) -> str:
-    return f"{len(page.parts.session.scene.bodies[0].mesh.faces):,} triangles"
+    return f"{len(page.context.session.scene.bodies[0].mesh.faces):,} triangles"
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.options import add_command, add_mesh_options, port
+from hapscene.constants import DEFAULT_GRIP
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
@@ -45,7 +46,7 @@ def add_paint(commands: Any) -> None:
         help="what the hand holds: omni (default), or as a mass that reaches everywhere omni-point, phantom-1.0, "
         "premium-1.5",
     )
-    command.add_argument("--grip", default="medium", help="light, medium (default) or firm")
+    command.add_argument("--grip", default=DEFAULT_GRIP, help=f"light, medium or firm (default {DEFAULT_GRIP})")
     command.add_argument(
         "--compensator",
         default="adaptive",
@@ -78,13 +79,13 @@ def _paint(options: argparse.Namespace) -> int:
     from hapscene.paint.web.page import Page
     from hapscene.touch import speak
 
-    hold = HandConfig(options.device, options.grip, options.compensator)
+    hand = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, speak)
-    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
+    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand)
     with page, suppress(KeyboardInterrupt):
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
-        if session.problem:
-            speak(f"{session.problem}\n")
+        if session.document.problem:
+            speak(f"{session.document.problem}\n")
         if page.public:
             speak("open to the network: whoever reaches this computer may paint here, and save over your files\n")
         if not options.no_browser:
@@ -93,8 +94,8 @@ def _paint(options: argparse.Namespace) -> int:
             time.sleep(NAP_S)
     if page.kept:
         speak(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
-    elif session.changed:
-        speak(f"not saved, and lost: {session.problem or 'no copy was kept'}\n")
+    elif session.document.changed:
+        speak(f"not saved, and lost: {session.document.problem or 'no copy was kept'}\n")
     elif session.dirty:
         speak(f"nothing was painted, so there is no {session.path}\n")
     return 0

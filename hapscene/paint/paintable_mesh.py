@@ -139,7 +139,7 @@ def _corner(corner_m: Any, face: int, k: int) -> Vector:
 
 
 @native
-def reach(
+def faces_under_brush(
     shape: Any, net: Any, work: Any, number: int, ends: Any, points: Any, radius_m: float, facing_cos: float
 ) -> int:
     """Write the faces under the brush into the last array of `work`; how many they are.
@@ -279,7 +279,7 @@ class PaintableMesh:
         capsule, and is turned no more than `facing_rad` from it. So a brush does not reach through a thin wall.
         """
         self._round += 1
-        count = reach(
+        count = faces_under_brush(
             (self.corner_m, self.centroid_m, self.normal),
             (self._vertex, self._around, self._start),
             (self._seen_face, self._seen_vertex, self._queue, self._painted),
@@ -351,7 +351,7 @@ def pick(
     return best
 
 
-def middle(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
+def face_centre(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
     """The middle of a face as a place."""
     shape, X_WB = shapes[body], bodies[body].X_WB
     p_B = shape.centroid_m[face]
@@ -359,7 +359,7 @@ def middle(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, f
     return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
 
 
-def drape(
+def project_to_surface(
     body: Body, shape: PaintableMesh, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float
 ) -> NDArray[np.float64]:
     """Places (n, 3) in the plane of a hit laid down on its body, along the hit's normal; as they are beside it.

@@ -234,7 +234,7 @@ class Sound:
     rate_Hz: float
 
 
-def stroked(
+def swatch_sound(
     swatch: Swatch,
     force_N: float = FORCE_N,
     speed_m_s: float = SPEED_M_S,
@@ -267,14 +267,14 @@ def stroked(
     return Sound(a, rate_Hz)
 
 
-def joined(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
+def concatenated(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
     """Sounds of one rate, one after the other."""
     rate_Hz = sounds[0].rate_Hz
     gap = np.zeros(round(pause_s * rate_Hz))
     return Sound(np.concatenate([part for sound in sounds for part in (gap, sound.a_m_s2)][1:]), rate_Hz)
 
 
-def wav(sound: Sound) -> bytes:
+def wav_bytes(sound: Sound) -> bytes:
     """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
     from scipy.io import wavfile
 
