@@ -78,6 +78,7 @@ EXCITATION_KNOTS: Final = 65
 ACCELERATION_BAND_HZ: Final = (20.0, 1000.0)
 """Band that the acceleration channel is for [Hz]: below it the motors act, above it no one feels it."""
 
+# --- hand ------------------------------------------------------------------------------------------------
+
 DEFAULT_GRIP: Final = "light"
-"""How a simulated hand holds a device unless told otherwise, a name of `hapscene.device.hand.GRIPS`. Walls bounce most
-easily in the light one: with a firmer grip a scene that buzzes in a relaxed hand would pass for a quiet one."""
+"""How firmly the simulated hand holds, of `device.hand.GRIPS`, unless it is said: where walls bounce most easily."""
