@@ -180,15 +180,8 @@ def _lock_file(file: IO[Any]) -> None:
 
 
 class Snapshot(NamedTuple):
-    """What there is to write.
+    """What there is to write: a copy, None where all is saved; and another value whenever the scene is another."""
 
-    Attributes:
-        number: higher than of all taken before.
-        scene: a copy; None where all is saved.
-        state: another value whenever the scene is another.
-    """
-
-    number: int
     scene: Scene | None
     state: object
 
@@ -216,7 +209,6 @@ class Autosave:
         self._take_snapshot = take_snapshot
         self._meshes: dict[int, tuple[Mesh, Mesh]] = {}  # those in memory: themselves, and as they lie in the folder
         self._written: object = self  # as no state is: what lies there is from before
-        self._number = -1
         self._writing = threading.Lock()
         folder = autosave_folder(path)
         lock = None
@@ -251,13 +243,12 @@ class Autosave:
 
     def write(self) -> bool:
         """Write now, if there is something that is not written; whether nothing is any more."""
-        snapshot = self._take_snapshot()
-        if snapshot is None:
-            return False
         with self._writing:
-            if snapshot.number < self._number or snapshot.state == self._written:
+            snapshot = self._take_snapshot()
+            if snapshot is None:
+                return False
+            if snapshot.state == self._written:
                 return self.problem is None
-            self._number = snapshot.number
             try:
                 if snapshot.scene is None:
                     self.file.unlink(missing_ok=True)
@@ -312,7 +303,6 @@ class Document:
         self.autosave: Autosave | None = None
         self._problem: str | None = None
         self._interval_s: float | None = None  # of the autosave, where one is wanted
-        self._snapshots = 0
 
     def __repr__(self) -> str:
         kept = ", autosaved" if self.autosave is not None else ""
@@ -446,9 +436,8 @@ class Document:
         if not self._painting.lock.acquire(timeout=LOCK_WAIT_S):
             return None
         try:
-            self._snapshots += 1
             if not self.changed:
-                return Snapshot(self._snapshots, None, None)
-            return Snapshot(self._snapshots, self._painting.snapshot(), self._painting.state)
+                return Snapshot(None, None)
+            return Snapshot(self._painting.snapshot(), self._painting.state)
         finally:
             self._painting.lock.release()

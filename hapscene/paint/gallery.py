@@ -1,4 +1,5 @@
-"""The shelf as a page to read: every swatch in pictures, in words with units, and to be heard. In Markdown."""
+"""The shelf as a page to read, for `hapscene swatch gallery`, whose command is thin: every swatch in pictures, in words
+with units, and to be heard. In Markdown."""
 
 import html
 import tempfile

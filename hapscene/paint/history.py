@@ -127,7 +127,7 @@ class History:
         self._ground = 0  # number of the last step that was forgotten
 
     def __repr__(self) -> str:
-        return f"<History: {len(self.done)} steps to undo, {len(self.undone)} to redo, {self.size:,} bytes>"
+        return f"<History: {len(self.done)} to undo, {len(self.undone)} to redo, {self.size / 1e3:.1f} kB>"
 
     @property
     def state(self) -> int:

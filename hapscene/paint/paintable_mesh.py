@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import SKIN_RATIO
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import SceneError
-from hapscene.geometry import Vector, dot, sub
+from hapscene.geometry import Vector, along, cross, dot, sub
 from hapscene.native import native
 from hapscene.scene.body import Body, rigid
 from hapscene.scene.mesh import Mesh
@@ -57,7 +57,7 @@ def point_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
             _off(ap, ab, _share(ap, ab)), _off(ap, ac, _share(ap, ac)), _off(bp, sub(c, b), _share(bp, sub(c, b)))
         )
     v, w = vb / total, vc / total
-    gap = (ap[0] - v * ab[0] - w * ac[0], ap[1] - v * ab[1] - w * ac[1], ap[2] - v * ab[2] - w * ac[2])
+    gap = along(along(ap, -v, ab), -w, ac)
     return dot(gap, gap)
 
 
@@ -71,7 +71,7 @@ def _share(ap: Vector, ab: Vector) -> float:
 @native
 def _off(ap: Vector, ab: Vector, t: float) -> float:
     """Squared distance from a + t ab."""
-    gap = (ap[0] - t * ab[0], ap[1] - t * ab[1], ap[2] - t * ab[2])
+    gap = along(ap, -t, ab)
     return dot(gap, gap)
 
 
@@ -93,11 +93,7 @@ def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
         t, s = 0.0, min(max(-c / l1, 0.0), 1.0)
     elif t > 1.0:
         t, s = 1.0, min(max((both - c) / l1, 0.0), 1.0)
-    gap = (
-        r[0] + s * d1[0] - t * d2[0],
-        r[1] + s * d1[1] - t * d2[1],
-        r[2] + s * d1[2] - t * d2[2],
-    )
+    gap = along(along(r, s, d1), -t, d2)
     return dot(gap, gap)
 
 
@@ -105,12 +101,12 @@ def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
 def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
     """Whether a segment goes through a triangle."""
     ab, ac, pq, ap = sub(b, a), sub(c, a), sub(q, p), sub(p, a)
-    n = (ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2], ab[0] * ac[1] - ab[1] * ac[0])
+    n = cross(ab, ac)
     over, under = dot(n, ap), dot(n, pq)
     if under == 0.0 or over * (over + under) > 0.0:
         return False
     t = -over / under
-    x = (ap[0] + t * pq[0], ap[1] + t * pq[1], ap[2] + t * pq[2])
+    x = along(ap, t, pq)
     bb, bc, cc, xb, xc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(x, ab), dot(x, ac)
     det = bb * cc - bc * bc
     if det <= 0.0:
@@ -382,51 +378,32 @@ def project_to_surface(
 Mask = NDArray[np.bool_]
 
 
-class WorldBox:
-    """A box at any pose in W.
-
-    Args:
-        X_WK: (4, 4) pose of the box: its middle, and its axes.
-        size_m: (3,) its edges [m].
+def faces_in_box(X_WK: ArrayLike, size_m: ArrayLike, body: Body, shape: PaintableMesh) -> Mask:
+    """Faces (M,) whose centroid is in a box of a pose (4, 4), its middle and its axes, and edges (3,) [m].
 
     Raises:
         SceneError: the pose is not rigid, or an edge not positive.
     """
-
-    def __init__(self, X_WK: ArrayLike, size_m: ArrayLike) -> None:
-        self._X_WK = rigid(X_WK, "box")
-        self._size_m = np.asarray(size_m, np.float64)
-        if self._size_m.shape != (3,) or not (np.isfinite(self._size_m).all() and (self._size_m > 0.0).all()):
-            raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
-
-    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
-        """Faces (M,) whose centroid is inside."""
-        p_K = (_centroids_W(body, shape) - self._X_WK[:3, 3]) @ self._X_WK[:3, :3]
-        return np.asarray((np.abs(p_K) <= self._size_m / 2).all(axis=1))
+    pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
+    if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
+        raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
+    p_K = (_centroids_W(body, shape) - pose[:3, 3]) @ pose[:3, :3]
+    return np.asarray((np.abs(p_K) <= size / 2).all(axis=1))
 
 
-class WorldSphere:
-    """A ball in W.
-
-    Args:
-        centre_W_m: (3,) its middle [m].
-        radius_m: its radius [m].
+def faces_in_sphere(centre_W_m: ArrayLike, radius_m: float, body: Body, shape: PaintableMesh) -> Mask:
+    """Faces (M,) whose centroid is within a radius [m] of a point (3,) [m].
 
     Raises:
         SceneError: the centre is not three finite numbers, or the radius not positive.
     """
-
-    def __init__(self, centre_W_m: ArrayLike, radius_m: float) -> None:
-        self._centre_W_m, self._radius_m = np.asarray(centre_W_m, np.float64), float(radius_m)
-        if self._centre_W_m.shape != (3,) or not np.isfinite(self._centre_W_m).all():
-            raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
-        if not (math.isfinite(radius_m) and radius_m > 0.0):
-            raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
-
-    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
-        """Faces (M,) whose centroid is inside."""
-        off = _centroids_W(body, shape) - self._centre_W_m
-        return np.asarray(np.einsum("ij,ij->i", off, off) <= self._radius_m**2)
+    centre = np.asarray(centre_W_m, np.float64)
+    if centre.shape != (3,) or not np.isfinite(centre).all():
+        raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
+    if not (math.isfinite(radius_m) and radius_m > 0.0):
+        raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
+    off = _centroids_W(body, shape) - centre
+    return np.asarray(np.einsum("ij,ij->i", off, off) <= float(radius_m) ** 2)
 
 
 def _centroids_W(body: Body, shape: PaintableMesh) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ name. All methods may be called from any thread.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
@@ -26,7 +27,7 @@ from hapscene.constants import TICK_S
 from hapscene.device.model import Limits
 from hapscene.errors import SceneError, no_such
 from hapscene.paint.document import Document, stamp_of
-from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, WorldBox, WorldSphere, face_centre
+from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre, faces_in_box, faces_in_sphere
 from hapscene.paint.painting import ERASE, Painting
 from hapscene.paint.swatch_tuning import SwatchTuning
 from hapscene.scene.body import Body
@@ -80,7 +81,14 @@ class Session:
         self._stroke: Stroke | None = None
 
     def __repr__(self) -> str:
-        return f"<Session: {self.painting}; {self.document}; {self.device}>"
+        name = self.path.name if self.path is not None else "without a file"
+        faces = sum(len(body.face_swatch) for body in self.scene.bodies)
+        bodies, swatches, saved = (
+            len(self.scene.bodies),
+            len(self.scene.swatches),
+            "not saved" if self.dirty else "saved",
+        )
+        return f"<Session {name}: {bodies} bodies, {faces:,} faces, {swatches} swatches, {saved}>"
 
     @classmethod
     def open(cls, path: str | Path, accept_changed: bool = False) -> Self:
@@ -237,7 +245,7 @@ class Session:
         Raises:
             SceneError: the centre is not three finite numbers, or the radius not positive.
         """
-        return self._fill("sphere", body, swatch, WorldSphere(centre_W_m, radius_m).pick)
+        return self._fill("sphere", body, swatch, partial(faces_in_sphere, centre_W_m, radius_m))
 
     def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int, body: int | str | None = None) -> int:
         """Paint the faces whose centroid is in a box: of one body, or (None) of all.
@@ -251,7 +259,7 @@ class Session:
         Raises:
             SceneError: the pose is not rigid, or an edge not positive.
         """
-        return self._fill("box", body, swatch, WorldBox(X_WK, size_m).pick)
+        return self._fill("box", body, swatch, partial(faces_in_box, X_WK, size_m))
 
     def _fill(
         self, where: str, body: int | str | None, swatch: int, pick: Callable[[Body, PaintableMesh], Mask]

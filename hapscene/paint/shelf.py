@@ -4,7 +4,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -119,6 +119,9 @@ class Card:
     index: int | None
     source: Swatch | str | Path
 
+    def __repr__(self) -> str:
+        return f"<Card {self.name!r}, {self.place}>"
+
     @property
     def name(self) -> str:
         """What the surface is called."""
@@ -196,14 +199,10 @@ def _tokens(*texts: str) -> list[str]:
     return re.findall(r"\w+", " ".join(texts).casefold())
 
 
-_known: list[LibraryEntry] = []
-
-
-def _shipped() -> list[LibraryEntry]:
+@cache
+def _shipped() -> tuple[LibraryEntry, ...]:
     """The shipped ones, read once: they do not change."""
-    if not _known:
-        _known.extend(shipped_entries())
-    return _known
+    return tuple(shipped_entries())
 
 
 # A swatch by ear: tapped once, then stroked at a stated force and speed, as WAV.
@@ -232,6 +231,9 @@ class Sound:
 
     a_m_s2: NDArray[np.float64]
     rate_Hz: float
+
+    def __repr__(self) -> str:
+        return f"<Sound: {len(self.a_m_s2) / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz>"
 
 
 def swatch_sound(

@@ -304,6 +304,14 @@ def test_a_new_swatch_begins_as_a_copy(scene) -> None:
     assert not any(parameter.applies for parameter in session.tuning.parameters(0))
 
 
+def test_what_a_session_is_made_of_is_told_in_a_line(scene, tmp_path) -> None:
+    session = Session(scene, tmp_path / "cup.scene.json")
+    assert repr(session) == "<Session cup.scene.json: 2 bodies, 2,048 faces, 2 swatches, not saved>"
+    session.fill_body("plate", session.add_swatch("wood"))
+    for part in (session.painting, session.document, session.tuning, session.history, session.painting.changes()):
+        assert "\n" not in repr(part) and len(repr(part)) < 120 + len(str(tmp_path))
+
+
 def test_groups(scene) -> None:
     session = Session(scene)
     assert sorted(session.groups("ball")) == [("north", 700), ("south", 580)]

@@ -24,7 +24,6 @@ from hapscene.paint.web.scene_view import SceneView
 from hapscene.paint.web.secure_server import LOOPBACK, NUMBER_MAX, serve, set_slider, stop
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.touch_hand import TouchHand
-from hapscene.scene.scene_file import SUFFIX
 from hapscene.servo import State
 
 # The live monitor: what the hand feels, shown on the scene, told in a line, and sent to be plotted and heard.
@@ -207,7 +206,7 @@ class Page:
             self._repaint_due = True
         elif changes.swatches:
             self._tune(changes.swatches)
-        if self._repaint_due and not (tools.dragging and tools.name in ("brush", "eraser")):
+        if self._repaint_due and not (tools.client is not None and tools.name in ("brush", "eraser")):
             self._repaint_due = False
             self.context.touch.repaint(session.painting.snapshot())
         self._tool_panel.show()
@@ -229,7 +228,7 @@ class Page:
         try:
             if await self._follow_pointer(message):
                 return
-            await self._obey(message)
+            await self._do(message)
         except (HapsceneError, OSError) as error:
             self._socket.say(str(error), "error")
         self.refresh()
@@ -249,7 +248,7 @@ class Page:
             await follow(pointer)
         return do == "hover" or pointer is None
 
-    async def _obey(self, message: Mapping[str, Any]) -> None:
+    async def _do(self, message: Mapping[str, Any]) -> None:
         session, tools = self.context.session, self.context.tools
         do = message["do"]
         if do == "tool" and message.get("name") in TOOLS:
@@ -303,7 +302,7 @@ class Page:
 
     def _show_status(self) -> None:
         """Also what changes by itself: what is felt, and what becomes of the copy."""
-        self._file_panel.show(self._autosave_status())
+        self._file_panel.show()
         self._send_state()
 
     # --- how it is set up ---
@@ -320,7 +319,8 @@ class Page:
         self._number_panel = NumberPanel(self.context, feel)
         self._file_panel = FilePanel(self.context, file, _path(self.context.session))
         gui.set_panel_label(_path(self.context.session).name)
-        self._offer_recovery()
+        if self._with_autosave:
+            self._file_panel.offer_recovery()
         self._ready = True
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
@@ -329,37 +329,9 @@ class Page:
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
         async def lift(client: Any) -> None:
-            if self.context.tools.dragging_client == client.client_id:
+            if self.context.tools.client == client.client_id:
                 await self.context.tools.release(None)
                 self.refresh()
-
-    def _offer_recovery(self) -> None:
-        """Ask what becomes of what painters that were killed left, one after the other."""
-        session = self.context.session
-        recovery = session.document.recovery() if self._with_autosave else None
-        if recovery is None:
-            return
-
-        def take() -> None:
-            session.document.recover(recovery)
-            self._offer_recovery()
-
-        def discard() -> None:
-            session.document.discard_recovery(recovery)
-            self._offer_recovery()
-
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
-        name = recovery.path.name.removesuffix(SUFFIX)
-        question = f"A session of {name} ended without saving. Its work up to {when} is still there."
-        self._file_panel.offer_recovery(question, take, discard)
-
-    def _autosave_status(self) -> str:
-        session = self.context.session
-        if session.document.problem:
-            return session.document.problem
-        if not session.document.autosave:
-            return "No copy of it is kept."
-        return "A copy is kept beside the file every second, and offered after a crash."
 
 
 def _path(session: Session) -> Path:

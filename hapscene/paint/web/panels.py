@@ -4,6 +4,7 @@ out, and is alone in knowing them."""
 import asyncio
 import inspect
 import math
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import SaveConflict, SceneError, SwatchError, no_such
+from hapscene.paint.document import Recovery
 from hapscene.paint.history import face_count_text
 from hapscene.paint.parameter import Parameter
 from hapscene.paint.shelf import Card, Phrase, Sound, concatenated, matching, scene_cards, shelf, swatch_sound
@@ -22,11 +24,6 @@ from hapscene.surface.swatch import Swatch
 
 # --- the tab Paint ---
 
-FORCE_N: Final = (0.1, 3.0)
-"""Least and most force of the hand [N]: a light touch, and what the weakest device shipped can push back with."""
-
-ALL: Final = "all of it"
-
 TOOL_HINTS: Final = {
     "brush": "Hold Shift and drag: paints the chosen swatch.",
     "fill": "Hold Shift and click: fills from there; or choose a part.",
@@ -37,6 +34,11 @@ TOOL_HINTS: Final = {
     "touch": "Hold Shift and drag: a hand strokes the surface.",
 }
 """What each tool does."""
+
+FORCE_N: Final = (0.1, 3.0)
+"""Least and most force of the hand [N]: a light touch, and what the weakest device shipped can push back with."""
+
+ALL: Final = "all of it"
 
 
 class ToolPanel:
@@ -571,6 +573,8 @@ KEYS: Final = (
     ("H", "show the hint"),
 )
 
+AUTOSAVED: Final = "A copy is kept beside the file every second, and offered after a crash."
+
 
 class FilePanel:
     """The tab of the file.
@@ -623,11 +627,13 @@ class FilePanel:
             dark_mode=bool(self._dark.value), show_share_button=False, show_logo=False, control_width="medium"
         )
 
-    def show(self, autosaved: str) -> None:
+    def show(self) -> None:
         """Tell whether everything is saved, and what is safe anyway."""
-        session = self._context.session
-        word = "● Not saved yet." if session.dirty else "✓ Everything is saved."
-        set_html(self._status, card_html(f"{word} {escape_html(autosaved) if session.document.changed else ''}"))
+        document = self._context.session.document
+        text = "● Not saved yet. " if document.dirty else "✓ Everything is saved. "
+        if document.changed:
+            text += escape_html(document.problem or (AUTOSAVED if document.autosave else "No copy of it is kept."))
+        set_html(self._status, card_html(text))
 
     async def save(self) -> None:
         """Save to the file that is named; ask first if that is not the one that was loaded."""
@@ -663,14 +669,28 @@ class FilePanel:
         self._context.socket.say(said)
         self._show_path()
 
-    def offer_recovery(self, question: str, take: Callable[[], None], discard: Callable[[], None]) -> None:
-        """Ask whether what was found of an interrupted session shall be taken up again."""
+    def offer_recovery(self) -> None:
+        """Ask what becomes of what painters that were killed left, one after the other."""
+        document = self._context.session.document
+        recovery = document.recovery()
+        if recovery is None:
+            return
+
+        def then_next(act: Callable[[Recovery], object]) -> Callable[[], None]:
+            def done() -> None:
+                act(recovery)
+                self.offer_recovery()
+
+            return done
+
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
+        name = recovery.path.name.removesuffix(SUFFIX)
         self._ask(
             "Recover your work?",
-            question,
-            ("Recover it", None, take),
+            f"A session of {name} ended without saving. Its work up to {when} is still there.",
+            ("Recover it", None, then_next(document.recover)),
             ("Ask me the next time", "gray", lambda: None),
-            ("Discard it", "red", discard),
+            ("Discard it", "red", then_next(document.discard_recovery)),
         )
 
     def _ask(self, title: str, question: str, *choices: tuple[str, str | None, Callable[[], Any]]) -> None:

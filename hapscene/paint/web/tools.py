@@ -42,7 +42,7 @@ class Tools:
         angle_rad: of the facet.
         margin_m: what a box reaches beyond the two places that span it, on every side.
         force_N: with which the hand presses.
-        dragging, dragging_client: whether a pointer is down on the surface, and of which page.
+        client: the page whose pointer is down on the surface; None while none is.
     """
 
     def __init__(self, session: Session, view: SceneView, touch: TouchHand, say: Callable[[str], None]) -> None:
@@ -56,19 +56,11 @@ class Tools:
         self.angle_rad = FACET_RAD
         self.margin_m = 0.01 * view.diagonal_m
         self.force_N = 1.0
-        self._client: int | None = None  # the page whose pointer is down
+        self.client: int | None = None
         self._start: Hit | None = None
         self._last: Hit | None = None
         self._before = 0  # where the history stood when this stroke began
         self._coarse = False  # whether this stroke has met faces larger than the brush
-
-    @property
-    def dragging(self) -> bool:
-        return self._client is not None
-
-    @property
-    def dragging_client(self) -> int | None:
-        return self._client
 
     @property
     def swatch(self) -> int | None:
@@ -106,11 +98,11 @@ class Tools:
         self._touch.lift(time.monotonic())
         self._view.show_box(None)
         self._view.show_sphere(None)
-        self._client = self._start = self._last = None
+        self.client = self._start = self._last = None
 
     async def hover(self, pointer: Pointer) -> None:
         """The pointer moves, its button up."""
-        if self._client is not None:
+        if self.client is not None:
             return
         ray = self._view.ray(pointer)
         drawn = self.name in ("brush", "eraser", "sphere")
@@ -122,14 +114,14 @@ class Tools:
         ray = self._view.ray(pointer)
         if ray is None:
             return
-        if self._client is not None:  # another page draws, or its end was lost
+        if self.client is not None:  # another page draws, or its end was lost
             self.finish()
         hit = self._session.pick(*ray)
         if hit is None:
             self._say("Beside the surface: point at it, then hold Shift and press.")
             return
         swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
-        self._client, self._start, self._last = pointer.client, hit, hit
+        self.client, self._start, self._last = pointer.client, hit, hit
         if self.name in ("brush", "eraser"):
             self._session.begin_stroke(swatch, self.radius_m)
             self._session.drag_to(*ray)
@@ -151,7 +143,7 @@ class Tools:
     async def drag(self, pointer: Pointer) -> None:
         """It moves, the button down."""
         ray = self._view.ray(pointer)
-        if ray is None or self._client != pointer.client:
+        if ray is None or self.client != pointer.client:
             return
         if self.name in ("brush", "eraser"):
             with self._session.lock:
@@ -172,7 +164,7 @@ class Tools:
 
     async def release(self, pointer: Pointer | None) -> None:
         """The button goes up; None where it was lost: what was begun ends, boxes and spheres without painting."""
-        if pointer is not None and self._client != pointer.client:
+        if pointer is not None and self.client != pointer.client:
             return
         try:
             if pointer is not None and self._start is not None:

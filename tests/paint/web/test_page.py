@@ -258,7 +258,7 @@ def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, t
     tab.settle()
     tab.close()  # with the button held
     until(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
-    assert painted(page, 0, "wood") > 0 and not page.context.tools.dragging
+    assert painted(page, 0, "wood") > 0 and page.context.tools.client is None
     third = Tab(page)
     assert third.state["undo"] == other.state["undo"]
     assert {n for n in third.nodes if n.startswith("/body")} or until(lambda: third.nodes)

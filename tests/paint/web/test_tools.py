@@ -53,7 +53,7 @@ def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page
     tab.point("up", ASIDE)
     tab.settle()
     assert sum("nowhere" in said for said in tab.said) == 1
-    assert not page.context.tools.dragging and page.context.session.painting.undo_text is None
+    assert page.context.tools.client is None and page.context.session.painting.undo_text is None
 
 
 def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: Tab, library: Path) -> None:
