@@ -21,44 +21,12 @@ from hapscene.scene.topology import connected, edges_of, weld
 #
 # A brush of radius r moves along a segment. The walk starts at the faces at its two ends and goes on to every face that
 # shares a vertex with one already reached, is nearer than r to the segment (triangle against segment, after Ericson,
-# Real-Time Collision Detection (2005), 5.1.5, 5.1.9 and 5.1.10), and looks the same way as one of the ends.
+# Real-Time Collision Detection (2005), 5.1.9 and 5.1.10), and looks the same way as one of the ends.
 
 
 WAY_SHARE: Final = 0.1
 """How near the way must pass by a face that counts as gone over, in radii of the brush [1]: more than a chord of a
 short way leaves the surface by, and too little to be seen as a wider brush."""
-
-
-@native
-def point_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Squared distance [m²] of a point from a triangle."""
-    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
-    d1, d2 = dot(ab, ap), dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return dot(ap, ap)
-    bp = sub(p, b)
-    d3, d4 = dot(ab, bp), dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return dot(bp, bp)
-    cp = sub(p, c)
-    d5, d6 = dot(ab, cp), dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return dot(cp, cp)
-    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return _off(ap, ab, d1 / (d1 - d3))
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return _off(ap, ac, d2 / (d2 - d6))
-    if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        return _off(bp, sub(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)))
-    total = va + vb + vc
-    if total <= 0.0:  # no area: its edges are all there is
-        return min(
-            _off(ap, ab, _share(ap, ab)), _off(ap, ac, _share(ap, ac)), _off(bp, sub(c, b), _share(bp, sub(c, b)))
-        )
-    v, w = vb / total, vc / total
-    gap = along(along(ap, -v, ab), -w, ac)
-    return dot(gap, gap)
 
 
 @native
@@ -98,6 +66,25 @@ def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
 
 
 @native
+def _inside(ap: Vector, ab: Vector, ac: Vector) -> tuple[bool, float, float]:
+    """Whether the foot of a point on a triangle's plane is inside it, and where: a + v ab + w ac."""
+    bb, bc, cc, pb, pc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(ap, ab), dot(ap, ac)
+    det = bb * cc - bc * bc
+    if det <= 0.0:
+        return False, 0.0, 0.0
+    v, w = (cc * pb - bc * pc) / det, (bb * pc - bc * pb) / det
+    return bool(v >= 0.0 and w >= 0.0 and v + w <= 1.0), v, w
+
+
+@native
+def _over_triangle(ap: Vector, ab: Vector, ac: Vector) -> float:
+    """Squared distance [m²] of a point from a triangle that it is over; infinite where it is beside it."""
+    inside, v, w = _inside(ap, ab, ac)
+    gap = along(along(ap, -v, ab), -w, ac)
+    return dot(gap, gap) if inside else np.inf
+
+
+@native
 def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
     """Whether a segment goes through a triangle."""
     ab, ac, pq, ap = sub(b, a), sub(c, a), sub(q, p), sub(p, a)
@@ -105,24 +92,18 @@ def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
     over, under = dot(n, ap), dot(n, pq)
     if under == 0.0 or over * (over + under) > 0.0:
         return False
-    t = -over / under
-    x = along(ap, t, pq)
-    bb, bc, cc, xb, xc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(x, ab), dot(x, ac)
-    det = bb * cc - bc * bc
-    if det <= 0.0:
-        return False
-    v, w = (cc * xb - bc * xc) / det, (bb * xc - bc * xb) / det
-    return bool(v >= 0.0 and w >= 0.0 and v + w <= 1.0)
+    return _inside(along(ap, -over / under, pq), ab, ac)[0]
 
 
 @native
 def segment_triangle(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Squared distance [m²] of a segment from a triangle."""
+    """Squared distance [m²] of a segment from a triangle: from an edge, if neither end is over it."""
     if pierces(p, q, a, b, c):
         return 0.0
+    ab, ac = sub(b, a), sub(c, a)
     return min(
-        point_triangle(p, a, b, c),
-        point_triangle(q, a, b, c),
+        _over_triangle(sub(p, a), ab, ac),
+        _over_triangle(sub(q, a), ab, ac),
         segment_segment(p, q, a, b),
         segment_segment(p, q, b, c),
         segment_segment(p, q, c, a),

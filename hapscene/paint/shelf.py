@@ -68,11 +68,6 @@ def phrases(swatch: Swatch) -> tuple[Phrase, ...]:
     return tuple(said)
 
 
-def sentence(swatch: Swatch) -> str:
-    """The words alone: "firm, rough, sliding easily, clear knocking taps"."""
-    return ", ".join(phrase.word for phrase in phrases(swatch))
-
-
 def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
     texture = swatch.texture
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)

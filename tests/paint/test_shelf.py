@@ -21,7 +21,6 @@ from hapscene.paint.shelf import (
     concatenated,
     matching,
     phrases,
-    sentence,
     shelf,
     swatch_sound,
     wav_bytes,
@@ -43,7 +42,7 @@ def test_a_swatch_in_words() -> None:
     assert said["texture"].figure.startswith(f"{figures(wood)['roughness_m_s2']:.2g} m/s² at 1 N, 0.1 m/s")
     assert said["friction"].figure == "µ 0.32, 0.32 at rest"
     assert said["taps"] == ("taps", "clear knocking taps", "5 m/s², 100 Hz at 0.1 m/s")
-    assert sentence(Swatch("bare")) == "firm, silent, slippery, no taps"
+    assert [phrase.word for phrase in phrases(Swatch("bare"))] == ["firm", "silent", "slippery", "no taps"]
 
 
 def test_gains_are_heard_in_the_words() -> None:

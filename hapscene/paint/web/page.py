@@ -1,4 +1,4 @@
-"""The painter's page: one scene, painted and touched in the browser by all who have it open.
+"""The page that `hapscene paint` serves: one scene, painted and touched in the browser by all who have it open.
 
 Everything that happens, happens in the event loop of the server, one thing after the other; what takes long goes on
 beside it. The scene is in the server alone: a tab that is closed loses nothing, and a second one sees the same.
@@ -147,7 +147,7 @@ class Page:
         self.server = serve(host, port, self._socket.serve)
         self._ends.callback(stop, self.server)
         self._loop = self.server.get_event_loop()
-        view = SceneView(self.server, session)
+        view = SceneView(self.server, session.painting)
         touch = TouchHand(self._socket.say, hand)
         self._ends.callback(touch.close)
         tools = Tools(session, view, touch, self._socket.say)

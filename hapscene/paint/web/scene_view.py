@@ -10,7 +10,7 @@ from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.change_watch import Changes
 from hapscene.paint.display import ChunkKey, Display
 from hapscene.paint.paintable_mesh import Hit, project_to_surface
-from hapscene.paint.session import Session
+from hapscene.paint.painting import Painting
 from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
 SHOWN: Final = 3.0
@@ -50,22 +50,22 @@ class SceneView:
 
     Args:
         server: viser's.
-        session: what is shown.
+        painting: what is shown.
 
     Attributes:
         diagonal_m: of the scene [m].
         colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
     """
 
-    def __init__(self, server: Any, session: Session) -> None:
+    def __init__(self, server: Any, painting: Painting) -> None:
         self._server = server
-        self._session = session
-        bounds = np.array([bounds_of(body) for body in session.scene.bodies])
+        self._painting = painting
+        bounds = np.array([bounds_of(body) for body in painting.scene.bodies])
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         self.middle_W_m: Vector = (low + high) / 2
         self.diagonal_m = float(np.linalg.norm(high - low))
         self._scale = SHOWN / self.diagonal_m
-        self._display = Display(session.painting)
+        self._display = Display(painting)
         self.colours = self._distinct()
         self._layers: dict[ChunkKey, dict[int, Any]] = {}
         self._extent = (high - low) * self._scale
@@ -88,7 +88,7 @@ class SceneView:
 
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
-            body = self._session.scene.bodies[key.body]
+            body = self._painting.scene.bodies[key.body]
             old, new = self._layers.get(key, {}), {}
             with self._server.atomic():
                 for layer in self._display.layers(key):
@@ -110,7 +110,7 @@ class SceneView:
             self._layers[key] = new
 
     def _distinct(self) -> list[str]:
-        swatches = self._session.scene.swatches
+        swatches = self._painting.scene.swatches
         return distinct_colours(swatches, range(len(swatches)))
 
     # --- between W and what is shown ---
@@ -149,7 +149,7 @@ class SceneView:
         side /= np.linalg.norm(side)
         turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
         way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
-        body, shape = self._session.scene.bodies[hit.body], self._session.shapes[hit.body]
+        body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
         laid = (
             self.to_view(project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m))
             + 0.004 * hit.nhat_W
