@@ -1,4 +1,4 @@
-# make demo: the main job on the shipped scene      make test: lint, types, tests
+# make demo: the main job on the shipped scene      make test: lint, types, tests      make docs: the web site
 # Each makes the environment .venv the first time and reuses it later; PYTHON=python3.12 chooses the interpreter.
 # On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3
@@ -6,7 +6,7 @@ ENV := .venv
 BIN := $(ENV)/bin
 READY := $(ENV)/.ready
 
-.PHONY: demo test format bench system clean
+.PHONY: demo test format bench docs system clean
 
 demo: $(READY)
 	$(BIN)/hapscene demo --out out/demo
@@ -23,6 +23,10 @@ format: $(READY)
 
 bench: $(READY)
 	$(BIN)/hapscene bench --out out/bench
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "out/site/index.html; search wants it served: $(BIN)/python -m http.server --directory out/site"
 
 # System packages for scene.png, where they are missing and may be installed; harmless elsewhere.
 system:

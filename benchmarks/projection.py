@@ -10,9 +10,10 @@ from typing import Any, Final
 
 from hapscene.clock import new_clock, now_ns
 from hapscene.contact.planes import nearest
-from hapscene.contact.world import PROXY, records
+from hapscene.contact.world import PROXY
 from hapscene.geometry import Vector, norm
 from hapscene.native import native
+from hapscene.records import records
 
 from .sheet import Sheet
 

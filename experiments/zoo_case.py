@@ -23,13 +23,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.world import records
 from hapscene.device.hand import grip_named
 from hapscene.device.model import Limits, limits_of
 from hapscene.device.omni import Omni, stand
 from hapscene.device.omni_record import OmniFlag
 from hapscene.device.point import PointMass
-from hapscene.records import ROW
+from hapscene.records import ROW, records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.stability.wall_chart import draw_panels

@@ -1,10 +1,13 @@
 """hapscene: haptic rendering with a 3-D scene.
 
-    import hapscene
-    scene = hapscene.Scene()
-    scene.add("bunny.ply", name="bunny", unit="m", swatch="wood")
-    renderer = hapscene.Renderer(scene)
-    recording = renderer.run(p_WT)
+```python
+import hapscene
+
+scene = hapscene.Scene()
+scene.add("assets/meshes/toad.ply", name="toad", unit="m", swatch="wood")
+renderer = hapscene.Renderer(scene)
+recording = renderer.run([(0.0, 0.0, 0.05), (0.0, 0.0, 0.04)])  # where the tool is, a row per millisecond
+```
 
 A map of the package: `tick.py` is one haptic tick, in order, read it first; `records.py` what passes between the
 rooms; `scene/` what is there; `contact/` where the tool touches; `surface/` how it feels; `capture/` from recordings

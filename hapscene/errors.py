@@ -4,18 +4,40 @@ Every error a user can cause derives from `HapsceneError`; the command line prin
 The text names the file, the place in it, what was expected and what would have worked.
 """
 
+import difflib
 from collections.abc import Iterable
+
+__all__ = [
+    "CaptureError",
+    "EffectError",
+    "FormatError",
+    "HandleError",
+    "HapsceneError",
+    "MeshError",
+    "PathError",
+    "SaveConflict",
+    "SceneError",
+    "SwatchError",
+    "ViewError",
+]
 
 
 class HapsceneError(Exception):
     """An error with a message for the user: bad input, not a fault of the program."""
 
 
-class MeshError(HapsceneError):
+class FormatError(HapsceneError):
+    """A file that is not what it should be: missing, too large, damaged, of a later version.
+
+    Each room has its own, which is one of these: `except FormatError` catches them all.
+    """
+
+
+class MeshError(FormatError):
     """A mesh file that is missing, broken, or says no unit."""
 
 
-class SceneError(HapsceneError):
+class SceneError(FormatError):
     """A scene that does not fit together: unknown names, a mesh that changed, a bad pose."""
 
 
@@ -23,11 +45,11 @@ class SaveConflict(SceneError):
     """Writing would lose somebody's work: ask the user, then write all the same, or elsewhere."""
 
 
-class SwatchError(HapsceneError):
+class SwatchError(FormatError):
     """A swatch that is missing, of a later version, or describes an unstable surface."""
 
 
-class PathError(HapsceneError):
+class PathError(FormatError):
     """A recorded path of the tool that cannot be played."""
 
 
@@ -35,11 +57,11 @@ class EffectError(HapsceneError):
     """An effect plugin that is unknown, wrongly declared, or does not compile."""
 
 
-class CaptureError(HapsceneError):
+class CaptureError(FormatError):
     """A recording from which no swatch can be fitted."""
 
 
-class HandleError(HapsceneError):
+class HandleError(FormatError):
     """A haptography handle that cannot be: bad parameters, an unknown compensator, signals that do not fit."""
 
 
@@ -51,3 +73,9 @@ def no_such(kind: str, name: str, known: Iterable[str]) -> str:
     """The one sentence for an unknown name: "no swatch 'oka'; there are: oak, paper"."""
     names = ", ".join(sorted(known))
     return f"no {kind} {name!r}; there are: {names}" if names else f"no {kind} {name!r}; there are none"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of that sentence where a known name is near: "; did you mean 'oak'?", else nothing."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""

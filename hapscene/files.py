@@ -5,12 +5,12 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.errors import SwatchError
+from hapscene.errors import FormatError, did_you_mean
 
 
 @contextmanager
@@ -111,47 +111,100 @@ def _read_umask() -> int:
 _UMASK: Final = _read_umask()
 
 
-# JSON from strangers: bounded in memory, every key once, no number that is none.
+# Files from strangers: bounded before anything is made of them, and refused with one sentence.
 #
-# What a text can grow to is bounded before it is parsed: a list in a list costs 60 bytes for every 3 of text, so it is
-# lists, keys and values that are counted, not bytes alone.
+# The functions below raise `FormatError`; a room makes its own error of it with `refusing`, which also says where.
+
+
+def read_bytes(path: Path, most_B: int, what: str) -> bytes:
+    """The content of a file, bounded.
+
+    Args:
+        path: the file.
+        most_B: its largest size [bytes].
+        what: what it should be, for messages: "swatch".
+
+    Raises:
+        FormatError: no such file, a folder or a device, too large, or not to be read.
+    """
+    check_file_size(path, most_B, what)
+    try:
+        with path.open("rb") as file:
+            size_B = os.fstat(file.fileno()).st_size  # as much is set aside for it
+            content = file.read(min(most_B, size_B) + 1)
+    except OSError as reason:
+        raise FormatError(f"{path}: cannot be read: {reason.strerror}") from None
+    if len(content) > most_B:
+        raise FormatError(_too_large(path, most_B, what))
+    return content
+
+
+def check_file_size(path: Path, most_B: int, what: str) -> None:
+    """Refuse, for a reader that opens it itself, what `read_bytes` refuses.
+
+    Raises:
+        FormatError: no such file, a folder or a device, or too large.
+    """
+    try:
+        if "\0" in str(path):
+            raise FormatError(f"{str(path)!r}: cannot be read: no file has such a name")
+        if not path.is_file():
+            raise FormatError(f"{path}: cannot be read: is no file" if path.exists() else f"{path}: no such file")
+        if path.stat().st_size > most_B:
+            raise FormatError(_too_large(path, most_B, what))
+    except OSError as reason:
+        raise FormatError(f"{path}: cannot be read: {reason.strerror}") from None
+
+
+def _too_large(path: Path, most_B: int, what: str) -> str:
+    most = f"{most_B >> 30} GiB" if most_B >= 1 << 30 else f"{most_B >> 20} MiB"
+    return f"{path}: larger than {most}, which no {what} is"
+
+
+@contextmanager
+def refusing(error: type[FormatError], where: object = None) -> Iterator[None]:
+    """Whatever `FormatError` is raised within becomes `error`, said of `where` if that is given."""
+    try:
+        yield
+    except FormatError as fault:
+        raise error(str(fault) if where is None else f"{where}: {fault}") from None
 
 
 CONTAINER_MAX: Final = 50_000
-"""Most opening brackets and braces of a file [count]. The largest swatch has 12,300: a row per model and triangle."""
+"""Most opening brackets and braces of a JSON text [count]: a list in a list costs 60 bytes for every 3 of text, so
+lists, keys and values are counted before it is parsed, not bytes alone. The largest swatch has 12,300."""
 
 KEY_MAX: Final = 50_000
-"""Most colons of a file [count]."""
+"""Most colons of a JSON text [count]."""
 
 VALUE_MAX: Final = 2_500_000
-"""Most commas of a file [count]. The largest texture has 1.1 million numbers, 4096 models of order 256."""
+"""Most commas of a JSON text [count]. The largest texture has 1.1 million numbers, 4096 models of order 256."""
 
 
 def parse_json(data: bytes | str, what: str) -> Any:
-    """The value of a JSON text in UTF-8.
+    """The value of a JSON text in UTF-8: every key once, no number that is none.
 
     Args:
         data: the text; the caller has bounded its length.
         what: what it should be, for messages: "a swatch".
 
     Raises:
-        SwatchError: not JSON, not UTF-8, too many values, NaN or Infinity, a key that stands twice.
+        FormatError: not JSON, not UTF-8, too many values, NaN or Infinity, a key that stands twice.
     """
     for signs, most, kind in (("[{", CONTAINER_MAX, "lists"), (":", KEY_MAX, "keys"), (",", VALUE_MAX, "values")):
         found = sum(data.count(s.encode()) if isinstance(data, bytes) else data.count(s) for s in signs)
         if found > most:
-            raise SwatchError(f"not {what}: {found} {kind}, more than the {most} that one can have")
+            raise FormatError(f"not {what}: {found} {kind}, more than the {most} that one can have")
     try:
         text = data.decode("utf-8-sig") if isinstance(data, bytes) else data
         return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse)
-    except SwatchError as error:
-        raise SwatchError(f"not {what}: {error}") from None
     except json.JSONDecodeError as error:
-        raise SwatchError(f"not {what}: {error.msg} in line {error.lineno}, column {error.colno}") from None
+        reason = f"{error.msg} in line {error.lineno}, column {error.colno}"
     except UnicodeDecodeError as error:
-        raise SwatchError(f"not {what}: no UTF-8 text at byte {error.start}") from None
+        reason = f"no UTF-8 text at byte {error.start}"
     except (ValueError, RecursionError) as error:
-        raise SwatchError(f"not {what}: {error}") from None
+        reason = str(error)
+    raise FormatError(f"not {what}: {reason}")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -159,9 +212,57 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(content) < len(pairs):
         seen: set[str] = set()
         double = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-        raise SwatchError(f"key {double[:50]!r} stands twice")
+        raise ValueError(f"key {double[:50]!r} stands twice")
     return content
 
 
 def _refuse(constant: str) -> None:
-    raise SwatchError(f"{constant} is no number that a surface can have")
+    raise ValueError(f"{constant} is no number")
+
+
+def parse_format(data: bytes | str, what: str, name: str, version: int) -> dict[str, Any]:
+    """The object of a JSON text of ours, its format and version checked.
+
+    Args:
+        data: the text.
+        what: what it should be, for messages: "a swatch".
+        name: its "format".
+        version: the last version that is read.
+
+    Raises:
+        FormatError: not JSON, of another format, or of a later version.
+    """
+    content = parse_json(data, what)
+    if not isinstance(content, dict) or content.get("format") != name:
+        raise FormatError(f'not {what}: the file must be a JSON object with "format": "{name}"')
+    found = content.get("version")
+    if type(found) is not int or found < 1:
+        raise FormatError(f"version must be a whole number from 1 to {version}, is {short(found)}")
+    if found > version:
+        raise FormatError(
+            f"format version {short(found)} is later than {version}, the last one read here: update hapscene"
+        )
+    return content
+
+
+def check_keys(where: str, content: Any, known: Iterable[str], required: Iterable[str] | None = None) -> None:
+    """Every key is known, and every one that is required is there (all, unless told): none is a silent default.
+
+    Raises:
+        FormatError: else, naming the key; `where` is the place in the file, "" for the whole.
+    """
+    if not isinstance(content, dict):
+        raise FormatError(f"{where} must be an object, is {short(content)}")
+    prefix, known = f"{where}." if where else "", list(known)
+    for key in content:
+        if key not in known:
+            raise FormatError(f"unknown key {short(prefix + key)}{did_you_mean(key[:100], known)}")
+    for key in known if required is None else required:
+        if key not in content:
+            raise FormatError(f"key {prefix + key!r} is missing")
+
+
+def short(value: Any) -> str:
+    """What a message shows of a value from a stranger's file."""
+    text = repr(value) if isinstance(value, str | int | float | bool) or value is None else type(value).__name__
+    return text if len(text) <= 60 else text[:57] + "…"

@@ -6,10 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import BLOCK_MAX, REACH_MAX_M
-from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.constants import REACH_MAX_M
+from hapscene.errors import PathError, SceneError
 from hapscene.native import native
-from hapscene.scene.body import RIGID_TOLERANCE
 
 Vector = tuple[float, float, float]
 
@@ -44,25 +43,13 @@ def norm(a: Vector) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-# What a caller gives the renderer, checked: positions, poses, rates. Each answers in one sentence what is wrong.
+# What a caller gives, checked: each answers in one sentence what is wrong.
 
 
-_WHOLE: Final = 1e-6
-"""How far a tick's samples may be from a whole number [1]: rates such as 44.1 kHz have no exact period."""
+RIGID_TOLERANCE: Final = 1e-6
+"""How far a pose may be from rigid [1]: what a float32 matrix loses, and less than the hand can feel."""
 
-
-def block_of(tick_s: float, a_rate_Hz: float) -> int:
-    """Acceleration samples in a tick."""
-    if not (0.0 < tick_s < np.inf and 0.0 < a_rate_Hz < np.inf):
-        raise HapsceneError(f"tick_s and a_rate_Hz must be finite and above 0, are {tick_s} and {a_rate_Hz}")
-    exact = tick_s * a_rate_Hz
-    block = round(exact)
-    if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
-        raise HapsceneError(
-            f"a tick of {tick_s:g} s holds {exact:g} samples at a_rate_Hz={a_rate_Hz:g}; it must be a whole number "
-            f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
-        )
-    return block
+_LAST_ROW: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 def numbers(values: ArrayLike) -> NDArray[np.float64]:
@@ -90,21 +77,43 @@ def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
     return p_WT
 
 
-def rigid(X_WB: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """Poses (n, 4, 4), checked: each a rotation and a translation."""
-    R = X_WB[:, :3, :3]
+def rigid(poses: ArrayLike, what: str) -> NDArray[np.float64]:
+    """A pose (4, 4), or one a tick (n, 4, 4), checked and copied: rotations and translations, nothing else.
+
+    Args:
+        poses: X, homogeneous matrices [1, m].
+        what: whose they are, for messages.
+
+    Raises:
+        SceneError: a matrix is not finite, or scales, shears, mirrors, or moves by more than `REACH_MAX_M`.
+    """
+    try:
+        X = np.array(poses, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SceneError(f"{what}: a pose is a matrix (4, 4) of numbers") from None
+    if X.shape[-2:] != (4, 4) or X.ndim > 3:
+        raise SceneError(f"{what}: a pose is a matrix (4, 4), not {X.shape}")
+    flat = X.reshape(-1, 4, 4)
+    R, p = flat[:, :3, :3], flat[:, :3, 3]
     with np.errstate(invalid="ignore"):
-        ok = np.isfinite(X_WB).all(axis=(1, 2)) & (np.linalg.det(R) > 0.0)
-    ok &= (np.abs(X_WB[:, 3] - (0.0, 0.0, 0.0, 1.0)) < RIGID_TOLERANCE).all(axis=1)
-    ok &= (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < RIGID_TOLERANCE).all(axis=(1, 2))
-    if not ok.all():
-        raise SceneError(
-            f"poses of body {name!r}: the one of tick {int(ok.argmin())} is not a rotation and a translation"
-        )
-    far = (np.abs(X_WB[:, :3, 3]) > REACH_MAX_M).any(axis=1)
+        faults = {
+            "has a number that is not finite": ~np.isfinite(flat).all(axis=(1, 2)),
+            "has another last row than 0 0 0 1": np.abs(flat[:, 3] - _LAST_ROW).max(axis=1) > RIGID_TOLERANCE,
+            "scales or shears; give a rotation, and scale the mesh by its unit": (
+                np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > RIGID_TOLERANCE
+            ),
+            "mirrors (determinant -1); give a rotation": np.linalg.det(R) < 0.0,
+        }
+        far = np.abs(p).max(axis=1) > REACH_MAX_M
+
+    def pose(found: NDArray[np.bool_]) -> str:
+        return f"{what}: the pose of tick {found.argmax()}" if X.ndim == 3 else f"{what}: the pose"
+
+    for fault, found in faults.items():
+        if found.any():
+            raise SceneError(f"{pose(found)} is not a rotation and a translation: it {fault}")
     if far.any():
-        raise SceneError(
-            f"poses of body {name!r}: the one of tick {int(far.argmax())} is more than {REACH_MAX_M:g} m away "
-            "(is it in mm?)"
-        )
-    return X_WB
+        place = ", ".join(f"{v:g}" for v in p[far.argmax()])
+        raise SceneError(f"{pose(far)} is at ({place}) m; expected at most {REACH_MAX_M:g} m (is it in mm?)")
+    flat[:, 3] = _LAST_ROW
+    return X

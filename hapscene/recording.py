@@ -10,7 +10,7 @@ from typing import IO, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import HapsceneError
+from hapscene.errors import FormatError
 from hapscene.files import whole_file
 
 FORMAT_VERSION: Final = 1
@@ -21,7 +21,7 @@ BYTES_MAX: Final = 4 << 30
 refused before any of it is read."""
 
 
-class RecordingError(HapsceneError):
+class RecordingError(FormatError):
     """A recording that is missing, broken, of a later version, or whose arrays do not fit together."""
 
 

@@ -5,11 +5,12 @@ frames: W world, B body; vectors are in W. An effect reads `touch.depth_m`, and 
 """
 
 from enum import IntFlag
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from hapscene.constants import BLOCK_MAX
+from hapscene.errors import HapsceneError
 
 
 class Flag(IntFlag):
@@ -85,3 +86,26 @@ ROW: Final = np.dtype(
     align=True,
 )
 """What is noted of a tick; the names are those of `Recording`."""
+
+
+def records(count: int, dtype: np.dtype[Any]) -> Any:
+    """Zeroed records whose fields are attributes, in compiled code and out of it."""
+    return np.zeros(count, dtype).view(np.recarray)
+
+
+_WHOLE: Final = 1e-6
+"""How far a tick's samples may be from a whole number [1]: rates such as 44.1 kHz have no exact period."""
+
+
+def block_of(tick_s: float, a_rate_Hz: float) -> int:
+    """Acceleration samples in a tick."""
+    if not (0.0 < tick_s < np.inf and 0.0 < a_rate_Hz < np.inf):
+        raise HapsceneError(f"tick_s and a_rate_Hz must be finite and above 0, are {tick_s} and {a_rate_Hz}")
+    exact = tick_s * a_rate_Hz
+    block = round(exact)
+    if not 1 <= block <= BLOCK_MAX or abs(exact - block) > _WHOLE * exact:
+        raise HapsceneError(
+            f"a tick of {tick_s:g} s holds {exact:g} samples at a_rate_Hz={a_rate_Hz:g}; it must be a whole number "
+            f"from 1 to {BLOCK_MAX}, as 10 is at 0.001 s and 10000 Hz"
+        )
+    return block

@@ -10,18 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, place_ball, records
+from hapscene.contact.world import build_world, place_ball
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
-from hapscene.geometry import block_of, numbers, positions, rigid
+from hapscene.geometry import numbers, positions, rigid
 from hapscene.native import INTERPRETED
-from hapscene.records import ROW, Flag
+from hapscene.records import ROW, Flag, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers
 from hapscene.tick import run_ticks
 
 if TYPE_CHECKING:
+    from hapscene.device.model import DeviceLike
     from hapscene.recording import Recording
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
@@ -65,7 +66,7 @@ class Renderer:
         tick_s: period of the force channel [s].
         a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
         limits: of the device; None for an ideal one.
-        device: a device of `hapscene.device.model.DEVICES` by name, in the place of limits: its own at this period.
+        device: in the place of limits, whose they are at this period: a name of `hapscene.device.DEVICES`, or itself.
         crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shading`,
             which leaks energy); 0 for the mesh as it is.
 
@@ -92,7 +93,7 @@ class Renderer:
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         limits: Limits | None = None,
-        device: str | None = None,
+        device: "DeviceLike | None" = None,
         crease_rad: float = 0.0,
     ) -> None:
         if not scene.bodies:
@@ -317,7 +318,7 @@ class Renderer:
                     f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
                 )
             moving[m] = self._body_names.index(name)
-            X_WB[:, m] = rigid(X, name)
+            X_WB[:, m] = rigid(X, f"body {name!r}")
         return moving, X_WB
 
 

@@ -164,7 +164,7 @@ STILL = np.tile(np.eye(4), (5, 1, 1))
         ("box", STILL * 2.0, "not a rotation"),
         ("box", STILL * np.array([-1, 1, 1, 1]), "not a rotation"),
         ("box", STILL * np.nan, "not a rotation"),
-        ("box", STILL + 1e5 * (np.arange(16).reshape(4, 4) == 3), "of tick 0 is more than 10000 m away"),
+        ("box", STILL + 1e5 * (np.arange(16).reshape(4, 4) == 3), "of tick 0 is at"),
     ],
 )
 def test_bad_poses(name, poses, says):

@@ -1,6 +1,14 @@
 """Haptography: from a recording of a tool on a surface to a swatch, and how good it is.
 
-    swatch = hapscene.capture.fit(acceleration_m_s2, rate_Hz, force_N=…, speed_m_s=…, tangential_force_N=…)
+```python
+import numpy as np
+import hapscene
+
+force_N, speed_m_s = np.full(20_000, 1.0), np.full(20_000, 0.1)  # two seconds at 10 kHz
+wood = hapscene.load_swatch("wood")
+acceleration_m_s2 = hapscene.capture.synthesize(wood, force_N, speed_m_s, 10_000.0)  # or recorded
+swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, speed_m_s=speed_m_s)
+```
 
 | module | does |
 |---|---|

@@ -20,7 +20,7 @@ from typing import Any, Final, Literal
 from hapscene import __version__
 from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, Pool, ProcessPool, read_content
 from hapscene.errors import CaptureError, no_such
-from hapscene.files import write_whole
+from hapscene.files import read_bytes, refusing, write_whole
 
 # What a batch fits: recordings named one by one, all of a folder, or those of a list; and where each swatch goes.
 
@@ -228,13 +228,10 @@ def digest(settings: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path) -> list[ManifestEntry]:
+    with refusing(CaptureError):
+        data = read_bytes(path, BYTES_MAX, "manifest")
     try:
-        with path.open("rb") as f:
-            data = f.read(BYTES_MAX + 1)
-    except OSError as error:
-        raise CaptureError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        content = json.loads(data) if len(data) <= BYTES_MAX else None
+        content = json.loads(data)
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.get("format") != FORMAT:

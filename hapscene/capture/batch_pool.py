@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from hapscene.errors import CaptureError
+from hapscene.files import refusing
 
 # What a process of a batch does: it fits one recording and gives back the text of the swatch's file.
 #
@@ -97,10 +98,8 @@ def _swatch(job: Job, content: bytes) -> tuple[str, str]:
             recording = read_surface_recording(copy, **job.reading)
         except CaptureError as error:
             raise CaptureError(str(error).replace(str(copy), job.path)) from None
-    try:
+    with refusing(CaptureError, job.path):
         swatch = fit_parts([prepare(recording)], job.name, **job.fitting)
-    except CaptureError as error:
-        raise CaptureError(f"{job.path}: {error}") from None
     return swatch_to_json(swatch), bridged_note(recording)
 
 

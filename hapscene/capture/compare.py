@@ -19,6 +19,7 @@ from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording, load_surface_recording
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
+from hapscene.files import refusing
 from hapscene.surface.library import library_folder, load_swatch, shipped_swatches
 from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import SUFFIX
@@ -432,10 +433,8 @@ def load_surface(
     if path.suffix == SUFFIX or not path.is_file():
         return ComparedSurface(load_swatch(name_or_path))
     recording = load_surface_recording(path, rate_Hz, columns, units)
-    try:
+    with refusing(CaptureError, path):
         swatch = _fitted(recording, path.stem)
-    except CaptureError as error:
-        raise CaptureError(f"{path}: {error}") from None
     try:
         middle = len(recording.acceleration_m_s2) // 2
         halves = [_fitted(_part(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps, root_name
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
-from hapscene.files import whole_file
+from hapscene.files import refusing, whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
@@ -123,7 +123,7 @@ def import_noted(
         notes[_NOTES_MAX:] = [f"and {len(notes) - _NOTES_MAX} more of this kind"]
     provenance = f"Imported from {files} (layout of the Penn Haptic Texture Toolkit)."
     friction = models.friction or 0.0
-    try:
+    with refusing(SwatchError, path):
         swatch = Swatch(
             models.material,
             friction_static=friction,
@@ -134,14 +134,12 @@ def import_noted(
             provenance=" ".join([provenance, *(f"{note}." for note in notes)]),
             licence=LICENCE,
         )
-    except SwatchError as error:
-        raise SwatchError(f"{path}: {error}") from None
     return swatch, converted
 
 
 def _texture(path: Path, models: HattModels) -> tuple[Texture, str]:
     """The texture of the models; where they have zeros, one without, and what that cost."""
-    try:
+    with refusing(SwatchError, path):
         if not models.ma_lsf_rad.shape[1]:
             excitation = models.gain**2 * models.variance_m2_s4
             texture = Texture(
@@ -157,8 +155,6 @@ def _texture(path: Path, models: HattModels) -> tuple[Texture, str]:
         from hapscene.capture.arma import as_texture
 
         made = as_texture(models)
-    except SwatchError as error:
-        raise SwatchError(f"{path}: {error}") from None
     zeros, poles = models.ma_lsf_rad.shape[1], models.ar_lsf_rad.shape[1]
     return made.texture, (
         f"Models of {poles} poles and {zeros} zeros turned into {len(made.texture.force_N)} all-pole models of order "

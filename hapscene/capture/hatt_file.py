@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar
 from hapscene.errors import SwatchError
+from hapscene.files import read_bytes, refusing
 from hapscene.surface.texture import MODEL_MAX
 
 # An XML file from a stranger, read element by element with errors that name the place.
@@ -93,15 +94,8 @@ def _parsed(path: Path) -> Any:
     """The root element of a file, parsed without entities, network or huge trees."""
     from lxml import etree
 
-    try:
-        if not path.is_file():
-            raise SwatchError(f"{path}: is no file" if path.exists() else f"{path}: no such file")
-        with path.open("rb") as f:
-            data = f.read(BYTES_MAX + 1)
-    except OSError as error:
-        raise SwatchError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if len(data) > BYTES_MAX:
-        raise SwatchError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no file of the toolkit is")
+    with refusing(SwatchError):
+        data = read_bytes(path, BYTES_MAX, "file of the toolkit")
     if b"<!DOCTYPE" in data.replace(b"\0", b""):  # before the parser sees it, in UTF-16 too
         raise SwatchError(f"{path}: has a DOCTYPE, which files of the toolkit have not; it is not read")
     parser = etree.XMLParser(

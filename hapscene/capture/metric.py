@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
-from hapscene.errors import CaptureError, HandleError
+from hapscene.errors import CaptureError
+from hapscene.files import refusing
 
 Array = NDArray[np.float64]
 
@@ -94,10 +95,8 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
     Raises:
         CaptureError: the signal is shorter than a window.
     """
-    try:
+    with refusing(CaptureError):
         return spectrogram_of(acceleration_m_s2, rate_Hz)
-    except HandleError as error:
-        raise CaptureError(str(error)) from None
 
 
 def spectrogram_error(
@@ -111,10 +110,8 @@ def spectrogram_error(
     Raises:
         CaptureError: the signals differ in length, are shorter than a window, or the desired one is silent.
     """
-    try:
+    with refusing(CaptureError):
         return error_of_spectrogram(desired, actual, rate_Hz, band_Hz)
-    except HandleError as error:
-        raise CaptureError(str(error)) from None
 
 
 def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz
 from hapscene.errors import CaptureError
+from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import VERSION, Column, Count, Decoder, Run
 
@@ -184,10 +185,8 @@ def _wait_for_header(
 
 
 def _fed(decoder: Decoder, piece: tuple[bytes, float], port: str) -> list[Run]:
-    try:
+    with refusing(CaptureError, port):
         return decoder.feed(*piece)
-    except CaptureError as error:
-        raise CaptureError(f"{port}: {error}") from None
 
 
 def _follow(

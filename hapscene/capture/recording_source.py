@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
+from hapscene.files import check_file_size, refusing
 
 Array = NDArray[np.float64]
 
@@ -49,9 +50,9 @@ def read_recording_source(file: Path) -> RecordingSource:
     Raises:
         CaptureError: a file that is missing, too large, not what its suffix says, or not of numbers.
     """
+    with refusing(CaptureError):
+        check_file_size(file, BYTES_MAX, "recording")
     try:
-        if file.stat().st_size > BYTES_MAX:
-            raise CaptureError(f"{file}: larger than {BYTES_MAX >> 20} MiB")
         reader = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".hsrec": _record}.get(file.suffix.lower(), _text)
         source = reader(file)
     except OSError as error:

@@ -11,6 +11,7 @@ from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.native import native
+from hapscene.records import records
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -183,8 +184,3 @@ def _owning_records(count: int, dtype: np.dtype[Any], owned: Any) -> Any:
     memory = _Owning(count * dtype.itemsize)
     memory.owned = owned
     return np.frombuffer(memory, dtype).view(np.recarray)
-
-
-def records(count: int, dtype: np.dtype[Any]) -> Any:
-    """Zeroed records whose fields are attributes, in compiled code and out of it."""
-    return np.zeros(count, dtype).view(np.recarray)

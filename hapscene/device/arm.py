@@ -1,12 +1,12 @@
 """A simulated device and the hand that holds it: a point mass or an Omni, driven alike."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from hapscene.contact.world import records
 from hapscene.device.hand import HAND
+from hapscene.device.model import DEVICES, device_of
 from hapscene.device.omni import (
     Omni,
     advance_omni,
@@ -17,8 +17,13 @@ from hapscene.device.omni import (
 )
 from hapscene.device.omni_record import OMNI
 from hapscene.device.point import POINT, PointMass, advance_point, hold_point, read_point
+from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.native import native
+from hapscene.records import records
+
+if TYPE_CHECKING:
+    from hapscene.device.model import DeviceLike
 
 
 class Arm(NamedTuple):
@@ -28,6 +33,23 @@ class Arm(NamedTuple):
     point: Any  # (1,) POINT
     omni: Any  # (1,) OMNI
     hand: Any  # (1,) HAND
+
+
+def simulated_device(device: "DeviceLike") -> PointMass | Omni:
+    """The simulation of a device, given by its name or as an object.
+
+    Raises:
+        HapsceneError: there is no such device, or it is ideal: without a mass, it cannot be moved.
+    """
+    if isinstance(device, PointMass | Omni):
+        return device
+    known = device_of(device)
+    if known.name == "omni":
+        return Omni()
+    if known.point is None:
+        able = ", ".join(name for name, other in DEVICES.items() if other.point is not None)
+        raise HapsceneError(f"device {known.name!r} has no mass that a hand could move; choose one of: {able}")
+    return known.point
 
 
 def new_arm(device: PointMass | Omni, p_WT_m: Sequence[float], X_WD: ArrayLike | None = None) -> Arm:

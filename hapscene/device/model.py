@@ -3,13 +3,20 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, no_such
+
+if TYPE_CHECKING:
+    from hapscene.device.omni import Omni
+
+
+DeviceLike: TypeAlias = "str | Device | PointMass | Omni"
+"""A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one."""
 
 DELAY_MAX: Final = 63
 """Longest delay that the passivity controller reckons with [ticks]. Sets the size of its memory of forces sent."""
@@ -177,14 +184,40 @@ def device_named(name: str) -> Device:
     return DEVICES[name]
 
 
-def limits_of(device: str | Device, tick_s: float, delay_ticks: int = 0) -> Limits:
-    """Limits of a device at a tick's period and delay: no wall beyond `wall_limit`, and the passivity controller below.
+def device_of(device: "DeviceLike") -> Device:
+    """What is known of a device, given by its name, as one of `DEVICES`, or as a simulated one.
 
     Raises:
-        HapsceneError: there is no device of this name; a period or a delay that no loop has.
+        HapsceneError: there is none of this name, or it is no device.
     """
     if isinstance(device, str):
-        device = device_named(device)
+        return device_named(device)
+    if isinstance(device, Device):
+        return device
+    if isinstance(device, PointMass):
+        return Device("point mass", device, IDEAL)
+    from hapscene.device.omni import Omni  # itself heavy to import
+
+    if isinstance(device, Omni):
+        return DEVICES["omni"]
+    raise HapsceneError(
+        f"a device is a name ({', '.join(DEVICES)}), one of hapscene.device.DEVICES, a PointMass or an Omni, "
+        f"not {device!r:.60}"
+    )
+
+
+def limits_of(device: "DeviceLike", tick_s: float, delay_ticks: int = 0) -> Limits:
+    """Limits of a device at a tick's period and delay: no wall beyond `wall_limit`, and the passivity controller below.
+
+    Args:
+        device: its name, or itself.
+        tick_s: period of the force channel [s].
+        delay_ticks: how many ticks later than its tick a force goes out.
+
+    Raises:
+        HapsceneError: there is no such device; a period or a delay that no loop has.
+    """
+    device = device_of(device)
     if not 0.0 < tick_s < math.inf:
         raise HapsceneError(f"limits: tick_s must be finite and above 0, is {tick_s}")
     if not 0 <= delay_ticks <= DELAY_MAX:
@@ -212,7 +245,7 @@ def limits_of(device: str | Device, tick_s: float, delay_ticks: int = 0) -> Limi
     )
 
 
-def wall_limit(device: str | Device, tick_s: float, delay_ticks: int = 0, damped: bool = True) -> tuple[float, float]:
+def wall_limit(device: "DeviceLike", tick_s: float, delay_ticks: int = 0, damped: bool = True) -> tuple[float, float]:
     """The stiffest wall [N/m] that a device holds with a margin, and the most damping [N·s/m] that it holds with it.
 
     `MARGIN` of the border of stability, with friction at `TOUCH_SPEED_M_S`, and of the step that friction holds; and
@@ -222,8 +255,7 @@ def wall_limit(device: str | Device, tick_s: float, delay_ticks: int = 0, damped
     Raises:
         HapsceneError: there is no device of this name.
     """
-    if isinstance(device, str):
-        device = device_named(device)
+    device = device_of(device)
     point = device.point
     if point is None:
         return device.limits.stiffness_N_m, device.limits.damping_Ns_m

@@ -47,7 +47,7 @@ from hapscene.device.omni_kinematics import (
 from hapscene.device.omni_record import OMNI, OmniFlag
 from hapscene.device.omni_step import STEP_MAX_S, apparent_mass, gravity_at, grip_in_D, step
 from hapscene.errors import HapsceneError
-from hapscene.geometry import Vector
+from hapscene.geometry import Vector, rigid
 from hapscene.native import native
 
 # Where the simulated Phantom Omni stands.
@@ -58,21 +58,6 @@ def stand(p_WT_m: Sequence[float]) -> NDArray[np.float64]:
     X = np.eye(4)
     X[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     X[:3, 3] = np.asarray(p_WT_m, float) - X[:3, :3] @ forward(NOMINAL_RAD)
-    return X
-
-
-def checked_pose(X_WD: ArrayLike) -> NDArray[np.float64]:
-    """X_WD (4, 4) as an array.
-
-    Raises:
-        HapsceneError: it is no pose.
-    """
-    X = np.asarray(X_WD, float)
-    if X.shape != (4, 4) or not np.all(np.isfinite(X)):
-        raise HapsceneError(f"omni: X_WD must be a finite (4, 4) pose, has shape {X.shape}")
-    R = X[:3, :3]
-    if not np.allclose(R.T @ R, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
-        raise HapsceneError("omni: X_WD must be a pose: its upper left (3, 3) is no rotation")
     return X
 
 
@@ -179,7 +164,7 @@ class Omni:
         Raises:
             HapsceneError: `X_WD` is no pose, or the tip is out of the workspace.
         """
-        X = stand(p_WT_m) if X_WD is None else checked_pose(X_WD)
+        X = stand(p_WT_m) if X_WD is None else rigid(X_WD, "omni: X_WD")
         p_DT_m = X[:3, :3].T @ (np.asarray(p_WT_m, float) - X[:3, 3])
         if not reachable(p_DT_m):
             raise HapsceneError(out_of_reach(p_WT_m, p_DT_m))

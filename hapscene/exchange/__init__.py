@@ -1,8 +1,13 @@
 """Painted scenes for other programs, and back: what may be written and read.
 
-    from hapscene.exchange import EXPORTS, export_scene, import_scene
-    export_scene(scene, "painted.glb")
-    scene = import_scene("painted.glb")
+```python
+import hapscene
+from hapscene.exchange import export_scene, import_scene
+
+scene = hapscene.load_scene("assets/demo.scene.json")
+export_scene(scene, "painted.glb")
+scene = import_scene("painted.glb")
+```
 
 What each format keeps and loses is in docs/exchange.md, as measured by round trip.
 """

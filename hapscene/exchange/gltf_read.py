@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError
 from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import Piece, check_version, is_digest, join, known_swatch, lose, restore
-from hapscene.scene.body import RIGID_TOLERANCE
+from hapscene.files import read_bytes, refusing
+from hapscene.geometry import RIGID_TOLERANCE
 from hapscene.scene.mesh import FACE_MAX, Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
@@ -36,14 +37,8 @@ def read_bounded(path: Path) -> bytes:
     Raises:
         SceneError: there is no such file, it is empty, too large, or cannot be read.
     """
-    try:
-        if path.is_file() and path.stat().st_size > FILE_MAX_B:
-            raise SceneError(f"{path}: {path.stat().st_size:,} bytes; at most {FILE_MAX_B:,} are read")
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    with refusing(SceneError):
+        content = read_bytes(path, FILE_MAX_B, "mesh file that is read")
     if not content:
         raise SceneError(f"{path}: the file is empty")
     return content

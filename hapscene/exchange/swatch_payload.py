@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, SwatchError
+from hapscene.files import refusing
 from hapscene.scene.body import Body
 from hapscene.scene.topology import weld
 from hapscene.surface.library import load_swatch
@@ -94,10 +95,8 @@ def restore(
     if known is not None and digest_of(known) == sha256:
         return PLAIN if known is PLAIN else name
     if text is not None:
-        try:
+        with refusing(SwatchError, f"{path}: swatch {name[:60]!r}"):
             swatch = swatch_from_json(text)
-        except SwatchError as error:
-            raise SwatchError(f"{path}: swatch {name[:60]!r}: {error}") from None
         if swatch.name != name:
             raise SwatchError(f"{path}: the swatch of {name[:60]!r} calls itself {swatch.name!r}")
         return swatch
@@ -116,10 +115,8 @@ def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) ->
     for value in (*values.values(), *colour):
         if type(value) not in (int, float) or not -1e300 < value < 1e300:
             raise SceneError(f"{path}: swatch {name[:60]!r}: expected numbers for {', '.join(values)} and its colour")
-    try:
+    with refusing(SwatchError, path):
         return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
-    except SwatchError as error:
-        raise SwatchError(f"{path}: {error}") from None
 
 
 def check_version(path: Path, version: Any) -> None:

@@ -4,7 +4,6 @@ Reading runs no code and checks every key, type and number; what it hands out is
 can be made of, or a `HandleError` that names the file, the place in it and what was expected.
 """
 
-import difflib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -12,8 +11,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.errors import HandleError, SwatchError
-from hapscene.files import parse_json, write_whole
+from hapscene.errors import HandleError
+from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.handle.fit import GRIP_MAX, HAND, OWN, Identification, IdentifiedGrip
 from hapscene.handle.plant import NUMBER_MAX, Plant
 
@@ -55,21 +54,10 @@ def load_handle(path: str | os.PathLike[str]) -> Identification:
         HandleError: a file that is missing, too large, damaged, of a later version, or no handle.
     """
     file = Path(path)
-    try:
-        if file.exists() and not file.is_file():
-            raise HandleError(f"{file}: cannot be read: is no file")
-        with file.open("rb") as f:
-            data = f.read(BYTES_MAX + 1)
-    except OSError as error:
-        raise HandleError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:  # a name that no file can have
-        raise HandleError(f"{str(file)!r}: cannot be read: {error}") from None
-    if len(data) > BYTES_MAX:
-        raise HandleError(f"{file}: larger than {BYTES_MAX >> 20} MiB, which no handle is")
-    try:
+    with refusing(HandleError):
+        data = read_bytes(file, BYTES_MAX, "handle")
+    with refusing(HandleError, file):
         return handle_from_json(data)
-    except HandleError as error:
-        raise HandleError(f"{file}: {error}") from None
 
 
 def handle_to_json(handle: Identification) -> str:
@@ -87,24 +75,18 @@ def handle_from_json(data: bytes | str) -> Identification:
     Raises:
         HandleError: not JSON, not a handle, a later version, or a wrong key, type or number.
     """
-    try:
-        content = parse_json(data, "a handle")
-    except SwatchError as error:  # the reader of JSON is that of the swatches
-        raise HandleError(str(error)) from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise HandleError(f'not a handle: the file must be a JSON object with "format": "{FORMAT}"')
-    version = content.get("version")
-    if type(version) is not int or version < 1:
-        raise HandleError(f"version must be a whole number from 1 to {VERSION}, is {_short(version)}")
-    if version > VERSION:
-        raise HandleError(f"format version {_short(version)} is later than {VERSION}, read here: update hapscene")
+    with refusing(HandleError):
+        return _handle(parse_format(data, "a handle", FORMAT, VERSION))
+
+
+def _handle(content: dict[str, Any]) -> Identification:
     known = [field.name for field in fields(Identification)]
-    _check_keys("", content, ("format", "version", *known))
-    _check_keys("plant", content["plant"], _PLANT)
+    check_keys("", content, ("format", "version", *known))
+    check_keys("plant", content["plant"], _PLANT)
     plant = Plant(**{key: _number(f"plant.{key}", content["plant"][key]) for key in _PLANT})
     grips = content["grips"]
     if not isinstance(grips, list) or not 1 <= len(grips) <= GRIP_MAX:
-        raise HandleError(f"grips must be a list of 1 to {GRIP_MAX} grips, is {_short(grips)}")
+        raise HandleError(f"grips must be a list of 1 to {GRIP_MAX} grips, is {short(grips)}")
     numbers: dict[str, Any] = {key: _pair(key, content[key]) for key in _PAIRS}
     numbers |= {key: _number(key, content[key]) for key in _NUMBERS}
     for key in ("rate_Hz", "accelerometer_Hz", "asymptote_kg"):
@@ -122,7 +104,7 @@ def handle_from_json(data: bytes | str) -> Identification:
 
 
 def _grip(where: str, content: Any) -> IdentifiedGrip:
-    _check_keys(where, content, ("name", *_GRIP_NUMBERS, "intervals", "absent"))
+    check_keys(where, content, ("name", *_GRIP_NUMBERS, "intervals", "absent"))
     numbers = {key: _number(f"{where}.{key}", content[key]) for key in _GRIP_NUMBERS}
     for key, value in numbers.items():
         if value < 0.0:
@@ -135,55 +117,33 @@ def _grip(where: str, content: Any) -> IdentifiedGrip:
     )
 
 
-def _check_keys(where: str, content: Any, keys: Iterable[str]) -> None:
-    """Every key is there and no other: a misspelt key would else be a silent default."""
-    if not isinstance(content, dict):
-        raise HandleError(f"{where} must be an object, is {_short(content)}")
-    prefix, known = f"{where}." if where else "", list(keys)
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(key[:100], known, n=1)
-            raise HandleError(
-                f"unknown key {_short(prefix + key)}" + (f"; did you mean {close[0]!r}?" if close else "")
-            )
-    for key in known:
-        if key not in content:
-            raise HandleError(f"key {prefix + key!r} is missing")
-
-
 def _by_name(where: str, content: Any, names: Iterable[str], read: Callable[[str, Any], Any]) -> Mapping[str, Any]:
     """What is said of some of the numbers `names`."""
     if not isinstance(content, dict):
-        raise HandleError(f"{where} must be an object, is {_short(content)}")
+        raise HandleError(f"{where} must be an object, is {short(content)}")
     known = list(names)
     for key in content:
         if key not in known:
-            raise HandleError(f"{where}: unknown key {_short(key)}; there may be: {', '.join(known)}")
+            raise HandleError(f"{where}: unknown key {short(key)}; there may be: {', '.join(known)}")
     return {key: read(f"{where}.{key}", value) for key, value in content.items()}
 
 
 def _text(where: str, value: Any) -> str:
     if not isinstance(value, str) or len(value) > TEXT_MAX or not value.isprintable():  # a terminal may obey the others
-        raise HandleError(f"{where} must be a text of at most {TEXT_MAX} printable characters, is {_short(value)}")
+        raise HandleError(f"{where} must be a text of at most {TEXT_MAX} printable characters, is {short(value)}")
     return value
 
 
 def _number(where: str, value: Any) -> float:
     if type(value) not in (int, float) or not -NUMBER_MAX <= value <= NUMBER_MAX:  # false for NaN
-        raise HandleError(f"{where} must be a number of at most {NUMBER_MAX:g}, is {_short(value)}")
+        raise HandleError(f"{where} must be a number of at most {NUMBER_MAX:g}, is {short(value)}")
     return float(value)
 
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
-        raise HandleError(f"{where} must be two numbers, is {_short(value)}")
+        raise HandleError(f"{where} must be two numbers, is {short(value)}")
     low, high = (_number(f"{where}[{i}]", item) for i, item in enumerate(value))
     if low > high:
         raise HandleError(f"{where} must ascend, is {low:g}, {high:g}")
     return low, high
-
-
-def _short(value: Any) -> str:
-    """What a message shows of a value from a stranger's file."""
-    text = repr(value) if isinstance(value, str | int | float | bool) or value is None else type(value).__name__
-    return text if len(text) <= 60 else text[:57] + "…"

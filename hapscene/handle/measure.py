@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
-from hapscene.files import whole_file
+from hapscene.files import refusing, whole_file
 from hapscene.handle.force_source import ForceSource
 from hapscene.handle.plant import Plant
 from hapscene.handle.response import Response, estimate_response
@@ -33,10 +33,8 @@ class GripRecording:
             HandleError: as of `estimate_response`, with the recording's name.
         """
         band_Hz = (band_Hz[0], min(band_Hz[1], 0.45 * self.rate_Hz))
-        try:
+        with refusing(HandleError, self.name):
             return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz)
-        except HandleError as error:
-            raise HandleError(f"{self.name}: {error}") from None
 
     def save(self, path: Path) -> None:
         """Write it as npz, whole or not at all: `hapscene handle identify --from` reads it.

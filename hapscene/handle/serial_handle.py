@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import CaptureError, HandleError
+from hapscene.errors import HandleError
+from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
 from hapscene.wire.unit import UNITS
@@ -57,10 +58,8 @@ class SerialSource:
             HandleError: no such port, silence, or something else than a handle.
         """
         self.name, self._say = name, say
-        try:
+        with refusing(HandleError):
             self._wire = _Wire(name, baud)
-        except CaptureError as error:
-            raise HandleError(str(error)) from None
         self._decoder = Decoder()
         self._pieces: list[Run] = []
         try:
@@ -135,10 +134,8 @@ class SerialSource:
             if isinstance(piece, str):
                 raise HandleError(f"{self.name}: the handle went away: {piece}")
             if piece is not None:
-                try:
+                with refusing(HandleError, self.name):
                     self._pieces += self._decoder.feed(*piece)
-                except CaptureError as error:
-                    raise HandleError(f"{self.name}: {error}") from None
             if time.monotonic() > deadline_s and not done():
                 raise HandleError(
                     f"{self.name}: {trouble} for {SILENCE_S:g} s; check the cable, --baud and docs/handle-protocol.md"

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import PathError
+from hapscene.files import check_file_size, refusing
 
 COLUMNS: Final = ("t", "x", "y", "z")
 """Columns that a path must have: time [s], position of the tool in the world [m]."""
@@ -64,9 +65,9 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
 
 def _read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Line numbers (n,) and the columns t, x, y, z (n, 4) of the file."""
+    with refusing(PathError):
+        check_file_size(path, BYTES_MAX, "recorded path (CSV with the header t,x,y,z)")
     try:
-        if path.stat().st_size > BYTES_MAX:
-            raise PathError(f"{path}: larger than {BYTES_MAX >> 30} GiB; expected a recorded path as CSV")
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             places = _places(path, next(reader, None))
@@ -75,8 +76,6 @@ def _read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
                 if row:  # an empty line says nothing
                     rows.append(_numbers(path, reader.line_num, row, places))
                     lines.append(reader.line_num)
-    except FileNotFoundError:
-        raise PathError(f"{path}: no such file; expected a recorded path, CSV with the header t,x,y,z") from None
     except OSError as error:
         raise PathError(f"{path}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import SKIN_RATIO
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import SceneError
-from hapscene.geometry import Vector, along, cross, dot, sub
+from hapscene.geometry import Vector, along, cross, dot, rigid, sub
 from hapscene.native import native
-from hapscene.scene.body import Body, rigid
+from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import connected, edges_of, weld
 

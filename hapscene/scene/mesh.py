@@ -61,7 +61,7 @@ class Mesh:
 
     Raises:
         MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M`, an index is out
-        of range, there is no face.
+            of range, there is no face.
     """
 
     vertices_m: NDArray[np.float64]

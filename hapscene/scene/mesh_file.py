@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from hapscene.errors import MeshError
+from hapscene.files import read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, Part, join, parts_of, unit_name, warn
 from hapscene.scene.ply import declared, ply_groups
@@ -192,14 +193,8 @@ def _open(path: Path) -> tuple[str, bytes, Any]:
     suffix = path.suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         raise MeshError(f"{path}: no mesh format {path.suffix!r}; there are: {', '.join(FORMATS)}")
-    try:
-        if path.stat().st_size > FILE_MAX_B:
-            raise MeshError(f"{path}: {path.stat().st_size:,} bytes; at most {FILE_MAX_B:,} are read")
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise MeshError(f"{path}: no such file") from None
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror}") from None
+    with refusing(MeshError):
+        content = read_bytes(path, FILE_MAX_B, "mesh file that is read")
     if not content:
         raise MeshError(f"{path}: the file is empty")
     return _unzip(path, content) if suffix == "zip" else (suffix, content, FolderResources(path, FILE_MAX_B))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
-from hapscene.scene.body import Body, rigid
+from hapscene.geometry import rigid
+from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh, warn
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
@@ -74,7 +75,13 @@ class Scene:
         """
         shape = self._mesh(mesh, unit)
         name = self._name(name, shape)
-        body = Body(name, shape, rigid(pose, name), bool(two_sided), np.zeros(len(shape.faces), np.int16))
+        body = Body(
+            name,
+            shape,
+            np.eye(4) if pose is None else rigid(pose, f"body {name!r}"),
+            bool(two_sided),
+            np.zeros(len(shape.faces), np.int16),
+        )
         if swatch is not None:
             body.made_of = self.swatch_index(swatch)
             body.face_swatch[:] = body.made_of
@@ -105,7 +112,7 @@ class Scene:
         Raises:
             SceneError: no such body, or the pose is not rigid.
         """
-        self.body(body).X_WB = rigid(X_WB, body)
+        self.body(body).X_WB = rigid(X_WB, f"body {body!r}")
 
     def paint(
         self,

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
-from hapscene.files import check_file, write_whole
+from hapscene.files import check_file, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, warn
 from hapscene.scene.mesh_file import load_mesh
@@ -328,15 +328,8 @@ _KIND: Final = {
 
 
 def _parse(path: Path) -> Any:
-    try:
-        with path.open("rb") as file:
-            data = file.read(BYTES_MAX + 1)
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such file") from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > BYTES_MAX:
-        raise SceneError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no scene is")
+    with refusing(SceneError):
+        data = read_bytes(path, BYTES_MAX, "scene")
     try:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:

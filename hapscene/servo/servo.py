@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
-from hapscene.geometry import block_of, numbers, positions
-from hapscene.records import Flag
+from hapscene.geometry import numbers, positions
+from hapscene.records import Flag, block_of
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
+    from hapscene.device.model import DeviceLike
     from hapscene.scene.scene import Scene
 
 RING_S: Final = 8.0
@@ -84,7 +85,7 @@ class Servo:
 
     Args:
         scene: what is there.
-        device: what the hand holds.
+        device: what the hand holds: a name, which brings its limits along, or a simulated device, as `Twin` has it.
         tick_s, a_rate_Hz: as `Renderer` has them.
         made: more arguments of `Twin`: effects, seed, limits, handle, compensator, X_WD.
 
@@ -98,7 +99,7 @@ class Servo:
     def __init__(
         self,
         scene: "Scene",
-        device: Any,
+        device: "DeviceLike",
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         **made: Any,

@@ -97,7 +97,7 @@ def restitution(
     damping_Ns_m: float = 0.0,
     wall_damping_Ns_m: float = 0.0,
 ) -> float:
-    """W8: speed after a bounce over the speed before, exp[π(KT/2 + KdT − b − B)/(2√(Km))] [1]. [drv], for ωT ≪ 1."""
+    """W8: speed after a bounce over the speed before, exp(π(KT/2 + KdT − b − B)/(2√(Km))) [1]. [drv], for ωT ≪ 1."""
     late_Ns_m = stiffness_N_m * tick_s * (0.5 + delay_ticks) - damping_Ns_m - wall_damping_Ns_m
     return math.exp(math.pi * late_Ns_m / (2.0 * math.sqrt(stiffness_N_m * mass_kg)))
 

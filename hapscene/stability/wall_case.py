@@ -13,7 +13,7 @@ import numpy as np
 from hapscene.device.model import DEVICES
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
-from hapscene.files import parse_json
+from hapscene.files import parse_json, read_bytes
 from hapscene.stability.answer import Answer
 from hapscene.stability.closed_form import comes_to_rest as rests
 from hapscene.stability.closed_form import limit_of_rest
@@ -61,9 +61,7 @@ def read_cases(path: str | Path) -> list[dict[str, Any]]:
         OSError: the file cannot be read.
     """
     path = Path(path)
-    if path.stat().st_size > FILE_BYTES_MAX:
-        raise HapsceneError(f"{path}: larger than {FILE_BYTES_MAX:,} bytes; expected a list of wall cases")
-    cases = parse_json(path.read_bytes(), f"a list of wall cases ({path})")
+    cases = parse_json(read_bytes(path, FILE_BYTES_MAX, "list of wall cases"), f"a list of wall cases ({path})")
     if not isinstance(cases, list):
         raise HapsceneError(f"{path}: expected a list of cases")
     for n, case in enumerate(cases):

@@ -17,14 +17,13 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
-from hapscene.errors import SwatchError, no_such
-from hapscene.files import parse_json, whole_file
+from hapscene.errors import SwatchError, did_you_mean, no_such
+from hapscene.files import parse_format, read_bytes, refusing, whole_file
 from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import (
     BYTES_MAX,
     SUFFIX,
     read_swatch,
-    suggest,
     swatch_from_json,
     swatch_to_json,
 )
@@ -96,7 +95,7 @@ def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
         if own is not None:
             return read_swatch(own)
         known += [entry.name for entry in own_entries()]
-        raise SwatchError(no_such("swatch", text, known) + suggest(text, known))
+        raise SwatchError(no_such("swatch", text, known) + did_you_mean(text, known))
     with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
         return read_swatch(path)
 
@@ -116,11 +115,8 @@ def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEnt
     path = library_folder(folder) / INDEX
     if not path.is_file():
         return []
-    try:
-        with path.open("rb") as f:
-            data = f.read(INDEX_BYTES_MAX + 1)
-    except OSError as error:
-        raise SwatchError(f"{path}: cannot be read: {error.strerror or error}") from None
+    with refusing(SwatchError):
+        data = read_bytes(path, INDEX_BYTES_MAX, "index")
     return parse_index(data, str(path))
 
 
@@ -214,10 +210,8 @@ def verified(entry: LibraryEntry, data: bytes, where: str) -> Swatch:
     """
     if hashlib.sha256(data).hexdigest() != entry.sha256:
         raise SwatchError(f"{where}: its content is not what the index says (sha256): not opened")
-    try:
+    with refusing(SwatchError, where):
         swatch = swatch_from_json(data)
-    except SwatchError as error:
-        raise SwatchError(f"{where}: {error}") from None
     if swatch.name != entry.name:
         raise SwatchError(f"{where}: calls itself {swatch.name!r}, the index says {entry.name!r}: not taken")
     return swatch
@@ -231,13 +225,8 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
     """
     if len(data) > INDEX_BYTES_MAX:
         raise SwatchError(f"{where}: larger than {INDEX_BYTES_MAX >> 20} MiB, which no index is")
-    try:
-        content = parse_json(data, "an index of swatches")
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise SwatchError(f'not an index of swatches: expected a JSON object with "format": "{FORMAT}"')
-        if content.get("version") != VERSION:
-            raise SwatchError(f"the index's version must be {VERSION}: is hapscene up to date?")
-        rows = content.get("swatches")
+    with refusing(SwatchError, where):
+        rows = parse_format(data, "an index of swatches", FORMAT, VERSION).get("swatches")
         if not isinstance(rows, list):
             raise SwatchError('"swatches" must be a list')
         entries = [_entry(row, f"swatches[{i}]") for i, row in enumerate(rows)]
@@ -245,8 +234,6 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
             values = [getattr(entry, key).casefold() if key == "file" else getattr(entry, key) for entry in entries]
             if len(set(values)) < len(values):
                 raise SwatchError(f"two swatches have one {key}")
-    except SwatchError as error:
-        raise SwatchError(f"{where}: {error}") from None
     return entries
 
 

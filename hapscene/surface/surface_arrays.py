@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
-from hapscene.contact.world import records
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
-from hapscene.records import OUTPUT, TOUCH
+from hapscene.records import OUTPUT, TOUCH, records
 from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect

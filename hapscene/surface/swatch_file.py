@@ -5,10 +5,9 @@ checks every key, type, shape and number; what it hands out is a valid `Swatch` 
 the place in it and what was expected.
 """
 
-import difflib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError
-from hapscene.files import parse_json, write_whole
+from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
@@ -105,21 +104,10 @@ def read_swatch(path: Path) -> Swatch:
     Raises:
         SwatchError: the file is missing, too large, damaged, of a later version or unstable.
     """
-    try:
-        if path.exists() and not path.is_file():
-            raise SwatchError(f"{path}: cannot be read: is no file")
-        with path.open("rb") as f:
-            data = f.read(BYTES_MAX + 1)
-    except OSError as error:
-        raise SwatchError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:  # a name that no file can have
-        raise SwatchError(f"{str(path)!r}: cannot be read: {error}") from None
-    if len(data) > BYTES_MAX:
-        raise SwatchError(f"{path}: larger than {BYTES_MAX >> 20} MiB, which no swatch is")
-    try:
+    with refusing(SwatchError):
+        data = read_bytes(path, BYTES_MAX, "swatch")
+    with refusing(SwatchError, path):
         return swatch_from_json(data)
-    except SwatchError as error:
-        raise SwatchError(f"{path}: {error}") from None
 
 
 def swatch_from_json(data: bytes | str) -> Swatch:
@@ -128,18 +116,13 @@ def swatch_from_json(data: bytes | str) -> Swatch:
     Raises:
         SwatchError: not JSON, not a swatch, a later version, or a wrong key, type, shape or number.
     """
-    content = parse_json(data, "a swatch")
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise SwatchError(f'not a swatch: the file must be a JSON object with "format": "{FORMAT}"')
-    version = content.get("version")
-    if type(version) is not int or version < 1:
-        raise SwatchError(f"version must be a whole number from 1 to {VERSION}, is {_short(version)}")
-    if version > VERSION:
-        raise SwatchError(
-            f"format version {_short(version)} is later than {VERSION}, the last one read here: update hapscene"
-        )
+    with refusing(SwatchError):
+        return _swatch(parse_format(data, "a swatch", FORMAT, VERSION))
+
+
+def _swatch(content: dict[str, Any]) -> Swatch:
     sections = ("effects", "intervals", "absent", "taps", "texture")
-    _check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
+    check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
@@ -161,7 +144,7 @@ def _texture(content: Any) -> Texture | None:
     if content is None:
         return None
     required = ("rate_Hz", *_TEXTURE_ROWS)
-    _check_keys("texture", content, (*required, "interpolation", "excitation"), required)
+    check_keys("texture", content, (*required, "interpolation", "excitation"), required)
     fields: dict[str, Any] = {}
     for key in _TEXTURE_ROWS:
         dimensions = 2 if key in ("triangles", "lsf_rad") else 1
@@ -174,10 +157,10 @@ def _texture(content: Any) -> Texture | None:
 def _taps(content: Any) -> Taps | None:
     if content is None:
         return None
-    _check_keys("taps", content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
+    check_keys("taps", content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
     fields: dict[str, Any] = {key: _array(f"taps.{key}", content[key], 1) for key in TAP_ROWS}
     if "wave_m_s2" in content or "wave_rate_Hz" in content:
-        _check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
+        check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
         fields["wave_rate_Hz"] = _number("taps.wave_rate_Hz", content["wave_rate_Hz"])
         fields["wave_m_s2"] = _array("taps.wave_m_s2", content["wave_m_s2"], 2)
     return Taps(**fields)
@@ -195,30 +178,16 @@ def _effects(content: Any) -> dict[str, dict[str, float]]:
         raise SwatchError('effects must be an object of objects, as {"friction": {"bristle_m": 1e-4}}')
     for name in (*content, *(param for numbers in content.values() for param in numbers)):
         if not (len(name) <= NAME_MAX and name.isprintable()):
-            raise SwatchError(f"effects: a name must be at most {NAME_MAX} printable characters, is {_short(name)}")
+            raise SwatchError(f"effects: a name must be at most {NAME_MAX} printable characters, is {short(name)}")
     return {
         effect: {param: _number(f"effects.{effect}.{param}", value) for param, value in numbers.items()}
         for effect, numbers in content.items()
     }
 
 
-def _check_keys(where: str, content: Any, known: Iterable[str], required: Iterable[str]) -> None:
-    """Every key is known and every required one there: a misspelt key would else be a silent default."""
-    if not isinstance(content, dict):
-        raise SwatchError(f"{where} must be an object, is {_short(content)}")
-    prefix = f"{where}." if where else ""
-    known = list(known)
-    for key in content:
-        if key not in known:
-            raise SwatchError(f"unknown key {_short(prefix + key)}{suggest(key, known)}")
-    for key in required:
-        if key not in content:
-            raise SwatchError(f"key {prefix + key!r} is missing")
-
-
 def _text(where: str, value: Any) -> str:
     if not isinstance(value, str):
-        raise SwatchError(f"{where} must be a text, is {_short(value)}")
+        raise SwatchError(f"{where} must be a text, is {short(value)}")
     if len(value) > TEXT_MAX or any("\ud800" <= c <= "\udfff" for c in value):
         raise SwatchError(f"{where} must be a text of at most {TEXT_MAX} characters that UTF-8 has")
     return value
@@ -226,7 +195,7 @@ def _text(where: str, value: Any) -> str:
 
 def _number(where: str, value: Any) -> float:
     if type(value) not in (int, float) or not -1e300 < value < 1e300:  # false for NaN; an int can be any size
-        raise SwatchError(f"{where} must be a finite number, is {_short(value)}")
+        raise SwatchError(f"{where} must be a finite number, is {short(value)}")
     return float(value)
 
 
@@ -243,19 +212,8 @@ def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDAr
         for j, number in enumerate(row):
             if type(number) not in (int, float) or not -1e300 < number < 1e300:
                 place = f"{where}[{i}][{j}]" if dimensions == 2 else f"{where}[{j}]"
-                raise SwatchError(f"{place} must be a finite number, is {_short(number)}")
+                raise SwatchError(f"{place} must be a finite number, is {short(number)}")
             if whole and (type(number) is not int or not 0 <= number < 1 << 31):
-                raise SwatchError(f"{where}[{i}][{j}] must be the index of a model, is {_short(number)}")
+                raise SwatchError(f"{where}[{i}][{j}] must be the index of a model, is {short(number)}")
     array = np.array(rows, dtype=np.float64)
     return array if dimensions == 2 else array[0]
-
-
-def _short(value: Any) -> str:
-    """What a message shows of a value from a stranger's file."""
-    text = repr(value) if isinstance(value, (str, int, float, bool)) or value is None else type(value).__name__
-    return text if len(text) <= 60 else text[:57] + "…"
-
-
-def suggest(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""

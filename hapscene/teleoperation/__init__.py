@@ -1,7 +1,16 @@
 """Teleoperation: a follower touches a real surface, a leader with the haptography handle feels it; all simulated.
 
-    operation = hapscene.teleoperation.Operation(scene, (0, 0, 0.01), line=Impairment(delay_s=0.05))
-    operated = operation.run(Intent.along(path, "light"))
+```python
+import numpy as np
+import hapscene
+from hapscene.teleoperation import Impairment, Operation
+from hapscene.twin import Intent
+
+scene = hapscene.Scene()
+scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
+path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # where the leader's hand means its tool to be
+operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.along(path, grip="medium"))
+```
 
 | module | does |
 |---|---|

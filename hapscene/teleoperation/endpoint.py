@@ -14,10 +14,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hapscene.contact.world import records
 from hapscene.errors import HapsceneError, no_such
 from hapscene.geometry import Vector
 from hapscene.native import native
+from hapscene.records import records
 from hapscene.teleoperation.jitter_buffer import call, new_queue, store
 from hapscene.teleoperation.wave import (
     CATCH_UP_S,

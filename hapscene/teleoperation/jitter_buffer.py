@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.contact.world import records
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.native import native
+from hapscene.records import records
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 
 QUEUE_TICKS: Final = 512

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
 from hapscene.device.arm import Arm, advance_arm, drive_arm, find_tip, new_arm, read_arm
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.native import native
-from hapscene.records import ROW
+from hapscene.records import ROW, records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, new_endpoint, place, tell
 from hapscene.teleoperation.jitter_buffer import play_samples

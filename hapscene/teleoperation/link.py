@@ -11,10 +11,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.contact.world import records
 from hapscene.dsp.noise import seeded_state, uniform
 from hapscene.errors import HapsceneError
 from hapscene.native import native
+from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 
 SLOT_COUNT: Final = 1024

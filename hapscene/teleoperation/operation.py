@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
-from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
+from hapscene.device.arm import simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
@@ -22,6 +21,7 @@ from hapscene.teleoperation.link import Impairment, new_link
 from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
+    from hapscene.device.model import DeviceLike
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
@@ -102,14 +102,14 @@ class Operation:
         p_WT_m: Sequence[float],
         coupling: Coupling | None = None,
         line: Impairment | None = None,
-        device: PointMass | Omni | None = None,
+        device: "DeviceLike | None" = None,
         compensator: str = "adaptive",
         plant: Plant | None = None,
         effects: "Sequence[str | Effect]" = EFFECTS,
         seed: int = 0,
         axis_W: Sequence[float] = UP,
     ) -> None:
-        coupling, line, device = coupling or Coupling(), line or Impairment(), device or Omni()
+        coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
         self.renderer = world_of(scene, effects, seed)
         self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT_m, axis_W)
         handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)

@@ -17,12 +17,12 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.interrupt import interrupt_noted
+from hapscene.records import records
 from hapscene.teleoperation.bilateral_loop import step_follower, step_leader
 from hapscene.teleoperation.datagram import MESSAGE, SIZE, Gate, pack
 from hapscene.teleoperation.endpoint import SCHEMES, Coupling

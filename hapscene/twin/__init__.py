@@ -1,9 +1,17 @@
 """The twin: a hand, a device and the tick in one closed loop, so that contact forces move the tool.
 
+```python
+import numpy as np
+import hapscene
 from hapscene.device.omni import Omni
 from hapscene.twin import Intent, Twin
-twin = Twin(scene, Omni())
-feel = twin.run(Intent.hold((0.0, 0.0, -0.01), count=1000, grip="light"))
+
+scene = hapscene.Scene()
+scene.add("assets/meshes/plate.obj", name="plate", unit="mm", swatch="wood")
+path = np.linspace([0.0, 0.0, 0.01], [0.01, 0.0, -0.01], 1000)  # where the hand means the tool to be, a second long
+feel = Twin(scene, Omni()).run(Intent.along(path, grip="light"))
+print(feel.recording.f_W_N[-1])
+```
 """
 
 import lazy_loader

@@ -7,22 +7,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.contact.world import records
-from hapscene.device.arm import new_arm
-from hapscene.device.model import Limits
+from hapscene.device.arm import new_arm, simulated_device
+from hapscene.device.model import Limits, limits_of
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
-from hapscene.records import ROW
+from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin_loop import DELAY_MAX, TwinBody, live
 from hapscene.twin.twin_recording import FELT, Feel
 
 if TYPE_CHECKING:
+    from hapscene.device.model import DeviceLike
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
@@ -32,7 +32,8 @@ class Twin:
 
     Args:
         scene: what is there.
-        device: what the hand holds.
+        device: what the hand holds: a name of `hapscene.device.DEVICES`, which brings its limits along, or a simulated
+            device, which has none unless they are given.
         handle: the haptography handle on it; None for a device that plays accelerations as they are.
         compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
         nominal: the handle that the compensator takes it for; else the same.
@@ -51,7 +52,7 @@ class Twin:
     def __init__(
         self,
         scene: "Scene",
-        device: PointMass | Omni,
+        device: "DeviceLike",
         effects: "Sequence[str | Effect]" = EFFECTS,
         seed: int = 0,
         tick_s: float = TICK_S,
@@ -65,11 +66,11 @@ class Twin:
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
             raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
-        if not isinstance(device, PointMass | Omni):
-            raise HapsceneError(f"device must be a PointMass or an Omni, is {device!r:.60}")
         if handle is not None and not isinstance(handle, Plant):
             raise HapsceneError(f"handle must be a Plant, is {handle!r:.60}")
-        self.device = device
+        self.device = simulated_device(device)
+        if limits is None and not isinstance(device, PointMass | Omni):
+            limits = limits_of(device, tick_s, delay_ticks)
         self.renderer = Renderer(scene, effects, seed, tick_s, a_rate_Hz, limits)
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD

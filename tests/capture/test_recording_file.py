@@ -74,7 +74,7 @@ def test_what_is_missing_is_told(text: str | bytes, change: dict[str, object], m
 
 
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
-    with pytest.raises(CaptureError, match=r"nothing\.csv: cannot be read"):
+    with pytest.raises(CaptureError, match=r"nothing\.csv: no such file"):
         load_surface_recording(tmp_path / "nothing.csv", 1000.0)
 
 

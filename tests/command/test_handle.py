@@ -93,11 +93,11 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
             ["identify", "--simulated", "--travel-limit", "0", "-o", "a.handle"],
             "travel_limit_m must be finite and above 0",
         ),
-        (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: cannot be read"),
+        (["identify", "--from", "none.csv", "-o", "a.handle"], "none.csv: no such file"),
         (["identify", "--port", "/dev/none", "-o", "a.handle"], "cannot be opened"),
-        (["show", "none.handle"], "No such file"),
+        (["show", "none.handle"], "no such file"),
         (["play", "none.csv", "--grip", "1", "--out", "o"], "--grip needs --handle"),
-        (["play", "none.csv", "--out", "o"], "none.csv: cannot be read"),
+        (["play", "none.csv", "--out", "o"], "none.csv: no such file"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:

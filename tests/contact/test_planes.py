@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.contact.planes import nearest
-from hapscene.contact.world import PROXY, records
+from hapscene.contact.world import PROXY
+from hapscene.records import records
 
 
 def held_by(normals, offsets, skin_m: float = 1e-6):

@@ -6,7 +6,8 @@ import weakref
 import numpy as np
 import trimesh
 
-from hapscene.contact.world import BODY, build_world, records
+from hapscene.contact.world import BODY, build_world
+from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hapscene.contact.world import records
 from hapscene.device.hand import HAND
 from hapscene.device.omni import (
     Omni,
@@ -25,6 +24,7 @@ from hapscene.device.omni_record import OmniFlag
 from hapscene.device.omni_step import apparent_mass, gravity
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
+from hapscene.records import records
 
 ORIGIN = (0.0, 0.0, 0.0)
 EXACT = Omni(friction_N=0.0, damping_Ns_m=0.0, resolution_m=0.0, gravity=False)
@@ -298,5 +298,5 @@ def test_a_start_out_of_reach_is_refused_with_what_is_in_reach() -> None:
 
 @pytest.mark.parametrize("X_WD", [np.eye(3), np.diag([1.0, 1.0, -1.0, 1.0]), np.full((4, 4), np.nan), 2.0 * np.eye(4)])
 def test_what_is_no_pose_is_refused(X_WD: Any) -> None:
-    with pytest.raises(HapsceneError, match="X_WD must be a"):
+    with pytest.raises(HapsceneError, match="X_WD: "):
         Omni().record(ORIGIN, X_WD)

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hapscene.contact.world import records
 from hapscene.device.hand import HAND
 from hapscene.device.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni
 from hapscene.device.omni_kinematics import (
@@ -37,6 +36,7 @@ from hapscene.device.omni_step import (
     solve,
 )
 from hapscene.native import INTERPRETED
+from hapscene.records import records
 
 FREE = Omni(friction_N=0.0, damping_Ns_m=0.0, damping_ratio=0.0, gravity=False, resolution_m=0.0)
 ORIGIN = (0.0, 0.0, 0.0)

@@ -1,6 +1,5 @@
 """glTF read back, as another program may have left it, and from strangers."""
 
-import argparse
 import base64
 import copy
 import json
@@ -12,19 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
-from hapscene.cli import main
 from hapscene.errors import HapsceneError, MeshError, SceneError
-from hapscene.exchange import export_scene, import_scene, painted_scene
+from hapscene.exchange import export_scene, import_scene
 from hapscene.exchange.gltf import Z_UP
-from hapscene.exchange.gltf_read import mark_of
 from hapscene.exchange.swatch_payload import ExchangeWarning
-from hapscene.recording import Recording
 from hapscene.scene.body import Body
-from hapscene.scene.scene import Scene, load_scene
+from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_to_json
-from hapscene.touch import open_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.exchange.swatch_payload.ExchangeWarning")
 
@@ -308,114 +302,3 @@ def test_damaged_files_are_refused_in_words(suffix: str, make_scene: Callable[[i
             except HapsceneError:
                 refused += 1
     assert refused > 20
-
-
-# Which files are opened as the painted scenes that they hold, by every command that opens a mesh.
-
-
-def worn(scene: Scene) -> dict[str, dict[str, int]]:
-    """How many faces of each body wear each swatch."""
-    names = [swatch.name for swatch in scene.swatches]
-    return {b.name: {names[i]: int((b.face_swatch == i).sum()) for i in np.unique(b.face_swatch)} for b in scene.bodies}
-
-
-@pytest.mark.filterwarnings("ignore:.*comes with its numbers alone")
-@pytest.mark.parametrize("suffix", ["glb", "gltf", "ply", "x3d", "GLB"])
-def test_a_file_of_ours_is_opened_as_the_scene_it_holds(scene: Scene, tmp_path: Path, suffix: str) -> None:
-    file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
-    with pytest.warns(
-        ExchangeWarning, match=f"desk.{suffix}: holds a painted scene, without .*(order of faces|shared)"
-    ):
-        opened = open_scene(file)
-    assert worn(opened) == worn(scene)
-    for was, now in zip(scene.bodies, opened.bodies, strict=True):
-        np.testing.assert_allclose(now.X_WB, was.X_WB, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(now.mesh.bounds_m, was.mesh.bounds_m, rtol=0, atol=1e-7)  # in metres, as it was
-
-
-@pytest.mark.parametrize("suffix", ["glb", "ply"])
-def test_its_unit_is_known(scene: Scene, tmp_path: Path, suffix: str) -> None:
-    file = export_scene(scene, tmp_path / f"desk.{suffix}")[0]
-    with pytest.raises(SceneError, match="holds a painted scene, in metres; leave the unit mm out"):
-        open_scene(file, "mm")
-    with pytest.warns(ExchangeWarning):
-        assert len(open_scene(file, "metres").bodies) == len(scene.bodies)
-
-
-def test_a_swatch_for_all_of_it_wins_over_what_it_holds(scene: Scene, tmp_path: Path) -> None:
-    file = export_scene(scene, tmp_path / "desk.glb")[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ExchangeWarning)
-        opened = open_scene(file, swatch="leather")
-    (body,) = opened.bodies
-    assert {opened.swatches[i].name for i in body.face_swatch} == {"leather"}
-    assert len(body.mesh.faces) == sum(len(b.mesh.faces) for b in scene.bodies)
-
-
-def foreign(folder: Path) -> Path:
-    """A box in millimetres of another program, whose material is called as a swatch."""
-    box = trimesh.creation.box((0.1, 0.2, 0.3))
-    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="wood"))
-    box.export(folder / "box.glb")
-    for name, content in trimesh.Scene(box).export(file_type="gltf").items():
-        (folder / ("box.gltf" if name == "model.gltf" else name)).write_bytes(content)
-    return folder / "box.gltf"
-
-
-@pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_a_foreign_file_stays_a_mesh(tmp_path: Path, suffix: str) -> None:
-    file = foreign(tmp_path).with_suffix(f".{suffix}")
-    assert mark_of(file) is None and painted_scene(file) is None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ExchangeWarning)
-        opened = open_scene(file)
-    assert worn(opened) == {"box": {"plain": 12}}
-    assert opened.bodies[0].mesh.diagonal_m == pytest.approx(np.linalg.norm((0.1, 0.2, 0.3)))
-    assert worn(import_scene(file)) == {"box": {"wood": 12}}  # which import is asked to do
-
-
-def test_a_foreign_file_with_the_haptic_extension_is_painted_by_names(tmp_path: Path) -> None:
-    file = foreign(tmp_path)
-    tree = json.loads(file.read_bytes())
-    tree["extensionsUsed"] = ["MPEG_material_haptic"]
-    file.write_text(json.dumps(tree))
-    with pytest.warns(ExchangeWarning, match=r"MPEG_material_haptic, a draft, is not read: faces are painted by the"):
-        assert worn(open_scene(file)) == {"box": {"wood": 12}}
-
-
-def test_a_foreign_file_whose_data_lies_beside_it_is_imported(tmp_path: Path) -> None:
-    """Its text is much shorter than what it counts."""
-    ball = trimesh.creation.icosphere(subdivisions=6)
-    for name, content in trimesh.Scene(ball).export(file_type="gltf").items():
-        (tmp_path / ("ball.gltf" if name == "model.gltf" else name)).write_bytes(content)
-    assert 100 * (tmp_path / "ball.gltf").stat().st_size < 3 * len(ball.faces)
-    assert len(import_scene(tmp_path / "ball.gltf").bodies[0].mesh.faces) == len(ball.faces)
-
-
-def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
-    (tmp_path / "empty.glb").touch()
-    for name, problem in (("none.glb", "no such file"), ("empty.glb", "is empty"), ("none.stl", "no such file")):
-        with pytest.raises(HapsceneError, match=f"{name}: .*{problem}"):
-            open_scene(tmp_path / name, "mm")
-
-
-def test_commands_open_it_and_say_what_is_lost(
-    make_scene: Callable[[int], Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    from hapscene.command.paint import open_session
-
-    monkeypatch.chdir(tmp_path)
-    scene = make_scene(0)
-    export_scene(scene, "desk.glb")
-    assert main(["touch", "desk.glb", "--out", "out", "--no-picture"]) == 0
-    told = capsys.readouterr().err
-    assert told.count("hapscene: note: desk.glb: holds a painted scene, without what its format does not keep:") == 1
-    felt = Recording.load(tmp_path / "out" / "touch.npz")
-    assert set(felt.body_names) == {body.name for body in scene.bodies}
-    assert {"wood", *felt.swatch_names} == {swatch.name for swatch in scene.swatches}
-    with pytest.warns(ExchangeWarning):
-        session = open_session(
-            argparse.Namespace(scene="desk.glb", unit=None, swatch=None, two_sided=False, device="omni"), print
-        )
-    session.save()
-    assert worn(load_scene(tmp_path / "desk.scene.json")) == worn(scene)

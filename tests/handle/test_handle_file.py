@@ -115,7 +115,7 @@ def test_a_damaged_file_is_refused_or_read(data: st.DataObject) -> None:
 
 
 def test_files_that_cannot_be_opened_say_why(tmp_path: Path) -> None:
-    with pytest.raises(HandleError, match="No such file"):
+    with pytest.raises(HandleError, match="no such file"):
         load_handle(tmp_path / "none.handle")
     with pytest.raises(HandleError, match="is no file"):
         load_handle(tmp_path)

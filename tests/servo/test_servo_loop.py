@@ -58,7 +58,7 @@ def test_what_it_is_a_little_late_for_is_made_up() -> None:
 # What the system grants is told, and to the asking thread alone.
 
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux is asked")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux is asked")
 
 PR_GET_TIMERSLACK = 30
 
@@ -67,6 +67,7 @@ def slack_ns() -> int:
     return int(ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK))
 
 
+@on_linux
 def test_what_is_told_is_so_for_the_thread_that_asked() -> None:
     before = os.sched_getscheduler(0), slack_ns()
 
@@ -79,6 +80,7 @@ def test_what_is_told_is_so_for_the_thread_that_asked() -> None:
     assert (os.sched_getscheduler(0), slack_ns()) == before
 
 
+@on_linux
 def test_without_the_right_it_waits_among_the_others_but_is_woken_promptly(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*arguments: object) -> None:
         raise PermissionError
@@ -88,6 +90,7 @@ def test_without_the_right_it_waits_among_the_others_but_is_woken_promptly(monke
         assert lane.submit(lambda: (request_realtime_priority(), slack_ns())).result() == (False, SLACK_NS)
 
 
+@on_linux
 @pytest.mark.skipif(INTERPRETED, reason="is the case anyway")
 def test_interpreted_ticks_never_go_before_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(servo_loop, "INTERPRETED", True)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapscene.contact.world import records
+from hapscene.records import records
 from hapscene.teleoperation.datagram import AHEAD_MAX, CHECK, LAYOUT, MESSAGE, SEEN, SIZE, Gate, pack
 
 

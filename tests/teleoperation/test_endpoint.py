@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hapscene.contact.world import records
 from hapscene.errors import HapsceneError
 from hapscene.native import native
+from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.endpoint import Coupling, Endpoint, control, hear, new_endpoint, place, tell
 from hapscene.teleoperation.link import Impairment, collect, new_link, post

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.contact.world import records
 from hapscene.errors import HapsceneError
+from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.jitter_buffer import MARGIN_MAX, call, new_queue, next_wave, play_samples, store
 

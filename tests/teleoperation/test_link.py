@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hapscene.contact.world import records
 from hapscene.errors import HapsceneError
+from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE
 from hapscene.teleoperation.link import JITTER_MOST, SLOT_COUNT, Impairment, Link, collect, new_link, post
 

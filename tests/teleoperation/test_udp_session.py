@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from hapscene.constants import ACCELERATION_RATE_HZ
-from hapscene.contact.world import records
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.records import records
 from hapscene.teleoperation import udp_session as module
 from hapscene.teleoperation.datagram import MESSAGE, pack
 from hapscene.teleoperation.endpoint import Coupling
