@@ -89,7 +89,7 @@ def signals() -> dict[str, Array]:
         taps += np.where(after > 0.0, 20.0 * np.exp(-60.0 * np.abs(after)) * np.sin(2.0 * np.pi * 250.0 * after), 0.0)
     return {
         "white": 2.0 * white / white.std(),
-        "texture": synthesize(load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), RATE_HZ),
+        "texture": synthesize(load_swatch("wood"), np.full(count, 1.0), np.full(count, 0.1), rate_Hz=RATE_HZ),
         "tap": taps,
         "chirp": np.asarray(chirp(t_s, low_Hz, DURATION_S, high_Hz, "logarithmic")),
     }
@@ -112,7 +112,7 @@ def judge(desired_m_s2: Array, compensator: str, count: int = PLANTS) -> Judged:
     """The errors of a compensator on a signal (n,) [m/s²]."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator)
+        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator)
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     nominal, gripped = error(Plant()), error(firm(Plant()))

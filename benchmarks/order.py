@@ -39,19 +39,27 @@ def swatch_of_order(order: int) -> Swatch:
     wood = load_swatch("wood")
     count = round(DURATION_S * RATE_HZ)
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
-    played = synthesize(wood, force_N, speed_m_s, RATE_HZ)
-    fitted = fit(played, RATE_HZ, FORCE_N, SPEED_M_S, name=f"wood {order}", order=order, model_count=1)
+    played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
+    fitted = fit(
+        played,
+        RATE_HZ,
+        force_N=FORCE_N,
+        speed_m_s=SPEED_M_S,
+        name=f"wood {order}",
+        order=order,
+        model_count=1,
+    )
     return replace(wood, name=fitted.name, texture=fitted.texture)
 
 
 def measure_recordings(sheet: Sheet, folder: Path) -> None:
     """Log-spectral distance between each order's model of one half of a recording and the other half."""
-    from hapscene.capture import load_surface_recording
+    from hapscene.capture import load_recording
     from hapscene.capture.order_search import search_order
     from hapscene.capture.streams import clean
 
     for name, (file, words) in RECORDINGS.items():
-        recording = load_surface_recording(folder / file, RATE_HZ, **words)
+        recording = load_recording(folder / file, RATE_HZ, **words)
         found = search_order(clean(recording.acceleration_m_s2, RATE_HZ).acceleration_m_s2, RATE_HZ)
         distance = dict(zip(found.orders.tolist(), found.distance_dB, strict=True))
         for order in ORDERS:

@@ -65,7 +65,7 @@ def _time_played(texture: Texture) -> float:
     t_s = np.arange(round(RATE_HZ * DURATION_S)) / RATE_HZ
     force_N = texture.force_max_N * (0.5 + 0.45 * np.sin(2.1 * t_s))
     speed_m_s = texture.speed_max_m_s * (0.5 + 0.45 * np.sin(3.3 * t_s))
-    return _best(lambda: synthesize(swatch, force_N, speed_m_s, RATE_HZ))
+    return _best(lambda: synthesize(swatch, force_N, speed_m_s, rate_Hz=RATE_HZ))
 
 
 def _time_filtered(a: Array) -> float:

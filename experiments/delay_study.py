@@ -83,7 +83,7 @@ def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, s
     intent = CASES[case](grip)
     line = Impairment(delay_s, **BAD) if bad else Impairment(delay_s)
     start = intent.target_W_m[0]
-    operation = Operation(plate("wood"), start, Coupling(scheme), line, compensator="none", seed=seed)
+    operation = Operation(plate("wood"), start, coupling=Coupling(scheme), line=line, compensator="none", seed=seed)
     return operation.run(intent)
 
 
@@ -130,7 +130,15 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     """Stiffness felt at the leader [N/m], and how long a wave was under way, mean of both ways [s]."""
     scene = plate(Swatch("wall", stiffness_N_m=WALL_N_M))
     start = (0.0, 0.0, 0.002)
-    operation = Operation(scene, start, coupling, Impairment(delay_s), PointMass(0.045, 0.1), "none", effects=("wall",))
+    operation = Operation(
+        scene,
+        start,
+        coupling=coupling,
+        line=Impairment(delay_s),
+        device=PointMass(0.045, 0.1),
+        compensator="none",
+        effects=("wall",),
+    )
     found = []
     for push_N in (-0.5, -1.0):
         operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), (0.0, 0.0, push_N)))

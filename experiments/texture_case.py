@@ -267,7 +267,9 @@ def stroke(swatches: Sequence[Swatch], ticks: int, rate_Hz: float, ticks_each: i
     """A stroke over stripes of some swatches in turn, another each `ticks_each` ticks."""
     width_m = ticks_each * SPEED_M_S * TICK_S
     stripes = math.ceil(ticks / ticks_each) + 4
-    renderer = Renderer(striped(swatches, width_m, stripes), ["wall", "lpc_texture"], seed, TICK_S, rate_Hz)
+    renderer = Renderer(
+        striped(swatches, width_m, stripes), ["wall", "lpc_texture"], seed=seed, tick_s=TICK_S, a_rate_Hz=rate_Hz
+    )
     return renderer.run(_line(SPEED_M_S, ticks, width_m, stripes))
 
 

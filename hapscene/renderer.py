@@ -15,6 +15,7 @@ from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.native import INTERPRETED
+from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, Flag, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, share_of
 from hapscene.surface.effect_registry import load_effect
@@ -46,6 +47,12 @@ class Command(NamedTuple):
     f_W_N: NDArray[np.float64]
     a_m_s2: NDArray[np.float64]
     flags: Flag
+
+    def __repr__(self) -> str:
+        force = ", ".join(f"{v:.3g}" for v in self.f_W_N)
+        return (
+            f"<Command: force ({force}) N; {len(self.a_m_s2)} samples of acceleration; {self.flags.name or 'no flag'}>"
+        )
 
 
 class Painting(NamedTuple):
@@ -85,10 +92,12 @@ class Renderer:
         DeviceWarning: the device takes less of a swatch than it asks for, once, for the first one painted.
     """
 
+    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
         effects: "Sequence[str | Effect]" = EFFECTS,
+        *,
         seed: int = 0,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
@@ -126,6 +135,14 @@ class Renderer:
         self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
+
+    def __repr__(self) -> str:
+        names = ", ".join(effect.name for effect in self._effects) or "no effects"
+        count = len(self._body_names)
+        return (
+            f"<Renderer: {count} {'body' if count == 1 else 'bodies'}; {names}; ticks of {1e3 * self.tick_s:g} ms, "
+            f"a_rate_Hz={self.a_rate_Hz:g}; device {self.limits.device!r}>"
+        )
 
     def reset(self, p_WT: ArrayLike) -> None:
         """Start anew with the tool and the proxy at `p_WT` (3,) [m]: no contact, no memory, random numbers as at first.

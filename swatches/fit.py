@@ -9,7 +9,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hapscene.capture import fit, load_surface_recording
+from hapscene.capture import fit, load_recording
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -63,9 +63,9 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
     if path.suffix == ".csv":
         columns = {"acceleration": "accel"}
         units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-        recording = load_surface_recording(path, RATE_HZ, columns, units)
+        recording = load_recording(path, RATE_HZ, columns, units)
     else:
-        recording = load_surface_recording(path, RATE_HZ, units={"acceleration": "g"})
+        recording = load_recording(path, RATE_HZ, units={"acceleration": "g"})
     swatch = fit(
         recording.acceleration_m_s2,
         recording.rate_Hz,

@@ -39,7 +39,7 @@ class Item:
     name: str
     """of its swatch"""
     reading: Mapping[str, Any] = field(default_factory=dict)
-    """what `load_surface_recording` is to be told about this one, over what the batch says of all"""
+    """what `load_recording` is to be told about this one, over what the batch says of all"""
 
 
 def gather(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
@@ -300,7 +300,7 @@ def fit_batch(
     Args:
         items: the recordings (`hapscene.capture.batch`).
         out: folder of the swatches and the manifest; made where it is missing.
-        reading: arguments of `load_surface_recording` for all; an item's own come first.
+        reading: arguments of `load_recording` for all; an item's own come first.
         fitting: arguments of `fit` besides the streams and the name, as {"order": 20}.
         jobs: processes of this machine; None: one per core.
         scheduler: address of a Dask scheduler, as "tcp://host:8786": its workers fit, instead of processes here.

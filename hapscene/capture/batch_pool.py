@@ -33,7 +33,7 @@ class Job:
     content: bytes | None
     """of the file; None: the process can read the file itself"""
     reading: Mapping[str, Any]
-    """arguments of `load_surface_recording`"""
+    """arguments of `load_recording`"""
     fitting: Mapping[str, Any]
     """arguments of `fit_parts` besides the recording and the name"""
     version: str

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.capture.recording_file import SurfaceRecording, load_surface_recording
+from hapscene.capture.recording_file import SurfaceRecording, load_recording
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
@@ -423,7 +423,7 @@ def load_surface(
     """The surface of a swatch's name or file, or of a recording, to which a swatch is fitted.
 
     Text that ends in ".swatch", and text that names no file, is a swatch; every other file is a recording, of which
-    `rate_Hz`, `columns` and `units` are as in `load_surface_recording`.
+    `rate_Hz`, `columns` and `units` are as in `load_recording`.
 
     Raises:
         SwatchError: no such swatch, or a broken one.
@@ -432,7 +432,7 @@ def load_surface(
     path = Path(name_or_path)
     if path.suffix == SUFFIX or not path.is_file():
         return ComparedSurface(load_swatch(name_or_path))
-    recording = load_surface_recording(path, rate_Hz, columns, units)
+    recording = load_recording(path, rate_Hz, columns, units)
     with refusing(CaptureError, path):
         swatch = _fitted(recording, path.stem)
     try:

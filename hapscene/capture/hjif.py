@@ -25,6 +25,7 @@ from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
 from hapscene.files import whole_file
+from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
 
@@ -42,11 +43,13 @@ TAP_SPACING_S: Final = 0.5
 _HAND: Final = 0  # body part mask: unspecified
 
 
+@old_spellings(slip_m_s="speed_m_s")
 def export_hjif(
     swatch: Swatch,
     path: str | os.PathLike[str],
+    *,
     force_N: float,
-    slip_m_s: float,
+    speed_m_s: float,
     seconds: float,
     rate_Hz: float | None = None,
     seed: int = 0,
@@ -57,7 +60,7 @@ def export_hjif(
         swatch: one with a texture or taps.
         path: the file, suffix .hjif.
         force_N: normal force that the texture is played at, ≥ 0.
-        slip_m_s: slip speed that the texture is played at, ≥ 0.
+        speed_m_s: slip speed that the texture is played at, ≥ 0.
         seconds: length of the texture, to 60.
         rate_Hz: samples a second, to 48000, a whole number; None: the texture's own, or 10000.
         seed: of the texture's noise.
@@ -68,7 +71,7 @@ def export_hjif(
     target = Path(path)
     if target.suffix != ".hjif":
         raise SwatchError(f"{target}: an MPEG haptics file's name must end in .hjif")
-    content = as_hjif(swatch, force_N, slip_m_s, seconds, rate_Hz, seed)
+    content = as_hjif(swatch, force_N, speed_m_s, seconds, rate_Hz, seed)
     try:
         with whole_file(target) as part:
             part.write_text(json.dumps(content, ensure_ascii=False, allow_nan=False), encoding="utf-8", newline="\n")
@@ -77,7 +80,7 @@ def export_hjif(
 
 
 def as_hjif(
-    swatch: Swatch, force_N: float, slip_m_s: float, seconds: float, rate_Hz: float | None = None, seed: int = 0
+    swatch: Swatch, force_N: float, speed_m_s: float, seconds: float, rate_Hz: float | None = None, seed: int = 0
 ) -> dict[str, Any]:
     """The content of the file, as `export_hjif` writes it."""
     rate = rate_Hz or (swatch.texture.rate_Hz if swatch.texture is not None else 10_000.0)
@@ -87,15 +90,15 @@ def as_hjif(
         raise SwatchError(f"the rate must be a whole number of Hz from 1000 to {TIMESCALE_MAX}, is {rate:g}")
     if not 0.0 < seconds <= SECONDS_MAX:
         raise SwatchError(f"seconds must be above 0 and at most {SECONDS_MAX:g}, is {seconds:g}")
-    for name, value in (("force_N", force_N), ("slip_m_s", slip_m_s)):
+    for name, value in (("force_N", force_N), ("speed_m_s", speed_m_s)):
         if not 0.0 <= value < np.inf:
             raise SwatchError(f"{name} must be 0 or more, is {value:g}")
     perceptions = []
     first_tap_s = 0.0
     if swatch.texture is not None:
         count = max(2, round(seconds * rate))
-        signal = synthesize(swatch, np.full(count, force_N), np.full(count, slip_m_s), rate, seed)
-        said = f"{swatch.name}: texture at {force_N:g} N and {slip_m_s:g} m/s, {seconds:g} s"
+        signal = synthesize(swatch, np.full(count, force_N), np.full(count, speed_m_s), rate_Hz=rate, seed=seed)
+        said = f"{swatch.name}: texture at {force_N:g} N and {speed_m_s:g} m/s, {seconds:g} s"
         perceptions.append(_perception(0, said, float(np.abs(signal).max()), rate, _curve(signal)))
         first_tap_s = count / rate + TAP_SPACING_S
     if swatch.taps is not None:

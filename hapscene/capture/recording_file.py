@@ -119,8 +119,16 @@ class SurfaceRecording:
     bridged: Mapping[str, int] = field(default_factory=dict)
     """how many missing samples of a column were put on straight lines"""
 
+    def __repr__(self) -> str:
+        streams = ("force_N", "speed_m_s", "tangential_force_N", "depth_m")
+        held = ", ".join(name for name in streams if getattr(self, name) is not None) or "nothing"
+        count = len(self.acceleration_m_s2)
+        return (
+            f"<SurfaceRecording: {count:,} samples, {count / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz, with {held}>"
+        )
 
-def load_surface_recording(
+
+def load_recording(
     path: str | os.PathLike[str],
     rate_Hz: float | None = None,
     columns: Mapping[str, str] | None = None,
@@ -149,6 +157,10 @@ def load_surface_recording(
     return recording
 
 
+load_surface_recording = load_recording
+"""An older name of it, kept until 1.0."""
+
+
 def bridged_note(recording: SurfaceRecording) -> str:
     """How many samples of which columns were missing, in words; empty where none was."""
     said = ", ".join(f"{count} of {name}" for name, count in recording.bridged.items())
@@ -161,7 +173,7 @@ def read_surface_recording(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:
-    """As `load_surface_recording`, without its warning: `bridged` of the recording says the same.
+    """As `load_recording`, without its warning: `bridged` of the recording says the same.
 
     Raises:
         CaptureError: as there.

@@ -107,7 +107,7 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
     acceleration, rate = channels.acceleration_m_s2, channels.rate_Hz
     texture = _at_rate(swatch, rate)
     stroke = sliding(channels, states)
-    synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate)
+    synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
     search = search_order(stroke.acceleration_m_s2, rate)
     held_out, why_not = None, ""
     try:
@@ -168,7 +168,7 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     rate = channels.rate_Hz
     order = swatch.texture.order
     chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
-    half = fit(first.acceleration_m_s2, rate, first.force_N, first.speed_m_s, order=chosen)
+    half = fit(first.acceleration_m_s2, rate, force_N=first.force_N, speed_m_s=first.speed_m_s, order=chosen)
     texture = half.texture
     if texture is None:
         raise CaptureError(f"the first half holds no texture: {half.absent.get('texture', 'it slides too little')}")

@@ -19,6 +19,7 @@ from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.errors import CaptureError
+from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -34,9 +35,11 @@ borders [1]. Of shorter ones too much is left over: of the project's recordings 
 likelihood of the other half fell by 0.003 a sample."""
 
 
+@old_spellings()
 def fit(
-    acceleration_m_s2: ArrayLike,
-    rate_Hz: float,
+    acceleration_m_s2: ArrayLike | SurfaceRecording,
+    rate_Hz: float | None = None,
+    *,
     force_N: ArrayLike | None = None,
     speed_m_s: ArrayLike | None = None,
     tangential_force_N: ArrayLike | None = None,
@@ -47,11 +50,11 @@ def fit(
     depth_m: ArrayLike | None = None,
     excitation: str = "auto",
 ) -> Swatch:
-    """The swatch of a recording of a tool on a surface.
+    """The swatch of a recording of a tool on a surface: `fit(load_recording("oak.csv", …))`, or of its streams.
 
     Args:
-        acceleration_m_s2: (n,) acceleration of the tool, one axis (of three `hapscene.capture.recording_file.one_axis`
-            makes it).
+        acceleration_m_s2: a recording as `hapscene.capture.load_recording` gives it, which has the streams; or (n,)
+            acceleration of the tool, one axis (of three `hapscene.capture.recording_file.one_axis` makes it).
         rate_Hz: sample rate of all streams; the models are made for it.
         force_N: (n,) normal force, zero in the air, one number, or None: then 1 N is assumed.
         speed_m_s: (n,) speed of the tool, one number, or None: then 0.1 m/s is assumed.
@@ -71,8 +74,17 @@ def fit(
     Raises:
         CaptureError: from such streams nothing can be fitted; the text says why.
     """
-    channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
-    return fit_parts([(channels, segment(channels))], name, order, model_count, interpolation, excitation)
+    if isinstance(acceleration_m_s2, SurfaceRecording):
+        streams = (force_N, speed_m_s, tangential_force_N, depth_m, rate_Hz)
+        if any(stream is not None for stream in streams):
+            raise CaptureError("a recording has its rate and its streams itself: fit(recording) takes no others")
+        part = prepare(acceleration_m_s2)
+    elif rate_Hz is None:
+        raise CaptureError("rate_Hz is missing: at how many samples a second was the acceleration recorded?")
+    else:
+        channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
+        part = channels, segment(channels)
+    return fit_parts([part], name, order, model_count, interpolation, excitation)
 
 
 def prepare(recording: SurfaceRecording) -> Part:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.dsp.lattice import run_lattice
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import CaptureError
+from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 
 Array = NDArray[np.float64]
@@ -27,8 +28,9 @@ SETTLE_S: Final = 0.1
 _PART: Final = 4096  # blocks whose filters are made at once: their memory is bounded, whatever the stroke's length
 
 
+@old_spellings(slip_m_s="speed_m_s")
 def synthesize(
-    swatch: Swatch, force_N: ArrayLike, slip_m_s: ArrayLike, rate_Hz: float | None = None, seed: int = 0
+    swatch: Swatch, force_N: ArrayLike, speed_m_s: ArrayLike, *, rate_Hz: float | None = None, seed: int = 0
 ) -> Array:
     """Acceleration (n,) [m/s²] along normal forces (n,) [N] and slip speeds (n,) [m/s], sampled at `rate_Hz`.
 
@@ -42,9 +44,9 @@ def synthesize(
         raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
-    force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(slip_m_s, dtype=np.float64)
+    force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
     if force.ndim != 1 or force.shape != slip.shape:
-        raise CaptureError(f"force_N and slip_m_s must have one shape (n,), have {force.shape} and {slip.shape}")
+        raise CaptureError(f"force_N and speed_m_s must have one shape (n,), have {force.shape} and {slip.shape}")
     output = np.empty(len(force))
     if len(force) == 0:
         return output

@@ -278,7 +278,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from hapscene import __version__
-    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.recording_file import load_recording
     from hapscene.capture.segment import InteractionState
     from hapscene.capture.segment_plot import WORDS, write_states
     from hapscene.capture.swatch_fit import fit_parts, prepare
@@ -289,7 +289,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     parts = []
     for path in options.recordings:
         speak(f"reading {path}\n")
-        recording = load_surface_recording(path, **recording_options(options))
+        recording = load_recording(path, **recording_options(options))
         try:
             part = prepare(recording)
         except CaptureError as error:
@@ -435,14 +435,14 @@ def add_capture_report(commands: Any) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.recording_file import load_recording
     from hapscene.capture.report import write_report
     from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
     recording = None
     if options.recording is not None:
-        recording = load_surface_recording(options.recording, **recording_options(options))
+        recording = load_recording(options.recording, **recording_options(options))
     source = "" if options.recording is None else Path(options.recording).name
     write_report(swatch, options.out, recording, source)
     name_made([Path(options.out)])

@@ -64,7 +64,7 @@ def _play(options: argparse.Namespace) -> int:
     elif options.grip is not None:
         raise HandleError("--grip needs --handle: the assumed handle has but one")
     desired, rate_Hz = _desired(options)
-    played = play(desired, rate_Hz, plant, options.compensator, nominal, options.seed)
+    played = play(desired, rate_Hz, plant, compensator=options.compensator, nominal=nominal, seed=options.seed)
     error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
     told = f"{Path(options.file).name} by {options.compensator}: spectrogram error {100 * error:.1f} %"
     with whole_folder(options.out) as out:
@@ -80,7 +80,7 @@ def _play(options: argparse.Namespace) -> int:
 
 def _desired(options: argparse.Namespace) -> tuple[Any, float]:
     """The acceleration of the file and its rate."""
-    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.recording_file import load_recording
     from hapscene.recording import Recording, RecordingError
 
     if Path(options.file).suffix == ".npz" and options.rate is None:
@@ -89,7 +89,7 @@ def _desired(options: argparse.Namespace) -> tuple[Any, float]:
             return recording.a_m_s2.ravel(), recording.a_rate_Hz
         except RecordingError:
             pass  # an npz of another kind, whose fault the next reader tells
-    read = load_surface_recording(options.file, **recording_options(options))
+    read = load_recording(options.file, **recording_options(options))
     return read.acceleration_m_s2, read.rate_Hz
 
 

@@ -134,5 +134,5 @@ def pairs(text: str) -> Mapping[str, str]:
 
 
 def recording_options(options: argparse.Namespace) -> dict[str, Any]:
-    """What `load_surface_recording` takes of them."""
+    """What `load_recording` takes of them."""
     return {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}

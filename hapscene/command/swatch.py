@@ -253,7 +253,15 @@ def _export_hjif(options: argparse.Namespace) -> int:
     from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
-    export_hjif(swatch, options.out, options.force, options.speed, options.seconds, options.rate, options.seed)
+    export_hjif(
+        swatch,
+        options.out,
+        force_N=options.force,
+        speed_m_s=options.speed,
+        seconds=options.seconds,
+        rate_Hz=options.rate,
+        seed=options.seed,
+    )
     name_made([Path(options.out)])
     return 0
 

@@ -65,11 +65,11 @@ def _experiment(options: argparse.Namespace) -> int:
 
     swatch: Any = options.swatch
     if options.recording is not None:
-        from hapscene.capture.recording_file import load_surface_recording
+        from hapscene.capture.recording_file import load_recording
         from hapscene.capture.swatch_fit import fit_parts, prepare
 
         speak(f"fitting {options.recording}\n")
-        recording = load_surface_recording(options.recording, **recording_options(options))
+        recording = load_recording(options.recording, **recording_options(options))
         swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
     made = write_experiment(
         options.out,

@@ -95,6 +95,12 @@ class Limits:
         if math.isinf(self.coupling_N_m) or math.isinf(self.coupling_Ns_m):
             raise HapsceneError("limits: coupling_N_m and coupling_Ns_m must be finite; 0 is no coupling")
 
+    def __repr__(self) -> str:
+        return (
+            f"<Limits of {self.device!r}: {self.force_N:g} N, walls to {self.stiffness_N_m:g} N/m and "
+            f"{self.damping_Ns_m:g} N·s/m, delay of {self.delay_ticks} ticks>"
+        )
+
     def record(self) -> Any:
         """The limits as the compiled tick reads them, (1,) LIMIT."""
         row = np.zeros(1, LIMIT).view(np.recarray)
@@ -154,6 +160,10 @@ class Device:
     name: str
     point: PointMass | None
     limits: Limits
+
+    def __repr__(self) -> str:
+        mass = "no mass" if self.point is None else f"{self.point.mass_kg:g} kg"
+        return f"<Device {self.name!r}: {mass}, {self.limits.force_N:g} N, walls to {self.limits.stiffness_N_m:g} N/m>"
 
 
 def _device(name: str, point: PointMass, force_N: float, stiffness_N_m: float, damping_Ns_m: float) -> Device:

@@ -77,6 +77,12 @@ class Identification:
     misfit: float
     provenance: str = ""
 
+    def __repr__(self) -> str:
+        return (
+            f"<Identification {self.name!r}: coil {1e3 * self.plant.m_c_kg:.3g} g on {self.plant.k_s_N_m:.3g} N/m, "
+            f"handle {1e3 * self.plant.m_h_kg:.3g} g; {len(self.grips)} grips, misfit {self.misfit:.3g}>"
+        )
+
     def plant_in(self, grip: IdentifiedGrip) -> Plant:
         """The plant as it was in that grip."""
         return replace(self.plant, k_u_N_m=grip.k_u_N_m, b_u_Ns_m=grip.b_u_Ns_m)

@@ -106,7 +106,7 @@ def load_grip(
         CaptureError: a file that is missing, not of numbers, or without rate or units.
         HandleError: no force; or three axes, which cannot be made one here, as their phase would be lost.
     """
-    from hapscene.capture.recording_file import load_surface_recording
+    from hapscene.capture.recording_file import load_recording
     from hapscene.capture.recording_source import read_recording_source
 
     chosen = columns or {}
@@ -116,7 +116,7 @@ def load_grip(
             f"{path}: one column must be the acceleration along the handle: --columns acceleration=COLUMN; "
             f"there are: {', '.join(read_recording_source(Path(path)).columns)}"
         )
-    recording = load_surface_recording(path, rate_Hz, {"acceleration": named, **chosen}, units)
+    recording = load_recording(path, rate_Hz, {"acceleration": named, **chosen}, units)
     if recording.force_N is None:
         raise HandleError(f'{path}: no column "force": --columns force=COLUMN says which holds the actuator\'s force')
     return GripRecording(Path(path).stem, recording.force_N, recording.acceleration_m_s2, recording.rate_Hz)

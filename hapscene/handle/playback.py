@@ -11,6 +11,7 @@ from hapscene.dsp.spectrogram import spectrogram_error as spectrogram_error  # p
 from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
 from hapscene.native import native
+from hapscene.old_spellings import old_spellings
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +36,19 @@ class Played:
     hits: int
     clips: int
 
+    def __repr__(self) -> str:
+        return (
+            f"<Played: {len(self.acceleration_m_s2):,} samples, {1e3 * self.latency_s:.3g} ms late; "
+            f"{self.hits} hits of a stop, {self.clips} clips>"
+        )
 
+
+@old_spellings()
 def play(
     acceleration_m_s2: ArrayLike,
     rate_Hz: float,
     plant: Plant | None = None,
+    *,
     compensator: str = "adaptive",
     nominal: Plant | None = None,
     seed: int = 0,

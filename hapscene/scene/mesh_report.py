@@ -63,6 +63,10 @@ class Report:
     examined_crossing: bool
     findings: tuple[Finding, ...] = ()
 
+    def __repr__(self) -> str:
+        words = f"{len(self.findings)} findings" if self.findings else "nothing odd"
+        return f"<Report of {self.path or 'a mesh'}: {self.face_count:,} faces; {words}>"
+
     @property
     def fault_count(self) -> int:
         """How many findings will be felt."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import rigid
+from hapscene.old_spellings import old_spellings
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh, warn
 from hapscene.scene.mesh_file import load_mesh
@@ -43,10 +44,18 @@ class Scene:
         self._loaded: dict[tuple[Path, str | None], Mesh] = {}
         self._names: set[str] = set()
 
+    def __repr__(self) -> str:
+        faces = sum(len(body.mesh.faces) for body in self.bodies)
+        names = ", ".join(swatch.name for swatch in self.swatches[:6]) + (", …" if len(self.swatches) > 6 else "")
+        count = len(self.bodies)
+        return f"<Scene: {count} {'body' if count == 1 else 'bodies'} of {faces:,} faces; swatches: {names}>"
+
+    @old_spellings()
     def add(
         self,
         mesh: "Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene",
         name: str | None = None,
+        *,
         unit: str | None = None,
         swatch: SwatchLike | None = None,
         pose: ArrayLike | None = None,

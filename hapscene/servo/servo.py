@@ -16,6 +16,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
+from hapscene.old_spellings import old_spellings
 from hapscene.records import Flag, block_of
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel
@@ -60,6 +61,11 @@ class ServoState(NamedTuple):
     swatch: int
     flags: Flag
 
+    def __repr__(self) -> str:
+        place, force = (", ".join(f"{v:.4g}" for v in vector) for vector in (self.p_WT_m, self.f_W_N))
+        where = f"touching body {self.body}" if self.touching else "in the air"
+        return f"<ServoState: tick {self.tick}, {where}; tool ({place}) m, force ({force}) N>"
+
 
 State = ServoState
 """An older name of it, kept until 1.0."""
@@ -79,6 +85,9 @@ class TickLog(NamedTuple):
     a_m_s2: NDArray[np.float64]
     a_handle_m_s2: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"<TickLog: ticks {self.first} to {self.first + len(self.rows) - 1}>"
+
 
 class Servo:
     """The tick in real time, in a process of its own, with a simulated hand and device.
@@ -96,10 +105,12 @@ class Servo:
         HapsceneError: on entry, what `Twin` refuses; later, where the process has ended.
     """
 
+    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
         device: "DeviceLike",
+        *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         **made: Any,
@@ -114,6 +125,10 @@ class Servo:
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         self._cancelled = False
+
+    def __repr__(self) -> str:
+        state = "closed" if self._opened is None else "not begun" if self._process is None else "running"
+        return f"<Servo: {state}; ticks of {1e3 * self.tick_s:g} ms, a_rate_Hz={self.a_rate_Hz:g}>"
 
     def __enter__(self) -> "Servo":
         from hapscene.servo.servo_process import run
@@ -180,14 +195,15 @@ class Servo:
         """Whether the process runs."""
         return self._process is not None and self._process.is_alive()
 
-    def start(self, p_WT_m: ArrayLike, grip: str | Grip = "light") -> None:
-        """Start to touch, the tool at rest at `p_WT_m` (3,) [m], the hand aiming there.
+    @old_spellings(p_WT_m="p_WT")
+    def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
+        """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there.
 
         Raises:
             PathError: not three finite numbers.
             HapsceneError: out of the device's reach.
         """
-        p = positions(numbers(p_WT_m).reshape(1, -1))[0]
+        p = positions(numbers(p_WT).reshape(1, -1))[0]
         self.aim(p, grip)
         self._order("start", tuple(p.tolist()))
 
@@ -195,14 +211,15 @@ class Servo:
         """Stop to touch: no ticks until the next `start`."""
         self._order("rest")
 
-    def aim(self, p_W_m: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        """Have the hand mean the tool to be at `p_W_m` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
+    @old_spellings(p_W_m="p_WT")
+    def aim(self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Have the hand mean the tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 
         Raises:
             PathError: not three finite numbers.
             HapsceneError: no such grip.
         """
-        p = positions(numbers(p_W_m).reshape(1, -1))[0]
+        p = positions(numbers(p_WT).reshape(1, -1))[0]
         push = positions(numbers(push_W_N).reshape(1, -1))[0]
         held = grip_named(grip) if isinstance(grip, str) else grip
         row = held.row()

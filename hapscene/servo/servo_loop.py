@@ -55,6 +55,12 @@ class Lateness(NamedTuple):
     busy: NDArray[np.int64]
     missed: int
 
+    def __repr__(self) -> str:
+        return (
+            f"<Lateness: {int(self.late.sum()):,} ticks, {self.missed} missed; late by {self.late_us():.3g} µs at the "
+            f"median, {self.late_us(0.99):.3g} at p99>"
+        )
+
     def since(self, earlier: "Lateness") -> "Lateness":
         """What came after an earlier look at the same loop."""
         return Lateness(self.late - earlier.late, self.busy - earlier.busy, self.missed - earlier.missed)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
+from hapscene.old_spellings import old_spellings
 from hapscene.stability.rig import Rig
 from hapscene.twin.twin_loop import DELAY_MAX
 
@@ -89,10 +90,12 @@ EDGE: Final = 64.5
 """How deep the encoder's edge lies at which the tool is tried [encoder steps]: a whole number and a half."""
 
 
+@old_spellings()
 def critical_stiffness(
     mass_kg: float,
     damping_Ns_m: float,
     tick_s: float,
+    *,
     delay_ticks: int = 0,
     wall_damping_Ns_m: float = 0.0,
     coulomb_N: float = 0.0,

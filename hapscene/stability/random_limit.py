@@ -68,10 +68,10 @@ def _case(kind: str, rng: np.random.Generator) -> RandomLimit:
     if kind in KINDS[:3]:
         coulomb = quantum = 0.0
         predicted = limit_of_small_motion(mass, damping, tick, delay, wall)
-        found = critical_stiffness(mass, damping, tick, delay, wall)
+        found = critical_stiffness(mass, damping, tick, delay_ticks=delay, wall_damping_Ns_m=wall)
     elif kind == KINDS[3]:
         predicted = limit_of_rest(coulomb, quantum)
-        found = critical_stiffness(mass, damping, tick, delay, 0.0, coulomb, quantum)
+        found = critical_stiffness(mass, damping, tick, delay_ticks=delay, coulomb_N=coulomb, quantum_m=quantum)
     else:
         delay, quantum = 0, 0.0
         stiffness = mass * (drawn(0.05, 0.25) / tick) ** 2

@@ -218,7 +218,9 @@ def bounce(setup: dict[str, float]) -> float:
 
 
 def _critical(setup: dict[str, float]) -> float:
-    return critical_stiffness(setup["m"], setup["b"], setup["T"], int(setup["delay"]), setup["B"])
+    return critical_stiffness(
+        setup["m"], setup["b"], setup["T"], delay_ticks=int(setup["delay"]), wall_damping_Ns_m=setup["B"]
+    )
 
 
 _FOUND: Final[dict[str, Callable[[dict[str, float]], float]]] = {

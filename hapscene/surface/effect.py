@@ -86,6 +86,10 @@ class Effect:
                 if names.count(name) > 1:
                     raise EffectError(f"effect {self.name!r}: {kind} {name!r} is declared twice")
 
+    def __repr__(self) -> str:
+        params = ", ".join(param.name for param in self.params) or "no parameters"
+        return f"<Effect {self.name!r}: {self.summary} ({params})>"
+
     @property
     def param_dtype(self) -> np.dtype[Any]:
         """Record layout of the parameters; never empty, since an empty record cannot be compiled."""

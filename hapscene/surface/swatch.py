@@ -82,6 +82,14 @@ class Swatch:
         self._check_measured()
         self._check_texts()
 
+    def __repr__(self) -> str:
+        parts = [f"{self.stiffness_N_m:g} N/m", f"friction {self.friction_static:g}/{self.friction_dynamic:g}"]
+        if self.texture is not None:
+            parts.append(f"texture of order {self.texture.order} at {self.texture.rate_Hz:g} Hz")
+        if self.taps is not None:
+            parts.append(f"taps at {len(self.taps.approach_m_s)} speeds")
+        return f"<Swatch {self.name!r}: {', '.join(parts)}>"
+
     def _check_measured(self) -> None:
         """Intervals are pairs in order, reasons are texts."""
         intervals = {name: tuple(map(float, pair)) for name, pair in self.intervals.items()}

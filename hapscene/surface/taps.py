@@ -77,6 +77,10 @@ class Taps:
             raise SwatchError("taps: approach_m_s must ascend")
         self._check_waves()
 
+    def __repr__(self) -> str:
+        count = len(self.approach_m_s)
+        return f"<Taps: {count} approach speeds, {self.approach_m_s.min():g} to {self.approach_m_s.max():g} m/s>"
+
     def _check_waves(self) -> None:
         object.__setattr__(self, "wave_rate_Hz", float(self.wave_rate_Hz))
         if self.wave_m_s2 is None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN, ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
+from hapscene.old_spellings import old_spellings
 
 # The plane of normal force and slip speed, closed and cut into triangles around a texture's models.
 
@@ -211,6 +212,12 @@ class Texture:
         _put(self, "_form", form(self.interpolation, self.lsf_rad))
         _put(self, "_inverse", _checked_inverse(self))
 
+    def __repr__(self) -> str:
+        return (
+            f"<Texture: {len(self.force_N)} models of order {self.order} at {self.rate_Hz:g} Hz; up to "
+            f"{self.force_N.max():g} N and {self.speed_m_s.max():g} m/s>"
+        )
+
     @classmethod
     def from_models(
         cls,
@@ -254,18 +261,20 @@ class Texture:
         """(m,) variance of each model's output [(m/s²)²]."""
         return self._power
 
-    def model(self, force_N: float, slip_m_s: float) -> tuple[Array, float]:
+    @old_spellings(slip_m_s="speed_m_s")
+    def model(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
         """The filter a (p+1,) and the excitation's variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
 
         y(t) = e(t) − Σ a_k y(t−k), a[0] = 1. Always stable. Silent (variance 0) at no force or no speed; above the
         largest force or speed of the models, that of the maximum.
         """
-        a, variance = self.models(np.array([force_N]), np.array([slip_m_s]))
+        a, variance = self.models(np.array([force_N]), np.array([speed_m_s]))
         return a[0], float(variance[0])
 
-    def models(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[Array, Array]:
+    @old_spellings(slip_m_s="speed_m_s")
+    def models(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,)."""
-        corner, weight = self.locate(force_N, slip_m_s)
+        corner, weight = self.locate(force_N, speed_m_s)
         if self.single:
             a = np.tile(filters(self.interpolation, self._form[:1]), (len(corner), 1))
         else:
@@ -274,15 +283,16 @@ class Texture:
             variance = np.einsum("nc,nc->n", weight, self.variance_m2_s4[corner])
         else:
             variance = np.einsum("nc,nc->n", weight, self._power[corner]) / power_gain(a)
-        sounding = (np.asarray(force_N) > 0.0) & (np.asarray(slip_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
+        sounding = (np.asarray(force_N) > 0.0) & (np.asarray(speed_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
         return a, np.where(sounding, variance, 0.0)
 
-    def lattice(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[Array, Array]:
+    @old_spellings(slip_m_s="speed_m_s")
+    def lattice(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same for `hapscene.dsp.lattice`: reflection coefficients (n, p) and power of the output (n,).
 
         The coefficients have one row where one filter holds everywhere. Power in (m/s²)².
         """
-        force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(slip_m_s, dtype=np.float64)
+        force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
         if self.single:
             sounding = (force > 0.0) & (slip > 0.0)
             k = reflection_from_ar(filters(self.interpolation, self._form[:1]))
@@ -296,13 +306,14 @@ class Texture:
         """Whether all models have one filter, and differ in their level alone."""
         return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
 
-    def locate(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
+    @old_spellings(slip_m_s="speed_m_s")
+    def locate(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
         """The models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
 
         Weights are barycentric, ≥ 0, sum 1. Inputs are clamped to the rectangle of the models; NaN counts as zero.
         """
         force = np.clip(np.nan_to_num(np.asarray(force_N, dtype=np.float64)), 0.0, self.force_max_N)
-        speed = np.clip(np.nan_to_num(np.asarray(slip_m_s, dtype=np.float64)), 0.0, self.speed_max_m_s)
+        speed = np.clip(np.nan_to_num(np.asarray(speed_m_s, dtype=np.float64)), 0.0, self.speed_max_m_s)
         place = np.stack([force, speed, np.ones_like(force)])
         weight = self._inverse @ place  # (t, 3, n)
         best = np.argmax(weight.min(axis=1), axis=0)  # the triangle that holds the place, or the nearest one
@@ -310,12 +321,13 @@ class Texture:
         inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is silent to the bit
         return self.triangles[best], inside / inside.sum(axis=1, keepdims=True)
 
-    def power(self, force_N: ArrayLike, slip_m_s: ArrayLike) -> Array:
+    @old_spellings(slip_m_s="speed_m_s")
+    def power(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
         """Variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,), blended from the models'.
 
         This is what `models` gives exactly; with the interpolation "hatt", what it should give.
         """
-        corner, weight = self.locate(force_N, slip_m_s)
+        corner, weight = self.locate(force_N, speed_m_s)
         return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]))
 
     def resampled(self, rate_Hz: float) -> "Texture":

@@ -64,7 +64,7 @@ def compare_handles(
 
 
 def _render(swatch: "str | Swatch", compensator: str, coupling: Coupling, gesture: Gesture, seed: int) -> Rendering:
-    operation = Operation(plate(swatch), START_M, coupling, compensator=compensator, seed=seed)
+    operation = Operation(plate(swatch), START_M, coupling=coupling, compensator=compensator, seed=seed)
     operated = operation.run(gesture.intent)
     desired, rendered = align(operated)
     errors = {"all": spectrogram_error(desired, rendered, ACCELERATION_RATE_HZ)}

@@ -11,6 +11,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
+from hapscene.old_spellings import old_spellings
 from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate
@@ -64,6 +65,10 @@ class Operated:
     latency_s: float
     work_J: Array
 
+    def __repr__(self) -> str:
+        touching = int(self.touching.sum())
+        return f"<Operated: {len(self.t_s):,} ticks, {touching:,} touching; {1e3 * self.latency_s:.3g} ms late>"
+
     @property
     def rest_m_s(self) -> float:
         """Root mean square of the faster tool's speed at the end [m/s]."""
@@ -82,7 +87,7 @@ class Operation:
 
     Args:
         scene: what the follower touches.
-        p_WT_m: (3,) where both tools are at the start.
+        p_WT: (3,) where both tools are at the start.
         coupling: how the ends are tied together.
         line: how bad the line is, each way.
         device: of both ends.
@@ -96,10 +101,12 @@ class Operation:
         HapsceneError: a start out of the device's reach, an unknown compensator, or what `Renderer` refuses.
     """
 
+    @old_spellings(p_WT_m="p_WT")
     def __init__(
         self,
         scene: "Scene",
-        p_WT_m: Sequence[float],
+        p_WT: Sequence[float],
+        *,
         coupling: Coupling | None = None,
         line: Impairment | None = None,
         device: "DeviceLike | None" = None,
@@ -111,12 +118,15 @@ class Operation:
     ) -> None:
         coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
         self.renderer = world_of(scene, effects, seed)
-        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT_m, axis_W)
+        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
         handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
-        self.leader: Leader = new_leader(device, handle, coupling, p_WT_m, axis_W)
+        self.leader: Leader = new_leader(device, handle, coupling, p_WT, axis_W)
         forth, back = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
         self.line = Line(forth, back, records(1, MESSAGE))
         self._ticks = 0
+
+    def __repr__(self) -> str:
+        return f"<Operation: {self.renderer!r}>"
 
     def run(self, intent: Intent) -> Operated:
         """Live through an intention of the leader's hand, a tick for each of its rows; goes on from the last one."""
@@ -155,7 +165,7 @@ class Operation:
 
 def world_of(scene: "Scene", effects: "Sequence[str | Effect]" = EFFECTS, seed: int = 0) -> Renderer:
     """The scene as a world that a follower's tool meets: a tick for each sample of the accelerometer."""
-    return Renderer(scene, effects, seed, 1.0 / ACCELERATION_RATE_HZ, ACCELERATION_RATE_HZ)
+    return Renderer(scene, effects, seed=seed, tick_s=1.0 / ACCELERATION_RATE_HZ, a_rate_Hz=ACCELERATION_RATE_HZ)
 
 
 def _work(p_W_m: Array, f_W_N: Array) -> Array:

@@ -44,6 +44,9 @@ class Intent:
         if (self.grip < 0.0).any():
             raise PathError("intent: a grip's spring, damper and mass are at least 0")
 
+    def __repr__(self) -> str:
+        return f"<Intent: {len(self):,} ticks>"
+
     def __len__(self) -> int:
         return len(self.target_W_m)
 

@@ -15,6 +15,7 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
+from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.twin.hand_intent import Intent
@@ -49,11 +50,13 @@ class Twin:
         HapsceneError: a delay out of range, or what `Renderer` refuses.
     """
 
+    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
         device: "DeviceLike",
         effects: "Sequence[str | Effect]" = EFFECTS,
+        *,
         seed: int = 0,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
@@ -71,12 +74,16 @@ class Twin:
         self.device = simulated_device(device)
         if limits is None and not isinstance(device, PointMass | Omni):
             limits = limits_of(device, tick_s, delay_ticks)
-        self.renderer = Renderer(scene, effects, seed, tick_s, a_rate_Hz, limits)
+        self.renderer = Renderer(scene, effects, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, limits=limits)
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD
         self._seed = seed
         self._delay = delay_ticks
         self.body: Any = None
+
+    def __repr__(self) -> str:
+        handle = "no handle" if self.handle is None else f"a handle driven by {self.compensator!r}"
+        return f"<Twin: {type(self.device).__name__} with {handle}; {self.renderer!r}>"
 
     def reset(self, p_WT: ArrayLike, v_WT_m_s: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Start anew, the tool at `p_WT` (3,) [m], no force on its way; a point mass with a velocity (3,).

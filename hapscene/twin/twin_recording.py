@@ -62,6 +62,9 @@ class Feel:
     heat: NDArray[np.float64]
     trouble: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return f"<Feel: {len(self):,} ticks in closed loop; motors gave {self.work_J.sum():.3g} J; {self.recording!r}>"
+
     def __len__(self) -> int:
         return len(self.recording)
 

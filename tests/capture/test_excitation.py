@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import kurtosis
 
-from hapscene.capture import fit, load_surface_recording, synthesize
+from hapscene.capture import fit, load_recording, synthesize
 from hapscene.capture.excitation import choose_excitation, quantile_knots, wasserstein
 from hapscene.capture.streams import clean
 from hapscene.capture.texture_fit import fit_texture
@@ -67,7 +67,7 @@ def test_the_nearer_noise_on_a_real_recording(shared: Path) -> None:
     """Paper's residual has bursts: driven by its own distribution the output is a fifth nearer to unseen paper."""
     path = shared / "data" / "recordings" / "cdp_paper.csv"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    recording = load_surface_recording(path, 10_000.0, {"acceleration": "accel"}, units)
+    recording = load_recording(path, 10_000.0, {"acceleration": "accel"}, units)
     pieces = cut(clean(recording.acceleration_m_s2, 10_000.0, recording.force_N, recording.speed_m_s))
     choice = choose_excitation(fit_texture(pieces, 10_000.0, 40, 1), pieces)
     assert choice.kurtosis > 5.0

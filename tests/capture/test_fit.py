@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, resample_poly
 
-from hapscene.capture import fit, load_surface_recording, metric, synthesize
+from hapscene.capture import fit, load_recording, metric, synthesize
 from hapscene.capture.order_search import search_order
 from hapscene.capture.streams import clean
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
@@ -137,7 +137,7 @@ COLUMNS, UNITS = {"acceleration": "accel"}, {"acceleration": "m/s2", "force": "N
 
 def recorded(name: str, shared: Path) -> np.ndarray:
     path = shared / "data" / "recordings" / RECORDINGS[name][0]
-    return load_surface_recording(path, 10_000.0, COLUMNS if path.suffix == ".csv" else None, UNITS).acceleration_m_s2
+    return load_recording(path, 10_000.0, COLUMNS if path.suffix == ".csv" else None, UNITS).acceleration_m_s2
 
 
 def held_out_distance(a: np.ndarray, signal: np.ndarray, rate_Hz: float) -> float:

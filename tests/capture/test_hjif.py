@@ -192,13 +192,13 @@ def test_bad_requests(tmp_path: Path) -> None:
         "seconds must be": {"seconds": 1e9},
         "rate must be": {"rate_Hz": 96000.0},
         "force_N must be": {"force_N": -1.0},
-        "slip_m_s must be": {"slip_m_s": float("nan")},
+        "speed_m_s must be": {"speed_m_s": float("nan")},
     }.items():
         asked: dict[str, Any] = {
             "swatch": wood,
             "path": tmp_path / "x.hjif",
             "force_N": 1,
-            "slip_m_s": 0.1,
+            "speed_m_s": 0.1,
             "seconds": 0.1,
         }
         with pytest.raises(SwatchError, match=re.escape(message)):

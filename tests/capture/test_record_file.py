@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapscene import __version__
-from hapscene.capture import load_surface_recording
+from hapscene.capture import load_recording
 from hapscene.capture.batch_pool import Job, fit_job
 from hapscene.capture.record_file import RecordWriter, load_record
 from hapscene.capture.record_simulator import COLUMNS, FRICTION, strokes
@@ -134,7 +134,7 @@ def test_a_cut_record_is_fitted(tmp_path: Path) -> None:
             lost = 3 if start else 0
             writer.write(Run(start + lost, counts[start + lost : start + 800]))
     path.write_bytes(path.read_bytes()[:-100])
-    recording = load_surface_recording(path)
+    recording = load_recording(path)
     assert len(recording.acceleration_m_s2) == len(counts) - 800
     outcome = fit_job(Job(str(path), "stroke", None, {}, {"order": 6}, __version__))
     assert outcome.swatch is not None, outcome.reason

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from hapscene.capture import load_surface_recording
+from hapscene.capture import load_recording
 from hapscene.capture.recording_file import BridgedWarning, dft321, one_axis
 from hapscene.capture.streams import clean
 from hapscene.errors import CaptureError
@@ -23,7 +23,7 @@ def write(folder: Path, text: str | bytes) -> Path:
 
 
 def test_columns_and_units(tmp_path: Path) -> None:
-    recording = load_surface_recording(write(tmp_path, CSV), 1000.0, COLUMNS, UNITS)
+    recording = load_recording(write(tmp_path, CSV), 1000.0, COLUMNS, UNITS)
     assert recording.rate_Hz == 1000.0
     assert np.allclose(recording.acceleration_m_s2, [9.80665, -9.80665])
     assert np.allclose(recording.speed_m_s, [0.1, 0.2])
@@ -32,7 +32,7 @@ def test_columns_and_units(tmp_path: Path) -> None:
 
 def test_one_value_a_line(tmp_path: Path) -> None:
     path = write(tmp_path, "  5.7e-02\r\n -1.0e+00\r\n")
-    recording = load_surface_recording(path, 1000.0, units={"acceleration": "m/s2"})
+    recording = load_recording(path, 1000.0, units={"acceleration": "m/s2"})
     assert recording.acceleration_m_s2.tolist() == [0.057, -1.0]
     assert recording.force_N is recording.speed_m_s is recording.tangential_force_N is None
 
@@ -70,12 +70,12 @@ def test_one_value_a_line(tmp_path: Path) -> None:
 def test_what_is_missing_is_told(text: str | bytes, change: dict[str, object], message: str, tmp_path: Path) -> None:
     arguments = {"rate_Hz": 1000.0, "columns": COLUMNS, "units": UNITS} | change
     with pytest.raises(CaptureError, match=message):
-        load_surface_recording(write(tmp_path, text), **arguments)
+        load_recording(write(tmp_path, text), **arguments)
 
 
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"nothing\.csv: no such file"):
-        load_surface_recording(tmp_path / "nothing.csv", 1000.0)
+        load_recording(tmp_path / "nothing.csv", 1000.0)
 
 
 NOISE = np.random.default_rng(0).standard_normal((3, 4000))
@@ -88,18 +88,18 @@ NOISE = np.random.default_rng(0).standard_normal((3, 4000))
 def test_plain_text_in_its_forms(text: str, tmp_path: Path) -> None:
     names = ("a", "b") if "a" in text.replace("hand", "") else ("1", "2")
     columns = {"acceleration": names[0], "force": names[1]}
-    recording = load_surface_recording(write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N"})
+    recording = load_recording(write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N"})
     assert recording.acceleration_m_s2.tolist() == [1.0, 3.0]
     assert recording.force_N is not None and recording.force_N.tolist() == [2.0, 4.0]
 
 
 def test_times_give_the_rate(tmp_path: Path) -> None:
     path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.0,3\n")
-    assert load_surface_recording(path, units={"acceleration": "g", "time": "ms"}).rate_Hz == pytest.approx(2000.0)
-    assert load_surface_recording(path, 7.0, units={"acceleration": "g"}).rate_Hz == 7.0
+    assert load_recording(path, units={"acceleration": "g", "time": "ms"}).rate_Hz == pytest.approx(2000.0)
+    assert load_recording(path, 7.0, units={"acceleration": "g"}).rate_Hz == 7.0
     path = write(tmp_path, "time,acceleration\n0.0,1\n0.5,2\n1.9,3\n")
     with pytest.raises(CaptureError, match="not evenly spaced"):
-        load_surface_recording(path, units={"acceleration": "g"})
+        load_recording(path, units={"acceleration": "g"})
 
 
 @pytest.mark.parametrize("kind", ["int16", "int32", "uint8", "float32"])
@@ -112,21 +112,21 @@ def test_wav_carries_its_rate_and_full_scale_is_a_unit(kind: str, tmp_path: Path
         8000,
         np.round(full * wave + (128 if kind == "uint8" else 0)).astype(kind) if full > 1 else wave.astype(kind),
     )
-    recording = load_surface_recording(path, units={"acceleration": "98 m/s2"})
+    recording = load_recording(path, units={"acceleration": "98 m/s2"})
     assert recording.rate_Hz == 8000.0
     np.testing.assert_allclose(
         recording.acceleration_m_s2, 98.0 * wave, atol=98.0 * (0.01 if kind == "uint8" else 1e-4)
     )
     with pytest.raises(CaptureError, match="--units acceleration="):
-        load_surface_recording(path)
+        load_recording(path)
 
 
 def test_three_channels_of_a_wav_are_three_axes(tmp_path: Path) -> None:
     wavfile.write(tmp_path / "a.wav", 8000, NOISE.T.astype(np.float32))
-    recording = load_surface_recording(tmp_path / "a.wav", units={"acceleration": "g"})
+    recording = load_recording(tmp_path / "a.wav", units={"acceleration": "g"})
     want = one_axis(9.80665 * NOISE, 8000.0)
     np.testing.assert_allclose(recording.acceleration_m_s2, want, atol=1e-4)
-    single = load_surface_recording(tmp_path / "a.wav", columns={"acceleration": "2"}, units={"acceleration": "m/s2"})
+    single = load_recording(tmp_path / "a.wav", columns={"acceleration": "2"}, units={"acceleration": "m/s2"})
     np.testing.assert_allclose(single.acceleration_m_s2, NOISE[1], atol=1e-6)
 
 
@@ -139,7 +139,7 @@ def test_arrays_by_name(suffix: str, tmp_path: Path) -> None:
     arrays = {**arrays, "rate_Hz": 2000.0}
     (np.savez(path, **arrays) if suffix == "npz" else savemat(path, arrays))
     units = {"acceleration": "g", "force": "mN", "position": "m", "depth": "mm"}
-    recording = load_surface_recording(path, units=units)
+    recording = load_recording(path, units=units)
     assert recording.rate_Hz == 2000.0
     np.testing.assert_allclose(recording.acceleration_m_s2, one_axis(9.80665 * NOISE, 2000.0))
     assert recording.force_N is not None and recording.depth_m is not None and recording.speed_m_s is not None
@@ -150,7 +150,7 @@ def test_arrays_by_name(suffix: str, tmp_path: Path) -> None:
 
 def test_tangential_force_of_two_axes(tmp_path: Path) -> None:
     path = write(tmp_path, "acceleration,tangential_force_x,tangential_force_y\n1,3,4\n2,6,8\n")
-    recording = load_surface_recording(path, 1000.0, units={"acceleration": "g", "tangential_force": "N"})
+    recording = load_recording(path, 1000.0, units={"acceleration": "g", "tangential_force": "N"})
     assert recording.tangential_force_N is not None and recording.tangential_force_N.tolist() == [5.0, 10.0]
 
 
@@ -159,12 +159,12 @@ def test_samples_that_a_probe_dropped_are_bridged_if_few(tmp_path: Path) -> None
     stream[500:505] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0, units=np.array(["acceleration=m/s2"]))
     with pytest.warns(BridgedWarning):
-        recording = load_surface_recording(tmp_path / "r.npz")
+        recording = load_recording(tmp_path / "r.npz")
     np.testing.assert_allclose(recording.acceleration_m_s2, np.arange(1000.0))
     stream[:100] = np.nan
     np.savez(tmp_path / "r.npz", acceleration=stream, rate_Hz=1000.0)
     with pytest.raises(CaptureError, match=r"10\.5 % of the samples are missing"):
-        load_surface_recording(tmp_path / "r.npz", units={"acceleration": "g"})
+        load_recording(tmp_path / "r.npz", units={"acceleration": "g"})
 
 
 @pytest.mark.parametrize("suffix", ["wav", "npz", "mat", "hsrec"])
@@ -172,19 +172,19 @@ def test_a_damaged_file_is_told(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"r.{suffix}"
     path.write_bytes(b"RIFF" + bytes(range(200)))
     with pytest.raises(CaptureError, match=f"r.{suffix}: "):
-        load_surface_recording(path, 1000.0)
+        load_recording(path, 1000.0)
 
 
 def test_no_pickle_is_opened_and_no_text_taken_for_a_stream(tmp_path: Path) -> None:
     np.savez(tmp_path / "r.npz", acceleration=np.array([{}, {}], dtype=object))
     with pytest.raises(CaptureError, match="not an NPZ file that can be read"):
-        load_surface_recording(tmp_path / "r.npz", 1000.0)
+        load_recording(tmp_path / "r.npz", 1000.0)
     np.savez(tmp_path / "r.npz", acceleration=np.array(["a", "b"]))
     with pytest.raises(CaptureError, match="no streams of numbers"):
-        load_surface_recording(tmp_path / "r.npz", 1000.0)
+        load_recording(tmp_path / "r.npz", 1000.0)
     np.savez(tmp_path / "r.npz", acceleration=np.ones(5), force=np.ones(6))
     with pytest.raises(CaptureError, match="different length"):
-        load_surface_recording(tmp_path / "r.npz", 1000.0)
+        load_recording(tmp_path / "r.npz", 1000.0)
 
 
 def test_missing_samples_are_bridged_and_told(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_missing_samples_are_bridged_and_told(tmp_path: Path) -> None:
     stream[[3, 500]] = np.nan
     np.savez(path, acceleration=stream, force=np.ones(1000), other=stream, rate_Hz=1000.0)
     with pytest.warns(BridgedWarning, match=r"oak\.npz: missing samples .*: 2 of acceleration$"):
-        recording = load_surface_recording(path, units={"acceleration": "m/s2", "force": "N"})
+        recording = load_recording(path, units={"acceleration": "m/s2", "force": "N"})
     assert np.array_equal(recording.acceleration_m_s2, np.arange(1000.0))
     assert recording.bridged == {"acceleration": 2}
 
@@ -202,8 +202,8 @@ def test_axes_may_be_named_one_by_one(tmp_path: Path) -> None:
     np.savez(path, ax=NOISE[0], ay=NOISE[1], az=NOISE[2])
     given = {"acceleration_z": "az", "acceleration_x": "ax", "acceleration_y": "ay"}
     units = {"acceleration": "m/s2"}
-    one = load_surface_recording(path, 1000.0, given, units)
-    other = load_surface_recording(path, 1000.0, {"acceleration": "ax+ay+az"}, units)
+    one = load_recording(path, 1000.0, given, units)
+    other = load_recording(path, 1000.0, {"acceleration": "ax+ay+az"}, units)
     assert np.array_equal(one.acceleration_m_s2, other.acceleration_m_s2)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture import fit, load_surface_recording
+from hapscene.capture import fit, load_recording
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.report import report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
@@ -184,7 +184,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
 def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
     folder = shared / "data" / "recordings"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    real = load_surface_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
+    real = load_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
     start = time.process_time()  # of this process: the machine may be busy
     text = report(load_swatch("wood"), real, "cdp_wood.csv")
     assert time.process_time() - start < 10.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapscene.capture import fit, load_surface_recording, metric, synthesize
+from hapscene.capture import fit, load_recording, metric, synthesize
 from hapscene.capture.streams import clean
 from hapscene.capture.texture_pieces import Pieces, fit_level
 
@@ -57,7 +57,7 @@ def test_power_on_the_held_out_half(name, shared):
     """Both ways. The halves of wood differ by 0.9 dB: the other one's force and speed explain it."""
     path = shared / "data" / "recordings" / f"cdp_{name}.csv"
     units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-    recording = load_surface_recording(path, 10_000.0, {"acceleration": "accel"}, units)
+    recording = load_recording(path, 10_000.0, {"acceleration": "accel"}, units)
     middle = len(recording.force_N) // 2
     first, second = slice(0, middle), slice(middle, None)
     force, speed = recording.force_N, recording.speed_m_s

@@ -101,8 +101,12 @@ def test_wrong_input_is_answered(plate: Scene) -> None:
         act("tap", plate, TICK_S, "none")
     with pytest.raises(HapsceneError, match="delay_ticks must be a whole number"):
         Twin(plate, MASS, delay_ticks=-1)
-    with pytest.raises(HapsceneError, match="must be a PointMass or an Omni"):
-        Twin(plate, "omni")  # type: ignore[arg-type]
+    with pytest.raises(HapsceneError, match="no device 'onmi'; there are: ideal, omni"):
+        Twin(plate, "onmi")
+    with pytest.raises(HapsceneError, match="device 'ideal' has no mass"):
+        Twin(plate, "ideal")
+    with pytest.raises(HapsceneError, match="a device is a name"):
+        Twin(plate, 3.0)  # type: ignore[arg-type]
     with pytest.raises(PathError, match="must be finite"):
         Intent.along([[0.0, 0.0, np.nan]])
 

@@ -1,0 +1,162 @@
+"""The public face: reached at once after `import hapscene`, told in a line, and called by its older spellings too."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hapscene
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = sorted(path.parent.name for path in (ROOT / "hapscene").glob("*/__init__.pyi"))
+LINE_MAX = 260
+
+
+def public_of(room: str) -> list[str]:
+    return list(import_module(f"hapscene.{room}").__all__)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_is_reached_after_import_alone(room: str) -> None:
+    names = public_of(room)
+    assert names
+    code = f"import hapscene; print(*(type(getattr(hapscene.{room}, name)).__name__ for name in {names!r}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.split()) == len(names)
+
+
+def test_the_face_is_shown_to_completion_and_to_the_type_checker() -> None:
+    told = ast.parse((ROOT / "hapscene" / "__init__.pyi").read_text(encoding="utf-8"))
+    names = {alias.name for node in told.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert {*ROOMS, "Renderer", "load_scene"} <= names <= set(dir(hapscene))
+    for room in ROOMS:
+        assert set(public_of(room)) <= set(dir(import_module(f"hapscene.{room}")))
+
+
+def test_regions_are_reached_as_documented() -> None:
+    code = "import hapscene; print(hapscene.scene.region.Box, hapscene.stability.closed_form, hapscene.device.model)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.fixture(scope="module")
+def things() -> Iterator[list[Any]]:
+    """One of each public thing that holds data."""
+    import trimesh
+
+    scene = hapscene.Scene()
+    box = trimesh.creation.box((0.1, 0.1, 0.02))
+    scene.add(box, name="plate", unit="m", swatch="wood")
+    wood = hapscene.load_swatch("wood")
+    renderer = hapscene.Renderer(scene, device="omni")
+    p_WT = np.linspace([0.0, 0.0, 0.02], [0.01, 0.0, 0.009], 50)
+    recording = renderer.run(p_WT)
+    twin = hapscene.twin.Twin(scene, "omni", handle=hapscene.handle.Plant())
+    intent = hapscene.twin.Intent.along(p_WT, "light")
+    feel = twin.run(intent)
+    noise = np.random.default_rng(0).standard_normal(4000)
+    operation = hapscene.teleoperation.Operation(scene, p_WT[0])
+    surface = hapscene.capture.SurfaceRecording(1000.0, noise, noise, None, None)
+    servo = hapscene.servo.Servo(scene, "omni")
+    yield [
+        scene,
+        scene.bodies[0],
+        scene.bodies[0].mesh,
+        hapscene.scene.examine(scene.bodies[0].mesh),
+        wood,
+        wood.texture,
+        wood.taps,
+        renderer,
+        recording,
+        renderer.step(p_WT[-1]),
+        renderer.limits,
+        *hapscene.device.DEVICES.values(),
+        hapscene.device.Omni(),
+        hapscene.surface.load_effect("wall"),
+        twin,
+        intent,
+        feel,
+        hapscene.handle.Plant(),
+        hapscene.handle.play(noise, 10_000.0),
+        operation,
+        operation.run(intent),
+        surface,
+        servo,
+        hapscene.teleoperation.Coupling(),
+        hapscene.teleoperation.Impairment(),
+    ]
+    servo.close()
+
+
+def test_repr_is_a_line_that_helps(things: list[Any]) -> None:
+    for thing in things:
+        line = repr(thing)
+        assert "\n" not in line and len(line) <= LINE_MAX, line
+        assert type(thing).__name__ in line and " at 0x" not in line, line
+
+
+def test_older_spellings_are_taken_and_told() -> None:
+    wood = hapscene.load_swatch("wood")
+    force, speed = np.full(2000, 1.0), np.full(2000, 0.1)
+    modern = hapscene.capture.synthesize(wood, force, speed, rate_Hz=10_000.0, seed=3)
+    with pytest.warns(DeprecationWarning, match=r"synthesize: say rate_Hz=…, seed=…"):
+        assert np.array_equal(hapscene.capture.synthesize(wood, force, speed, 10_000.0, 3), modern)
+    with pytest.warns(DeprecationWarning, match=r"model: say speed_m_s=…"):
+        old = wood.texture.model(1.0, slip_m_s=0.1)
+    assert np.array_equal(old[0], wood.texture.model(1.0, 0.1)[0])
+    with pytest.raises(TypeError, match="several values for seed"):
+        hapscene.capture.synthesize(wood, force, speed, 10_000.0, 3, seed=4)
+    assert hapscene.capture.load_surface_recording is hapscene.capture.load_recording
+    assert hapscene.servo.State is hapscene.servo.ServoState
+
+
+def test_calls_with_many_arguments_take_them_by_name() -> None:
+    """More than three are not given by place, in what is called to make or do a thing."""
+    for name in ("Renderer", "Scene.add", "twin.Twin", "servo.Servo", "teleoperation.Operation", "capture.fit"):
+        target: Any = hapscene
+        for part in name.split("."):
+            target = getattr(target, part)
+        called = target.__init__ if inspect.isclass(target) else target
+        kinds = [p.kind for p in inspect.signature(called).parameters.values() if p.name != "self"]
+        assert kinds.count(inspect.Parameter.POSITIONAL_OR_KEYWORD) <= 3, name
+
+
+def test_a_device_is_a_name_or_an_object() -> None:
+    from hapscene.device.arm import simulated_device
+
+    named = hapscene.device.limits_of("omni", 1e-3)
+    assert hapscene.device.limits_of(hapscene.device.DEVICES["omni"], 1e-3) == named
+    assert hapscene.device.limits_of(hapscene.device.Omni(), 1e-3) == named
+    assert isinstance(simulated_device("omni"), hapscene.device.Omni)
+    assert simulated_device("premium-1.5") is hapscene.device.DEVICES["premium-1.5"].point
+    scene = hapscene.Scene()
+    import trimesh
+
+    scene.add(trimesh.creation.box((0.1, 0.1, 0.02)), name="plate", unit="m")
+    assert hapscene.twin.Twin(scene, "omni").renderer.limits == named
+    assert hapscene.Renderer(scene, device=hapscene.device.Omni()).limits == named
+
+
+def test_a_recording_is_what_a_fit_takes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(20_000)
+    table = np.column_stack([noise, np.full(len(noise), 1.0), np.full(len(noise), 0.1)])
+    file = tmp_path / "oak.csv"
+    np.savetxt(file, table, delimiter=",", header="acceleration,force,speed", comments="", fmt="%.17g")
+    units = {"acceleration": "m/s2", "force": "N", "speed": "m/s"}
+    recording = hapscene.capture.load_recording(file, rate_Hz=10_000.0, units=units)
+    found = hapscene.capture.fit(recording, name="oak", order=4, model_count=1)
+    same = hapscene.capture.fit(noise, 10_000.0, force_N=table[:, 1], speed_m_s=table[:, 2], order=4, model_count=1)
+    assert found.name == "oak"
+    assert np.array_equal(found.texture.lsf_rad, same.texture.lsf_rad)
+    with pytest.raises(hapscene.HapsceneError, match="takes no others"):
+        hapscene.capture.fit(recording, 10_000.0)
+    with pytest.raises(hapscene.HapsceneError, match="rate_Hz is missing"):
+        hapscene.capture.fit(noise)
