@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import TICK_S
-from hapscene.device.model import Limits
+from hapscene.device.model import DeviceLike, Limits
 from hapscene.errors import SceneError, no_such
 from hapscene.paint.document import Document, stamp_of
 from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre, faces_in_box, faces_in_sphere
@@ -54,7 +54,7 @@ class Session:
     Args:
         scene: painted in place; nobody else should change it meanwhile.
         path: the scene file it was loaded from, or shall be saved to; None where that is not known yet.
-        device: whose limits the parameters show, a name of `hapscene.device.model.DEVICES`.
+        device: whose limits the parameters show, by its name or itself.
         tick_s: period of the force channel [s].
 
     Attributes:
@@ -71,7 +71,7 @@ class Session:
     """
 
     def __init__(
-        self, scene: Scene, path: str | Path | None = None, device: str = "omni", tick_s: float = TICK_S
+        self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", tick_s: float = TICK_S
     ) -> None:
         self.painting = painting = Painting(scene)
         self.document = Document(painting, Path(path) if path is not None else None)

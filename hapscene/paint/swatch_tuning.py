@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from hapscene.constants import TICK_S
-from hapscene.device.model import limits_of
+from hapscene.device.model import DeviceLike, device_of, limits_of
 from hapscene.errors import SceneError, SwatchError
 from hapscene.paint.history import SwatchDelta, SwatchState
 from hapscene.paint.painting import Painting
@@ -31,18 +31,18 @@ class SwatchTuning:
 
     Args:
         painting: whose swatches.
-        device: whose limits the parameters show, a name of `hapscene.device.model.DEVICES`.
+        device: whose limits the parameters show, by its name or itself.
         tick_s: period of the force channel [s].
 
     Attributes:
-        device, limits: as chosen; see `choose_device`.
+        device, limits: name and limits of the one chosen; see `choose_device`.
         clock: tells what is done within a second, and so is one step [s].
 
     Raises:
         HapsceneError: no such device.
     """
 
-    def __init__(self, painting: Painting, device: str = "omni", tick_s: float = TICK_S) -> None:
+    def __init__(self, painting: Painting, device: DeviceLike = "omni", tick_s: float = TICK_S) -> None:
         self._painting = painting
         self.tick_s = tick_s
         self.choose_device(device)
@@ -54,14 +54,14 @@ class SwatchTuning:
         names = ", ".join(state.swatch.name for state in self._painting.swatches)
         return f"<SwatchTuning of {names} within the limits of {self.device}>"
 
-    def choose_device(self, device: str) -> None:
+    def choose_device(self, device: DeviceLike) -> None:
         """Show the limits of another device from now on.
 
         Raises:
             HapsceneError: no such device.
         """
         self.limits = limits_of(device, self.tick_s)
-        self.device = device
+        self.device = device_of(device).name
 
     def add_swatch(self, swatch: SwatchLike) -> int:
         """Put a swatch of the library, a file, or one made here into the scene, unless it is there; its index.
