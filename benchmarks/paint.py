@@ -42,11 +42,11 @@ def measure_painting(sheet: Sheet, say: Callable[[str], None] = print) -> None:
             session = Session.open(path)
             sheet.add(name, "open to paint", time.perf_counter() - began_s, "s")
             began_s = time.perf_counter()
-            display = Display(session)
+            display = Display(session.painting)
             sheet.add(name, "reduce and cut to be shown", time.perf_counter() - began_s, "s")
             sheet.add(name, "triangles shown", sum(len(body.mesh.faces) for body in display.bodies), "1")
             wood = session.add_swatch("wood")
-            session.changes()
+            session.painting.changes()
             for radius_m in BRUSH_M:
                 _measure_stroke(sheet, name, session, display, wood, radius_m)
             _measure_fills(sheet, name, session, display, wood)
@@ -56,7 +56,7 @@ def measure_painting(sheet: Sheet, say: Callable[[str], None] = print) -> None:
 def _measure_stroke(sheet: Sheet, name: str, session: Session, display: Display, swatch: int, radius_m: float) -> None:
     """Median and longest time of a move of the pointer, and of what is then sent anew."""
     session.fill_body(0, 0)
-    display.update(session.changes())
+    display.update(session.painting.changes())
     drawn_s, shown_s, sent_B = [], [], []
     session.begin_stroke(swatch, radius_m)
     for x in np.linspace(-0.6, 0.6, MOVES) * RADIUS_M:
@@ -64,7 +64,7 @@ def _measure_stroke(sheet: Sheet, name: str, session: Session, display: Display,
         session.drag_to([0.0, 0.0, 10 * RADIUS_M], [x, 0.2 * x, -9 * RADIUS_M])
         drawn_s.append(time.perf_counter() - began_s)
         began_s = time.perf_counter()
-        layers = [layer for key in display.update(session.changes()) for layer in display.layers(key)]
+        layers = [layer for key in display.update(session.painting.changes()) for layer in display.layers(key)]
         shown_s.append(time.perf_counter() - began_s)
         sent_B.append(sum(layer.vertices_m.nbytes + layer.faces.nbytes for layer in layers))
     session.end_stroke()
@@ -82,7 +82,7 @@ def _measure_fills(sheet: Sheet, name: str, session: Session, display: Display, 
         ("fill the body", lambda: session.fill_body(0, swatch)),
         ("undo it", session.undo),
         ("redo it", session.redo),
-        ("show it", lambda: [display.layers(key) for key in display.update(session.changes())]),
+        ("show it", lambda: [display.layers(key) for key in display.update(session.painting.changes())]),
     ]
     for what, act in acts:
         began_s = time.perf_counter()

@@ -102,7 +102,7 @@ def ball_page(subdivisions: int) -> Iterator[Page]:
     with tempfile.TemporaryDirectory() as folder:
         session = Session(scene, Path(folder) / "ball.scene.json")
         with Page(session, port=0, with_autosave=False) as page:
-            until(lambda: page.parts.touch.status == "ready", "the painter's hand does not get ready")
+            until(lambda: page.context.touch.status == "ready", "the painter's hand does not get ready")
             yield page
 
 
@@ -201,7 +201,7 @@ def touching(page: Page, strokes: bool) -> Iterator[Any]:
     Raises:
         ViewError: the hand does not get there.
     """
-    touch, loop = page.parts.touch, page.server.get_event_loop()
+    touch, loop = page.context.touch, page.server.get_event_loop()
     do(page, lambda: touch.press(*_contact(0.0)))
     moving = asyncio.run_coroutine_threadsafe(_stroke(page), loop) if strokes else None
     try:
@@ -216,7 +216,7 @@ def touching(page: Page, strokes: bool) -> Iterator[Any]:
 async def _stroke(page: Page) -> None:
     began_s = time.monotonic()
     while True:
-        page.parts.touch.move(*_contact(0.3 * math.sin(5.5 * (time.monotonic() - began_s))))
+        page.context.touch.move(*_contact(0.3 * math.sin(5.5 * (time.monotonic() - began_s))))
         await asyncio.sleep(1 / 60)
 
 

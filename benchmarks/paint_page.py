@@ -257,9 +257,9 @@ def _felt(servo: Any, since: int) -> float:
 
 def _take(page: Page, index: int) -> str:
     """Have the sliders show that swatch of the scene; returns its name."""
-    swatch = page.parts.session.scene.swatches[index]
-    page.parts.tools.take(swatch.name, swatch)
-    page.changed()
+    swatch = page.context.session.scene.swatches[index]
+    page.context.tools.choose_swatch(swatch.name, swatch)
+    page.refresh()
     return swatch.name
 
 
@@ -378,7 +378,7 @@ def _delays(page: Page, chromium: Any) -> dict[str, Delay]:
 
 
 def _size(page: Page) -> str:
-    return f"{len(page.parts.session.scene.bodies[0].mesh.faces):,} triangles"
+    return f"{len(page.context.session.scene.bodies[0].mesh.faces):,} triangles"
 
 
 if __name__ == "__main__":

@@ -81,13 +81,13 @@ def _paint(options: argparse.Namespace) -> int:
     from hapscene.paint.web.hand_config import HandConfig
     from hapscene.paint.web.page import Page
 
-    hold = HandConfig(options.device, options.grip, options.compensator)
+    hand = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, say)
-    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hold=hold)
+    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand)
     with page, suppress(KeyboardInterrupt):
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
-        if session.problem:
-            say(f"{session.problem}\n")
+        if session.document.problem:
+            say(f"{session.document.problem}\n")
         if page.public:
             say("open to the network: whoever reaches this computer may paint here, and save over your files\n")
         if not options.no_browser:
@@ -96,8 +96,8 @@ def _paint(options: argparse.Namespace) -> int:
             time.sleep(NAP_S)
     if page.kept:
         say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
-    elif session.changed:
-        say(f"not saved, and lost: {session.problem or 'no copy was kept'}\n")
+    elif session.document.changed:
+        say(f"not saved, and lost: {session.document.problem or 'no copy was kept'}\n")
     elif session.dirty:
         say(f"nothing was painted, so there is no {session.path}\n")
     return 0

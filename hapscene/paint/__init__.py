@@ -2,16 +2,16 @@
 
 | module | does |
 |---|---|
-| `session` | every operation on a scene, each a step that can be undone: start here |
-| `canvas`, `keep`, `tuning` | what a session is built of: the steps, the file, the swatches and their numbers |
-| `history`, `change` | the steps, packed; what changed since a view last looked |
-| `shape`, `pick`, `brush`, `stroke`, `fill` | a mesh prepared to be painted, and which faces are reached |
+| `session` | brush, fill and all else that may be done to a scene, each a step that can be undone: start here |
+| `painting`, `document`, `swatch_tuning`, `history` | its parts: scene and who watches, file, swatches, steps |
+| `change_watch` | what changed since a view last looked |
+| `paintable_mesh` | a mesh prepared to be painted: which faces a ray, the brush or a fill reaches |
 | `parameter` | a swatch's numbers with their limits |
-| `display`, `reduce` | the scene as it is shown: reduced, in chunks |
-| `save`, `autosave` | the scene file, never over another's work; recovery of a killed process |
-| `shelf`, `word`, `heard` | the swatches to choose from, told in words and by ear |
+| `display` | the scene as it is shown: reduced, in chunks |
+| `shelf`, `gallery` | the swatches to choose from, told in words and by ear; the same as a page to read |
+| `web` | the page in the browser: `page` is where it starts, `tools` what the pointer does, `panels` what is set |
 
-No module of these knows a browser, or imports viser.
+No module but those of `web` knows a browser, or imports viser.
 """
 
 import lazy_loader

@@ -20,6 +20,10 @@ class Changes:
     swatches: tuple[int, ...]
     shelf: bool
 
+    def __repr__(self) -> str:
+        counts = {body: len(faces) for body, faces in self.faces.items()}
+        return f"<Changes: faces by body {counts}, swatches {list(self.swatches)}{', the shelf' if self.shelf else ''}>"
+
     def __bool__(self) -> bool:
         return bool(self.faces or self.swatches or self.shelf)
 

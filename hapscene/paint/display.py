@@ -1,4 +1,4 @@
-"""The scene as it is shown: bodies reduced, cut into chunks, each chunk a mesh for each swatch on it.
+"""The scene as it is shown, for any viewer: bodies reduced, cut into chunks, each chunk a mesh for each swatch on it.
 
 A browser that draws without a graphics card is slow over some 60,000 triangles, and what is sent anew after a stroke
 should be small: so no more is shown than that, in chunks of some thousand, and only chunks whose swatches changed are
@@ -7,17 +7,20 @@ it are drawn, raised by a hair, the faces of the full mesh for which that is wro
 are seen as they are. The picture depends on the painting alone, and undo brings it back.
 """
 
+import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.contact.embree import Search, first_face, new_ray
+from hapscene.errors import ViewError
+from hapscene.native import native
 from hapscene.paint.change_watch import Changes
 from hapscene.paint.paintable_mesh import PaintableMesh
-from hapscene.paint.painting import Canvas
-from hapscene.paint.reduce import Reduced, reduced
-from hapscene.scene.topology import area_of
+from hapscene.paint.painting import Painting
+from hapscene.scene.topology import area_of, unit
 
 SHOWN_MAX: Final = 60_000
 """Most triangles shown of a whole scene [count]."""
@@ -25,6 +28,33 @@ SHOWN_MAX: Final = 60_000
 CHUNK: Final = 3_000
 """Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
 many of the full mesh at most; where a painting is more chequered, the shown faces must do."""
+
+BACK_SHARE: Final = 0.01
+"""From how far behind its point a ray starts, in its length [1]: where both surfaces are one, it must meet it."""
+
+NORMAL_EDGES: Final = 2.0
+"""How far apart two faces of one place count when one looks to the side of the other, in edges of the shown mesh [1]:
+enough for the two sides of a wall thinner than an edge not to be taken for each other."""
+
+NEAR: Final = 0.02
+"""How far from the mesh what is shown of it is looked for, in its diagonals [1]: it is never reduced by as much."""
+
+RAISED: Final = 3e-4
+"""How far the full mesh is raised over the shown one, in its diagonals [1]: seen from afar, the picture's depth cannot
+tell less apart, and as much is a quarter of a pixel."""
+
+SLIVER_SINE: Final = 0.045
+"""Sine of the angle, 2.6°, under which fast-simplification keeps a triangle as it is [1]: where half of what may be
+shown are such slivers, it tries for long and gets nowhere."""
+
+GRID_MAX: Final = 4096
+"""Most cells along the longest side of a mesh whose vertices are clustered [count]: finer than a screen."""
+
+EXCESS: Final = 1.2
+"""How many times too many faces may be left [1], before the other way is taken."""
+
+Places = NDArray[np.float64]
+Faces = NDArray[np.int32]
 
 
 class ChunkKey(NamedTuple):
@@ -53,6 +83,71 @@ class Layer:
     over: NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False)
+class ReducedMesh:
+    """What is shown of a mesh, in the body's frame B.
+
+    Attributes:
+        vertices_m: (V, 3) float32 [m].
+        faces: (S, 3) int32.
+        shown_of: (M,) int32, the one shown face that stands for each face of the mesh.
+        lent: (k, 2) int32, shown faces that stand for none, and the face of the mesh whose colour each wears.
+        under: (N,) int32, the shown face under or over each vertex of the mesh; −1 where there is none.
+        raised_m: (N, 3) float32, these vertices lifted off what is shown [m]; None where that is the mesh itself.
+    """
+
+    vertices_m: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    shown_of: NDArray[np.int32]
+    lent: NDArray[np.int32]
+    under: NDArray[np.int32]
+    raised_m: NDArray[np.float32] | None
+
+
+class Display:
+    """What of a painted scene is shown.
+
+    Args:
+        painting: the scene.
+        shown_max: most triangles of all bodies together.
+
+    Attributes:
+        bodies: as they are shown, in the scene's order.
+
+    Raises:
+        ViewError: a mesh must be reduced, and the package that does it is missing.
+    """
+
+    def __init__(self, painting: Painting, shown_max: int = SHOWN_MAX) -> None:
+        bodies = painting.scene.bodies
+        counts = shares([len(body.mesh.faces) for body in bodies], shown_max)
+        made: dict[tuple[int, int], ReducedMesh] = {}
+        self.bodies: list[ShownBody] = []
+        with painting.lock:
+            for body, shape, count in zip(bodies, painting.shapes, counts, strict=True):
+                key = (id(body.mesh), count)
+                if key not in made:
+                    made[key] = reduce_mesh(shape, count)
+                self.bodies.append(ShownBody(shape, made[key], body.face_swatch))
+
+    def chunks(self) -> list[ChunkKey]:
+        """All chunks."""
+        return [ChunkKey(b, c) for b, body in enumerate(self.bodies) for c in range(body.chunk_count)]
+
+    def layers(self, key: ChunkKey) -> list[Layer]:
+        """The meshes that a chunk is drawn as, one for each swatch in it."""
+        return self.bodies[key.body].layers(key.chunk)
+
+    def update(self, changes: Changes) -> list[ChunkKey]:
+        """Take note of what changed; the chunks to be drawn anew.
+
+        A swatch whose colour changed alone changes no chunk: it is the view that gives layers their colours.
+        """
+        return [
+            ChunkKey(body, int(c)) for body, faces in changes.faces.items() for c in self.bodies[body].update(faces)
+        ]
+
+
 class ShownBody:
     """A body as it is shown.
 
@@ -63,7 +158,7 @@ class ShownBody:
         chunk_count: how many there are.
     """
 
-    def __init__(self, shape: PaintableMesh, mesh: Reduced, face_swatch: NDArray[np.int16]) -> None:
+    def __init__(self, shape: PaintableMesh, mesh: ReducedMesh, face_swatch: NDArray[np.int16]) -> None:
         self.mesh = mesh
         self._shape = shape
         self._face_swatch = face_swatch
@@ -73,11 +168,11 @@ class ShownBody:
         self._full = np.argsort(mesh.shown_of, kind="stable")
         count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
         self._start = np.concatenate([[0], np.cumsum(count)])
-        self.chunk = _cut(mesh.vertices_m[mesh.faces].mean(axis=1))
+        self.chunk = _chunk_of(mesh.vertices_m[mesh.faces].mean(axis=1))
         self.chunk_count = int(self.chunk.max()) + 1
         self.swatch = np.zeros(len(mesh.faces), np.int16)
-        self._wear(np.arange(len(mesh.faces)))
-        self._over = self._wrong()
+        self._assign_swatches(np.arange(len(mesh.faces)))
+        self._over = self._drawn_whole()
 
     def update(self, faces: NDArray[np.integer]) -> NDArray[np.int64]:
         """Look again at faces (n,) of the full mesh; the chunks that became others."""
@@ -87,8 +182,8 @@ class ShownBody:
         borrowers = lent[np.isin(lent[:, 1], faces), 0]
         shown = np.unique(np.concatenate([self.mesh.shown_of[faces], borrowers]))
         before, over = self.swatch[shown], self._over
-        self._wear(shown)
-        self._over = self._wrong()
+        self._assign_swatches(shown)
+        self._over = self._drawn_whole()
         other = np.concatenate([np.flatnonzero(over != self._over), faces[self._over[faces]]])
         changed = np.concatenate([shown[before != self.swatch[shown]], self.mesh.shown_of[other]])
         return np.unique(self.chunk[changed]).astype(np.int64)
@@ -110,7 +205,7 @@ class ShownBody:
             found.append(Layer(int(swatch), vertices_m, faces.astype(np.uint32), shown, fine))
         return found
 
-    def _wrong(self) -> NDArray[np.bool_]:
+    def _drawn_whole(self) -> NDArray[np.bool_]:
         """Whether each face (M,) of the full mesh is drawn itself: at a border, or where what is shown is wrong."""
         mesh, swatch, pairs = self.mesh, self._face_swatch, self._shape.pairs
         if mesh.raised_m is None:
@@ -124,7 +219,7 @@ class ShownBody:
         wrong[one[beside]] = wrong[other[beside]] = True
         return wrong
 
-    def _wear(self, shown: NDArray[np.integer]) -> None:
+    def _assign_swatches(self, shown: NDArray[np.integer]) -> None:
         """Give shown faces (n,) the swatch of most of the area that they stand for; the lower number where equal."""
         length = self._start[shown + 1] - self._start[shown]
         row = np.repeat(np.arange(len(shown)), length)
@@ -137,50 +232,6 @@ class ShownBody:
         lent = self.mesh.lent
         mine = np.isin(lent[:, 0], shown)
         self.swatch[lent[mine, 0]] = self._face_swatch[lent[mine, 1]]
-
-
-class Display:
-    """What of a painted scene is shown.
-
-    Args:
-        canvas: the scene.
-        shown_max: most triangles of all bodies together.
-
-    Attributes:
-        bodies: as they are shown, in the scene's order.
-
-    Raises:
-        ViewError: a mesh must be reduced, and the package that does it is missing.
-    """
-
-    def __init__(self, canvas: Canvas, shown_max: int = SHOWN_MAX) -> None:
-        bodies = canvas.scene.bodies
-        counts = shares([len(body.mesh.faces) for body in bodies], shown_max)
-        made: dict[tuple[int, int], Reduced] = {}
-        self.bodies: list[ShownBody] = []
-        with canvas.lock:
-            for body, shape, count in zip(bodies, canvas.shapes, counts, strict=True):
-                key = (id(body.mesh), count)
-                if key not in made:
-                    made[key] = reduced(shape, count)
-                self.bodies.append(ShownBody(shape, made[key], body.face_swatch))
-
-    def chunks(self) -> list[ChunkKey]:
-        """All chunks."""
-        return [ChunkKey(b, c) for b, body in enumerate(self.bodies) for c in range(body.chunk_count)]
-
-    def layers(self, key: ChunkKey) -> list[Layer]:
-        """The meshes that a chunk is drawn as, one for each swatch in it."""
-        return self.bodies[key.body].layers(key.chunk)
-
-    def update(self, changes: Changes) -> list[ChunkKey]:
-        """Take note of what changed; the chunks to be drawn anew.
-
-        A swatch whose colour changed alone changes no chunk: it is the view that gives layers their colours.
-        """
-        return [
-            ChunkKey(body, int(c)) for body, faces in changes.faces.items() for c in self.bodies[body].update(faces)
-        ]
 
 
 def shares(counts: list[int], most: int) -> list[int]:
@@ -202,7 +253,7 @@ def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[ND
     return vertices_m[used], index.reshape(-1, 3)
 
 
-def _cut(centroid_m: NDArray[np.floating]) -> NDArray[np.int32]:
+def _chunk_of(centroid_m: NDArray[np.floating]) -> NDArray[np.int32]:
     """A chunk (S,) for each place (S, 3): halved across the longest side until none has more than `CHUNK`."""
     chunk = np.zeros(len(centroid_m), np.int32)
     waiting, count = [np.arange(len(centroid_m))], 0
@@ -218,3 +269,175 @@ def _cut(centroid_m: NDArray[np.floating]) -> NDArray[np.int32]:
         order = np.argpartition(place[:, axis], half)
         waiting += [inside[order[half:]], inside[order[:half]]]
     return chunk
+
+
+# How a mesh is reduced, and where what is shown of it lies over the full one.
+
+
+def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
+    """A mesh with about `count` faces at most; itself, where it has no more.
+
+    By quadric error metrics (Garland & Heckbert 1997, fast-simplification); by clusters of vertices (Rossignac & Borrel
+    1993), where slivers keep those from it. A face of the mesh is stood for by the shown face over or under its
+    centroid; where there is none, by the one nearest by centroid and normal.
+
+    Raises:
+        ViewError: the package that reduces is not there.
+    """
+    mesh = shape.mesh
+    if len(mesh.faces) <= count:
+        every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
+        return ReducedMesh(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
+    used, index = np.unique(shape.welded[mesh.faces], return_inverse=True)
+    vertices_m, faces = mesh.vertices_m[used], index.reshape(-1, 3).astype(np.int32)
+    found = None
+    if np.count_nonzero(_smallest_sine(shape.corner_m) < SLIVER_SINE) < count / 2:
+        found = _collapsed(vertices_m, faces, count)
+    if found is None or len(found[1]) > EXCESS * count:
+        found = _clustered(vertices_m, faces, shape.normal, count)
+    return ReducedMesh(found[0].astype(np.float32), found[1], *_compared(shape, *found))
+
+
+def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Faces]:
+    try:
+        from fast_simplification import simplify
+    except ImportError:
+        raise ViewError(
+            f"a mesh of {len(faces):,} faces is too large to show whole, and what reduces it is missing: "
+            "pip install 'hapscene[paint]'"
+        ) from None
+    centre_m = vertices_m.mean(axis=0)
+    vertices, left = simplify(vertices_m - centre_m, faces, target_count=count)
+    return np.asarray(vertices, np.float64) + centre_m, np.asarray(left, np.int32)
+
+
+def _clustered(vertices_m: Places, faces: Faces, normal: NDArray[np.float64], count: int) -> tuple[Places, Faces]:
+    """Vertices of one cell of a grid, looking the same way, become one in their middle; the finest such grid."""
+    around = _around(faces, normal, len(vertices_m))
+    look = np.rint(around / np.maximum(np.abs(around).max(axis=1, keepdims=True), 1e-300)).astype(np.int64) + 1
+    low_m, span_m = vertices_m.min(axis=0), float(np.ptp(vertices_m, axis=0).max())
+    coarse, fine = 1.0, float(GRID_MAX)  # cells along the longest side
+    best = vertices_m, faces
+    while fine / coarse > 1.05:
+        cells = math.sqrt(coarse * fine)
+        key = np.zeros(len(vertices_m), np.int64)
+        for cell in ((vertices_m - low_m) / span_m * cells).astype(np.int64).T:
+            key = key * (GRID_MAX + 1) + cell
+        key = key * 27 + look @ np.array([9, 3, 1])
+        cluster = np.unique(key, return_inverse=True)[1]
+        left = _once(cluster[faces])
+        if len(left) <= count:
+            coarse = cells
+        else:
+            fine = cells
+        if len(left) <= count or len(best[1]) > count:
+            size = np.bincount(cluster)
+            middle = [np.bincount(cluster, vertices_m[:, k]) / size for k in range(3)]
+            best = np.stack(middle, axis=1), left.astype(np.int32)
+    return best
+
+
+def _once(corners: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Faces (M, 3) without those that have lost a side, each once."""
+    whole = corners[(corners != corners[:, (1, 2, 0)]).all(axis=1)]
+    row, low = np.arange(len(whole)), np.argmin(whole, axis=1)
+    turned = np.stack([whole[row, (low + k) % 3] for k in range(3)], axis=1)  # the lowest first: wound as it was
+    size = int(corners.max()) + 1
+    key = (turned[:, 0] * size + turned[:, 1]) * size + turned[:, 2]
+    return np.asarray(turned[np.unique(key, return_index=True)[1]])
+
+
+def _smallest_sine(corner_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sine (M,) of the smallest angle of triangles (M, 3, 3); 0 for those without area."""
+    side = np.sort(np.linalg.norm(corner_m - corner_m[:, (1, 2, 0)], axis=2), axis=1)
+    product = side[:, 1] * side[:, 2]
+    return np.asarray(np.divide(2 * area_of(corner_m), product, out=np.zeros(len(side)), where=product > 0))
+
+
+def _around(faces: NDArray[np.integer], normal: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """The sum (count, 3) of the normals (M, 3) of the faces at each vertex."""
+    corners = faces.ravel()
+    return np.stack([np.bincount(corners, np.repeat(normal[:, k], 3), count) for k in range(3)], axis=1)
+
+
+def _compared(
+    shape: PaintableMesh, vertices_m: Places, faces: Faces
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """`ReducedMesh.shown_of`, `lent`, `under` and `raised_m` of a mesh and what is shown of it."""
+    mesh = shape.mesh
+    corner = vertices_m[faces]
+    normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    look = Search(vertices_m, faces, 0.0)
+    shown_of, over_face_m = _under(look, normal, shape.centroid_m, shape.normal, NEAR * mesh.diagonal_m)
+    shown_of, lent = _stand_for(shape, corner, normal, shown_of)
+    place = shape.welded
+    up = unit(_around(place[mesh.faces], shape.normal, len(place)))[place]
+    under, above_m = _under(look, normal, mesh.vertices_m, up, NEAR * mesh.diagonal_m)
+    lift_m = np.maximum(above_m, 0.0)
+    for corners in place[mesh.faces].T:
+        np.maximum.at(lift_m, corners, over_face_m)
+    lift_m = lift_m[place] + RAISED * mesh.diagonal_m
+    return shown_of, lent, under, (mesh.vertices_m + lift_m[:, None] * up).astype(np.float32)
+
+
+def _under(
+    look: Search, shown_normal: NDArray[np.float64], points_m: Places, normals: NDArray[np.float64], far_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """The shown face (n,) over or under each point, −1 where there is none, and how high above it that is (n,) [m]."""
+    face, above_m = np.zeros(len(points_m), np.int32), np.zeros(len(points_m))
+    overlay_faces(look.handle, new_ray(), points_m - look.center_m, normals, shown_normal, far_m, face, above_m)
+    return face, above_m
+
+
+def _stand_for(
+    shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The shown face (M,) for every face, those of −1 found by centroid and normal; and for those idle, `lent`."""
+    from scipy.spatial import cKDTree
+
+    edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
+    scale_m = NORMAL_EDGES / 2 * edge_m  # normals that oppose are 2 apart
+    shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])
+    full = np.hstack([shape.centroid_m, scale_m * shape.normal])
+    lost = np.flatnonzero(shown_of < 0)
+    if len(lost):
+        shown_of[lost] = cKDTree(shown).query(full[lost], workers=-1)[1]
+    idle = np.flatnonzero(np.bincount(shown_of, minlength=len(shown)) == 0)
+    lender = cKDTree(full).query(shown[idle])[1] if len(idle) else idle
+    return shown_of, np.stack([idle, lender], axis=1).astype(np.int32)
+
+
+@native
+def overlay_faces(
+    search: int, ray: Any, points_m: Any, normals: Any, shown_normals: Any, far_m: float, faces: Any, above_m: Any
+) -> None:
+    """Write which shown face lies over or under each point, −1 where none does, and how high above the point.
+
+    Args:
+        search, ray: as `first_face` has them.
+        points_m: (n, 3) in the centred frame of the search structure [m].
+        normals: (n, 3) unit normals there; zero where none is known.
+        shown_normals: (S, 3) of the shown faces; one that looks away from the point's normal is another surface.
+        far_m: how far a ray goes to either side [m].
+        faces, above_m: (n,), (n,), written [m].
+    """
+    back_m = BACK_SHARE * far_m
+    for i in range(len(points_m)):
+        x, y, z = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        faces[i], above_m[i] = -1, 0.0
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
+            continue
+        nearest_m = far_m
+        for way in (1.0, -1.0):
+            start = (x - way * back_m * nx, y - way * back_m * ny, z - way * back_m * nz)
+            direction = (way * nx, way * ny, way * nz)
+            face = first_face(search, ray, start, direction, far_m + back_m, 0)
+            if face < 0:
+                continue
+            if nx * shown_normals[face, 0] + ny * shown_normals[face, 1] + nz * shown_normals[face, 2] <= 0.0:
+                continue
+            away_m = float(ray[8]) - back_m
+            if abs(away_m) < nearest_m:
+                nearest_m = abs(away_m)
+                faces[i], above_m[i] = face, way * away_m

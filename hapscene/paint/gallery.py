@@ -1,4 +1,5 @@
-"""The shelf as a page to read: every swatch in pictures, in words with units, and to be heard. In Markdown."""
+"""The shelf as a page to read, for `hapscene swatch gallery`, whose command is thin: every swatch in pictures, in words
+with units, and to be heard. In Markdown."""
 
 import html
 import tempfile
@@ -17,7 +18,7 @@ from hapscene.capture.metric import model_spectrum
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
 from hapscene.errors import ViewError
 from hapscene.files import whole_file, whole_folder
-from hapscene.paint.shelf import START_S, Phrase, phrases, stroked, wav
+from hapscene.paint.shelf import START_S, Phrase, phrases, swatch_sound, wav_bytes
 from hapscene.surface.library import entry_of
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
@@ -125,10 +126,10 @@ def write_portraits(swatch: Swatch, body: Pixels | None, scale: Scale, folder: P
         for ground in GROUNDS:
             if ground == "dark":
                 turn_dark(figure)
-            _reduced(figure, folder / f"{stem}-{ground}.png")
+            _save_small(figure, folder / f"{stem}-{ground}.png")
 
 
-def _reduced(figure: "Figure", path: Path) -> None:
+def _save_small(figure: "Figure", path: Path) -> None:
     """Save in 256 colours: a third of the size, and no eye sees it."""
     from PIL import Image
 
@@ -230,7 +231,7 @@ def write_gallery(
             say(f"{swatch.name}\n")
             body = painted_body(swatch)
             write_portraits(swatch, body, scale, folder, stem)
-            (folder / f"{stem}.wav").write_bytes(wav(stroked(swatch)))
+            (folder / f"{stem}.wav").write_bytes(wav_bytes(swatch_sound(swatch)))
         made = [page.parent / page.stem / file.name for file in sorted(folder.iterdir())]
     with whole_file(page) as part:
         part.write_text(_page(swatches, stems, page.stem), encoding="utf-8", newline="\n")

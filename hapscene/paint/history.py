@@ -1,15 +1,14 @@
 """Undo and redo: each step is what it changed, before and after, packed; the oldest steps are forgotten first."""
 
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import Swatch
 
 BYTES_MAX: Final = 64 * 1024 * 1024
 """Most memory that the packed steps may take [bytes]. A stroke of 5,000 faces takes some 10 kB, filling a body of
@@ -30,8 +29,14 @@ class FaceDelta:
     """Faces of a body that changed: their indices, and their swatches before and after, packed."""
 
     body: int
-    packed: bytes
+    packed: bytes = field(repr=False)
     count: int
+
+    @staticmethod
+    def between(body: int, old: NDArray[np.int16], new: NDArray[np.int16]) -> "FaceDelta | None":
+        """What differs in the swatches (M,) of a body's faces; None where nothing does."""
+        faces = np.flatnonzero(old != new)
+        return FaceDelta.pack(body, faces, old[faces], new[faces]) if len(faces) else None
 
     @staticmethod
     def pack(body: int, faces: NDArray[np.integer], old: NDArray[np.int16], new: NDArray[np.int16]) -> "FaceDelta":
@@ -48,8 +53,8 @@ class FaceDelta:
 
 
 @dataclass(frozen=True, eq=False)
-class HistoryEntry:
-    """A swatch of the scene.
+class SwatchState:
+    """A swatch of the scene at one time.
 
     Attributes:
         swatch: as it is.
@@ -57,9 +62,9 @@ class HistoryEntry:
         original: what `reset` brings back; None for itself.
     """
 
-    swatch: "Swatch"
+    swatch: Swatch
     source: Source
-    original: "HistoryEntry | None" = None
+    original: "SwatchState | None" = None
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,8 @@ class SwatchDelta:
     """A swatch of the scene before and after; None where there was, or is, none."""
 
     index: int
-    old: HistoryEntry | None
-    new: HistoryEntry | None
+    old: SwatchState | None
+    new: SwatchState | None
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Step:
     """What one undo takes back.
 
     Attributes:
-        what: in words for the user: "brush, 812 faces of toad".
+        what: in words for the user: "brush, 812 faces".
         swatches: changed first when done, last when undone: faces refer to them.
         faces: of one or more bodies.
         key: what the step went on changing, so that the next of the same key may join it; None for what stands alone.
@@ -100,7 +105,7 @@ class Step:
         return STEP_BYTES + sum(len(delta.packed) for delta in self.faces)
 
 
-def faces_word(count: int) -> str:
+def face_count_text(count: int) -> str:
     """A number of faces in words."""
     return f"{count:,} face{'' if count == 1 else 's'}"
 
@@ -120,6 +125,9 @@ class History:
         self._size = 0
         self._count = 0
         self._ground = 0  # number of the last step that was forgotten
+
+    def __repr__(self) -> str:
+        return f"<History: {len(self.done)} to undo, {len(self.undone)} to redo, {self.size / 1e3:.1f} kB>"
 
     @property
     def state(self) -> int:

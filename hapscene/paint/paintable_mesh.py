@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import SKIN_RATIO
 from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import SceneError
-from hapscene.geometry import Vector, dot, rigid, sub
+from hapscene.geometry import Vector, along, cross, dot, rigid, sub
 from hapscene.native import native
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
@@ -21,44 +21,12 @@ from hapscene.scene.topology import connected, edges_of, weld
 #
 # A brush of radius r moves along a segment. The walk starts at the faces at its two ends and goes on to every face that
 # shares a vertex with one already reached, is nearer than r to the segment (triangle against segment, after Ericson,
-# Real-Time Collision Detection (2005), 5.1.5, 5.1.9 and 5.1.10), and looks the same way as one of the ends.
+# Real-Time Collision Detection (2005), 5.1.9 and 5.1.10), and looks the same way as one of the ends.
 
 
 WAY_SHARE: Final = 0.1
 """How near the way must pass by a face that counts as gone over, in radii of the brush [1]: more than a chord of a
 short way leaves the surface by, and too little to be seen as a wider brush."""
-
-
-@native
-def point_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Squared distance [m²] of a point from a triangle."""
-    ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
-    d1, d2 = dot(ab, ap), dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return dot(ap, ap)
-    bp = sub(p, b)
-    d3, d4 = dot(ab, bp), dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return dot(bp, bp)
-    cp = sub(p, c)
-    d5, d6 = dot(ab, cp), dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return dot(cp, cp)
-    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return _off(ap, ab, d1 / (d1 - d3))
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return _off(ap, ac, d2 / (d2 - d6))
-    if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        return _off(bp, sub(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)))
-    total = va + vb + vc
-    if total <= 0.0:  # no area: its edges are all there is
-        return min(
-            _off(ap, ab, _share(ap, ab)), _off(ap, ac, _share(ap, ac)), _off(bp, sub(c, b), _share(bp, sub(c, b)))
-        )
-    v, w = vb / total, vc / total
-    gap = (ap[0] - v * ab[0] - w * ac[0], ap[1] - v * ab[1] - w * ac[1], ap[2] - v * ab[2] - w * ac[2])
-    return dot(gap, gap)
 
 
 @native
@@ -71,7 +39,7 @@ def _share(ap: Vector, ab: Vector) -> float:
 @native
 def _off(ap: Vector, ab: Vector, t: float) -> float:
     """Squared distance from a + t ab."""
-    gap = (ap[0] - t * ab[0], ap[1] - t * ab[1], ap[2] - t * ab[2])
+    gap = along(ap, -t, ab)
     return dot(gap, gap)
 
 
@@ -93,40 +61,49 @@ def segment_segment(p: Vector, q: Vector, a: Vector, b: Vector) -> float:
         t, s = 0.0, min(max(-c / l1, 0.0), 1.0)
     elif t > 1.0:
         t, s = 1.0, min(max((both - c) / l1, 0.0), 1.0)
-    gap = (
-        r[0] + s * d1[0] - t * d2[0],
-        r[1] + s * d1[1] - t * d2[1],
-        r[2] + s * d1[2] - t * d2[2],
-    )
+    gap = along(along(r, s, d1), -t, d2)
     return dot(gap, gap)
+
+
+@native
+def _inside(ap: Vector, ab: Vector, ac: Vector) -> tuple[bool, float, float]:
+    """Whether the foot of a point on a triangle's plane is inside it, and where: a + v ab + w ac."""
+    bb, bc, cc, pb, pc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(ap, ab), dot(ap, ac)
+    det = bb * cc - bc * bc
+    if det <= 0.0:
+        return False, 0.0, 0.0
+    v, w = (cc * pb - bc * pc) / det, (bb * pc - bc * pb) / det
+    return bool(v >= 0.0 and w >= 0.0 and v + w <= 1.0), v, w
+
+
+@native
+def _over_triangle(ap: Vector, ab: Vector, ac: Vector) -> float:
+    """Squared distance [m²] of a point from a triangle that it is over; infinite where it is beside it."""
+    inside, v, w = _inside(ap, ab, ac)
+    gap = along(along(ap, -v, ab), -w, ac)
+    return dot(gap, gap) if inside else np.inf
 
 
 @native
 def pierces(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> bool:
     """Whether a segment goes through a triangle."""
     ab, ac, pq, ap = sub(b, a), sub(c, a), sub(q, p), sub(p, a)
-    n = (ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2], ab[0] * ac[1] - ab[1] * ac[0])
+    n = cross(ab, ac)
     over, under = dot(n, ap), dot(n, pq)
     if under == 0.0 or over * (over + under) > 0.0:
         return False
-    t = -over / under
-    x = (ap[0] + t * pq[0], ap[1] + t * pq[1], ap[2] + t * pq[2])
-    bb, bc, cc, xb, xc = dot(ab, ab), dot(ab, ac), dot(ac, ac), dot(x, ab), dot(x, ac)
-    det = bb * cc - bc * bc
-    if det <= 0.0:
-        return False
-    v, w = (cc * xb - bc * xc) / det, (bb * xc - bc * xb) / det
-    return bool(v >= 0.0 and w >= 0.0 and v + w <= 1.0)
+    return _inside(along(ap, -over / under, pq), ab, ac)[0]
 
 
 @native
 def segment_triangle(p: Vector, q: Vector, a: Vector, b: Vector, c: Vector) -> float:
-    """Squared distance [m²] of a segment from a triangle."""
+    """Squared distance [m²] of a segment from a triangle: from an edge, if neither end is over it."""
     if pierces(p, q, a, b, c):
         return 0.0
+    ab, ac = sub(b, a), sub(c, a)
     return min(
-        point_triangle(p, a, b, c),
-        point_triangle(q, a, b, c),
+        _over_triangle(sub(p, a), ab, ac),
+        _over_triangle(sub(q, a), ab, ac),
         segment_segment(p, q, a, b),
         segment_segment(p, q, b, c),
         segment_segment(p, q, c, a),
@@ -139,7 +116,7 @@ def _corner(corner_m: Any, face: int, k: int) -> Vector:
 
 
 @native
-def reach(
+def faces_under_brush(
     shape: Any, net: Any, work: Any, number: int, ends: Any, points: Any, radius_m: float, facing_cos: float
 ) -> int:
     """Write the faces under the brush into the last array of `work`; how many they are.
@@ -279,7 +256,7 @@ class PaintableMesh:
         capsule, and is turned no more than `facing_rad` from it. So a brush does not reach through a thin wall.
         """
         self._round += 1
-        count = reach(
+        count = faces_under_brush(
             (self.corner_m, self.centroid_m, self.normal),
             (self._vertex, self._around, self._start),
             (self._seen_face, self._seen_vertex, self._queue, self._painted),
@@ -351,7 +328,7 @@ def pick(
     return best
 
 
-def middle(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
+def face_centre(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, face: int) -> Hit:
     """The middle of a face as a place."""
     shape, X_WB = shapes[body], bodies[body].X_WB
     p_B = shape.centroid_m[face]
@@ -359,7 +336,7 @@ def middle(bodies: Sequence[Body], shapes: Sequence[PaintableMesh], body: int, f
     return Hit(body, face, p_W, p_B.copy(), X_WB[:3, :3] @ shape.normal[face], 0.0)
 
 
-def drape(
+def project_to_surface(
     body: Body, shape: PaintableMesh, hit: Hit, p_W_m: NDArray[np.float64], reach_m: float
 ) -> NDArray[np.float64]:
     """Places (n, 3) in the plane of a hit laid down on its body, along the hit's normal; as they are beside it.
@@ -382,51 +359,32 @@ def drape(
 Mask = NDArray[np.bool_]
 
 
-class WorldBox:
-    """A box at any pose in W.
-
-    Args:
-        X_WK: (4, 4) pose of the box: its middle, and its axes.
-        size_m: (3,) its edges [m].
+def faces_in_box(X_WK: ArrayLike, size_m: ArrayLike, body: Body, shape: PaintableMesh) -> Mask:
+    """Faces (M,) whose centroid is in a box of a pose (4, 4), its middle and its axes, and edges (3,) [m].
 
     Raises:
         SceneError: the pose is not rigid, or an edge not positive.
     """
-
-    def __init__(self, X_WK: ArrayLike, size_m: ArrayLike) -> None:
-        self._X_WK = rigid(X_WK, "box")
-        self._size_m = np.asarray(size_m, np.float64)
-        if self._size_m.shape != (3,) or not (np.isfinite(self._size_m).all() and (self._size_m > 0.0).all()):
-            raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
-
-    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
-        """Faces (M,) whose centroid is inside."""
-        p_K = (_centroids_W(body, shape) - self._X_WK[:3, 3]) @ self._X_WK[:3, :3]
-        return np.asarray((np.abs(p_K) <= self._size_m / 2).all(axis=1))
+    pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
+    if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
+        raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
+    p_K = (_centroids_W(body, shape) - pose[:3, 3]) @ pose[:3, :3]
+    return np.asarray((np.abs(p_K) <= size / 2).all(axis=1))
 
 
-class WorldSphere:
-    """A ball in W.
-
-    Args:
-        centre_W_m: (3,) its middle [m].
-        radius_m: its radius [m].
+def faces_in_sphere(centre_W_m: ArrayLike, radius_m: float, body: Body, shape: PaintableMesh) -> Mask:
+    """Faces (M,) whose centroid is within a radius [m] of a point (3,) [m].
 
     Raises:
         SceneError: the centre is not three finite numbers, or the radius not positive.
     """
-
-    def __init__(self, centre_W_m: ArrayLike, radius_m: float) -> None:
-        self._centre_W_m, self._radius_m = np.asarray(centre_W_m, np.float64), float(radius_m)
-        if self._centre_W_m.shape != (3,) or not np.isfinite(self._centre_W_m).all():
-            raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
-        if not (math.isfinite(radius_m) and radius_m > 0.0):
-            raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
-
-    def pick(self, body: Body, shape: PaintableMesh) -> Mask:
-        """Faces (M,) whose centroid is inside."""
-        off = _centroids_W(body, shape) - self._centre_W_m
-        return np.asarray(np.einsum("ij,ij->i", off, off) <= self._radius_m**2)
+    centre = np.asarray(centre_W_m, np.float64)
+    if centre.shape != (3,) or not np.isfinite(centre).all():
+        raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
+    if not (math.isfinite(radius_m) and radius_m > 0.0):
+        raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
+    off = _centroids_W(body, shape) - centre
+    return np.asarray(np.einsum("ij,ij->i", off, off) <= float(radius_m) ** 2)
 
 
 def _centroids_W(body: Body, shape: PaintableMesh) -> NDArray[np.float64]:

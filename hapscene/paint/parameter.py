@@ -4,14 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from hapscene.device.model import Limits
 from hapscene.errors import EffectError, no_such
+from hapscene.surface.device_clipping import WALL, Fit
+from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
-
-if TYPE_CHECKING:
-    from hapscene.device.model import Limits
-    from hapscene.surface.effect import Effect
 
 STIFFNESS: Final = "stiffness_N_m"
 
@@ -74,7 +73,7 @@ class Parameter:
 
 
 def parameters_of(
-    swatch: Swatch, original: Swatch, effects: "list[Effect]", limits: "Limits", tick_s: float
+    swatch: Swatch, original: Swatch, effects: list[Effect], limits: Limits, tick_s: float
 ) -> tuple[Parameter, ...]:
     """All numbers of a swatch that can be turned, stiffness first.
 
@@ -85,8 +84,6 @@ def parameters_of(
         limits: of the device.
         tick_s: period of the force channel [s].
     """
-    from hapscene.surface.device_clipping import WALL, Fit
-
     alone: Any = SimpleNamespace(swatches=[swatch])
     fit = Fit(alone, effects, limits, tick_s)
     notes = {clip.number: str(clip) for clip in fit.clips(0)}
@@ -120,14 +117,14 @@ def parameters_of(
     return tuple(found)
 
 
-def _held(name: str, limits: "Limits") -> float:
+def _held(name: str, limits: Limits) -> float:
     """How much of a number the device holds: an effect's own spring is one as the wall is."""
     if name.endswith("stiffness_N_m"):
         return limits.stiffness_N_m
     return limits.damping_Ns_m if name.endswith("damping_Ns_m") else math.inf
 
 
-def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: "list[Effect]") -> Swatch:
+def tuned(swatch: Swatch, numbers: Mapping[str, float], effects: list[Effect]) -> Swatch:
     """The swatch with other numbers, by the names of its parameters.
 
     Of the two frictions the one that is not given follows, so that sliding never takes more than breaking away. What

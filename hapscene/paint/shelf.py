@@ -4,7 +4,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -68,11 +68,6 @@ def phrases(swatch: Swatch) -> tuple[Phrase, ...]:
     return tuple(said)
 
 
-def sentence(swatch: Swatch) -> str:
-    """The words alone: "firm, rough, sliding easily, clear knocking taps"."""
-    return ", ".join(phrase.word for phrase in phrases(swatch))
-
-
 def _texture(swatch: Swatch, found: dict[str, float]) -> Phrase:
     texture = swatch.texture
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
@@ -118,6 +113,9 @@ class Card:
     place: Place
     index: int | None
     source: Swatch | str | Path
+
+    def __repr__(self) -> str:
+        return f"<Card {self.name!r}, {self.place}>"
 
     @property
     def name(self) -> str:
@@ -196,14 +194,10 @@ def _tokens(*texts: str) -> list[str]:
     return re.findall(r"\w+", " ".join(texts).casefold())
 
 
-_known: list[LibraryEntry] = []
-
-
-def _shipped() -> list[LibraryEntry]:
+@cache
+def _shipped() -> tuple[LibraryEntry, ...]:
     """The shipped ones, read once: they do not change."""
-    if not _known:
-        _known.extend(shipped_entries())
-    return _known
+    return tuple(shipped_entries())
 
 
 # A swatch by ear: tapped once, then stroked at a stated force and speed, as WAV.
@@ -233,8 +227,11 @@ class Sound:
     a_m_s2: NDArray[np.float64]
     rate_Hz: float
 
+    def __repr__(self) -> str:
+        return f"<Sound: {len(self.a_m_s2) / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz>"
 
-def stroked(
+
+def swatch_sound(
     swatch: Swatch,
     force_N: float = FORCE_N,
     speed_m_s: float = SPEED_M_S,
@@ -267,14 +264,14 @@ def stroked(
     return Sound(a, rate_Hz)
 
 
-def joined(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
+def concatenated(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
     """Sounds of one rate, one after the other."""
     rate_Hz = sounds[0].rate_Hz
     gap = np.zeros(round(pause_s * rate_Hz))
     return Sound(np.concatenate([part for sound in sounds for part in (gap, sound.a_m_s2)][1:]), rate_Hz)
 
 
-def wav(sound: Sound) -> bytes:
+def wav_bytes(sound: Sound) -> bytes:
     """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
     from scipy.io import wavfile
 

@@ -1,25 +1,24 @@
-"""The swatches of a scene that is painted: added, tuned within the device's limits, reset, saved under a new name."""
+"""The swatches of a painting, a part of every `Session`: added, tuned within the device's limits, reset, saved anew."""
 
 import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from hapscene.constants import TICK_S
-from hapscene.device.model import limits_of
-from hapscene.errors import SceneError
-from hapscene.paint.document import Kept
-from hapscene.paint.history import HistoryEntry, SwatchDelta
+from hapscene.device.model import DeviceLike, device_of, limits_of
+from hapscene.errors import SceneError, SwatchError
+from hapscene.paint.history import SwatchDelta, SwatchState
+from hapscene.paint.painting import Painting
 from hapscene.paint.parameter import LABELS, Parameter, parameters_of, tuned
-from hapscene.paint.save import write_swatch
-from hapscene.scene.scene import Scene, SwatchLike
+from hapscene.scene.scene import SwatchLike
+from hapscene.surface.effect import Effect
+from hapscene.surface.library import add, find, library_folder
 from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch_file import save_swatch
 from hapscene.view.palette import distinct_colours, rgb
-
-if TYPE_CHECKING:
-    from hapscene.surface.effect import Effect
 
 FIXED: Final = "'plain' stays as it is, for it is what every face has until it is painted: make a copy of it to tune"
 
@@ -27,25 +26,42 @@ JOIN_S: Final = 1.0
 """How soon a slider must go on to stay in one step of undo [s]."""
 
 
-class Tuned(Kept):
-    """A canvas whose swatches can be tuned. Arguments and attributes are those of `Session`."""
+class SwatchTuning:
+    """The swatches of a painting, and their numbers.
 
-    def __init__(self, scene: Scene, path: Path | None = None, device: str = "omni", tick_s: float = TICK_S) -> None:
-        super().__init__(scene, path)
+    Args:
+        painting: whose swatches.
+        device: whose limits the parameters show, by its name or itself.
+        tick_s: period of the force channel [s].
+
+    Attributes:
+        device, limits: name and limits of the one chosen; see `choose_device`.
+        clock: tells what is done within a second, and so is one step [s].
+
+    Raises:
+        HapsceneError: no such device.
+    """
+
+    def __init__(self, painting: Painting, device: DeviceLike = "omni", tick_s: float = TICK_S) -> None:
+        self._painting = painting
         self.tick_s = tick_s
         self.choose_device(device)
         self.clock: Callable[[], float] = time.monotonic
         self._effects: list[Effect] | None = None
         self._tuned_s = -math.inf
 
-    def choose_device(self, device: str) -> None:
+    def __repr__(self) -> str:
+        names = ", ".join(state.swatch.name for state in self._painting.swatches)
+        return f"<SwatchTuning of {names} within the limits of {self.device}>"
+
+    def choose_device(self, device: DeviceLike) -> None:
         """Show the limits of another device from now on.
 
         Raises:
             HapsceneError: no such device.
         """
         self.limits = limits_of(device, self.tick_s)
-        self.device = device
+        self.device = device_of(device).name
 
     def add_swatch(self, swatch: SwatchLike) -> int:
         """Put a swatch of the library, a file, or one made here into the scene, unless it is there; its index.
@@ -54,13 +70,13 @@ class Tuned(Kept):
             SwatchError: it is unknown or broken.
             SceneError: another swatch of its name is in the scene.
         """
-        with self.lock:
-            self.settle()
-            known = len(self.scene.swatches)
-            index = self.scene.swatch_index(swatch)
+        with self._painting.lock:
+            self._painting.end_step()
+            scene, known = self._painting.scene, len(self._painting.swatches)
+            index = scene.swatch_index(swatch)
             if index == known:
-                new = HistoryEntry(self.scene.swatches[index], self.scene.swatch_source[index])
-                self.change_swatch(f"add swatch {new.swatch.name!r}", SwatchDelta(index, None, new))
+                new = SwatchState(scene.swatches[index], scene.swatch_source[index])
+                self._painting.change_swatch(f"add swatch {new.swatch.name!r}", SwatchDelta(index, None, new))
             return index
 
     def copy_swatch(self, swatch: int, name: str) -> int:
@@ -70,26 +86,21 @@ class Tuned(Kept):
             SwatchError: the name is none.
             SceneError: another swatch of the scene has it.
         """
-        with self.lock:
+        with self._painting.lock:
             self._check_free(name, None)
-            index = len(self.entries)
-            copied = replace(self.entries[self.ink(swatch, 0)].swatch, name=name)
-            colour = distinct_colours([*self.scene.swatches, copied], range(index + 1))[index]
+            index = len(self._painting.swatches)
+            copied = replace(self._painting.swatches[self._painting.swatch_index(swatch)].swatch, name=name)
+            colour = distinct_colours([*self._painting.scene.swatches, copied], range(index + 1))[index]
             copied = replace(copied, albedo_rgb=tuple(rgb(colour).tolist()))
-            self.change_swatch(f"new swatch {name!r}", SwatchDelta(index, None, HistoryEntry(copied, None)))
+            self._painting.change_swatch(f"new swatch {name!r}", SwatchDelta(index, None, SwatchState(copied, None)))
             return index
-
-    def swatch_named(self, name: str) -> int | None:
-        """Index of the scene's swatch of that name; None where there is none."""
-        names = [swatch.name for swatch in self.scene.swatches]
-        return names.index(name) if name in names else None
 
     def parameters(self, swatch: int) -> tuple[Parameter, ...]:
         """The numbers of a swatch that can be turned, with units and the limits of the device."""
-        entry = self.entries[self.ink(swatch, 0)]
-        original = (entry.original or entry).swatch
-        found = parameters_of(entry.swatch, original, self._effect_list(), self.limits, self.tick_s)
-        return tuple(replace(p, applies=False, note=FIXED) for p in found) if entry.swatch is PLAIN else found
+        now = self._painting.swatches[self._painting.swatch_index(swatch)]
+        original = (now.original or now).swatch
+        found = parameters_of(now.swatch, original, self._effect_list(), self.limits, self.tick_s)
+        return tuple(replace(p, applies=False, note=FIXED) for p in found) if now.swatch is PLAIN else found
 
     def tune(self, swatch: int, **numbers: float) -> Swatch:
         """Change numbers of a swatch; the swatch as it is now. What a slider does within a second is one step.
@@ -98,9 +109,9 @@ class Tuned(Kept):
             EffectError: a name that nothing has, or a value outside its limits.
             SceneError: it is plain, which stays.
         """
-        with self.lock:
+        with self._painting.lock:
             index = self._tunable(swatch)
-            old = self.entries[index].swatch
+            old = self._painting.swatches[index].swatch
             new = tuned(old, numbers, self._effect_list())
             what = f"{', '.join(LABELS.get(name, name) for name in numbers)} of {old.name!r}"
             return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
@@ -112,29 +123,29 @@ class Tuned(Kept):
             SwatchError: it is not three numbers from 0 to 1.
             SceneError: it is plain, which stays.
         """
-        with self.lock:
+        with self._painting.lock:
             index = self._tunable(swatch)
-            old = self.entries[index].swatch
+            old = self._painting.swatches[index].swatch
             return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
 
     def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
         """Put a swatch in place of what is there: one step with what was done of the same key within a second."""
-        old = self.entries[index]
+        old = self._painting.swatches[index]
         now_s = self.clock()
         join, self._tuned_s = now_s - self._tuned_s <= JOIN_S, now_s
         if swatch != old.swatch:
-            new = HistoryEntry(swatch, None, old.original or old)
-            self.change_swatch(what, SwatchDelta(index, old, new), key, join)
+            new = SwatchState(swatch, None, old.original or old)
+            self._painting.change_swatch(what, SwatchDelta(index, old, new), key, join)
         return swatch
 
     def reset(self, swatch: int) -> bool:
         """Bring back the numbers and the colour that a swatch had before; whether they were others."""
-        with self.lock:
-            index = self.ink(swatch, 0)
-            old = self.entries[index]
+        with self._painting.lock:
+            index = self._painting.swatch_index(swatch)
+            old = self._painting.swatches[index]
             if old.original is None:
                 return False
-            self.change_swatch(f"reset {old.swatch.name!r}", SwatchDelta(index, old, old.original))
+            self._painting.change_swatch(f"reset {old.swatch.name!r}", SwatchDelta(index, old, old.original))
             return True
 
     def save_swatch_as(self, swatch: int, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
@@ -152,31 +163,49 @@ class Tuned(Kept):
             SwatchError: the name is none, or taken; the file cannot be written.
             SceneError: another swatch of the scene has that name; or it is plain, which stays.
         """
-        with self.lock:
-            self.settle()
+        with self._painting.lock:
+            self._painting.end_step()
             index = self._tunable(swatch)
-            old = self.entries[index]
+            old = self._painting.swatches[index]
             self._check_free(name, index)
             named = replace(old.swatch, name=name)
             source, file = write_swatch(named, path, replace_old)
             what = f"save {old.swatch.name!r} as {name!r}"
-            self.change_swatch(what, SwatchDelta(index, old, HistoryEntry(named, source)))
+            self._painting.change_swatch(what, SwatchDelta(index, old, SwatchState(named, source)))
             return file
 
     def _tunable(self, swatch: int) -> int:
-        index = self.ink(swatch, 0)
-        if self.entries[index].swatch is PLAIN:
+        index = self._painting.swatch_index(swatch)
+        if self._painting.swatches[index].swatch is PLAIN:
             raise SceneError(FIXED)
         return index
 
     def _check_free(self, name: str, index: int | None) -> None:
-        if self.swatch_named(name) not in (None, index):
+        if self._painting.swatch_named(name) not in (None, index):
             raise SceneError(f"another swatch named {name!r} is in the scene; choose another name")
 
-    def _effect_list(self) -> "list[Effect]":
+    def _effect_list(self) -> list[Effect]:
         if self._effects is None:
             from hapscene.renderer import EFFECTS
             from hapscene.surface.effect_registry import load_effect
 
             self._effects = [load_effect(name) for name in EFFECTS]
         return self._effects
+
+
+def write_swatch(swatch: Swatch, path: Path | None, replace_old: bool) -> tuple[str | Path, Path]:
+    """Write a swatch to a file, or (None) into the library; what `Scene.swatch_source` calls it, and its file.
+
+    Raises:
+        SwatchError: the name or the file is taken, and not to be replaced; it cannot be written.
+    """
+    if path is None:
+        if find(swatch.name) is not None and not replace_old:
+            raise SwatchError(f"{swatch.name!r} is in the library already: choose another name")
+        entry = add(swatch, replace=replace_old)
+        file = library_folder() / entry.file
+        return file.resolve(), file
+    if path.exists() and not replace_old:
+        raise SwatchError(f"{path}: is there already; save over it, or under another name")
+    save_swatch(swatch, path)
+    return path.resolve(), path

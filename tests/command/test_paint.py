@@ -22,7 +22,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 from hapscene.cli import main
 from hapscene.command.paint import DEMO, _copy_demo, open_session
 from hapscene.errors import SceneError
-from hapscene.paint.autosave import find_recovery
+from hapscene.paint.document import find_recovery
 from hapscene.scene.mesh import MeshWarning
 
 

@@ -85,7 +85,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "Iterator[Page]":
     session = Session.open(tmp_path / "made.scene.json")
     with Page(session, port=0, with_hand=False) as made:
         yield made
-    session.close()
+    session.document.close()
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.panels import USE
 from hapscene.paint.web.secure_server import SOCKET_PATH
-from hapscene.paint.web.shelf_panel import USE
 
 SIZE = (800, 600)
 
@@ -82,7 +82,7 @@ class Tab:
 
     def point(self, do: str, p_W_m: Any) -> None:
         """The pointer over a place of the scene, seen by `look()`'s camera."""
-        x, y, z = self.page.parts.view.shown(p_W_m)
+        x, y, z = self.page.context.view.to_view(p_W_m)
         across = 2 * (6.0 - z) * np.tan(0.4)
         self.send(
             do, x=0.5 + x / across * SIZE[1] / SIZE[0], y=0.5 - y / across, w=SIZE[0], h=SIZE[1], client=self.client
@@ -110,15 +110,15 @@ class Tab:
 
     def settle(self) -> None:
         """Until the page has done all that was sent on both sockets so far, and all that it told of that has come."""
-        count = self.page.parts.live.refused
+        count = self.page.context.socket.refused
         self.ours.send("no message of ours: it is counted")
-        until(lambda: self.page.parts.live.refused > count)
+        until(lambda: self.page.context.socket.refused > count)
         self._marks += 1
         self.look(position=[0.0, 0.0, 6.0 + 1e-9 * self._marks])
         client = self.page.server.get_clients()[self.client]
         until(lambda: client.camera.position[2] == 6.0 + 1e-9 * self._marks)
         mark = f"mark {self._marks}"
-        self.page.server.get_event_loop().call_soon_threadsafe(self.page.parts.live.say, mark)
+        self.page.server.get_event_loop().call_soon_threadsafe(self.page.context.socket.say, mark)
         until(lambda: mark in self.said)
         self.said.remove(mark)
         shown = self.page.server.gui.add_html(mark)

@@ -12,7 +12,7 @@ import pytest
 
 import hapscene
 from hapscene.errors import SceneError
-from hapscene.paint.autosave import autosave_folder, find_recovery
+from hapscene.paint.document import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.surface.swatch import Swatch
 
@@ -22,9 +22,9 @@ from pathlib import Path
 from hapscene.paint.session import Session
 from hapscene.surface.swatch import Swatch
 session = Session.open(Path(sys.argv[1]))
-session.start_autosave()
+session.document.start_autosave()
 made = session.add_swatch(Swatch("slate", stiffness_N_m=900.0))
-session.tune(session.swatch_named("paper"), stiffness_N_m=123.0)
+session.tune(session.painting.swatch_named("paper"), stiffness_N_m=123.0)
 session.begin_stroke(made, 1e-6)  # a stroke that never ends: it is not lost either
 for face in range(1280):
     session.stroke_to(session.hit_at("ball", face))
@@ -53,20 +53,20 @@ def test_a_killed_painter_loses_no_more_than_two_seconds(path) -> None:
     painter.kill()
     painter.wait()
     session = Session.open(path)
-    session.start_autosave()
-    left = session.recovery()
+    session.document.start_autosave()
+    left = session.document.recovery()
     assert left is not None and killed_s - left.saved_s < 2.0
-    assert "recovered" in session.recover(left)
-    assert session.recovery() is None
+    assert "recovered" in session.document.recover(left)
+    assert session.document.recovery() is None
     old = [face for face, at_s in lines if at_s < killed_s - 2.0]
     assert len(old) > 3
-    slate = session.swatch_named("slate")
+    slate = session.painting.swatch_named("slate")
     assert (session.scene.body("ball").face_swatch[old] == slate).all()
-    paper = session.swatch_named("paper")
+    paper = session.painting.swatch_named("paper")
     assert session.scene.swatches[paper].stiffness_N_m == 123.0
     session.save()
     assert find_recovery(path) is None
-    session.close()
+    session.document.close()
     assert not autosave_folder(path).exists()
     back = hapscene.load_scene(path)  # what it is made of does not lie in the folder that is gone
     assert back.swatches[slate].stiffness_N_m == 900.0
@@ -77,19 +77,19 @@ def test_a_killed_painter_loses_no_more_than_two_seconds(path) -> None:
 def killed(path):
     """A session whose autosave was written, then left behind as by a killed process."""
     session = Session.open(path)
-    session.start_autosave(interval_s=60.0)
+    session.document.start_autosave(interval_s=60.0)
     session.fill_group("ball", "south", session.add_swatch(Swatch("slate")))
-    assert session._autosave is not None
-    session._autosave.write()
-    session._autosave._lock.close()  # what the system does
+    assert session.document.autosave is not None
+    session.document.autosave.write()
+    session.document.autosave._lock.close()  # what the system does
     return session
 
 
 def test_recovery_is_a_step(killed, path) -> None:
     session = Session.open(path)
     before = [body.face_swatch.copy() for body in session.scene.bodies]
-    session.recover(session.recovery())
-    assert session.changed and session.undo_word == "recovered painting"
+    session.document.recover(session.document.recovery())
+    assert session.document.changed and session.painting.undo_text == "recovered painting"
     np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, killed.scene.bodies[0].face_swatch)
     assert session.scene.swatch_source[-1] is None
     session.undo()
@@ -103,34 +103,34 @@ def test_recovery_refuses_another_scene(killed, path) -> None:
     other.add(path.parent / "ball.obj", name="cup", unit="mm")
     session = Session(other, path)
     with pytest.raises(SceneError, match="its bodies are not those of this scene"):
-        session.recover(session.recovery())
+        session.document.recover(session.document.recovery())
 
 
 def test_what_is_not_wanted_is_removed(killed, path) -> None:
     session = Session.open(path)
-    left = session.recovery()
-    session.discard_recovery(left)
-    assert session.recovery() is None and not autosave_folder(path).exists()
-    session.discard_recovery(left)  # twice does no harm
+    left = session.document.recovery()
+    session.document.discard_recovery(left)
+    assert session.document.recovery() is None and not autosave_folder(path).exists()
+    session.document.discard_recovery(left)  # twice does no harm
 
 
 def test_what_was_found_stays_until_it_is_decided(killed, path) -> None:
     session = Session.open(path)
-    session.start_autosave(interval_s=60.0)
-    left = session.recovery()
+    session.document.start_autosave(interval_s=60.0)
+    left = session.document.recovery()
     session.fill_body("plate", 0)  # while it is asked
-    assert session._autosave.write() and session._autosave.file.exists() and left.file.exists()
-    session._autosave._lock.close()  # it is killed as well
+    assert session.document.autosave.write() and session.document.autosave.file.exists() and left.file.exists()
+    session.document.autosave._lock.close()  # it is killed as well
     again = Session.open(path)
-    again.start_autosave(interval_s=60.0)
-    last = again.recovery()
+    again.document.start_autosave(interval_s=60.0)
+    last = again.document.recovery()
     assert last != left and (last.load().body("plate").face_swatch == 0).all()
-    again.recover(last)
-    assert not last.file.exists() and again.recovery() == left  # the next one
-    again.discard_recovery(left)
-    assert again.recovery() is None
+    again.document.recover(last)
+    assert not last.file.exists() and again.document.recovery() == left  # the next one
+    again.document.discard_recovery(left)
+    assert again.document.recovery() is None
     again.save()
-    again.close()
+    again.document.close()
     assert not autosave_folder(path).exists()
 
 
@@ -138,32 +138,32 @@ def test_what_cannot_be_recovered_stays(killed, path) -> None:
     other = hapscene.Scene()
     other.add(path.parent / "ball.obj", name="cup", unit="mm")
     session = Session(other, path)
-    session.start_autosave(interval_s=60.0)
-    left = session.recovery()
+    session.document.start_autosave(interval_s=60.0)
+    left = session.document.recovery()
     with pytest.raises(SceneError, match=re.escape(str(left.file)) + ".*: open it by itself"):
-        session.recover(left)
+        session.document.recover(left)
     assert [body.name for body in Session.open(left.file).scene.bodies] == ["ball", "plate"]
-    session.close(keep=True)
+    session.document.close(keep=True)
     assert find_recovery(path) == left
 
 
 def test_two_painters_of_one_scene(path) -> None:
     first, second = Session.open(path), Session.open(path)
-    first.start_autosave(interval_s=60.0)
+    first.document.start_autosave(interval_s=60.0)
     first.fill_body("ball", 1)
-    first._autosave.write()  # type: ignore[union-attr]
+    first.document.autosave.write()  # type: ignore[union-attr]
     with pytest.raises(SceneError, match="is open in another painter"):
-        second.start_autosave()
-    assert second.recovery() is None  # it is not a killed one's
-    first.close()
-    second.start_autosave()
-    second.close()
+        second.document.start_autosave()
+    assert second.document.recovery() is None  # it is not a killed one's
+    first.document.close()
+    second.document.start_autosave()
+    second.document.close()
 
 
 def test_what_is_saved_or_undone_is_not_kept(path) -> None:
     session = Session.open(path)
-    session.start_autosave(interval_s=60.0)
-    autosave = session._autosave
+    session.document.start_autosave(interval_s=60.0)
+    autosave = session.document.autosave
     assert autosave is not None
     file = autosave.file
     autosave.write()
@@ -180,57 +180,57 @@ def test_what_is_saved_or_undone_is_not_kept(path) -> None:
     session.redo()
     autosave.write()
     session.save()
-    assert not file.exists() and session.problem is None
-    session.close()
+    assert not file.exists() and session.document.problem is None
+    session.document.close()
 
 
 def test_a_scene_of_meshes_in_memory_and_a_new_name(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "new.scene.json")
-    session.start_autosave(interval_s=60.0)
+    session.document.start_autosave(interval_s=60.0)
     session.fill_body("plate", 0)
-    assert session._autosave is not None
-    session._autosave.write()
-    found = hapscene.load_scene(session._autosave.file)
+    assert session.document.autosave is not None
+    session.document.autosave.write()
+    found = hapscene.load_scene(session.document.autosave.file)
     assert found.body("plate").mesh.digest == scene.body("plate").mesh.digest
     assert scene.body("plate").mesh.path is None
     session.save(tmp_path / "other.scene.json")
     assert not autosave_folder(tmp_path / "new.scene.json").exists()
     assert autosave_folder(tmp_path / "other.scene.json").exists()
-    session.close()
+    session.document.close()
 
 
 def test_a_place_that_cannot_be_written_is_said(path) -> None:
     autosave_folder(path).write_text("a file is in the way")
     with pytest.raises(SceneError, match="no autosave: cannot be written"):
-        Session.open(path).start_autosave()
-    Session.open(path).close()
+        Session.open(path).document.start_autosave()
+    Session.open(path).document.close()
     session = Session(Session.open(path).scene)
-    session.start_autosave()  # without a path there is no place: nothing is done
-    assert session.recovery() is None and session.problem is None
+    session.document.start_autosave()  # without a path there is no place: nothing is done
+    assert session.document.recovery() is None and session.document.problem is None
 
 
 def test_closed_without_saving_it_may_be_kept(path) -> None:
     session = Session.open(path)
-    session.start_autosave(interval_s=60.0)
+    session.document.start_autosave(interval_s=60.0)
     session.fill_body("ball", 1)
-    assert session.close(keep=True)
+    assert session.document.close(keep=True)
     again = Session.open(path)
-    again.start_autosave(interval_s=60.0)
-    again.recover(again.recovery())
+    again.document.start_autosave(interval_s=60.0)
+    again.document.recover(again.document.recovery())
     assert (again.scene.body("ball").face_swatch == 1).all()
     again.undo()
-    assert not again.close(keep=True)  # there is nothing to keep
+    assert not again.document.close(keep=True)  # there is nothing to keep
     assert not autosave_folder(path).exists()
 
 
 def test_whoever_holds_the_scene_may_save_and_close(path) -> None:
     session = Session.open(path)
-    session.start_autosave(interval_s=0.001)  # the other thread looks all the time
+    session.document.start_autosave(interval_s=0.001)  # the other thread looks all the time
     with session.lock:
         for ink in (1, 0, 1):
             session.fill_body("ball", ink)
             session.save()
-        session.close()
+        session.document.close()
     assert not autosave_folder(path).exists()
     assert (hapscene.load_scene(path).body("ball").face_swatch == 1).all()
 
@@ -239,13 +239,15 @@ def test_a_scene_in_a_folder_that_cannot_be_written_is_painted_and_saved_elsewhe
     allowed = os.access
     monkeypatch.setattr("os.access", lambda where, kind: Path(where) != path.parent and allowed(where, kind))
     session = Session.open(path)
-    session.start_autosave(interval_s=60.0)
+    session.document.start_autosave(interval_s=60.0)
     session.fill_body("ball", 1)
-    assert not session.autosaves and re.match("no autosave: nothing may be written into", session.problem)
+    assert not session.document.autosave and re.match(
+        "no autosave: nothing may be written into", session.document.problem
+    )
     assert not autosave_folder(path).exists()
     with pytest.raises(SceneError, match=r"cup\.scene\.json: cannot be written"):
         session.save()
     (tmp_path / "mine").mkdir()
     session.save(tmp_path / "mine" / "cup.scene.json")
-    assert session.autosaves and session.problem is None
-    session.close()
+    assert session.document.autosave and session.document.problem is None
+    session.document.close()

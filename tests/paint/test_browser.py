@@ -77,7 +77,7 @@ class Window:
                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
             ]
         )
-        right, down, forth = R.T @ (self.page.parts.view.shown(p_W_m) - camera.position)
+        right, down, forth = R.T @ (self.page.context.view.to_view(p_W_m) - camera.position)
         half = box[3] / 2 / np.tan(camera.fov / 2)
         return box[0] + box[2] / 2 + half * right / forth, box[1] + box[3] / 2 + half * down / forth
 
@@ -90,7 +90,7 @@ class Window:
         """Which of the scene's swatches a place is seen to wear, by hue: the nearest of their colours."""
         x, y = self.at(p_W_m)
         seen = self.pixels()[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3].mean(axis=(0, 1))
-        swatches = self.page.parts.session.scene.swatches
+        swatches = self.page.context.session.scene.swatches
         off = [np.linalg.norm(_hue(seen) - _hue(255 * np.array(s.albedo_rgb))) for s in swatches]
         return swatches[int(np.argmin(off))].name
 
@@ -127,7 +127,7 @@ def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
         browser = runner.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
         yield Window(browser, page)
         browser.close()
-    session.close()
+    session.document.close()
 
 
 FRONT = (0.004, -0.024, 0.0176)
@@ -172,10 +172,10 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.keyboard.press("2")
     tab.get_by_label("Fill", exact=True).first.click()
     tab.get_by_role("option", name="whole body").click()
-    until(lambda: page.parts.tools.fill == "whole body")
+    until(lambda: page.context.tools.fill == "whole body")
     window.drag(FRONT)
     window.see(BESIDE, "epoxy")
-    assert (page.parts.session.scene.bodies[0].face_swatch == 2).all()
+    assert (page.context.session.scene.bodies[0].face_swatch == 2).all()
     assert np.abs(window.pixels() - first).max(axis=2).mean() > 1.0
 
     tab.get_by_role("tab", name="Feel").click()
@@ -183,9 +183,9 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     field.fill("222")
     field.press("Enter")
     window.wait("document.activeElement.tagName !== 'INPUT'")  # keys are the page's again
-    until(lambda: page.parts.session.scene.swatches[2].stiffness_N_m == 222.0, PATIENCE_S)
+    until(lambda: page.context.session.scene.swatches[2].stiffness_N_m == 222.0, PATIENCE_S)
 
-    until(lambda: page.parts.touch.status == "ready", COMPILE_S)
+    until(lambda: page.context.touch.status == "ready", COMPILE_S)
     tab.keyboard.press("7")
     window.wait("window.hapscene.state.tool === 'touch'")
     tab.keyboard.down("Shift")
@@ -205,7 +205,7 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
 
     tab.keyboard.press("Control+s")
     window.wait("!window.hapscene.state.dirty")
-    saved = load_scene(page.parts.session.path)
+    saved = load_scene(page.context.session.path)
     assert (saved.bodies[0].face_swatch == 2).all() and saved.swatches[2].stiffness_N_m == 222.0
 
     tab.reload()
@@ -219,10 +219,10 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
 
 def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
     page, tab = window.page, window.tab
-    session, index = page.parts.session, page.parts.tools.swatch
+    session, index = page.context.session, page.context.tools.swatch
 
     def value(row: int) -> float:
-        return float(session.parameters(index)[row].value)
+        return float(session.tuning.parameters(index)[row].value)
 
     def type_in(row: int, text: str, end: str) -> None:
         before = value(row)
@@ -236,7 +236,7 @@ def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
 
     tab.get_by_role("tab", name="Feel").click()
     tab.locator("input[inputmode=decimal]:visible").first.wait_for()
-    gain = next(i for i, p in enumerate(session.parameters(index)) if p.name == "texture_gain")
+    gain = next(i for i, p in enumerate(session.tuning.parameters(index)) if p.name == "texture_gain")
     for row, text, end, number in (
         (0, "432", "Enter", 432.0),
         (0, "187", "Tab", 187.0),
@@ -261,7 +261,7 @@ def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
 
 def test_orders_come_after_the_number_that_was_typed_before_them(window: Window) -> None:
     page, tab = window.page, window.tab
-    session, index = page.parts.session, page.parts.tools.swatch
+    session, index = page.context.session, page.context.tools.swatch
     field = tab.locator("input[inputmode=decimal]:visible").first
     for number in (301.0, 302.0, 303.0):
         field.click()
@@ -270,7 +270,7 @@ def test_orders_come_after_the_number_that_was_typed_before_them(window: Window)
         tab.keyboard.press("Control+s")
         until(lambda number=number: session.scene.swatches[index].stiffness_N_m == number and not session.dirty)
         assert load_scene(session.path).swatches[index].stiffness_N_m == number
-        session.clock = lambda number=number: 10.0 * number  # each a step of its own
+        session.tuning.clock = lambda number=number: 10.0 * number  # each a step of its own
     field.click()
     tab.keyboard.press("Control+a")
     tab.keyboard.type("444")
@@ -285,20 +285,18 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
 
     def drag() -> tuple[bool, bool]:
         """Whether something was painted, and whether the view turned."""
-        state, place = page.parts.session.state, np.array(camera.position)
+        painting, place = page.context.session.painting, np.array(camera.position)
+        state = painting.state
         x, y = window.at(FRONT)
         tab.mouse.move(x, y)
         tab.mouse.down()
         tab.mouse.move(x + 20, y + 5, steps=4)
         tab.mouse.up()
-        until(
-            lambda: page.parts.session.state != state or np.abs(np.array(camera.position) - place).max() > 0.01,
-            PATIENCE_S,
-        )
+        until(lambda: painting.state != state or np.abs(np.array(camera.position) - place).max() > 0.01, PATIENCE_S)
         window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
-        return page.parts.session.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
+        return painting.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
 
-    page.parts.tools.take("wood", "wood")
+    page.context.tools.choose_swatch("wood", "wood")
     tab.mouse.move(*window.at(FRONT))
     tab.keyboard.press("1")
     tab.keyboard.press("l")
@@ -314,8 +312,8 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
 def test_while_a_question_stands_keys_wait(window: Window) -> None:
     """Ctrl-S behind it would ask once more."""
     page, tab = window.page, window.tab
-    path = page.parts.session.path
-    assert page.parts.session.dirty
+    path = page.context.session.path
+    assert page.context.session.dirty
     path.write_text(path.read_text() + "\n")
     tab.keyboard.press("Control+s")
     tab.get_by_text("Save over it?").first.wait_for()
@@ -323,4 +321,4 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
         tab.keyboard.press(keys)
     tab.get_by_role("button", name="Do not save").click()
     window.wait("!document.querySelector('.mantine-Modal-content')")
-    assert window.ask("window.hapscene.state.tool") == "brush" and page.parts.session.dirty
+    assert window.ask("window.hapscene.state.tool") == "brush" and page.context.session.dirty

@@ -79,7 +79,7 @@ def test_gallery_of_the_documents_is_of_the_shipped_swatches() -> None:
     assert (DOCS / "gallery.md").read_text(encoding="utf-8") == gallery._page(swatches, names, "gallery"), made
     for name, swatch in zip(names, swatches, strict=True):
         rate_Hz, wave = wavfile.read(DOCS / "gallery" / f"{name}.wav")
-        want = gallery.stroked(swatch)
+        want = gallery.swatch_sound(swatch)
         scale = 32767.0 / max(FULL_SCALE_M_S2, np.abs(want.a_m_s2).max())
         body = slice(0, len(wave) - 100)  # the end fades
         assert rate_Hz == want.rate_Hz

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapscene.paint.history import FaceDelta, History, Step, faces_word
+from hapscene.paint.history import FaceDelta, History, Step, face_count_text
 
 
 @settings(max_examples=40, deadline=None)
@@ -66,4 +66,4 @@ def test_the_state_is_the_same_when_the_scene_is() -> None:
 
 
 def test_words() -> None:
-    assert (faces_word(1), faces_word(12345)) == ("1 face", "12,345 faces")
+    assert (face_count_text(1), face_count_text(12345)) == ("1 face", "12,345 faces")

@@ -14,7 +14,7 @@ import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.shelf import Phrase
 from hapscene.paint.web.page import Page
-from hapscene.paint.web.shelf_panel import _dim
+from hapscene.paint.web.panels import _figure_html
 from hapscene_benchmarks.paint_browser import browser, do, find_chromium
 
 from .conftest import library_in, mesh_of
@@ -69,12 +69,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     scene = hapscene.Scene()
     scene.add(mesh_of(icosphere(subdivisions=2, radius=0.03)), name="ball", swatch="wood")
     session = Session(scene, folder / "ball.scene.json")
-    session.copy_swatch(1, LONG)
+    session.tuning.copy_swatch(1, LONG)
     with library_in(folder), Page(session, port=0, with_hand=False, with_autosave=False) as page:
-        do(page, lambda: page.parts.tools.take(LONG, session.scene.swatches[2]))
-        do(page, page.changed)
+        do(page, lambda: page.context.tools.choose_swatch(LONG, session.scene.swatches[2]))
+        do(page, page.refresh)
         yield page
-    session.close()
+    session.document.close()
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +86,8 @@ def chromium() -> Iterator[Any]:
 @pytest.fixture(params=["light", "dark"])
 def tab(request: pytest.FixtureRequest, page: Page, chromium: Any) -> Iterator[Any]:
     """The page in a small window, as bright as the browser likes it."""
-    do(page, lambda: page._file_panel.prefer(request.param == "dark"))
-    page._file_panel._looked = False  # the next who comes chooses anew
+    do(page, lambda: page._file_panel.prefer_look(request.param == "dark"))
+    page._file_panel._look_chosen = False  # the next who comes chooses anew
     with chromium.new_context(viewport={"width": 800, "height": 600}, color_scheme=request.param) as context:
         tab = context.new_page()
         tab.goto(page.url)
@@ -106,14 +106,14 @@ def test_text_is_readable_and_whole(tab: Any) -> None:
 
 
 def test_units_stay_with_their_numbers() -> None:
-    told = _dim(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
+    told = _figure_html(Phrase("taps", "clear taps", "5 m/s², 100 Hz at 0.1 m/s"))
     assert told == "<span class='dim'>5&nbsp;m/s², 100&nbsp;Hz&nbsp;at&nbsp;0.1&nbsp;m/s</span>"
-    assert _dim(Phrase("taps", "no taps", "none")) == ""
+    assert _figure_html(Phrase("taps", "no taps", "none")) == ""
 
 
 def test_what_is_not_saved_is_marked_and_no_tool(tab: Any, page: Page) -> None:
     save = tab.locator("#hs-bar button", has_text="Save")
-    assert page.parts.session.dirty
+    assert page.context.session.dirty
     assert save.evaluate("n => n.classList.contains('due') && !n.hasAttribute('aria-pressed')")
     marked = save.evaluate("n => getComputedStyle(n, '::before').content + getComputedStyle(n).backgroundColor")
     assert marked == '"●"rgba(0, 0, 0, 0)'

@@ -26,7 +26,9 @@ def bits(session: Session) -> Any:
     scene = session.scene
     faces = tuple(body.face_swatch.tobytes() for body in scene.bodies)
     swatches = tuple((swatch_to_json(s), source) for s, source in zip(scene.swatches, scene.swatch_source, strict=True))
-    originals = tuple(None if e.original is None else swatch_to_json(e.original.swatch) for e in session.entries)
+    originals = tuple(
+        None if e.original is None else swatch_to_json(e.original.swatch) for e in session.painting.swatches
+    )
     return faces, swatches, originals
 
 
@@ -64,14 +66,14 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
         ]
         session.tune(max(swatch, 1), **{name: float(rng.uniform(0, high))})
     elif kind == 9:
-        session.reset(max(swatch, 1))
+        session.tuning.reset(max(swatch, 1))
     elif kind == 10 and swatch > 0:
         name = f"new {rng.integers(1000)}"
-        if session.swatch_named(name) is None:
-            session.save_swatch_as(swatch, name, folder / f"{name}.swatch", replace_old=True)
+        if session.painting.swatch_named(name) is None:
+            session.tuning.save_swatch_as(swatch, name, folder / f"{name}.swatch", replace_old=True)
     elif kind == 11:
-        if session.swatch_named(f"copy {count}") is None:
-            session.copy_swatch(max(swatch, 0), f"copy {count}")
+        if session.painting.swatch_named(f"copy {count}") is None:
+            session.tuning.copy_swatch(max(swatch, 0), f"copy {count}")
     elif kind == 12:
         session.undo()
     elif kind == 13:
@@ -86,7 +88,7 @@ def test_whatever_is_done_is_undone_and_done_again_to_the_bit(tmp_path, kinds, s
     first = bits(session)
     for kind in kinds:
         do(session, kind, rng, tmp_path)
-    session.settle()
+    session.end_stroke()
     while session.redo() is not None:
         pass
     last = bits(session)
@@ -94,7 +96,7 @@ def test_whatever_is_done_is_undone_and_done_again_to_the_bit(tmp_path, kinds, s
     while session.undo() is not None:
         states.append(bits(session))
     assert states[-1] == first
-    assert not session.changed
+    assert not session.document.changed
     for state in states[-2::-1]:
         assert session.redo() is not None
         assert bits(session) == state
@@ -118,7 +120,7 @@ def test_a_stroke_is_one_step_and_follows_the_surface(scene) -> None:
     session.begin_stroke(wood, 0.002)
     # the pointer jumps over the ball in one move: what lies between is painted as the eye saw it
     session.drag_to(eye, [-0.017, 0.0, -0.48])
-    assert session.undo_word == "stroke"
+    assert session.painting.undo_text == "stroke"
     session.drag_to(eye, [0.017, 0.0, -0.48])
     painted = session.end_stroke()
     assert painted == np.count_nonzero(scene.bodies[0].face_swatch == wood)
@@ -146,7 +148,7 @@ def test_a_stroke_leaves_the_surface_and_comes_back(scene) -> None:
 
 def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
     session = Session(scene)
-    paper = session.swatch_named("paper")
+    paper = session.painting.swatch_named("paper")
     assert session.defaults == [0, paper]
     wood = session.add_swatch("wood")
     session.fill_sphere([0.0, 0.08, 0.0], 0.01, wood)
@@ -155,12 +157,12 @@ def test_the_eraser_brings_back_what_a_body_was(scene) -> None:
     assert session.fill_group("ball", "north", ERASE) == 700
     assert (scene.bodies[1].face_swatch == paper).all()
     assert (scene.bodies[0].face_swatch[:700] == 0).all()
-    assert session.undo_word == "erase 'north', 700 faces"
+    assert session.painting.undo_text == "erase 'north', 700 faces"
 
 
 def test_the_eraser_brings_back_the_same_after_save_and_load(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "made.scene.json")
-    paper = session.swatch_named("paper")
+    paper = session.painting.swatch_named("paper")
     session.fill_sphere([0.0, 0.08, 0.0], 0.01, session.add_swatch("wood"))
     session.fill_body("ball", paper)
     session.save()
@@ -203,12 +205,12 @@ def test_regions_are_where_they_say(scene) -> None:
         (lambda s: s.tune(0, tap_gain=1.0), "'plain' stays as it is"),
         (lambda s: s.add_swatch("oka"), "no swatch 'oka'"),
         (lambda s: s.add_swatch(Swatch("paper")), "another swatch named 'paper'"),
-        (lambda s: s.save_swatch_as(0, "bare"), "'plain' stays as it is"),
-        (lambda s: s.save_swatch_as(1, "plain"), "another swatch named 'plain'"),
-        (lambda s: s.save_swatch_as(1, "wood"), "'wood' is a shipped swatch"),
-        (lambda s: s.copy_swatch(0, "paper"), "another swatch named 'paper'"),
-        (lambda s: s.copy_swatch(0, ""), "name must be 1 to 200"),
-        (lambda s: s.choose_device("omnipotent"), "no device 'omnipotent'"),
+        (lambda s: s.tuning.save_swatch_as(0, "bare"), "'plain' stays as it is"),
+        (lambda s: s.tuning.save_swatch_as(1, "plain"), "another swatch named 'plain'"),
+        (lambda s: s.tuning.save_swatch_as(1, "wood"), "'wood' is a shipped swatch"),
+        (lambda s: s.tuning.copy_swatch(0, "paper"), "another swatch named 'paper'"),
+        (lambda s: s.tuning.copy_swatch(0, ""), "name must be 1 to 200"),
+        (lambda s: s.tuning.choose_device("omnipotent"), "no device 'omnipotent'"),
         (lambda s: s.save(), "where shall the scene be saved"),
     ],
 )
@@ -218,14 +220,14 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(scene, act, message) ->
     with pytest.raises(HapsceneError, match=message):
         act(session)
     assert bits(session) == before
-    assert session.undo_word is None and not session.changed
+    assert session.painting.undo_text is None and not session.document.changed
 
 
 def test_a_slider_is_one_step_while_it_moves(scene) -> None:
     session = Session(scene)
     now = [0.0]
-    session.clock = lambda: now[0]
-    paper = session.swatch_named("paper")
+    session.tuning.clock = lambda: now[0]
+    paper = session.painting.swatch_named("paper")
     assert paper is not None
     for value in (400.0, 380.0, 360.0):
         session.tune(paper, stiffness_N_m=value)
@@ -244,62 +246,70 @@ def test_a_slider_is_one_step_while_it_moves(scene) -> None:
     assert scene.swatch_source[paper] == "paper"
     session.redo()
     session.tune(paper, stiffness_N_m=350.0)  # not joined to a step that was just done again by another hand
-    assert session.undo_word is not None and session.redo_word is None
+    assert session.painting.undo_text is not None and session.painting.redo_text is None
 
 
 def test_tuned_then_reset_then_saved_as_new(scene, tmp_path, library) -> None:
     session = Session(scene)
-    paper = session.swatch_named("paper")
+    paper = session.painting.swatch_named("paper")
     assert paper is not None
     original = scene.swatches[paper]
     session.tune(paper, stiffness_N_m=120.0)
     session.tune(paper, texture_gain=2.0)
-    assert {p.name: p.reset for p in session.parameters(paper)}["stiffness_N_m"] == original.stiffness_N_m
-    assert session.reset(paper) and scene.swatches[paper] is original and not session.reset(paper)
+    assert {p.name: p.reset for p in session.tuning.parameters(paper)}["stiffness_N_m"] == original.stiffness_N_m
+    assert session.tuning.reset(paper) and scene.swatches[paper] is original and not session.tuning.reset(paper)
     session.undo()
-    file = session.save_swatch_as(paper, "soft paper")
+    file = session.tuning.save_swatch_as(paper, "soft paper")
     assert file.parent == library
     assert hapscene.load_swatch("soft paper").stiffness_N_m == 120.0
-    assert session.swatch_named("soft paper") == paper and session.swatch_named("paper") is None
+    assert session.painting.swatch_named("soft paper") == paper and session.painting.swatch_named("paper") is None
     assert session.add_swatch("paper") == len(scene.swatches) - 1  # the shipped one is free again
     session.save(tmp_path / "a.scene.json")
     back = hapscene.load_scene(tmp_path / "a.scene.json")
     assert back.swatches[paper].stiffness_N_m == 120.0
     slate = session.add_swatch(SLATE)
-    session.save_swatch_as(slate, "soft paper 2")
+    session.tuning.save_swatch_as(slate, "soft paper 2")
     session.undo()
     with pytest.raises(HapsceneError, match="in the library already"):
-        session.save_swatch_as(slate, "soft paper 2")
+        session.tuning.save_swatch_as(slate, "soft paper 2")
 
 
 def test_changes_tell_each_watcher_its_own(scene) -> None:
     session = Session(scene)
-    mine = session.watch()
+    mine = session.painting.watch()
     wood = session.add_swatch("wood")
     session.fill_group("ball", "south", wood)
-    seen = session.changes()
+    seen = session.painting.changes()
     assert list(seen.faces) == [0] and seen.swatches == (wood,) and seen.shelf
     np.testing.assert_array_equal(seen.faces[0], np.arange(700, 1280))
-    assert not session.changes()
+    assert not session.painting.changes()
     session.tune(wood, stiffness_N_m=100.0)
-    assert (session.changes().swatches, session.changes().shelf) == ((wood,), False)
+    assert (session.painting.changes().swatches, session.painting.changes().shelf) == ((wood,), False)
     session.undo(), session.undo()
-    again = session.changes()
+    again = session.painting.changes()
     np.testing.assert_array_equal(again.faces[0], np.arange(700, 1280))
-    everything = session.changes_of(mine)
+    everything = session.painting.changes_of(mine)
     assert everything.shelf and list(everything.faces) == [0]
     session.undo()
-    gone = session.changes()
+    gone = session.painting.changes()
     assert gone.shelf and gone.swatches == () and not gone.faces
 
 
 def test_a_new_swatch_begins_as_a_copy(scene) -> None:
     session = Session(scene)
-    foam = session.copy_swatch(0, "foam")
+    foam = session.tuning.copy_swatch(0, "foam")
     session.tune(foam, stiffness_N_m=80.0)
     assert (scene.swatches[foam].name, scene.swatches[0].stiffness_N_m) == ("foam", 500.0)
-    assert session.reset(foam) and scene.swatches[foam].stiffness_N_m == 500.0
-    assert not any(parameter.applies for parameter in session.parameters(0))
+    assert session.tuning.reset(foam) and scene.swatches[foam].stiffness_N_m == 500.0
+    assert not any(parameter.applies for parameter in session.tuning.parameters(0))
+
+
+def test_what_a_session_is_made_of_is_told_in_a_line(scene, tmp_path) -> None:
+    session = Session(scene, tmp_path / "cup.scene.json")
+    assert repr(session) == "<Session cup.scene.json: 2 bodies, 2,048 faces, 2 swatches, not saved>"
+    session.fill_body("plate", session.add_swatch("wood"))
+    for part in (session.painting, session.document, session.tuning, session.history, session.painting.changes()):
+        assert "\n" not in repr(part) and len(repr(part)) < 120 + len(str(tmp_path))
 
 
 def test_groups(scene) -> None:
@@ -317,6 +327,6 @@ def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
     wood, face_swatch = session.add_swatch("wood"), scene.bodies[2].face_swatch
     assert session.fill_group_at(session.hit_at(2, 3), wood) == 427
     np.testing.assert_array_equal(face_swatch == wood, mesh.group == 0)
-    assert session.undo_word == "fill 'lid', 427 faces"
+    assert session.painting.undo_text == "fill 'lid', 427 faces"
     session.fill_group_at(session.hit_at(2, 3), ERASE)
     assert session.fill_group("box", "lid", wood) == 427 + 427

@@ -18,13 +18,12 @@ from hapscene.paint.shelf import (
     PAUSE_S,
     PITCH,
     START_S,
-    joined,
+    concatenated,
     matching,
     phrases,
-    sentence,
     shelf,
-    stroked,
-    wav,
+    swatch_sound,
+    wav_bytes,
 )
 from hapscene.surface.library import add
 from hapscene.surface.swatch import Swatch
@@ -43,17 +42,18 @@ def test_a_swatch_in_words() -> None:
     assert said["texture"].figure.startswith(f"{figures(wood)['roughness_m_s2']:.2g} m/s² at 1 N, 0.1 m/s")
     assert said["friction"].figure == "µ 0.32, 0.32 at rest"
     assert said["taps"] == ("taps", "clear knocking taps", "5 m/s², 100 Hz at 0.1 m/s")
-    assert sentence(Swatch("bare")) == "firm, silent, slippery, no taps"
+    assert [phrase.word for phrase in phrases(Swatch("bare"))] == ["firm", "silent", "slippery", "no taps"]
 
 
 def test_gains_are_heard_in_the_words() -> None:
     session = Session(_scene())
-    wood = session.swatch_named("wood")
+    wood = session.painting.swatch_named("wood")
     session.tune(wood, texture_gain=4.0, tap_gain=0.1)
     said = {phrase.quality: phrase.word for phrase in phrases(session.scene.swatches[wood])}
     assert said["texture"] == "very rough" and said["taps"] == "faint knocking taps"
     session.tune(wood, texture_gain=0.0, tap_gain=0.0)
-    assert sentence(session.scene.swatches[wood]) == "firm, silent, sliding easily, no taps"
+    told = [phrase.word for phrase in phrases(session.scene.swatches[wood])]
+    assert told == ["firm", "silent", "sliding easily", "no taps"]
 
 
 def _scene() -> hapscene.Scene:
@@ -77,7 +77,7 @@ def test_every_step_is_reached_at_its_bound(steps) -> None:
 def test_the_shelf_has_the_scenes_own_first(library) -> None:
     add(Swatch("foam", stiffness_N_m=80.0, provenance="kitchen"))
     session = Session(_scene())
-    session.tune(session.swatch_named("wood"), stiffness_N_m=100.0)
+    session.tune(session.painting.swatch_named("wood"), stiffness_N_m=100.0)
     cards = shelf(session.scene)
     assert [(c.name, c.place, c.index) for c in cards[:3]] == [
         ("plain", "scene", 0),
@@ -134,18 +134,18 @@ def steady(sound, seconds: float) -> np.ndarray:
 def test_it_is_as_loud_as_the_texture() -> None:
     for force_N, speed_m_s, gain in ((1.0, 0.1, 1.0), (0.5, 0.2, 1.0), (1.0, 0.1, 3.0)):
         swatch = replace(WOOD, taps=None, effects={"lpc_texture": {"texture_gain": gain}})
-        level = steady(stroked(swatch, force_N, speed_m_s, 20.0), 20.0).std()
+        level = steady(swatch_sound(swatch, force_N, speed_m_s, 20.0), 20.0).std()
         known = gain * float(np.sqrt(WOOD.texture.power([force_N], [speed_m_s])[0]))  # type: ignore[union-attr]
         assert level == pytest.approx(known, rel=0.1)
 
 
 def test_the_tap_is_first_and_the_swatchs_own() -> None:
     quiet = replace(WOOD, texture=None)
-    sound = stroked(quiet)
+    sound = swatch_sound(quiet)
     tap = WOOD.taps.transient(0.1, sound.rate_Hz)  # type: ignore[union-attr]
     np.testing.assert_allclose(sound.a_m_s2[: len(tap)], tap)
-    assert not stroked(quiet, approach_m_s=0.0).a_m_s2.any()
-    assert not stroked(Swatch("bare")).a_m_s2.any()
+    assert not swatch_sound(quiet, approach_m_s=0.0).a_m_s2.any()
+    assert not swatch_sound(Swatch("bare")).a_m_s2.any()
 
 
 def samples(data: bytes) -> tuple[int, np.ndarray]:
@@ -156,18 +156,18 @@ def samples(data: bytes) -> tuple[int, np.ndarray]:
 
 def test_two_are_compared_on_one_scale() -> None:
     soft = replace(WOOD, effects={"lpc_texture": {"texture_gain": 0.25}, "tap": {"tap_gain": 0.25}})
-    first, second = stroked(WOOD), stroked(soft)
-    rate, both = samples(wav(joined([first, second])))
+    first, second = swatch_sound(WOOD), swatch_sound(soft)
+    rate, both = samples(wav_bytes(concatenated([first, second])))
     n, gap = len(first.a_m_s2), round(PAUSE_S * rate)
     assert len(both) == 2 * n + gap and not both[n : n + gap].any()
     assert both[n + gap :].std() == pytest.approx(0.25 * both[:n].std(), rel=0.01)
-    _, alone = samples(wav(second))
+    _, alone = samples(wav_bytes(second))
     np.testing.assert_array_equal(alone, both[n + gap :])  # as loud alone as beside the other
 
 
 def test_what_is_too_loud_is_turned_down_and_silence_stays() -> None:
     loud = replace(WOOD, effects={"lpc_texture": {"texture_gain": 10.0}, "tap": {"tap_gain": 10.0}})
-    _, found = samples(wav(stroked(loud)))
-    assert np.abs(stroked(loud).a_m_s2).max() > FULL_SCALE_M_S2
+    _, found = samples(wav_bytes(swatch_sound(loud)))
+    assert np.abs(swatch_sound(loud).a_m_s2).max() > FULL_SCALE_M_S2
     assert 29_000 < np.abs(found).max() < 32767
-    assert not samples(wav(stroked(Swatch("bare"))))[1].any()
+    assert not samples(wav_bytes(swatch_sound(Swatch("bare"))))[1].any()

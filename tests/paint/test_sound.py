@@ -52,7 +52,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         found = chromium.new_page()
         found.goto(page.url)
         yield found
-    session.close()
+    session.document.close()
 
 
 def render(tab: Any, a: NDArray[np.float64], seconds: float) -> tuple[NDArray[np.float64], list[dict[str, float]]]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+from hapscene.constants import DEFAULT_GRIP
 from hapscene.device.hand import GRIPS
 from hapscene.device.model import DEVICES, limits_of
 from hapscene.device.omni import Omni, stand
@@ -15,17 +16,17 @@ from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
 
 
-class Held(NamedTuple):
-    """A device to hold: whose limits it has, a name of `DEVICES`; and how it moves."""
+class HandDevice(NamedTuple):
+    """A device that the hand can hold: whose limits it has, a name of `DEVICES`; and how it moves."""
 
     limits: str
     model: PointMass | Omni
 
 
-HELD_DEVICES: Final[Mapping[str, Held]] = {
-    "omni": Held("omni", Omni()),
+HAND_DEVICES: Final[Mapping[str, HandDevice]] = {
+    "omni": HandDevice("omni", Omni()),
     **{
-        "omni-point" if name == "omni" else name: Held(name, device.point)
+        "omni-point" if name == "omni" else name: HandDevice(name, device.point)
         for name, device in DEVICES.items()
         if device.point is not None
     },
@@ -36,7 +37,7 @@ GRIP_NAMES: Final = tuple(name for name in GRIPS if name != "none")
 
 NO_HANDLE: Final = "no-handle"
 
-COMPENSATORS_TOLD: Final[Mapping[str, str]] = {
+COMPENSATOR_HINTS: Final[Mapping[str, str]] = {
     "adaptive": "what the handle gives whose drive learns from its own accelerometer",
     "flat": "what the handle gives, driven by the inverse of its model: even from 20 Hz on",
     "inverse": "what the handle gives, driven by the inverse of its model: weaker the slower it shakes",
@@ -51,22 +52,22 @@ class HandConfig:
     """What the hand holds.
 
     Attributes:
-        device: a name of `HELD_DEVICES`.
+        device: a name of `HAND_DEVICES`.
         grip: how firmly, one of `GRIP_NAMES`.
-        compensator: what drives the handle, a name of `COMPENSATORS_TOLD`.
+        compensator: what drives the handle, a name of `COMPENSATOR_HINTS`.
 
     Raises:
         HapsceneError: no such name.
     """
 
     device: str = "omni"
-    grip: str = "medium"
+    grip: str = DEFAULT_GRIP
     compensator: str = "adaptive"
 
     def __post_init__(self) -> None:
         if self.device == "ideal":
-            raise HapsceneError(f"an ideal device has no mass to move; choose one of {', '.join(HELD_DEVICES)}")
-        for kind, known in (("device", HELD_DEVICES), ("grip", GRIP_NAMES), ("compensator", COMPENSATORS_TOLD)):
+            raise HapsceneError(f"an ideal device has no mass to move; choose one of {', '.join(HAND_DEVICES)}")
+        for kind, known in (("device", HAND_DEVICES), ("grip", GRIP_NAMES), ("compensator", COMPENSATOR_HINTS)):
             name = getattr(self, kind)
             if name not in tuple(known):  # a page may send anything
                 raise HapsceneError(no_such(kind, name, known))
@@ -74,7 +75,7 @@ class HandConfig:
     @property
     def limits(self) -> str:
         """Whose limits apply, a name of `DEVICES`."""
-        return HELD_DEVICES[self.device].limits
+        return HAND_DEVICES[self.device].limits
 
     def __str__(self) -> str:
         handle = "no handle" if self.compensator == NO_HANDLE else f"{self.compensator} handle"
@@ -82,16 +83,16 @@ class HandConfig:
 
     def reaches(self, from_W_m: Any, p_W_m: Any) -> bool:
         """Whether an arm whose tool began at `from_W_m` (3,) gets it to `p_W_m` (3,) [m]; a point mass always does."""
-        if not isinstance(HELD_DEVICES[self.device].model, Omni):
+        if not isinstance(HAND_DEVICES[self.device].model, Omni):
             return True
         X_WD = stand(from_W_m)  # as the servo's twin places it
         return bool(reachable(X_WD[:3, :3].T @ (p_W_m - X_WD[:3, 3])))
 
 
-def make_servo(scene: Scene, hold: HandConfig, tick_s: float) -> Servo:
+def make_servo(scene: Scene, config: HandConfig, tick_s: float) -> Servo:
     """A servo with a hand that holds this; an arm is placed anew for each touch, so that it begins in the middle."""
     handle: dict[str, Any] = {}
-    if hold.compensator != NO_HANDLE:
-        handle = {"handle": Plant(), "compensator": hold.compensator}
-    model = HELD_DEVICES[hold.device].model
-    return Servo(scene, model, tick_s=tick_s, limits=limits_of(hold.limits, tick_s), **handle)
+    if config.compensator != NO_HANDLE:
+        handle = {"handle": Plant(), "compensator": config.compensator}
+    model = HAND_DEVICES[config.device].model
+    return Servo(scene, model, tick_s=tick_s, limits=limits_of(config.limits, tick_s), **handle)

@@ -1,4 +1,4 @@
-"""The painter's page: one scene, painted and touched in the browser by all who have it open.
+"""The page that `hapscene paint` serves: one scene, painted and touched in the browser by all who have it open.
 
 Everything that happens, happens in the event loop of the server, one thing after the other; what takes long goes on
 beside it. The scene is in the server alone: a tab that is closed loses nothing, and a second one sees the same.
@@ -16,15 +16,12 @@ import numpy as np
 
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.session import Session
-from hapscene.paint.web.file_panel import SUFFIX, FilePanel
 from hapscene.paint.web.hand_config import HandConfig
-from hapscene.paint.web.number_panel import NumberPanel
 from hapscene.paint.web.page_context import PageContext
 from hapscene.paint.web.page_socket import PIXEL_MAX, PageSocket, number, pointer_of
+from hapscene.paint.web.panels import FilePanel, HandPanel, NumberPanel, ShelfPanel, ToolPanel
 from hapscene.paint.web.scene_view import SceneView
-from hapscene.paint.web.secure_server import LOOPBACK, NUMBER_MAX, enter, serve, stop
-from hapscene.paint.web.shelf_panel import ShelfPanel
-from hapscene.paint.web.tool_panel import HandPanel, ToolPanel
+from hapscene.paint.web.secure_server import LOOPBACK, NUMBER_MAX, serve, set_slider, stop
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.touch_hand import TouchHand
 from hapscene.servo import State
@@ -35,7 +32,7 @@ from hapscene.servo import State
 MONITOR_S: Final = 0.015
 """How often what was felt is sent [s]; with the browser's own 35 ms ahead it is heard about 60 ms after it was felt."""
 
-WORD_S: Final = 0.2
+STATUS_S: Final = 0.2
 """How often the line under the picture changes [s]: any faster cannot be read."""
 
 
@@ -43,22 +40,22 @@ class Monitor:
     """Reads the hand and shows it.
 
     Args:
-        parts: the page.
-        told: called whenever there may be another word.
+        context: the page.
+        on_status: called whenever there may be another status.
 
     Attributes:
-        word: what is felt, in a line.
+        status: what is felt, in a line.
     """
 
-    def __init__(self, parts: PageContext, told: Callable[[], None]) -> None:
-        self._parts = parts
-        self._told = told
-        self.word = ""
+    def __init__(self, context: PageContext, on_status: Callable[[], None]) -> None:
+        self._context = context
+        self._on_status = on_status
+        self.status = ""
 
     async def watch(self) -> None:
         """Show and send what the hand feels, for as long as it is let."""
-        touch, view, live = self._parts.touch, self._parts.view, self._parts.live
-        next_word_s = 0.0
+        touch, view, socket = self._context.touch, self._context.view, self._context.socket
+        next_status_s = 0.0
         shown = False
         while True:
             await asyncio.sleep(MONITOR_S)
@@ -66,24 +63,24 @@ class Monitor:
             try:
                 read = touch.read(now_s)
             except HapsceneError as error:
-                live.say(str(error), "error")
+                socket.say(str(error), "error")
                 continue
             if read is not None and read[0].tick >= 0:
                 state, force_N, a_m_s2 = read
                 if len(force_N):
-                    live.trace(force_N, a_m_s2, touch.tick_s)
+                    socket.trace(force_N, a_m_s2, touch.tick_s)
                 view.show_touch(state.p_WT_m, state.p_WP_m, state.f_W_N)
                 shown = True
             elif shown:
                 view.show_touch(None)
                 shown = False
-            if now_s >= next_word_s:
-                next_word_s = now_s + WORD_S
-                self.word = self._word_of(None if read is None else read[0])
-                self._told()
+            if now_s >= next_status_s:
+                next_status_s = now_s + STATUS_S
+                self.status = self._status_of(None if read is None else read[0])
+                self._on_status()
 
-    def _word_of(self, state: State | None) -> str:
-        session, touch = self._parts.session, self._parts.touch
+    def _status_of(self, state: State | None) -> str:
+        session, touch = self._context.session, self._context.touch
         if touch.status == "starting":
             return "The hand gets ready …"
         if touch.status != "ready":
@@ -91,7 +88,7 @@ class Monitor:
         if state is None or state.tick < 0:
             return "The hand is ready: press 7, hold Shift and drag on the surface."
         if not state.touching or not 0 <= state.swatch < len(session.scene.swatches):
-            return f"In the air · {touch.hold}"
+            return f"In the air · {touch.config}"
         force_N = float(np.linalg.norm(state.f_W_N))
         name = session.scene.swatches[state.swatch].name
         return f"{name}: {force_N:.2f} N · {1e3 * state.depth_m:.2f} mm deep · {1e3 * state.slip_m_s:.0f} mm/s"
@@ -110,11 +107,11 @@ class Page:
         port: the port; a free one near it where it is taken, any for 0.
         with_hand: whether the hand that touches is started.
         with_autosave: whether what is not saved yet is written beside the scene, and found again.
-        hold: what the hand holds at first; None for the session's device.
+        hand: what the hand holds at first; None for the session's device.
 
     Attributes:
         server: viser's.
-        parts: session, view, tools, touch and socket.
+        context: session, view, tools, touch and socket.
         kept: once it is closed, whether there is work that is not saved, and offered the next time.
 
     Raises:
@@ -129,7 +126,7 @@ class Page:
         port: int = PORT,
         with_hand: bool = True,
         with_autosave: bool = True,
-        hold: HandConfig | None = None,
+        hand: HandConfig | None = None,
     ) -> None:
         if session.path is None:
             raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
@@ -137,27 +134,27 @@ class Page:
         self._ready = self.kept = False
         self._ends = ExitStack()
         try:
-            self._begin(session, host, port, hold or HandConfig(session.device))
+            self._begin(session, host, port, hand or HandConfig(session.device))
         except BaseException:
             self.close()
             raise
 
-    def _begin(self, session: Session, host: str, port: int, hold: HandConfig) -> None:
+    def _begin(self, session: Session, host: str, port: int, hand: HandConfig) -> None:
         if self._with_autosave:
-            session.start_autosave()
+            session.document.start_autosave()
         self._ends.callback(self._keep, session)
-        self._live = PageSocket(self._act, self._state)
-        self.server = serve(host, port, self._live.serve)
+        self._socket = PageSocket(self._act, self._state)
+        self.server = serve(host, port, self._socket.serve)
         self._ends.callback(stop, self.server)
         self._loop = self.server.get_event_loop()
-        view = SceneView(self.server, session)
-        touch = TouchHand(self._live.say, hold)
+        view = SceneView(self.server, session.painting)
+        touch = TouchHand(self._socket.say, hand)
         self._ends.callback(touch.close)
-        tools = Tools(session, view, touch, self._live.say)
-        self.parts = PageContext(self.server, session, view, tools, touch, self._live, self.changed)
-        self._told: Mapping[str, Any] | None = None
-        self._unfelt = False
-        self._monitor = Monitor(self.parts, self._tell_now)
+        tools = Tools(session, view, touch, self._socket.say)
+        self.context = PageContext(self.server, session, view, tools, touch, self._socket, self.refresh)
+        self._sent: Mapping[str, Any] | None = None
+        self._repaint_due = False
+        self._monitor = Monitor(self.context, self._show_status)
         self._make_panel()
 
     @property
@@ -175,8 +172,8 @@ class Page:
     def __enter__(self) -> "Page":
         self._start(self._monitor.watch())
         if self._with_hand:
-            session = self.parts.session
-            self._start(self.parts.touch.open(session.snapshot(), session.tick_s))
+            session = self.context.session
+            self._start(self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s))
         return self
 
     def _start(self, task: Coroutine[Any, Any, None]) -> None:
@@ -194,51 +191,51 @@ class Page:
 
     def _keep(self, session: Session) -> None:
         session.end_stroke()
-        self.kept = session.close(keep=True)
+        self.kept = session.document.close(keep=True)
 
     # --- what happens ---
 
-    def changed(self) -> None:
+    def refresh(self) -> None:
         """Show, and have felt, what changed. Called in the event loop after whatever may have changed something."""
-        session, tools = self.parts.session, self.parts.tools
-        changes = session.changes()
+        session, tools = self.context.session, self.context.tools
+        changes = session.painting.changes()
         if changes:
-            self.parts.view.update(changes)
+            self.context.view.update(changes)
             self.server.flush()  # the picture first, the panel after it
         if changes.faces or changes.shelf:
-            self._unfelt = True
+            self._repaint_due = True
         elif changes.swatches:
             self._tune(changes.swatches)
-        if self._unfelt and not (tools.held and tools.name in ("brush", "eraser")):
-            self._unfelt = False
-            self.parts.touch.repaint(session.snapshot())
+        if self._repaint_due and not (tools.client is not None and tools.name in ("brush", "eraser")):
+            self._repaint_due = False
+            self.context.touch.repaint(session.painting.snapshot())
         self._tool_panel.show()
         self._shelf_panel.show(changes.shelf, changes.swatches)
         self._number_panel.show()
-        self._tell()
+        self._send_state()
 
     def _tune(self, swatches: tuple[int, ...]) -> None:
         """Have the numbers of swatches felt that alone are others: much quicker than all of the painting."""
-        session = self.parts.session
+        session = self.context.session
         for index in swatches:
-            numbers = {p.name: p.value for p in session.parameters(index) if p.applies}
-            self.parts.touch.tune(session.scene.swatches[index].name, numbers)
+            numbers = {p.name: p.value for p in session.tuning.parameters(index) if p.applies}
+            self.context.touch.tune(session.scene.swatches[index].name, numbers)
 
     async def _act(self, message: Mapping[str, Any]) -> None:
         """Do what a page's own message says."""
         if not self._ready:
             return
         try:
-            if await self._point(message):
+            if await self._follow_pointer(message):
                 return
-            await self._order(message)
+            await self._do(message)
         except (HapsceneError, OSError) as error:
-            self._live.say(str(error), "error")
-        self.changed()
+            self._socket.say(str(error), "error")
+        self.refresh()
 
-    async def _point(self, message: Mapping[str, Any]) -> bool:
+    async def _follow_pointer(self, message: Mapping[str, Any]) -> bool:
         """Follow the pointer; whether nothing can have changed."""
-        tools = self.parts.tools
+        tools = self.context.tools
         do = message["do"]
         if do == "leave":
             await tools.release(None)
@@ -251,30 +248,30 @@ class Page:
             await follow(pointer)
         return do == "hover" or pointer is None
 
-    async def _order(self, message: Mapping[str, Any]) -> None:
-        session, tools = self.parts.session, self.parts.tools
+    async def _do(self, message: Mapping[str, Any]) -> None:
+        session, tools = self.context.session, self.context.tools
         do = message["do"]
         if do == "tool" and message.get("name") in TOOLS:
-            tools.choose(message["name"])
+            tools.choose_tool(message["name"])
         elif do in ("undo", "redo"):
             tools.finish()
             what = session.undo() if do == "undo" else session.redo()
-            self._live.say(f"{'Undone' if do == 'undo' else 'Done again'}: {what}." if what else f"Nothing to {do}.")
+            self._socket.say(f"{'Undone' if do == 'undo' else 'Done again'}: {what}." if what else f"Nothing to {do}.")
         elif do == "save":
             await self._file_panel.save()
         elif do == "look":
-            self._file_panel.prefer(message.get("dark") is True)
+            self._file_panel.prefer_look(message.get("dark") is True)
         elif do == "number":
             client, value = number(message, "client", 0, 2**53), number(message, "value", -NUMBER_MAX, NUMBER_MAX)
             if client is not None and value is not None:
-                said = await enter(self.server, int(client), str(message.get("id")), value)
+                said = await set_slider(self.server, int(client), str(message.get("id")), value)
                 if said:
-                    self._live.say(said, "error")
+                    self._socket.say(said, "error")
         elif do == "frame":
             client = number(message, "client", 0, 2**53)
             width, height = (number(message, key, 1.0, PIXEL_MAX) for key in ("w", "h"))
             if client is not None and width is not None and height is not None:
-                self.parts.view.frame(int(client), width / height)
+                self.context.view.frame(int(client), width / height)
         elif do == "size":
             factor = number(message, "factor", 0.1, 10.0)
             if factor is not None:
@@ -284,29 +281,29 @@ class Page:
         """What the bar over the picture shows."""
         if not self._ready:
             return {}
-        session = self.parts.session
+        session = self.context.session
         return {
-            "tool": self.parts.tools.name,
-            "swatch": self.parts.tools.chosen,
-            "colour": self._shelf_panel.colour_of(self.parts.tools.chosen),
-            "undo": session.undo_word,
-            "redo": session.redo_word,
+            "tool": self.context.tools.name,
+            "swatch": self.context.tools.chosen,
+            "colour": self._shelf_panel.colour_of(self.context.tools.chosen),
+            "undo": session.painting.undo_text,
+            "redo": session.painting.redo_text,
             "dirty": session.dirty,
             "title": _path(session).name,
-            "word": self._monitor.word,
-            "hand": self.parts.touch.status,
+            "word": self._monitor.status,
+            "hand": self.context.touch.status,
         }
 
-    def _tell(self) -> None:
+    def _send_state(self) -> None:
         state = self._state()
-        if state != self._told:
-            self._told = state
-            self._live.tell(state=state)
+        if state != self._sent:
+            self._sent = state
+            self._socket.send(state=state)
 
-    def _tell_now(self) -> None:
+    def _show_status(self) -> None:
         """Also what changes by itself: what is felt, and what becomes of the copy."""
-        self._file_panel.show(self._autosave_word())
-        self._tell()
+        self._file_panel.show()
+        self._send_state()
 
     # --- how it is set up ---
 
@@ -316,13 +313,14 @@ class Page:
         tabs = gui.add_tab_group()
         paint, feel, compare, file = (tabs.add_tab(name) for name in ("Paint", "Feel", "Compare", "File"))
         with paint:
-            self._tool_panel = ToolPanel(self.parts)
-        self._shelf_panel = ShelfPanel(self.parts, paint, compare)
-        HandPanel(self.parts, feel)
-        self._number_panel = NumberPanel(self.parts, feel)
-        self._file_panel = FilePanel(self.parts, file, _path(self.parts.session))
-        gui.set_panel_label(_path(self.parts.session).name)
-        self._offer()
+            self._tool_panel = ToolPanel(self.context)
+        self._shelf_panel = ShelfPanel(self.context, paint, compare)
+        HandPanel(self.context, feel)
+        self._number_panel = NumberPanel(self.context, feel)
+        self._file_panel = FilePanel(self.context, file, _path(self.context.session))
+        gui.set_panel_label(_path(self.context.session).name)
+        if self._with_autosave:
+            self._file_panel.offer_recovery()
         self._ready = True
 
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
@@ -331,37 +329,9 @@ class Page:
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
         async def lift(client: Any) -> None:
-            if self.parts.tools.held_by == client.client_id:
-                await self.parts.tools.release(None)
-                self.changed()
-
-    def _offer(self) -> None:
-        """Ask what becomes of what painters that were killed left, one after the other."""
-        session = self.parts.session
-        recovery = session.recovery() if self._with_autosave else None
-        if recovery is None:
-            return
-
-        def take() -> None:
-            session.recover(recovery)
-            self._offer()
-
-        def discard() -> None:
-            session.discard_recovery(recovery)
-            self._offer()
-
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(recovery.saved_s))
-        name = recovery.path.name.removesuffix(SUFFIX)
-        told = f"A session of {name} ended without saving. Its work up to {when} is still there."
-        self._file_panel.offer(told, take, discard)
-
-    def _autosave_word(self) -> str:
-        session = self.parts.session
-        if session.problem:
-            return session.problem
-        if not session.autosaves:
-            return "No copy of it is kept."
-        return "A copy is kept beside the file every second, and offered after a crash."
+            if self.context.tools.client == client.client_id:
+                await self.context.tools.release(None)
+                self.refresh()
 
 
 def _path(session: Session) -> Path:

@@ -21,8 +21,8 @@ class PageContext:
 
     Attributes:
         server: viser's.
-        session, view, tools, touch, live: one of each.
-        changed: shows what changed; called after whatever may have changed something.
+        session, view, tools, touch, socket: one of each.
+        refresh: shows what changed; called after whatever may have changed something.
     """
 
     server: Any
@@ -30,10 +30,10 @@ class PageContext:
     view: SceneView
     tools: Tools
     touch: TouchHand
-    live: PageSocket
-    changed: Callable[[], None]
+    socket: PageSocket
+    refresh: Callable[[], None]
 
-    def on(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """A callback for viser that runs in its event loop, in the order of the events.
 
         What `act` refuses is shown to the user. Values that the page itself sets are no events.
@@ -47,8 +47,8 @@ class PageContext:
                 if inspect.isawaitable(result):
                     await result
             except (HapsceneError, OSError) as error:
-                self.live.say(str(error), "error")
-            self.changed()
+                self.socket.say(str(error), "error")
+            self.refresh()
 
         return run
 
@@ -64,6 +64,11 @@ def set_html(handle: Any, content: str) -> None:
         handle.content = content
 
 
+def card_html(content: str, dim: bool = False) -> str:
+    """A paragraph of the panel, of HTML; nothing of nothing."""
+    return content and f'<div class="hs-card{" dim" * dim}">{content}</div>'
+
+
 def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
     """A number from a page within bounds; `otherwise` where it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -71,12 +76,7 @@ def bounded(value: Any, low: float, high: float, otherwise: float) -> float:
     return min(max(float(value), low), high)
 
 
-def css(colour: tuple[float, float, float]) -> str:
-    """A colour of numbers from 0 to 1, for CSS."""
-    return f"rgb{bytes_of(colour)}"
-
-
-def bytes_of(colour: tuple[float, float, float]) -> tuple[int, int, int]:
+def rgb_bytes(colour: tuple[float, float, float]) -> tuple[int, int, int]:
     """A colour of numbers from 0 to 1, 0 to 255 each."""
     red, green, blue = (round(255 * c) for c in colour)
     return red, green, blue

@@ -34,7 +34,7 @@ class PageSocket:
         self._act = act
         self._state = state
         self._sockets: set[Any] = set()
-        self._deaf: set[Any] = set()
+        self._muted: set[Any] = set()
         self.refused = 0
         """How many messages were none of ours."""
 
@@ -44,50 +44,50 @@ class PageSocket:
 
         self._sockets.add(connection)
         try:
-            self._send(connection, json.dumps({"state": self._state()}))
+            self._send_to(connection, json.dumps({"state": self._state()}))
             async for raw in connection:
                 message = parse(raw)
                 if message is None:
                     self.refused += 1
                 elif message["do"] == "listen":
-                    (self._deaf.discard if message.get("on") else self._deaf.add)(connection)
+                    (self._muted.discard if message.get("on") else self._muted.add)(connection)
                 else:
                     await self._act(message)
         except ConnectionClosed:
             pass
         finally:
             self._sockets.discard(connection)
-            self._deaf.discard(connection)
+            self._muted.discard(connection)
 
-    def tell(self, **content: Any) -> None:
+    def send(self, **content: Any) -> None:
         """Send to all pages."""
         text = json.dumps(content)
         for connection in self._sockets:
-            self._send(connection, text)
+            self._send_to(connection, text)
 
     def say(self, text: str, kind: str = "") -> None:
         """Show a line to all who look; `kind` is "error" or nothing."""
-        self.tell(say=text, kind=kind)
+        self.send(say=text, kind=kind)
 
     def trace(self, force_N: NDArray[Any], a_m_s2: NDArray[Any], tick_s: float) -> None:
         """What was felt: force (n,) [N] and acceleration (n, block) [m/s²]."""
         head = (1.0, tick_s, len(force_N), a_m_s2.shape[1])
-        self._pour(np.concatenate((head, force_N, a_m_s2.ravel())))
+        self._send_numbers(np.concatenate((head, force_N, a_m_s2.ravel())))
 
     def sound(self, a_m_s2: NDArray[Any], rate_Hz: float) -> None:
         """An acceleration (n,) [m/s²] to be heard at once."""
-        self._pour(np.concatenate(((2.0, rate_Hz), a_m_s2)))
+        self._send_numbers(np.concatenate(((2.0, rate_Hz), a_m_s2)))
 
-    def _pour(self, numbers: NDArray[Any]) -> None:
+    def _send_numbers(self, numbers: NDArray[Any]) -> None:
         content = numbers.astype("<f4").tobytes()
         for connection in self._sockets:
-            self._send(connection, content)
+            self._send_to(connection, content)
 
-    def _send(self, connection: Any, content: str | bytes) -> None:
+    def _send_to(self, connection: Any, content: str | bytes) -> None:
         from websockets.asyncio.server import broadcast
 
-        old_soon = isinstance(content, bytes)  # a trace, a sound; a word is told once
-        if not old_soon or connection.transport.get_write_buffer_size() < BACKLOG_BYTES_MAX:
+        droppable = isinstance(content, bytes)  # a trace, a sound; a text is sent once
+        if not droppable or connection.transport.get_write_buffer_size() < BACKLOG_BYTES_MAX:
             with contextlib.suppress(RuntimeError):  # it is closing
                 broadcast([connection], content)
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.change_watch import Changes
 from hapscene.paint.display import ChunkKey, Display
-from hapscene.paint.paintable_mesh import Hit, drape
-from hapscene.paint.session import Session
+from hapscene.paint.paintable_mesh import Hit, project_to_surface
+from hapscene.paint.painting import Painting
 from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
 SHOWN: Final = 3.0
@@ -50,22 +50,22 @@ class SceneView:
 
     Args:
         server: viser's.
-        session: what is shown.
+        painting: what is shown.
 
     Attributes:
         diagonal_m: of the scene [m].
         colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
     """
 
-    def __init__(self, server: Any, session: Session) -> None:
+    def __init__(self, server: Any, painting: Painting) -> None:
         self._server = server
-        self._session = session
-        bounds = np.array([bounds_of(body) for body in session.scene.bodies])
+        self._painting = painting
+        bounds = np.array([bounds_of(body) for body in painting.scene.bodies])
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         self.middle_W_m: Vector = (low + high) / 2
         self.diagonal_m = float(np.linalg.norm(high - low))
         self._scale = SHOWN / self.diagonal_m
-        self._display = Display(session)
+        self._display = Display(painting)
         self.colours = self._distinct()
         self._layers: dict[ChunkKey, dict[int, Any]] = {}
         self._extent = (high - low) * self._scale
@@ -88,7 +88,7 @@ class SceneView:
 
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
-            body = self._session.scene.bodies[key.body]
+            body = self._painting.scene.bodies[key.body]
             old, new = self._layers.get(key, {}), {}
             with self._server.atomic():
                 for layer in self._display.layers(key):
@@ -103,19 +103,19 @@ class SceneView:
                         receive_shadow=False,
                         scale=self._scale,
                         wxyz=_quaternion(body.X_WB[:3, :3]),
-                        position=self.shown(body.X_WB[:3, 3]),
+                        position=self.to_view(body.X_WB[:3, 3]),
                     )
                 for swatch in old.keys() - new.keys():
                     old[swatch].remove()
             self._layers[key] = new
 
     def _distinct(self) -> list[str]:
-        swatches = self._session.scene.swatches
+        swatches = self._painting.scene.swatches
         return distinct_colours(swatches, range(len(swatches)))
 
     # --- between W and what is shown ---
 
-    def shown(self, p_W_m: Any) -> Vector:
+    def to_view(self, p_W_m: Any) -> Vector:
         """Places (…, 3) in W [m] as viser has them."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self._scale)
 
@@ -149,8 +149,11 @@ class SceneView:
         side /= np.linalg.norm(side)
         turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
         way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
-        body, shape = self._session.scene.bodies[hit.body], self._session.shapes[hit.body]
-        laid = self.shown(drape(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)) + 0.004 * hit.nhat_W
+        body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
+        laid = (
+            self.to_view(project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m))
+            + 0.004 * hit.nhat_W
+        )
         self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
 
     def show_box(self, low_high_K_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
@@ -158,7 +161,7 @@ class SceneView:
         self._box.visible = low_high_K_m is not None
         if low_high_K_m is None or X_WK is None:
             return
-        self._box.position = self.shown(X_WK[:3, 3])
+        self._box.position = self.to_view(X_WK[:3, 3])
         self._box.wxyz = _quaternion(X_WK[:3, :3])
         self._box.scale = tuple((np.maximum(low_high_K_m, 1e-9) * self._scale).tolist())
 
@@ -166,7 +169,7 @@ class SceneView:
         """A ball; None hides it."""
         self._sphere.visible = centre_W_m is not None
         if centre_W_m is not None:
-            self._sphere.position = self.shown(centre_W_m)
+            self._sphere.position = self.to_view(centre_W_m)
             self._sphere.scale = max(radius_m * self._scale, 1e-3)
 
     def show_touch(self, p_WT_m: Vector | None, p_WP_m: Vector | None = None, f_W_N: Vector | None = None) -> None:
@@ -175,13 +178,13 @@ class SceneView:
             mark.visible = p_WT_m is not None
         if p_WT_m is None or p_WP_m is None or f_W_N is None:
             return
-        self._tool.position = self.shown(p_WT_m)
-        self._proxy.position = self.shown(p_WP_m)
+        self._tool.position = self.to_view(p_WT_m)
+        self._proxy.position = self.to_view(p_WP_m)
         size_N = float(np.linalg.norm(f_W_N))
         self._arrow.visible = size_N > 0.01
         if size_N > 0.01:
             length = SHOWN / 8 * size_N / ARROW_N
-            self._arrow.position = self.shown(p_WP_m)
+            self._arrow.position = self.to_view(p_WP_m)
             self._arrow.wxyz = _turn_to(f_W_N / size_N)
             self._arrow.scale = (1.0, 1.0, length)
 

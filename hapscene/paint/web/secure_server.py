@@ -1,4 +1,5 @@
-"""The gate of the page: viser's server on one port, with our own files and socket beside it, for our own page alone.
+"""The page's server, apart since it alone knows viser's inside: one port, with our own files and socket, for our own
+page alone.
 
 Whoever runs a web page can have a visitor's browser talk to a server on the visitor's machine: a WebSocket to a foreign
 origin is allowed by browsers, and a name whose address changes (DNS rebinding) makes even reading possible. So every
@@ -42,7 +43,7 @@ TEXT_MAX: Final = 4096
 NUMBER_MAX: Final = 1e15
 """Largest number of a field without bounds [1]: what is larger cannot be sent to the other pages."""
 
-KINDS: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
+MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 """Types of what is served, by suffix."""
 
 HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" type="module"></script>'
@@ -52,21 +53,21 @@ _building = threading.Lock()
 
 
 @dataclass(frozen=True)
-class File:
+class StaticFile:
     """What is served: its type and content."""
 
     kind: str
     content: bytes
 
 
-def names_of(host: str) -> frozenset[str]:
+def host_names(host: str) -> frozenset[str]:
     """The host names that a browser may call this server by, lower case. Addresses of a public server come besides."""
     if host in LOOPBACK:
         return LOOPBACK
     return LOOPBACK | {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
 
 
-def refusal(headers: Mapping[str, str], names: Collection[str], public: bool, upgrade: bool) -> str | None:
+def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: bool, upgrade: bool) -> str | None:
     """Why a request gets nothing; None if it is ours.
 
     Args:
@@ -88,9 +89,9 @@ def refusal(headers: Mapping[str, str], names: Collection[str], public: bool, up
 
 
 @contextlib.contextmanager
-def gated(
+def guarded(
     host: str,
-    files: Mapping[str, File],
+    files: Mapping[str, StaticFile],
     index: Callable[[bytes], bytes],
     handler: Callable[[Any], Awaitable[None]],
 ) -> Iterator[None]:
@@ -108,7 +109,7 @@ def gated(
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 
-    names, public = names_of(host), host not in LOOPBACK
+    names, public = host_names(host), host not in LOOPBACK
     real = asyncio_server.serve
 
     def answer(status: http.HTTPStatus, kind: str, content: bytes) -> Response:
@@ -121,7 +122,7 @@ def gated(
         def check(connection: Any, request: Any) -> Any:
             upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
             try:
-                why = refusal(request.headers, names, public, upgrade)
+                why = refusal_reason(request.headers, names, public, upgrade)
             except (LookupError, ValueError):  # a header twice, or none that can be read
                 why = "this request is not understood"
             if why is not None:
@@ -137,11 +138,11 @@ def gated(
                 return answer(http.HTTPStatus.OK, "text/html; charset=utf-8", index(page.body))
             return process_request(connection, request)
 
-        async def lead(connection: Any) -> None:
+        async def route(connection: Any) -> None:
             ours = connection.request.path.partition("?")[0] == SOCKET_PATH
             await (handler if ours else viser_handler)(connection)
 
-        return real(lead, *place, process_request=check, **options)
+        return real(route, *place, process_request=check, **options)
 
     with _building, contextlib.redirect_stdout(io.StringIO()):
         asyncio_server.serve = serve  # type: ignore[misc, assignment]
@@ -196,9 +197,11 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
     folder = resources.files("hapscene.paint.web")
     names = {"/hapscene.css": "page.css", "/hapscene.js": "page.js"}
     names |= {f"/hapscene-{name}": name for name in ("number.js", "plot.js", "sound.js")}
-    files = {place: File(KINDS[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()}
+    files = {
+        place: StaticFile(MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()
+    }
     port = free_port(host, port)
-    with gated(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
+    with guarded(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
     harden(server)
     return server
@@ -210,7 +213,7 @@ def stop(server: Any) -> None:
         server.stop()
 
 
-async def enter(server: Any, client: int, name: str, value: float) -> str | None:
+async def set_slider(server: Any, client: int, name: str, value: float) -> str | None:
     """Give a slider a number, as its user would; what else was made of it, in a sentence, or None.
 
     Args:

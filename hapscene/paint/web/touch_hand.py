@@ -66,34 +66,34 @@ class TouchHand:
 
     Args:
         say: shows a line to the user, with its kind.
-        hold: what it holds at first.
+        config: what it holds at first.
         servo: makes the servo of a scene and what is held; another one for another kind of hand.
 
     Attributes:
         status: "starting", "ready", "failed" or "closed".
         touching: whether the button is held.
-        hold: what it holds: another grip at once, all else from the next `open` on.
+        config: what it holds: another grip at once, all else from the next `open` on.
     """
 
     def __init__(
         self,
         say: Callable[[str, str], None],
-        hold: HandConfig,
+        config: HandConfig,
         servo: Callable[[Scene, HandConfig, float], Any] = make_servo,
     ) -> None:
         self._say = say
         self._make = servo
-        self._lane = ThreadPoolExecutor(1, "hapscene hand")
+        self._executor = ThreadPoolExecutor(1, "hapscene hand")
         self._servo: Any = None
-        self._opened: Any = None
+        self._servo_made: Any = None
         self.status = "closed"
         self.touching = False
-        self.hold = hold
+        self.config = config
         self._contact: Contact | None = None  # waits until the start is through
         self._from_W_m = np.zeros(3)  # where the touch began
-        self._told_end = False
+        self._end_said = False
         self._deeper_m = 0.0
-        self._met, self._met_since = False, 0  # whether it is on the surface, and from which tick on
+        self._on_surface, self._surface_tick = False, 0  # whether it is on the surface, and from which tick on
         self._starting = False
         self._since = 0
         self._last_s = -np.inf
@@ -109,11 +109,11 @@ class TouchHand:
         self.status = "starting"
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
-        self._wanted = (scene, self.hold, tick_s)
+        self._wanted = (scene, self.config, tick_s)
         while not opening and self._wanted is not None:
             wanted = self._wanted
             try:
-                servo = await self._in_lane(partial(self._start, *wanted))
+                servo = await self._in_thread(partial(self._start, *wanted))
                 self.status, self._since = "ready", 0
             except (HapsceneError, OSError) as error:
                 servo, self.status = None, "failed"
@@ -122,23 +122,23 @@ class TouchHand:
                 self._wanted, self._servo = None, servo
                 self._send()  # what changed meanwhile
 
-    def _start(self, scene: Scene, hold: HandConfig, tick_s: float) -> Any:
-        if self._opened is not None:
-            self._opened.close()
-        self._opened = self._make(scene, hold, tick_s)  # known to `close`, whoever still waits for it
+    def _start(self, scene: Scene, config: HandConfig, tick_s: float) -> Any:
+        if self._servo_made is not None:
+            self._servo_made.close()
+        self._servo_made = self._make(scene, config, tick_s)  # known to `close`, whoever still waits for it
         if self.status == "closed":
             raise HapsceneError("the page is closed")
-        return self._opened.__enter__()
+        return self._servo_made.__enter__()
 
     def close(self) -> None:
         """End the process. Called from any thread, once nothing else calls."""
         starting, self.status = self.status == "starting", "closed"
-        if starting and self._opened is not None:
-            self._opened.cancel()
-        self._lane.shutdown(wait=True, cancel_futures=True)
-        if self._opened is not None:
-            self._opened.close()
-        self._servo = self._opened = None
+        if starting and self._servo_made is not None:
+            self._servo_made.cancel()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        if self._servo_made is not None:
+            self._servo_made.close()
+        self._servo = self._servo_made = None
 
     @property
     def servo(self) -> Any:
@@ -155,38 +155,38 @@ class TouchHand:
         """Come down on a place of the surface, as soon as the hand is there; whether there is one."""
         if self._servo is None or not self._alive():
             return False
-        self.touching, self._told_end, self._deeper_m = True, False, 0.0
+        self.touching, self._end_said, self._deeper_m = True, False, 0.0
         if not self._starting:
             self._starting, self._from_W_m = True, p_W_m + HOVER_M * nhat_W
-            self._do(self._come(self._servo, self._from_W_m))
+            self._start_task(self._come_down(self._servo, self._from_W_m))
         self.move(p_W_m, nhat_W, force_N, stiffness_N_m)
         return True
 
-    async def _come(self, servo: Any, p_W_m: Vector) -> None:
+    async def _come_down(self, servo: Any, p_W_m: Vector) -> None:
         try:
-            await self._in_lane(partial(servo.start, p_W_m, self.hold.grip))
+            await self._in_thread(partial(servo.start, p_W_m, self.config.grip))
         finally:
             self._starting = False
         if servo is self._servo:
             self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
-            self._met, self._met_since = False, self._since
+            self._on_surface, self._surface_tick = False, self._since
             self._aim()
 
     def move(self, p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float) -> None:
         """Stroke on to a place of the surface; says so where the arm does not reach it."""
         if not self.touching:
             return
-        if self.hold.reaches(self._from_W_m, p_W_m):
+        if self.config.reaches(self._from_W_m, p_W_m):
             self._contact = Contact(p_W_m, nhat_W, force_N, stiffness_N_m)
             self._aim()
-        elif not self._told_end:
-            self._told_end = True
+        elif not self._end_said:
+            self._end_said = True
             self._say(ARM_ENDS, "error")
 
     def _aim(self) -> None:
         if self.touching and self._contact is not None and self._servo is not None and not self._starting:
-            aim = aim_of(*self._contact, self.hold.grip) - self._deeper_m * self._contact.nhat_W
-            self._servo.aim(aim, self.hold.grip)
+            aim = aim_point(*self._contact, self.config.grip) - self._deeper_m * self._contact.nhat_W
+            self._servo.aim(aim, self.config.grip)
 
     def lift(self, now_s: float) -> None:
         """Off the surface."""
@@ -195,7 +195,7 @@ class TouchHand:
         self.touching, self._last_s = False, now_s
         if self._servo is not None and not self._starting and self._running:
             state = self._servo.state()
-            self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.hold.grip)
+            self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 
     def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
         """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
@@ -207,21 +207,21 @@ class TouchHand:
         felt = self._servo.read(self._since)
         self._since = felt.first + len(felt.rows)
         state = self._servo.state()
-        if state.touching != self._met:
-            self._met, self._met_since = state.touching, state.tick
+        if state.touching != self._on_surface:
+            self._on_surface, self._surface_tick = state.touching, state.tick
             if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
                 self._deeper_m = 0.0
                 self._aim()
-        long_so = state.tick - self._met_since > REACTION_S / self.tick_s
+        long_so = state.tick - self._surface_tick > REACTION_S / self.tick_s
         if self.touching and not self._starting and long_so and len(felt.rows):
             felt_N = float((felt.rows["f_W_N"] * felt.rows["nhat_W"]).sum(axis=1).mean())
-            self._mind(felt_N, len(felt.rows) * self.tick_s)
+            self._correct_force(felt_N, len(felt.rows) * self.tick_s)
         if not self.touching and not self._starting and now_s - self._last_s > IDLE_S:
             self._running = False
-            self._do(self._in_lane(self._servo.rest))
+            self._start_task(self._in_thread(self._servo.rest))
         return state, np.linalg.norm(felt.rows["f_W_N"], axis=1), felt.a_handle_m_s2
 
-    def _mind(self, felt_N: float, over_s: float) -> None:
+    def _correct_force(self, felt_N: float, over_s: float) -> None:
         """Press deeper, or less deep, than the springs ask for: friction and an arm that bends take their part.
 
         In the air nothing is felt: a light press goes on until it is through the arm's friction.
@@ -230,10 +230,10 @@ class TouchHand:
         force_N = self._contact.force_N
         missing_N = force_N - felt_N
         if abs(missing_N) > NOTICED_SHARE * force_N:
-            give_m_N = give_of(self._contact.stiffness_N_m, self.hold.grip)
-            deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * give_m_N
-            most_N = max(force_N, ADDED_N) if self._met else ADDED_N
-            self._deeper_m = min(max(deeper_m, -force_N * give_m_N), most_N * give_m_N)
+            compliance = compliance_m_N(self._contact.stiffness_N_m, self.config.grip)
+            deeper_m = self._deeper_m + min(CORRECTION_1_S * over_s, 0.5) * missing_N * compliance
+            most_N = max(force_N, ADDED_N) if self._on_surface else ADDED_N
+            self._deeper_m = min(max(deeper_m, -force_N * compliance), most_N * compliance)
             self._aim()
 
     # --- what is felt ---
@@ -252,7 +252,7 @@ class TouchHand:
     def _send(self) -> None:
         if self._servo is not None and not self._sending:
             self._sending = True
-            self._do(self._send_all())
+            self._start_task(self._send_all())
 
     async def _send_all(self) -> None:
         """Send what waits, the painting first; what the servo refuses is told, and holds up nothing."""
@@ -265,13 +265,13 @@ class TouchHand:
                     swatch = next(iter(self._numbers))
                     order = partial(servo.tune, swatch, **self._numbers.pop(swatch))
                 try:
-                    await self._in_lane(order)
+                    await self._in_thread(order)
                 except HapsceneError as error:
                     self._refused(error)
         finally:
             self._sending = False
 
-    def _do(self, order: Awaitable[Any]) -> None:
+    def _start_task(self, order: Awaitable[Any]) -> None:
         """Have an order done without waiting for it; the user is told what it refuses."""
 
         async def told() -> None:
@@ -296,18 +296,18 @@ class TouchHand:
             self._say("The hand's process has ended; to start a new one choose another device, then this one.", "error")
         return False
 
-    async def _in_lane(self, work: Callable[[], Any]) -> Any:
-        return await asyncio.get_running_loop().run_in_executor(self._lane, work)
+    async def _in_thread(self, work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
 
-def aim_of(p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float, grip: str) -> Vector:
+def aim_point(p_W_m: Vector, nhat_W: Vector, force_N: float, stiffness_N_m: float, grip: str) -> Vector:
     """Where the hand must mean the tool to be for a wall at `p_W_m` to push back with `force_N`.
 
     The depth that the springs of grip and wall, in line, give the force at.
     """
-    return np.asarray(p_W_m - force_N * give_of(stiffness_N_m, grip) * nhat_W)
+    return np.asarray(p_W_m - force_N * compliance_m_N(stiffness_N_m, grip) * nhat_W)
 
 
-def give_of(stiffness_N_m: float, grip: str) -> float:
+def compliance_m_N(stiffness_N_m: float, grip: str) -> float:
     """How far grip and wall give together [m/N]."""
     return 1.0 / GRIPS[grip].k_N_m + 1.0 / max(stiffness_N_m, 1.0)

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
-from hapscene.paint.autosave import autosave_folder, find_recovery
+from hapscene.paint.document import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
 
@@ -96,7 +96,7 @@ def test_after_another_name_exports_go_there(page: Page, tab: Tab) -> None:
     save_as(tab, "sub/cup.scene.json")
     said(tab, "Saved")
     until(lambda: tab.control("File")["value"] == str(Path("sub/cup.glb")))
-    assert page.parts.session.path == Path("sub/cup.scene.json")
+    assert page.context.session.path == Path("sub/cup.scene.json")
     assert not autosave_folder(Path("ball.scene.json")).exists()
 
 
@@ -105,11 +105,11 @@ def test_what_cannot_be_done_leaves_the_question_open(page: Page, tab: Tab) -> N
     other.save(Path("cup.scene.json"))
     save_as(tab, "cup.scene.json")
     tab.control("Save over it")
-    other.start_autosave(60.0)
+    other.document.start_autosave(60.0)
     tab.set("Save over it", True)
     said(tab, "open in another painter")
     assert asked(tab, "Save over it")
-    other.close()
+    other.document.close()
     tab.set("Save over it", True)
     said(tab, "Saved: cup.scene.json")
     until(lambda: not asked(tab, "Save over it"))
@@ -124,9 +124,9 @@ def killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     other = hapscene.Scene()
     other.add("ball.obj", name="other", unit="mm")
     session = Session(other, path)
-    session.start_autosave(60.0)
+    session.document.start_autosave(60.0)
     session.fill_body(0, session.add_swatch("wood"))
-    session.close(keep=True)
+    session.document.close(keep=True)
     return path
 
 
@@ -134,8 +134,8 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False) as page:
         tab = Tab(page)
         tab.control("Recover it")
-        assert page.parts.session.autosaves
-        page.parts.session.fill_body("plate", 0)
+        assert page.context.session.document.autosave
+        page.context.session.fill_body("plate", 0)
         until(lambda: told(tab, "A copy is kept beside the file"))
         tab.set("Recover it", True)
         said(tab, "its bodies are not those of this scene")
@@ -149,8 +149,8 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False) as page:
         tab = Tab(page)
         tab.set("Recover it", True)
-        until(lambda: (page.parts.session.scene.body("plate").face_swatch == 0).all())
-        until(lambda: len(page.parts.session._autosave.found) == 1)  # and the other is asked for
+        until(lambda: (page.context.session.scene.body("plate").face_swatch == 0).all())
+        until(lambda: len(page.context.session.document.autosave.recoveries) == 1)  # and the other is asked for
         tab.settle()
         tab.set("Discard it", True)
         until(lambda: not asked(tab, "Discard it"))
@@ -163,7 +163,7 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
 def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
     with Page(Session.open(killed), port=0, with_hand=False, with_autosave=False) as page:
         tab = Tab(page)
-        page.parts.session.fill_body("plate", 0)
+        page.context.session.fill_body("plate", 0)
         until(lambda: told(tab, "No copy of it is kept"))
         assert not asked(tab, "Recover it")
         tab.close()

@@ -1,22 +1,25 @@
 """What the hand can hold."""
 
+import argparse
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hapscene.command.paint import add_paint
+from hapscene.command.touch import HAND_DEFAULTS
 from hapscene.device.model import DEVICES
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
 from hapscene.handle import COMPENSATORS
-from hapscene.paint.web.hand_config import COMPENSATORS_TOLD, HELD_DEVICES, NO_HANDLE, HandConfig
+from hapscene.paint.web.hand_config import COMPENSATOR_HINTS, HAND_DEVICES, NO_HANDLE, HandConfig
 
 
 def test_every_device_that_moves_and_every_compensator_can_be_held() -> None:
     movable = {name for name, device in DEVICES.items() if device.point is not None}
-    assert {held.limits for held in HELD_DEVICES.values()} == movable
-    assert [name for name, held in HELD_DEVICES.items() if isinstance(held.model, Omni)] == ["omni"]
-    assert set(COMPENSATORS_TOLD) == {*COMPENSATORS, NO_HANDLE} - {"none"}
+    assert {held.limits for held in HAND_DEVICES.values()} == movable
+    assert [name for name, held in HAND_DEVICES.items() if isinstance(held.model, Omni)] == ["omni"]
+    assert set(COMPENSATOR_HINTS) == {*COMPENSATORS, NO_HANDLE} - {"none"}
 
 
 @pytest.mark.parametrize(
@@ -33,8 +36,16 @@ def test_what_cannot_be_held_is_refused(given: dict[str, Any], said: str) -> Non
         HandConfig(**given)
 
 
+def test_the_painters_hand_holds_as_that_of_a_touch() -> None:
+    parser = argparse.ArgumentParser()
+    add_paint(parser.add_subparsers())
+    options = parser.parse_args(["paint"])
+    assert HandConfig() == HandConfig(options.device, options.grip, options.compensator)
+    assert HandConfig() == HandConfig(*(HAND_DEFAULTS[name] for name in ("device", "grip", "compensator")))
+
+
 def test_a_hold_is_told_in_words() -> None:
-    assert str(HandConfig()) == "omni, medium grip, adaptive handle"
+    assert str(HandConfig()) == "omni, light grip, adaptive handle"
     assert str(HandConfig("premium-1.5", "firm", NO_HANDLE)) == "premium-1.5, firm grip, no handle"
     assert HandConfig("omni-point").limits == "omni"
 

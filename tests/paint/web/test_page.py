@@ -12,11 +12,11 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 import hapscene
 from hapscene.errors import ViewError
-from hapscene.paint.autosave import autosave_folder
+from hapscene.paint.document import autosave_folder
 from hapscene.paint.session import Session
 from hapscene.paint.web.hand_config import HandConfig
-from hapscene.paint.web.number_panel import rgb_of
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.page_context import rgb_bytes
 from hapscene.scene.scene import load_scene
 from hapscene.surface.swatch import Swatch
 
@@ -29,8 +29,8 @@ TOP = (0.01, 0.0, 0.02)
 
 def painted(page: Page, body: int, name: str) -> int:
     """How many faces of a body wear a swatch."""
-    names = [swatch.name for swatch in page.parts.session.scene.swatches]
-    return int((page.parts.session.scene.bodies[body].face_swatch == names.index(name)).sum()) if name in names else 0
+    names = [swatch.name for swatch in page.context.session.scene.swatches]
+    return int((page.context.session.scene.bodies[body].face_swatch == names.index(name)).sum()) if name in names else 0
 
 
 def stroke(tab: Tab) -> None:
@@ -55,9 +55,9 @@ def test_paint_undo_redo_save_load(page: Page, tab: Tab) -> None:
     assert painted(page, 0, "wood") == count
     tab.send("save")
     until(lambda: not tab.state["dirty"])
-    saved = load_scene(page.parts.session.path)
-    assert [s.name for s in saved.swatches] == [s.name for s in page.parts.session.scene.swatches]
-    for a, b in zip(saved.bodies, page.parts.session.scene.bodies, strict=True):
+    saved = load_scene(page.context.session.path)
+    assert [s.name for s in saved.swatches] == [s.name for s in page.context.session.scene.swatches]
+    for a, b in zip(saved.bodies, page.context.session.scene.bodies, strict=True):
         assert np.array_equal(a.face_swatch, b.face_swatch)
 
 
@@ -87,7 +87,7 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
     tab.point("move", np.add(TOP, (0.008, 0.0, 0.0)))
     tab.point("up", TOP)
     tab.settle()
-    ball = page.parts.session.scene.bodies[0]
+    ball = page.context.session.scene.bodies[0]
     inside = painted(page, 0, "leather")
     assert 0 < inside < len(ball.mesh.faces)
     tab.send("tool", name="eraser")
@@ -118,10 +118,10 @@ def test_each_tool_paints_where_it_says(page: Page, tab: Tab) -> None:
 
 def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
     for name in ("first", "second"):  # as they are fitted: grey, until they are given a colour
-        page.parts.tools.take(name, Swatch(name))
+        page.context.tools.choose_swatch(name, Swatch(name))
         stroke(tab)
-        page.parts.tools.radius_m /= 2
-    assert len(set(page.parts.session.scene.bodies[0].face_swatch)) == 3
+        page.context.tools.radius_m /= 2
+    assert len(set(page.context.session.scene.bodies[0].face_swatch)) == 3
 
     def colours() -> set[Any]:
         nodes = {name: node["props"] for name, node in list(tab.nodes.items()) if name.startswith("/body/0/")}
@@ -129,7 +129,7 @@ def test_swatches_of_one_colour_are_told_apart(page: Page, tab: Tab) -> None:
 
     until(lambda: len(colours()) == 3)
     chips = [c["props"]["content"] for c in tab.controls.values() if 'class="chip"' in str(c["props"].get("content"))]
-    assert all(any(f"background:{colour}" in chip for chip in chips) for colour in page.parts.view.colours[:3])
+    assert all(any(f"background:{colour}" in chip for chip in chips) for colour in page.context.view.colours[:3])
 
 
 def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
@@ -142,15 +142,15 @@ def test_a_part_is_filled_by_its_name(page: Page, tab: Tab) -> None:
 
 def test_a_slider_tunes_the_swatch_and_undo_moves_it_back(page: Page, tab: Tab) -> None:
     tab.choose("paper")
-    index = page.parts.session.swatch_named("paper")
-    before = page.parts.session.scene.swatches[index].stiffness_N_m
+    index = page.context.session.painting.swatch_named("paper")
+    before = page.context.session.scene.swatches[index].stiffness_N_m
     tab.set("Stiffness [N/m]", 321.0)
-    until(lambda: page.parts.session.scene.swatches[index].stiffness_N_m == 321.0)
+    until(lambda: page.context.session.scene.swatches[index].stiffness_N_m == 321.0)
     tab.send("undo")
     until(lambda: tab.control("Stiffness [N/m]")["value"] == before)
     tab.set("Stiffness [N/m]", 1e9)
     tab.settle()
-    assert page.parts.session.scene.swatches[index].stiffness_N_m <= page.parts.session.limits.stiffness_N_m
+    assert page.context.session.scene.swatches[index].stiffness_N_m <= page.context.session.limits.stiffness_N_m
 
 
 def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, tab: Tab, library: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
 
     until(lambda: "card &lt;b&gt;board" in cards())
     assert "card <b>board" not in cards()
-    assert tab.page.parts.tools.chosen == "card <b>board"
+    assert tab.page.context.tools.chosen == "card <b>board"
 
 
 def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
@@ -178,22 +178,24 @@ def test_plain_stays_and_a_copy_of_it_is_tuned(page: Page, tab: Tab) -> None:
     tab.set("Copy", True)
     until(lambda: tab.state["swatch"] == "softer")
     tab.set("Stiffness [N/m]", 200.0)
-    scene = page.parts.session.scene
+    scene = page.context.session.scene
     until(lambda: scene.swatches[-1].stiffness_N_m == 200.0)
     assert scene.swatches[-1].name == "softer" and scene.swatches[0].name == "plain"
 
 
 def test_a_copy_leaves_what_is_painted_and_has_a_colour_of_its_own(page: Page, tab: Tab) -> None:
     tab.choose("paper")
-    scene, paper = page.parts.session.scene, page.parts.session.swatch_named("paper")
+    scene, paper = page.context.session.scene, page.context.session.painting.swatch_named("paper")
     before = scene.swatches[paper]
     tab.set("New name", "card")
     tab.settle()
     tab.set("Copy", True)
     until(lambda: tab.state["swatch"] == "card")
     tab.settle()
-    colour = rgb_of(scene.swatches[-1])
-    assert np.abs(np.subtract(colour, rgb_of(before))).max() > 25  # told apart at once, and in every other scene
+    colour = rgb_bytes(scene.swatches[-1].albedo_rgb)
+    assert (
+        np.abs(np.subtract(colour, rgb_bytes(before.albedo_rgb))).max() > 25
+    )  # told apart at once, and in every other scene
     for value in ([10, 20, 300], [1, 2], [1, 2, 3, 4], "red", [1.5, 2, 3], [True, 2, 3]):
         tab.set("Colour", value)
     tab.set("Colour", [10, 20, 30])
@@ -235,14 +237,14 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
 def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:
     tab.choose("wood")
     stroke(tab)
-    path = page.parts.session.path
+    path = page.context.session.path
     path.write_text(path.read_text() + "\n")
     before = path.read_bytes()
     tab.send("save")
     tab.control("Save over it")
     assert path.read_bytes() == before
     tab.set("Save over it", True)
-    until(lambda: not page.parts.session.dirty)
+    until(lambda: not page.context.session.dirty)
     assert path.read_bytes() != before
 
 
@@ -256,7 +258,7 @@ def test_a_second_tab_sees_the_same_and_a_closed_one_loses_nothing(page: Page, t
     tab.settle()
     tab.close()  # with the button held
     until(lambda: "brush" in (other.state.get("undo") or ""))  # the stroke is ended
-    assert painted(page, 0, "wood") > 0 and not page.parts.tools.held
+    assert painted(page, 0, "wood") > 0 and page.context.tools.client is None
     third = Tab(page)
     assert third.state["undo"] == other.state["undo"]
     assert {n for n in third.nodes if n.startswith("/body")} or until(lambda: third.nodes)
@@ -301,7 +303,7 @@ def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
         assert not autosave_folder(tmp_path / "made.scene.json").exists()
     for _ in range(2):
         with Page(Session.open(tmp_path / "made.scene.json"), port=0, with_hand=False) as page:
-            page.parts.session.fill_body(0, 1)
+            page.context.session.fill_body(0, 1)
         assert page.kept
     until(lambda: threading.active_count() <= threads + 1)  # one thread that the loop lends stays
 
@@ -335,7 +337,7 @@ def test_a_mesh_without_a_scene_file_is_not_saved_yet(tmp_path: Path) -> None:
 
 
 def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab) -> None:
-    before = page.parts.session.state
+    before = page.context.session.painting.state
     for raw in ("", "[]", "{", "null", '{"do": 1}', '{"do": {}}', "[" * 9000, "x" * 100_000):
         tab.ours.send(raw)
     tab.ours.send(b"\x00\x01")
@@ -348,10 +350,10 @@ def test_messages_of_nobody_are_counted_and_change_nothing(page: Page, tab: Tab)
     for updates in ({"update_cb": []}, {"value": "7"}, {"value": float("nan")}, {"removed": True}, {}):
         tab.post("GuiUpdateMessage", uuid=uuid, updates=updates)
     tab.settle()
-    assert page.parts.live.refused >= 9
-    assert page.parts.session.state == before and tab.state["tool"] == "brush"
+    assert page.context.socket.refused >= 9
+    assert page.context.session.painting.state == before and tab.state["tool"] == "brush"
     tab.set("Size [mm]", 9.0)
-    until(lambda: abs(page.parts.tools.radius_m - 0.0045) < 1e-9)
+    until(lambda: abs(page.context.tools.radius_m - 0.0045) < 1e-9)
 
 
 def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
@@ -406,7 +408,7 @@ def shake(page: Page, tab: Tab, count: int, seed: int) -> None:
 
 
 def check_saves_and_loads(page: Page, folder: Path) -> None:
-    session = page.parts.session
+    session = page.context.session
     tab = Tab(page)
     tab.send("leave")
     tab.settle()
@@ -430,15 +432,15 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
     made: list[HandConfig] = []
 
     async def opened(scene: Any, tick_s: float) -> None:
-        made.append(page.parts.touch.hold)
+        made.append(page.context.touch.config)
 
     monkeypatch.chdir(tmp_path)
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     session = Session.open(tmp_path / "made.scene.json")
-    page = Page(session, port=0, with_hand=False, hold=HandConfig("phantom-1.0", "light", "flat"))
+    page = Page(session, port=0, with_hand=False, hand=HandConfig("phantom-1.0", "light", "flat"))
     assert session.device == "phantom-1.0"
-    monkeypatch.setattr(page.parts.touch, "open", opened)
-    page.parts.touch.status = "ready"
+    monkeypatch.setattr(page.context.touch, "open", opened)
+    page.context.touch.status = "ready"
     with page:
         tab = Tab(page)
         tab.choose("wood")
@@ -456,12 +458,12 @@ def test_another_device_grip_and_handle_are_held_and_the_painting_stays(
         until(lambda: made[1:] == [HandConfig("omni", "light", "no-handle")])
         assert session.device == "omni"
         tab.set("Grip", "firm")  # at once: nothing starts anew
-        until(lambda: page.parts.touch.hold.grip == "firm")
+        until(lambda: page.context.touch.config.grip == "firm")
         tab.set("Device", "hammer")
         until(lambda: any("no device 'hammer'" in said for said in tab.said))
         assert len(made) == 2 and session.device == "omni" and painted(page, 0, "wood") == count > 0
         tab.close()
-    session.close()
+    session.document.close()
 
 
 @pytest.mark.soak
@@ -475,4 +477,4 @@ def test_ten_thousand_random_events_with_a_hand(tmp_path: Path, monkeypatch: pyt
         shake(page, tab, 10_000, seed=2)
         check_saves_and_loads(page, tmp_path)
         tab.close()
-    session.close()
+    session.document.close()

@@ -41,7 +41,7 @@ def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) ->
     """A trace is old a moment later; a state is told once, and would stay wrong."""
     live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
     live._sockets.add(page)
-    live.tell(state={"undo": "fill"})
+    live.send(state={"undo": "fill"})
     live.sound(np.zeros(9), 1e4)
     live.trace(np.zeros(3), np.zeros((3, 10)), 1e-3)
     live.say("Saved.")

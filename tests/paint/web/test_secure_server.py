@@ -19,41 +19,41 @@ from hapscene.paint.web.secure_server import (
     POLICY,
     PORT_MAX,
     SOCKET_PATH,
-    File,
+    StaticFile,
     free_port,
-    gated,
+    guarded,
     harden,
-    names_of,
-    refusal,
+    host_names,
+    refusal_reason,
     serve,
 )
 
 
 @pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
 def test_our_own_names_are_served(host: str) -> None:
-    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False) is None
-    assert refusal({"Host": host, "Origin": f"http://{host}"}, LOOPBACK, False, upgrade=True) is None
+    assert refusal_reason({"Host": host}, LOOPBACK, False, upgrade=False) is None
+    assert refusal_reason({"Host": host, "Origin": f"http://{host}"}, LOOPBACK, False, upgrade=True) is None
 
 
 @pytest.mark.parametrize(
     "host", ["", "evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "10.0.0.7:80", "[::1"]
 )
 def test_other_names_are_not(host: str) -> None:
-    assert refusal({"Host": host}, LOOPBACK, False, upgrade=False)
+    assert refusal_reason({"Host": host}, LOOPBACK, False, upgrade=False)
 
 
 @pytest.mark.parametrize(
     "origin", ["", "null", "http://evil.example", "http://localhost:81", "http://127.0.0.1:80", "file://localhost:80"]
 )
 def test_a_page_of_another_origin_gets_no_socket(origin: str) -> None:
-    assert refusal({"Host": "localhost:80", "Origin": origin}, LOOPBACK, False, upgrade=True)
+    assert refusal_reason({"Host": "localhost:80", "Origin": origin}, LOOPBACK, False, upgrade=True)
 
 
 def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
-    names = names_of("192.168.1.5")
-    assert refusal({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
-    assert refusal({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
-    assert refusal({"Host": "rebound.example:80"}, names, True, upgrade=False)
+    names = host_names("192.168.1.5")
+    assert refusal_reason({"Host": "192.168.1.5:80"}, names, True, upgrade=False) is None
+    assert refusal_reason({"Host": f"{socket.gethostname()}:80"}, names, True, upgrade=False) is None
+    assert refusal_reason({"Host": "rebound.example:80"}, names, True, upgrade=False)
 
 
 async def nobody(connection: Any) -> None:
@@ -99,8 +99,8 @@ def server() -> Iterator[Any]:
         async for message in connection:
             await connection.send(message)
 
-    files = {"/ours.js": File("application/javascript", b"ours")}
-    with gated("127.0.0.1", files, lambda page: page.replace(b"<head>", b"<head><!-- ours -->", 1), echo):
+    files = {"/ours.js": StaticFile("application/javascript", b"ours")}
+    with guarded("127.0.0.1", files, lambda page: page.replace(b"<head>", b"<head><!-- ours -->", 1), echo):
         made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     harden(made)
     yield made

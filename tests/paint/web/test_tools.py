@@ -27,7 +27,7 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
         tab.point("move", place)
     tab.point("up", places[-1])
     tab.settle()
-    painted = tuple(body.face_swatch.copy() for body in page.parts.session.scene.bodies)
+    painted = tuple(body.face_swatch.copy() for body in page.context.session.scene.bodies)
     tab.send("undo")
     tab.settle()
     return painted
@@ -35,17 +35,17 @@ def drawn(page: Page, tab: Tab, *places: np.ndarray) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("tool", ["brush", "box", "sphere"])
 def test_a_flick_ends_where_the_button_went_up(page: Page, tab: Tab, tool: str) -> None:
-    page.parts.tools.take("wood", "wood")
+    page.context.tools.choose_swatch("wood", "wood")
     tab.send("tool", name=tool)
     flick, slow = drawn(page, tab, TOP, ASIDE), drawn(page, tab, TOP, ASIDE, ASIDE)
-    for one, other, body in zip(flick, slow, page.parts.session.scene.bodies, strict=True):
+    for one, other, body in zip(flick, slow, page.context.session.scene.bodies, strict=True):
         np.testing.assert_array_equal(one, other)
         assert body.name != "ball" or (one != body.face_swatch).any()
 
 
 @pytest.mark.parametrize("tool", ["brush", "fill", "box", "sphere"])
 def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page, tab: Tab, tool: str) -> None:
-    page.parts.tools.take("nowhere", "nowhere")
+    page.context.tools.choose_swatch("nowhere", "nowhere")
     tab.send("tool", name=tool)
     tab.point("down", TOP)
     for place in (ASIDE, TOP, ASIDE):
@@ -53,13 +53,13 @@ def test_a_swatch_that_cannot_be_had_is_told_once_and_nothing_is_held(page: Page
     tab.point("up", ASIDE)
     tab.settle()
     assert sum("nowhere" in said for said in tab.said) == 1
-    assert not page.parts.tools.held and page.parts.session.undo_word is None
+    assert page.context.tools.client is None and page.context.session.painting.undo_text is None
 
 
 def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: Tab, library: Path) -> None:
     library.mkdir()
     (library / "index.json").write_text("{")
-    page.parts.tools.take("epoxy", "epoxy")
+    page.context.tools.choose_swatch("epoxy", "epoxy")
     tab.point("down", TOP)  # a new swatch: the shelf is read again
     tab.point("up", TOP)
     until(lambda: any("index.json" in said for said in tab.said))
@@ -69,14 +69,14 @@ def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: 
 
 
 def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
-    page.parts.tools.take("plain", "plain")
+    page.context.tools.choose_swatch("plain", "plain")
     for tool, told in (("brush", "plain already. Choose another"), ("eraser", "Nothing is painted here")):
         tab.send("tool", name=tool)
         tab.point("down", TOP)
         tab.point("up", TOP)
         tab.settle()
         assert sum(told in said for said in tab.said) == 1
-    assert not page.parts.session.changed
+    assert not page.context.session.document.changed
 
 
 def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) -> None:
@@ -95,13 +95,13 @@ def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) ->
         assert scene.swatches[1].name == "wood" and (scene.bodies[0].face_swatch == 1).any()
         assert tab.control("Stiffness [N/m]")["value"] == scene.swatches[1].stiffness_N_m
         tab.close()
-    session.close()
+    session.document.close()
 
 
 @pytest.mark.parametrize(("tool", "mark"), [("box", "/mark/box"), ("sphere", "/mark/sphere")])
 def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mark: str) -> None:
     seen: list[bool] = []
-    node = {"box": page.parts.view._box, "sphere": page.parts.view._sphere}[tool]
+    node = {"box": page.context.view._box, "sphere": page.context.view._sphere}[tool]
     tab.send("tool", name=tool)
     for do in ("hover", "down", "up"):
         tab.point(do, TOP)
@@ -111,7 +111,7 @@ def test_a_region_is_seen_from_the_press_on(page: Page, tab: Tab, tool: str, mar
 
 
 def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab) -> None:
-    page.parts.tools.take("wood", "wood")
+    page.context.tools.choose_swatch("wood", "wood")
     tab.point("down", TOP)
     tab.settle()
     tab.send("save")

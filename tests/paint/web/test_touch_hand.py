@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapscene.constants import DEFAULT_GRIP
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
-from hapscene.paint.web.hand_config import HELD_DEVICES, NO_HANDLE, HandConfig
-from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_of
+from hapscene.paint.web.hand_config import HAND_DEVICES, NO_HANDLE, HandConfig
+from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_point
 from hapscene.scene.scene import Scene
 from hapscene.servo.servo import ServoState, TickLog
 
@@ -94,7 +95,7 @@ async def done(notes: Notes, count: int) -> None:
 @pytest.mark.parametrize("grip", ["light", "firm"])
 def test_the_hand_aims_as_deep_as_makes_the_force(stiffness_N_m: float, grip: str) -> None:
     """At rest the grip's pull is the wall's push: k (depth − x) = K x = force."""
-    depth_m = float((PLACE - aim_of(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
+    depth_m = float((PLACE - aim_point(PLACE, UP, 1.5, stiffness_N_m, grip)) @ UP)
     k = GRIPS[grip].k_N_m
     x_m = k * depth_m / (k + stiffness_N_m)
     assert stiffness_N_m * x_m == pytest.approx(1.5)
@@ -106,7 +107,7 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
         assert touch.press(PLACE, UP, 1.0, 500.0)
         await done(made[0], 2)
         assert made[0].orders[0] == ("start", tuple(PLACE + HOVER_M * UP))
-        assert made[0].orders[1] == ("aim", tuple(aim_of(PLACE, UP, 1.0, 500.0, "medium")))
+        assert made[0].orders[1] == ("aim", tuple(aim_point(PLACE, UP, 1.0, 500.0, DEFAULT_GRIP)))
         read = touch.read(0.0)
         assert read is not None and read[1] == pytest.approx([2.0] * 3)
         assert read[2].shape == (3, 10) and (read[2] == 1.0).all()  # the handle's
@@ -138,12 +139,12 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
         scene = Scene()
         touch.repaint(scene)
         orders = []
-        for device in HELD_DEVICES:
-            touch.hold = HandConfig(device)
+        for device in HAND_DEVICES:
+            touch.config = HandConfig(device)
             orders.append(asyncio.ensure_future(touch.open(Scene(), 0.001)))
             await asyncio.sleep(0.0)
         await asyncio.gather(*orders)
-        assert touch.status == "ready" and made[-1].hold.device == list(HELD_DEVICES)[-1]
+        assert touch.status == "ready" and made[-1].hold.device == list(HAND_DEVICES)[-1]
         assert all(notes.closed for notes in made[:-1])
         await asyncio.sleep(0.05)
         assert any(("repaint", scene) in notes.orders for notes in made)
@@ -196,7 +197,7 @@ def test_a_process_that_died_is_noticed_once() -> None:
 @pytest.mark.parametrize(("device", "ends"), [("omni", True), ("omni-point", False)])
 def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(device: str, ends: bool) -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
-        touch.hold = HandConfig(device)
+        touch.config = HandConfig(device)
         touch.press(PLACE, UP, 1.0, 500.0)
         await done(made[0], 2)
         touch.move(np.add(PLACE, (0.05, 0.0, 0.0)), UP, 1.0, 500.0)

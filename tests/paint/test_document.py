@@ -7,9 +7,9 @@ import pytest
 
 import hapscene
 from hapscene.errors import SaveConflict, SceneError, SwatchError
-from hapscene.paint.autosave import find_recovery
-from hapscene.paint.save import check_unchanged, stamp_of, write_swatch
+from hapscene.paint.document import check_unchanged, find_recovery, stamp_of
 from hapscene.paint.session import Session
+from hapscene.paint.swatch_tuning import write_swatch
 from hapscene.scene.mesh import MeshWarning
 from hapscene.surface.swatch import Swatch
 
@@ -36,7 +36,7 @@ def test_saving_is_safe_and_ends_what_is_to_be_saved(session) -> None:
 
 
 def test_undone_or_reset_after_saving_the_numbers_that_are_shown_are_saved(session) -> None:
-    paper = session.swatch_named("paper")
+    paper = session.painting.swatch_named("paper")
 
     def saved() -> tuple[float, float]:
         session.save()
@@ -52,16 +52,16 @@ def test_undone_or_reset_after_saving_the_numbers_that_are_shown_are_saved(sessi
     assert saved() == (300.0, 300.0)
     session.redo()
     assert saved() == (100.0, 100.0)
-    assert session.reset(paper)
+    assert session.tuning.reset(paper)
     assert saved() == (300.0, 300.0)
     assert len(list(session.path.parent.glob("cup.paper.*.swatch"))) == 1
 
 
 def test_a_scene_without_a_file_is_not_saved(scene, tmp_path) -> None:
     session = Session(scene, tmp_path / "new.scene.json")
-    assert session.dirty and not session.changed
-    session.start_autosave(60.0)
-    assert not session.close(keep=True)  # there is no work to be offered
+    assert session.dirty and not session.document.changed
+    session.document.start_autosave(60.0)
+    assert not session.document.close(keep=True)  # there is no work to be offered
     session.save()
     assert not session.dirty and not Session.open(session.path).dirty
     assert Session(scene).dirty
@@ -110,35 +110,35 @@ def test_another_name_that_is_open_in_another_painter(session, scene, tmp_path, 
     scene.save(taken)
     before = taken.read_bytes()
     other = Session.open(taken)
-    other.start_autosave(60.0)
-    session.start_autosave(60.0)
+    other.document.start_autosave(60.0)
+    session.document.start_autosave(60.0)
     with pytest.raises(SceneError, match="open in another painter"):
         session.save(taken, force)
-    assert taken.read_bytes() == before and session.dirty and session.autosaves
+    assert taken.read_bytes() == before and session.dirty and session.document.autosave
     assert session.path == tmp_path / "cup.scene.json"
     session.save()
-    other.close()
+    other.document.close()
     session.save(taken, force=True)
     assert taken.read_bytes() != before
-    session.close()
+    session.document.close()
 
 
 @pytest.mark.parametrize("with_autosave", [False, True])
 def test_another_name_whose_painter_was_killed_is_asked_for(session, scene, tmp_path, with_autosave) -> None:
     taken = tmp_path / "taken.scene.json"
     other = Session(scene, taken)
-    other.start_autosave(60.0)
+    other.document.start_autosave(60.0)
     other.fill_body("ball", other.add_swatch("leather"))
-    other.close(keep=True)  # as when it is ended
+    other.document.close(keep=True)  # as when it is ended
     left = find_recovery(taken)
     assert left is not None
     if with_autosave:
-        session.start_autosave(60.0)
+        session.document.start_autosave(60.0)
     with pytest.raises(SaveConflict, match="was painted and not saved"):
         session.save(taken)
     assert not taken.exists() and session.path != taken
     session.save(taken, force=True)
-    session.close()
+    session.document.close()
     assert find_recovery(taken) == left and "leather" in [s.name for s in left.load().swatches]
 
 
@@ -182,7 +182,7 @@ def test_a_scene_is_painted_and_saved_through_a_link(scene, tmp_path, target) ->
     session.save()
     assert link.is_symlink() and not session.dirty
     again = Session.open(link)
-    assert (again.scene.body("ball").face_swatch == again.swatch_named("wood")).all()
+    assert (again.scene.body("ball").face_swatch == again.painting.swatch_named("wood")).all()
 
 
 def test_a_scene_taken_with_other_meshes_is_to_be_saved(scene, tmp_path) -> None:
