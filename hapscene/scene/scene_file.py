@@ -65,7 +65,7 @@ def is_own(file: Path) -> bool:
 
 
 class SidecarFiles:
-    """What a scene file names. Made by `beside`.
+    """What a scene file names. Made by `sidecar_files`.
 
     Args:
         path: the scene file.
