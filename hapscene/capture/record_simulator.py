@@ -76,6 +76,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("the simulated probe needs pseudo-terminals: Linux or macOS")
     import tty
 
+    import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
+
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     os.set_blocking(ours, False)
