@@ -145,8 +145,9 @@ def test_no_file_name_stands_twice_outside_commands() -> None:
 
 
 def test_the_map_of_the_house_is_true() -> None:
-    """Every file and folder that docs/architecture.md names is there."""
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    """Every file and folder that docs/architecture.md and CONTRIBUTING.md name is there."""
+    documents = (ROOT / "docs" / "architecture.md", ROOT / "CONTRIBUTING.md")
+    text = "\n".join(document.read_text(encoding="utf-8") for document in documents)
     for name in sorted(set(re.findall(r"[\w./]+(?:\.py|\.js|/)(?=[\s`,:)])", text))):
         assert (ROOT / name).exists() or (PACKAGE / name).exists() or list(PACKAGE.rglob(name.strip("/"))), name
 
