@@ -13,8 +13,8 @@ from . import teleoperation as teleoperation
 from . import twin as twin
 from . import view as view
 from .errors import HapsceneError as HapsceneError
+from .flags import Flag as Flag
 from .recording import Recording as Recording
-from .records import Flag as Flag
 from .renderer import Command as Command
 from .renderer import Renderer as Renderer
 from .scene.body import Body as Body

@@ -1,4 +1,4 @@
-"""The simulated Phantom Omni in time: arm, structure, tool and hand, one step.
+"""The simulated Phantom Omni in time, compiled, apart from its numbers: arm, structure, tool and hand, one step.
 
 The integrator is a drift of half a step, a kick, and a drift of half a step (position Verlet: Hairer, Lubich & Wanner
 2003, eq. 1.8), of second order and one look at the mechanism per step. Within the kick

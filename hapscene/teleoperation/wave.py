@@ -1,4 +1,4 @@
-"""Wave variables, made to hold on a real line (Niemeyer & Slotine 1991, 1998).
+"""A scheme of its own: wave variables, made to hold on a real line (Niemeyer & Slotine 1991, 1998).
 
 Per axis, u = (b ẋ + F)/√(2b) goes to the follower and v = (b ẋ − F)/√(2b) comes back; û and v̂ are what arrives:
 
