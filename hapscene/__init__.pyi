@@ -15,13 +15,17 @@ from . import view as view
 from .errors import HapsceneError as HapsceneError
 from .flags import Flag as Flag
 from .recording import Recording as Recording
+from .recording import load_touch as load_touch
+from .recording import save_touch as save_touch
 from .renderer import Command as Command
 from .renderer import Renderer as Renderer
 from .scene.body import Body as Body
 from .scene.mesh import Mesh as Mesh
 from .scene.mesh_file import load_mesh as load_mesh
+from .scene.ply import save_mesh as save_mesh
 from .scene.scene import Scene as Scene
 from .scene.scene import load_scene as load_scene
+from .scene.scene_file import save_scene as save_scene
 from .surface.effect import Effect as Effect
 from .surface.effect import Param as Param
 from .surface.effect import State as State
