@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import SceneError
+from hapscene.errors import SceneError, no_such
 from hapscene.geometry import numbers as floats
 from hapscene.paint.change_watch import Changes, Watch
 from hapscene.paint.history import FaceDelta, History, Step, SwatchDelta, SwatchState, face_count_text
@@ -25,7 +25,7 @@ class _OpenStep:
     """A step that goes on: what it is, what it paints with, bodies as they were before, how often it changed faces."""
 
     what: str
-    swatch: int
+    swatch: int | str
     before: dict[int, NDArray[np.int16]] = field(default_factory=dict)
     changes: int = 0
 
@@ -97,12 +97,17 @@ class Painting:
         with self.lock:  # a shape has one ray buffer
             return pick(self.scene.bodies, self.shapes, floats(origin_W_m), floats(direction_W))
 
-    def swatch_index(self, swatch: int, body: int = 0) -> int:
-        """The swatch that a body is painted with: `ERASE` is its default, any other is itself.
+    def swatch_index(self, swatch: int | str, body: int = 0) -> int:
+        """The swatch that a body is painted with, by its name or index: `ERASE` is its default, any other is itself.
 
         Raises:
             SceneError: no such swatch.
         """
+        if isinstance(swatch, str):
+            named = self.swatch_named(swatch)
+            if named is None:
+                raise SceneError(no_such("swatch", swatch, (known.name for known in self.scene.swatches)))
+            return named
         if swatch == ERASE:
             return self.defaults[body]
         if not 0 <= swatch < len(self.scene.swatches):
@@ -167,7 +172,7 @@ class Painting:
 
     # --- steps ---
 
-    def begin_step(self, what: str, swatch: int) -> None:
+    def begin_step(self, what: str, swatch: int | str) -> None:
         """Open a step: all that `paint_faces` paints until `end_step`. Whatever else is done ends it.
 
         Raises:
@@ -217,7 +222,7 @@ class Painting:
                 self.history.add(Step(f"{step.what}, {face_count_text(count)}", faces=deltas))
             return count
 
-    def paint(self, what: str, chosen: Mapping[int, NDArray[np.bool_]], swatch: int) -> int:
+    def paint(self, what: str, chosen: Mapping[int, NDArray[np.bool_]], swatch: int | str) -> int:
         """One step: paint faces (M,) bool of bodies; how many became others.
 
         Raises:

@@ -1,17 +1,17 @@
 """What may be done to a scene, without a browser: every operation is a step that can be undone.
 
     session = Session(scene, Path("cup.scene.json"))
-    wood = session.add_swatch("wood")
-    session.begin_stroke(wood, radius_m=0.004)
+    session.add_swatch("wood")
+    session.begin_stroke("wood", radius_m=0.004)
     session.drag_to(origin_W_m, direction_W)     # as often as the pointer moves
     session.end_stroke()
-    session.tune(wood, stiffness_N_m=350.0)
+    session.tune("wood", stiffness_N_m=350.0)
     session.undo()
     session.save()
 
 A session has a painting, a document, a tuning and a history: what its own methods do not do, these do. A swatch is
-given by its index in `scene.swatches`; `ERASE` stands for the default of each body. A body is given by its index or its
-name. All methods may be called from any thread.
+given by its name, or its index in `scene.swatches`; `ERASE` stands for the default of each body. A body is given by its
+name or its index. All methods may be called from any thread.
 """
 
 import math
@@ -117,11 +117,11 @@ class Session:
         """Put a swatch into the scene, unless it is there; its index: see `SwatchTuning.add_swatch`."""
         return self.tuning.add_swatch(swatch)
 
-    def tune(self, swatch: int, **numbers: float) -> Swatch:
+    def tune(self, swatch: int | str, **numbers: float) -> Swatch:
         """Change numbers of a swatch; the swatch as it is now: see `SwatchTuning.tune`."""
         return self.tuning.tune(swatch, **numbers)
 
-    def recolour(self, swatch: int, albedo_rgb: tuple[float, float, float]) -> Swatch:
+    def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
         """Give a swatch another colour; the swatch as it is now: see `SwatchTuning.recolour`."""
         return self.tuning.recolour(swatch, albedo_rgb)
 
@@ -159,7 +159,7 @@ class Session:
 
     # --- the brush ---
 
-    def begin_stroke(self, swatch: int, radius_m: float) -> None:
+    def begin_stroke(self, swatch: int | str, radius_m: float) -> None:
         """Put the brush down; nothing is painted until it moves. A stroke in progress ends.
 
         Raises:
@@ -206,11 +206,11 @@ class Session:
 
     # --- fill: each returns how many faces became others ---
 
-    def fill_body(self, body: int | str, swatch: int) -> int:
+    def fill_body(self, body: int | str, swatch: int | str) -> int:
         """Paint a whole body."""
         return self._fill("whole body", body, swatch, lambda found, shape: np.ones(len(shape.normal), np.bool_))
 
-    def fill_facet(self, hit: Hit, swatch: int, angle_rad: float = FACET_RAD) -> int:
+    def fill_facet(self, hit: Hit, swatch: int | str, angle_rad: float = FACET_RAD) -> int:
         """Paint all faces connected with a place over edges that bend by at most an angle.
 
         Raises:
@@ -222,7 +222,7 @@ class Session:
         where = f"facet within {degrees:.3g}°"
         return self._fill(where, hit.body, swatch, lambda found, shape: shape.facet(hit.face, angle_rad))
 
-    def fill_group(self, body: int | str, name: str, swatch: int) -> int:
+    def fill_group(self, body: int | str, name: str, swatch: int | str) -> int:
         """Paint the faces of a group, material or object of the mesh's file, by its name or a part of that.
 
         Raises:
@@ -230,16 +230,19 @@ class Session:
         """
         return self._fill(repr(name), body, swatch, lambda found, shape: shape.mesh.faces_of(name))
 
-    def fill_group_at(self, hit: Hit, swatch: int) -> int:
+    def fill_group_at(self, hit: Hit, swatch: int | str) -> int:
         """Paint the faces of the very group that a place is in."""
         where = repr(self.group_at(hit))
         return self._fill(where, hit.body, swatch, lambda found, shape: shape.mesh.group == shape.mesh.group[hit.face])
 
-    def fill_swatch(self, body: int | str | None, old: int, swatch: int) -> int:
+    def fill_swatch(self, body: int | str | None, old: int | str, swatch: int | str) -> int:
         """Paint what is painted with one swatch with another: of one body, or (None) of all."""
-        return self._fill("swatch for swatch", body, swatch, lambda found, shape: found.face_swatch == old)
+        index = self.painting.swatch_index(old)
+        return self._fill("swatch for swatch", body, swatch, lambda found, shape: found.face_swatch == index)
 
-    def fill_sphere(self, centre_W_m: ArrayLike, radius_m: float, swatch: int, body: int | str | None = None) -> int:
+    def fill_sphere(
+        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, body: int | str | None = None
+    ) -> int:
         """Paint the faces whose centroid is within a distance of a point in W: of one body, or (None) of all.
 
         Raises:
@@ -247,7 +250,7 @@ class Session:
         """
         return self._fill("sphere", body, swatch, partial(faces_in_sphere, centre_W_m, radius_m))
 
-    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int, body: int | str | None = None) -> int:
+    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, body: int | str | None = None) -> int:
         """Paint the faces whose centroid is in a box: of one body, or (None) of all.
 
         Args:
@@ -262,7 +265,7 @@ class Session:
         return self._fill("box", body, swatch, partial(faces_in_box, X_WK, size_m))
 
     def _fill(
-        self, where: str, body: int | str | None, swatch: int, pick: Callable[[Body, PaintableMesh], Mask]
+        self, where: str, body: int | str | None, swatch: int | str, pick: Callable[[Body, PaintableMesh], Mask]
     ) -> int:
         with self.lock:
             chosen = range(len(self.shapes)) if body is None else [self.body_index(body)]
@@ -328,7 +331,7 @@ class Stroke:
         SceneError: no such swatch, or no radius.
     """
 
-    def __init__(self, painting: Painting, swatch: int, radius_m: float) -> None:
+    def __init__(self, painting: Painting, swatch: int | str, radius_m: float) -> None:
         if not (math.isfinite(radius_m) and radius_m > 0.0):
             raise SceneError(f"a brush's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
         painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)

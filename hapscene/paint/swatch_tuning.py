@@ -79,7 +79,7 @@ class SwatchTuning:
                 self._painting.change_swatch(f"add swatch {new.swatch.name!r}", SwatchDelta(index, None, new))
             return index
 
-    def copy_swatch(self, swatch: int, name: str) -> int:
+    def copy_swatch(self, swatch: int | str, name: str) -> int:
         """A new swatch of the scene that begins as another one, in a colour of its own while there are any; its index.
 
         Raises:
@@ -95,14 +95,14 @@ class SwatchTuning:
             self._painting.change_swatch(f"new swatch {name!r}", SwatchDelta(index, None, SwatchState(copied, None)))
             return index
 
-    def parameters(self, swatch: int) -> tuple[Parameter, ...]:
+    def parameters(self, swatch: int | str) -> tuple[Parameter, ...]:
         """The numbers of a swatch that can be turned, with units and the limits of the device."""
         now = self._painting.swatches[self._painting.swatch_index(swatch)]
         original = (now.original or now).swatch
         found = parameters_of(now.swatch, original, self._effect_list(), self.limits, self.tick_s)
         return tuple(replace(p, applies=False, note=FIXED) for p in found) if now.swatch is PLAIN else found
 
-    def tune(self, swatch: int, **numbers: float) -> Swatch:
+    def tune(self, swatch: int | str, **numbers: float) -> Swatch:
         """Change numbers of a swatch; the swatch as it is now. What a slider does within a second is one step.
 
         Raises:
@@ -116,7 +116,7 @@ class SwatchTuning:
             what = f"{', '.join(LABELS.get(name, name) for name in numbers)} of {old.name!r}"
             return self._alter(index, new, what, ("tune", index, *sorted(numbers)))
 
-    def recolour(self, swatch: int, albedo_rgb: tuple[float, float, float]) -> Swatch:
+    def recolour(self, swatch: int | str, albedo_rgb: tuple[float, float, float]) -> Swatch:
         """Give a swatch another colour; the swatch as it is now. What a picker does within a second is one step.
 
         Raises:
@@ -138,7 +138,7 @@ class SwatchTuning:
             self._painting.change_swatch(what, SwatchDelta(index, old, new), key, join)
         return swatch
 
-    def reset(self, swatch: int) -> bool:
+    def reset(self, swatch: int | str) -> bool:
         """Bring back the numbers and the colour that a swatch had before; whether they were others."""
         with self._painting.lock:
             index = self._painting.swatch_index(swatch)
@@ -148,7 +148,7 @@ class SwatchTuning:
             self._painting.change_swatch(f"reset {old.swatch.name!r}", SwatchDelta(index, old, old.original))
             return True
 
-    def save_swatch_as(self, swatch: int, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
+    def save_swatch_as(self, swatch: int | str, name: str, path: Path | None = None, replace_old: bool = False) -> Path:
         """Save a swatch as it is now under a new name, which it has in the scene from now on; its file.
 
         Undone, the scene has the old one again; the file stays.
@@ -174,7 +174,7 @@ class SwatchTuning:
             self._painting.change_swatch(what, SwatchDelta(index, old, SwatchState(named, source)))
             return file
 
-    def _tunable(self, swatch: int) -> int:
+    def _tunable(self, swatch: int | str) -> int:
         index = self._painting.swatch_index(swatch)
         if self._painting.swatches[index].swatch is PLAIN:
             raise SceneError(FIXED)

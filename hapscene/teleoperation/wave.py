@@ -10,8 +10,8 @@ with jitter, loss, reordering, encoder steps and a force that is held over a tic
 
 - Waves are sent as totals, their integral and their energy, and wait for their turn (`jitter_buffer`). The receiver
   goes from total to total, over messages that are missing on a straight line, which never asks for more energy than
-  they had (Cauchy–Schwarz); and never spends more than has arrived. Where energy was short, position is caught up as soon as
-  some is left.
+  they had (Cauchy–Schwarz); and never spends more than has arrived. Where energy was short, position is caught up as
+  soon as some is left.
 - The energy told is never more than was observed at the motors: all that arrived, less the work f·Δx that was done on
   the device, exact for a force held over a tick (Stramigioli et al. 2005). While that falls short of the waves' own, a
   damper makes up for it. So the energy that arrives has been there, whatever the device did.

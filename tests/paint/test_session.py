@@ -330,3 +330,19 @@ def test_a_group_that_is_clicked_is_filled_alone(scene) -> None:
     assert session.painting.undo_text == "fill 'lid', 427 faces"
     session.fill_group_at(session.hit_at(2, 3), ERASE)
     assert session.fill_group("box", "lid", wood) == 427 + 427
+
+
+def test_a_swatch_is_given_by_its_name_as_by_its_index(scene) -> None:
+    by_name, by_index = Session(scene), Session(Session(scene).painting.snapshot())
+    wood = by_index.add_swatch("wood")
+    by_name.add_swatch("wood")
+    for session, swatch in ((by_name, "wood"), (by_index, wood)):
+        session.begin_stroke(swatch, radius_m=0.004)
+        session.stroke_to(session.hit_at("ball", 3))
+        assert session.end_stroke() > 0
+        session.fill_swatch(None, "paper" if swatch == "wood" else 1, swatch)
+        session.tune(swatch, stiffness_N_m=300.0)
+        assert session.tuning.parameters(swatch)
+    assert bits(by_name) == bits(by_index)
+    with pytest.raises(SceneError, match="no swatch 'wod'; there are: .*wood"):
+        by_name.fill_body("ball", "wod")
