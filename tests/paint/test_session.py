@@ -344,5 +344,5 @@ def test_a_swatch_is_given_by_its_name_as_by_its_index(scene) -> None:
         session.tune(swatch, stiffness_N_m=300.0)
         assert session.tuning.parameters(swatch)
     assert bits(by_name) == bits(by_index)
-    with pytest.raises(SceneError, match="no swatch 'wod'; there are: .*wood"):
+    with pytest.raises(SceneError, match=r"no swatch 'wod'; there are: .*wood"):
         by_name.fill_body("ball", "wod")
