@@ -14,7 +14,8 @@ rooms; `scene/` what is there; `contact/` where the tool touches; `surface/` how
 to swatches; `device/` devices, simulated, and their limits; `handle/` the haptography handle; `twin/` hand, device and
 tick in a closed loop; `servo/` the same in a process of its own; `stability/` what holds and where it fails;
 `teleoperation/` leader and follower; `paint/` the painter; `view/` pictures, plots, sound; `exchange/` painted scenes
-for other programs; `bench/` timings.
+for other programs; `motion/` where a tool goes; `dsp/` signals. `docs/architecture.md` has the lives of a tick, a
+recording, a stroke of the brush and a sample of the handle.
 """
 
 import lazy_loader
