@@ -8,17 +8,16 @@ from hapscene.command.options import add_command
 
 
 def add_plugins(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "plugins",
-        _plugins,
-        "list the effects there are: parameters, units, defaults, and where they come from",
-        "hapscene plugins --json",
-    )
+    command = add_command(commands, "plugins", _plugins)
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _plugins(options: argparse.Namespace) -> int:
+    """List the effects there are: parameters, units, defaults, and where they come from.
+
+    for example:
+      hapscene plugins --json
+    """
     from hapscene.surface.effect_registry import listed
 
     effects = listed()

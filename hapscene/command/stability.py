@@ -30,14 +30,7 @@ RATE_MAX_HZ: Final = 100_000.0
 
 
 def add_stability(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "stability",
-        _stability,
-        "draw the walls at which a device is still, and say which swatches would buzz",
-        "hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1",
-        "hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/premium",
-    )
+    command = add_command(commands, "stability", _stability)
     command.add_argument("--device", default="omni", metavar="NAME", help="a device by name (default omni)")
     command.add_argument(
         "--rate",
@@ -68,6 +61,12 @@ def add_stability(commands: Any) -> None:
 
 
 def _stability(options: argparse.Namespace) -> int:
+    """Draw the walls at which a device is still, and say which swatches would buzz.
+
+    for example:
+      hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1
+      hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/premium
+    """
     _check_read(options)
     from hapscene.device.hand import grip_named
     from hapscene.stability.study import stability
