@@ -19,11 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OURS: Final = OKABE_ITO["blue"]
-PEER_STYLES: Final = (
-    (OKABE_ITO["orange"], "s"),
-    (OKABE_ITO["vermilion"], "D"),
-    (OKABE_ITO["green"], "^"),
-)
+PEER_STYLES: Final = ((OKABE_ITO["orange"], "s"), (OKABE_ITO["vermilion"], "D"), (OKABE_ITO["green"], "^"))
 """Colour and marker of each of `PEERS`: told apart without colour as well."""
 
 PEER_COUNT: Final = 20480

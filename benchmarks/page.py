@@ -131,13 +131,7 @@ def _tick(sheet: Sheet) -> str:
         )
     harness = shown(1e3 * sheet.number("harness", "four idle effects median"))
     bare = shown(sheet.number("harness", "tick without effects median"))
-    head = (
-        "order",
-        "tick [µs]",
-        "of it contact, median [µs]",
-        "`step` over the tick [µs]",
-        "`run` of 10 s [ms]",
-    )
+    head = ("order", "tick [µs]", "of it contact, median [µs]", "`step` over the tick [µs]", "`run` of 10 s [ms]")
     return f"""## The whole tick
 Wall, friction, texture and tap on 82 k triangles; 10 acceleration samples a tick. The textures are the shipped wood's,
 played for 10 s at 1 N and 0.1 m/s and fitted again at each order.

@@ -18,18 +18,7 @@ from hapscene.servo.servo_loop import Lateness, request_realtime_priority
 from .idle import IdleLoop
 from .machine import describe_machine
 from .markdown import shown, table
-from .paint_browser import (
-    SIZE,
-    ball_page,
-    browser,
-    do,
-    middle,
-    open_tab,
-    orbiting,
-    pressed,
-    sweep,
-    touching,
-)
+from .paint_browser import SIZE, ball_page, browser, do, middle, open_tab, orbiting, pressed, sweep, touching
 from .sheet import Sheet
 
 SMALL: Final = 5

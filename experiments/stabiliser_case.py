@@ -253,12 +253,7 @@ def shading_leak_J(
     s = np.linspace(0.0, 1.0, steps)
     x = np.concatenate((edge * s, np.full(steps, edge), edge * s[::-1], np.zeros(steps)))
     depth = np.concatenate(
-        (
-            np.full(steps, near_m),
-            near_m + (far_m - near_m) * s,
-            np.full(steps, far_m),
-            far_m + (near_m - far_m) * s,
-        )
+        (np.full(steps, near_m), near_m + (far_m - near_m) * s, np.full(steps, far_m), far_m + (near_m - far_m) * s)
     )
     path = np.stack((x, np.full(len(x), 0.003), top - depth), axis=1)
     renderer.reset((0.0, 0.003, top + 0.001))

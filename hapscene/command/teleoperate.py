@@ -72,12 +72,7 @@ def _experiment(options: argparse.Namespace) -> int:
             recording = load_recording(options.recording, **recording_options(options))
             swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
     made = write_experiment(
-        options.out,
-        swatch,
-        compensator=options.compensator,
-        grip=options.grip,
-        seed=options.seed,
-        say=say,
+        options.out, swatch, compensator=options.compensator, grip=options.grip, seed=options.seed, say=say
     )
     name_made(made)
     return 0

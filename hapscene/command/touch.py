@@ -30,9 +30,7 @@ def add_touch(commands: Any) -> None:
     command = add_command(commands, "touch", _touch)
     command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
     command.add_argument(
-        "--path",
-        metavar="CSV",
-        help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above",
+        "--path", metavar="CSV", help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above"
     )
     add_out_folder(command, None, "out/NAME, as out/bunny")
     add_mesh_options(command)

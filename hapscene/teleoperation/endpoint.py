@@ -19,15 +19,7 @@ from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.jitter_buffer import call, new_queue, store
-from hapscene.teleoperation.wave import (
-    CATCH_UP_S,
-    arrive,
-    energy_to_tell,
-    limit_force,
-    repay,
-    tie_follower,
-    tie_leader,
-)
+from hapscene.teleoperation.wave import CATCH_UP_S, arrive, energy_to_tell, limit_force, repay, tie_follower, tie_leader
 
 # How leader and follower are tied together.
 
