@@ -71,9 +71,7 @@ def _fit(options: argparse.Namespace) -> int:
       hapscene capture fit oak.npz --plot states.png
       hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
     """
-    if _is_batch(options):
-        return _batch(options)
-    return _fit_one(options)
+    return _batch(options) if _is_batch(options) else _fit_one(options)
 
 
 def _is_batch(options: argparse.Namespace) -> bool:
@@ -129,6 +127,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     from hapscene.capture.segment import InteractionState
     from hapscene.capture.segment_plot import WORDS, write_states
     from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.files import refusing
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
 
@@ -136,15 +135,10 @@ def _fit_one(options: argparse.Namespace) -> int:
     for path in options.recordings:
         with step(say, f"reading {path}"):
             recording = load_recording(path, **recording_options(options))
-            try:
-                part = prepare(recording)
-            except CaptureError as error:
-                raise CaptureError(f"{path}: {error}") from None
-        parts.append(part)
-        held = (
-            f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in InteractionState if part[1].seconds(state)
-        )
-        say(f"  {', '.join(held)}\n")
+            with refusing(CaptureError, path):
+                parts.append(prepare(recording))
+        lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
+        say(f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n")
     made = []
     if options.plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
@@ -303,16 +297,8 @@ def _batch(options: argparse.Namespace) -> int:
             return stopped()
 
         try:
-            result = fit_batch(
-                items,
-                options.out,
-                recording_options(options),
-                fit_options(options),
-                options.jobs,
-                options.scheduler,
-                asked,
-                progress.show,
-            )
+            how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
+            result = fit_batch(items, options.out, *how, asked, progress.show)
         except KeyboardInterrupt:
             progress.end()
             print("hapscene: interrupted; run the same again to go on", file=sys.stderr)
@@ -461,10 +447,10 @@ def _report(options: argparse.Namespace) -> int:
     from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
-    recording = None
+    recording, source = None, ""
     if options.recording is not None:
         recording = load_recording(options.recording, **recording_options(options))
-    source = "" if options.recording is None else Path(options.recording).name
+        source = Path(options.recording).name
     write_report(swatch, options.out, recording, source)
     name_made([Path(options.out)])
     return 0

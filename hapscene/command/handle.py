@@ -174,15 +174,9 @@ def _identify(options: argparse.Namespace) -> int:
     sweep = Sweep(options.low, options.high, options.seconds, options.force)
     recordings, provenance = _recordings(options, sweep, guess)
     responses = [recording.response((options.low, options.high)) for recording in recordings]
-    handle = identify(
-        responses,
-        recordings[0].rate_Hz,
-        [recording.name for recording in recordings],
-        guess,
-        ACCELEROMETER_HZ if options.accelerometer is None else options.accelerometer,
-        options.name,
-        provenance,
-    )
+    names, rate_Hz = [recording.name for recording in recordings], recordings[0].rate_Hz
+    bandwidth_Hz = ACCELEROMETER_HZ if options.accelerometer is None else options.accelerometer
+    handle = identify(responses, rate_Hz, names, guess, bandwidth_Hz, options.name, provenance)
     print("\n".join(describe_lines(handle)))
     name_made(write_result(handle, responses, [] if options.files else recordings, Path(options.out)))
     return 0
@@ -197,9 +191,8 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
     from hapscene.handle.measure import load_grips, play_grips
 
     if options.files:
-        return load_grips(
-            options.files, options.rate, options.columns, options.units
-        ), f"from {', '.join(options.files)}"
+        recordings = load_grips(options.files, options.rate, options.columns, options.units)
+        return recordings, f"from {', '.join(options.files)}"
     if not 1 <= options.grips <= GRIP_MAX:
         raise HandleError(f"--grips must be 1 to {GRIP_MAX}, is {options.grips}")
     told = f"swept sine, {sweep.low_Hz:g} to {sweep.high_Hz:g} Hz, {sweep.sweep_s:g} s, at most {sweep.force_N:g} N"

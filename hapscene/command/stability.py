@@ -72,17 +72,9 @@ def _stability(options: argparse.Namespace) -> int:
     from hapscene.stability.study import stability
 
     grip = grip_named(options.grip)
-    made = stability(
-        Path(options.out),
-        options.device,
-        options.rate,
-        options.delay,
-        grip,
-        _swatches(options.scene),
-        options.cases,
-        options.random,
-        say,
-    )
+    device = (options.device, options.rate, options.delay)
+    swatches = _swatches(options.scene)
+    made = stability(Path(options.out), *device, grip, swatches, options.cases, options.random, say)
     if options.docs is not None:
         made += _publish(options, made)
     name_made(made)

@@ -167,9 +167,8 @@ def _add(options: argparse.Namespace) -> int:
         check_there(file, SwatchError)
     swatches = [load_swatch(Path(file)) for file in options.files]  # all are read before any is added
     for swatch in swatches:
-        entry = add(
-            swatch if options.name is None else replace(swatch, name=options.name), options.library, options.replace
-        )
+        named = swatch if options.name is None else replace(swatch, name=options.name)
+        entry = add(named, options.library, options.replace)
         print(f"{entry.name} → {library_folder(options.library) / entry.file}")
     return 0
 
@@ -326,16 +325,8 @@ def _export_hjif(options: argparse.Namespace) -> int:
     from hapscene.capture.hjif import export_hjif
     from hapscene.surface.library import load_swatch
 
-    swatch = load_swatch(options.swatch)
-    export_hjif(
-        swatch,
-        options.out,
-        force_N=options.force,
-        speed_m_s=options.speed,
-        seconds=options.seconds,
-        rate_Hz=options.rate,
-        seed=options.seed,
-    )
+    stroke = {"force_N": options.force, "speed_m_s": options.speed, "seconds": options.seconds}
+    export_hjif(load_swatch(options.swatch), options.out, **stroke, rate_Hz=options.rate, seed=options.seed)
     name_made([Path(options.out)])
     return 0
 
