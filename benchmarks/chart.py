@@ -19,11 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OURS: Final = OKABE_ITO["blue"]
-PEER_STYLES: Final = (
-    (OKABE_ITO["orange"], "s"),
-    (OKABE_ITO["vermilion"], "D"),
-    (OKABE_ITO["green"], "^"),
-)
+PEER_STYLES: Final = ((OKABE_ITO["orange"], "s"), (OKABE_ITO["vermilion"], "D"), (OKABE_ITO["green"], "^"))
 """Colour and marker of each of `PEERS`: told apart without colour as well."""
 
 PEER_COUNT: Final = 20480
@@ -70,7 +66,8 @@ def _draw_speed(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     names, triangles = _spheres(sheet)
     for quantile, style, width in (("median", "-", 2.6), ("p99", ":", 1.6)):
         times = [sheet.number(name, f"contact {quantile}") for name in names]
-        left.plot(triangles, times, color=OURS, marker="o", linestyle=style, linewidth=width, label=_ours(quantile))
+        label = "hapscene" if quantile == "median" else None
+        left.plot(triangles, times, color=OURS, marker="o", linestyle=style, linewidth=width, label=label)
     left.plot([], [], color="#777777", linestyle=":", label="dotted: p99")
     left.set(xscale="log", yscale="log", xlabel="triangles", ylabel="time per tick [µs]")
     left.set_title("Contact part of a tick, median, hot")
@@ -90,26 +87,19 @@ def _draw_speed(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     right.legend(loc="upper left")
 
 
-def _ours(quantile: str) -> str | None:
-    return "hapscene" if quantile == "median" else None
-
-
 def _draw_accuracy(sheet: Sheet, left: "Axes", right: "Axes") -> None:
     """Error of the force's direction, and gap to the mesh, against contact time."""
     names, triangles = _spheres(sheet)
     times = [sheet.number(name, "contact median") for name in names]
     for quantile, style, fill in (("median", "-", OURS), ("p99", ":", "white")):
         errors = [sheet.number(name, f"force direction error {quantile}") for name in names]
-        left.plot(
-            times, errors, color=OURS, marker="o", linestyle=style, markerfacecolor=fill, label=f"hapscene, {quantile}"
-        )
-        for x, y, count in zip(times, errors, triangles, strict=True):
-            if quantile == "p99":
-                left.annotate(short(int(count)), (x, y), (7, 3), textcoords="offset points", fontsize=8.5)
+        label = f"hapscene, {quantile}"
+        left.plot(times, errors, color=OURS, marker="o", linestyle=style, markerfacecolor=fill, label=label)
     gaps = [max(sheet.number(name, "proxy to facets max"), ROUNDING_M) * 1e6 for name in names]
     right.plot(times, gaps, color=OURS, marker="o", label="hapscene, largest")
-    for x, y, count in zip(times, gaps, triangles, strict=True):
-        right.annotate(short(int(count)), (x, y), (7, 3), textcoords="offset points", fontsize=8.5)
+    for x, error, gap, count in zip(times, errors, gaps, triangles, strict=True):
+        for ax, y in ((left, error), (right, gap)):
+            ax.annotate(short(int(count)), (x, y), (7, 3), textcoords="offset points", fontsize=8.5)
     at = TRIANGLES.index(PEER_COUNT)
     for peer, (colour, marker) in zip(PEERS, PEER_STYLES, strict=True):
         x = peer.median_us[at]
@@ -139,9 +129,8 @@ def _draw_groove(sheet: Sheet, ax: "Axes") -> None:
         name = f"groove {angle_deg:g}°"
         times = [sheet.number(name, f"{steps} projections time") for steps in STEPS]
         errors = [max(sheet.number(name, f"{steps} projections error"), 1e-30) * 1e6 for steps in STEPS]
-        ax.plot(
-            times, errors, color=colour, marker=marker, markersize=4, label=f"alternating projection, {angle_deg:g}°"
-        )
+        label = f"alternating projection, {angle_deg:g}°"
+        ax.plot(times, errors, color=colour, marker=marker, markersize=4, label=label)
         error = max(sheet.number(name, "active set error"), ROUNDING_M) * 1e6
         ax.plot(sheet.number(name, "active set time"), error, color=OURS, marker=marker, markersize=9, linestyle="")
     ax.plot([], [], color=OURS, marker="o", markersize=8, linestyle="", label="active set (hapscene), each angle")

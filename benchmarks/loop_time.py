@@ -1,7 +1,5 @@
 """Times that are not hot: a tick in a loop that sleeps in between, and the start of a process."""
 
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -10,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from hapscene.constants import TICK_S
-from hapscene.errors import HapsceneError
 from hapscene.renderer import Renderer
 from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
 
 from .case import Case
+from .machine import run_python
 from .sheet import Sheet
 from .tick_time import last_row
 
@@ -84,7 +82,4 @@ def measure_start(sheet: Sheet, case: Case, repeats: int) -> None:
 
 
 def _start(file: Path) -> list[float]:
-    done = subprocess.run([sys.executable, "-c", _START, str(file)], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise HapsceneError(f"the process that was to be timed failed: {done.stderr.strip().splitlines()[-1]}")
-    return [float(word) for word in done.stdout.split()]
+    return [float(word) for word in run_python([_START, str(file)], "the process that was to be timed failed").split()]

@@ -7,12 +7,14 @@ import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from typing import Final
 
 import hapscene
+from hapscene.errors import HapsceneError
 
 from .sheet import Sheet
 
-PACKAGES = ("numba", "llvmlite", "numpy", "embreex", "trimesh")
+PACKAGES: Final = ("numba", "llvmlite", "numpy", "embreex", "trimesh")
 
 
 def describe_machine(sheet: Sheet) -> None:
@@ -25,6 +27,25 @@ def describe_machine(sheet: Sheet) -> None:
         sheet.add("machine", package, version(package))
     sheet.add("machine", "hapscene", hapscene.__version__)
     sheet.add("machine", "date", datetime.datetime.now(datetime.UTC).date().isoformat())
+
+
+def machine_words(sheet: Sheet) -> list[str]:
+    """What `describe_machine` noted, each with its name."""
+    noted = [figure for figure in sheet if figure.case == "machine"]
+    return [f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in noted]
+
+
+def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
+    """What a fresh Python prints that is given code and its arguments.
+
+    Raises:
+        HapsceneError: with the words `otherwise` and its last line, where it fails.
+    """
+    command = [sys.executable, "-c", *arguments]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise HapsceneError(f"{otherwise}: {done.stderr.strip().splitlines()[-1]}")
+    return done.stdout
 
 
 def _processor() -> str:

@@ -20,10 +20,7 @@ FORCE_N, SPEED_M_S, DURATION_S = 1.0, 0.1, 10.0
 RECORDINGS: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     name: (
         f"cdp_{name}.csv",
-        {
-            "columns": {"acceleration": "accel"},
-            "units": {"acceleration": "m/s2", "force": "N", "speed": "mm/s"},
-        },
+        {"columns": {"acceleration": "accel"}, "units": {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}},
     )
     for name in ("wood", "paper", "leather")
 } | {"epoxy": ("lmt108_G1EpoxyRasterPlate_Movement_X_test1.txt", {"units": {"acceleration": "g"}})}
@@ -41,13 +38,7 @@ def swatch_of_order(order: int) -> Swatch:
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
     played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
     fitted = fit(
-        played,
-        RATE_HZ,
-        force_N=FORCE_N,
-        speed_m_s=SPEED_M_S,
-        name=f"wood {order}",
-        order=order,
-        model_count=1,
+        played, RATE_HZ, force_N=FORCE_N, speed_m_s=SPEED_M_S, name=f"wood {order}", order=order, model_count=1
     )
     return replace(wood, name=fitted.name, texture=fitted.texture)
 

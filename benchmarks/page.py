@@ -1,6 +1,6 @@
 """docs/benchmark.md, made from a sheet: no figure on it is copied by hand."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -8,6 +8,7 @@ from hapscene.files import whole_file
 from hapscene.view.chart import picture
 
 from .handle import FIRM, PLANTS, SIGNALS, SPREAD
+from .machine import machine_words
 from .markdown import paragraph, shown, table
 from .order import ORDERS, RECORDINGS
 from .peer import CITED, PEERS, TRIANGLES
@@ -55,14 +56,12 @@ def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
         part.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _quantiles(sheet: Sheet, case: str, name: str, scale: float = 1.0) -> str:
-    """Median / p99 / p99.9 / max."""
-    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in QUANTILES)
+def _quantiles(sheet: Sheet, case: str, name: str, quantiles: Iterable[str] = QUANTILES, scale: float = 1.0) -> str:
+    """Median / p99 / p99.9 / max, or those named."""
+    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
 
 
 def _head(sheet: Sheet) -> str:
-    words = [figure for figure in sheet if figure.case == "machine"]
-    told = "; ".join(f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in words)
     clock = shown(sheet.number("clock", "between two reads median"))
     length_s, runs = shown(sheet.number("method", "path")), shown(sheet.number("method", "hot runs"))
     method = f"""How it was measured: icospheres of 50 mm radius; the tool approaches, presses 2 mm, slides at 0.1 m/s
@@ -75,7 +74,7 @@ def _head(sheet: Sheet) -> str:
 Made by `hapscene bench --docs docs`; every figure of hapscene's below is from [bench.csv](bench/bench.csv), none is
 copied by hand.
 
-{paragraph(f"Machine: {told}.")}
+{paragraph(f"Machine: {'; '.join(machine_words(sheet))}.")}
 
 {paragraph(method)}
 """
@@ -120,24 +119,12 @@ def _tick(sheet: Sheet) -> str:
     rows = []
     for order in ORDERS:
         case = f"tick, order {order}"
-        rows.append(
-            (
-                str(order),
-                _quantiles(sheet, case, "tick"),
-                shown(sheet.number(case, "contact median")),
-                shown(sheet.number(case, "step over the tick median")),
-                shown(1e3 * sheet.number(case, "run for 10 s of path")),
-            )
-        )
+        contact, over = (shown(sheet.number(case, f"{name} median")) for name in ("contact", "step over the tick"))
+        run_ms = shown(1e3 * sheet.number(case, "run for 10 s of path"))
+        rows.append((str(order), _quantiles(sheet, case, "tick"), contact, over, run_ms))
     harness = shown(1e3 * sheet.number("harness", "four idle effects median"))
     bare = shown(sheet.number("harness", "tick without effects median"))
-    head = (
-        "order",
-        "tick [µs]",
-        "of it contact, median [µs]",
-        "`step` over the tick [µs]",
-        "`run` of 10 s [ms]",
-    )
+    head = ("order", "tick [µs]", "of it contact, median [µs]", "`step` over the tick [µs]", "`run` of 10 s [ms]")
     return f"""## The whole tick
 Wall, friction, texture and tap on 82 k triangles; 10 acceleration samples a tick. The textures are the shipped wood's,
 played for 10 s at 1 N and 0.1 m/s and fitted again at each order.
@@ -174,17 +161,8 @@ def _rays(sheet: Sheet) -> str:
         if (case, "rays a tick mean") in sheet:
             contact, rays = 1e3 * sheet.number(case, "contact mean"), sheet.number(case, "rays of a tick mean")
             count, one = sheet.number(case, "rays a tick mean"), sheet.number(case, "ray mean")
-            rows.append(
-                (
-                    case,
-                    shown(contact),
-                    f"{count:.2f}",
-                    shown(one),
-                    shown(rays),
-                    shown(clock),
-                    shown(contact - rays - clock),
-                )
-            )
+            times = map(shown, (one, rays, clock, contact - rays - clock))
+            rows.append((case, shown(contact), f"{count:.2f}", *times))
     head = ("case", "contact, mean [ns]", "rays a tick", "a ray [ns]", "rays [ns]", "clock [ns]", "the rest [ns]")
     return f"""## Where the contact's time goes
 The rays of the path, noted from the interpreted tick, are cast again in a loop of their own, each after the one before
@@ -198,8 +176,8 @@ def _accuracy(sheet: Sheet, charts: dict[str, str]) -> str:
     rows = []
     for case in sheet.cases("sphere "):
         if (case, "force direction error median") in sheet:
-            figures = [_pair(sheet, case, "force direction error", 1.0, ("median", "p99"))]
-            figures += [_pair(sheet, case, name, 1e6, ("p99", "max")) for name in _DISTANCES]
+            figures = [_quantiles(sheet, case, "force direction error", ("median", "p99"))]
+            figures += [_quantiles(sheet, case, name, ("p99", "max"), 1e6) for name in _DISTANCES]
             rows.append((case, shown(sheet.number(case, "contact median")), *figures))
     head = (
         "case",
@@ -229,18 +207,14 @@ def _accuracy(sheet: Sheet, charts: dict[str, str]) -> str:
 _DISTANCES: Final = ("proxy to facets", "proxy to closest point", "proxy to round surface")
 
 
-def _pair(sheet: Sheet, case: str, name: str, scale: float, quantiles: tuple[str, str]) -> str:
-    return " / ".join(shown(scale * sheet.number(case, f"{name} {quantile}")) for quantile in quantiles)
-
-
 def _groove(sheet: Sheet, charts: dict[str, str]) -> str:
     rows = []
     for angle_deg in ANGLES_DEG:
         case = f"groove {angle_deg:g}°"
         enough = [steps for steps in STEPS if sheet.number(case, f"{steps} projections error") <= 1e-6]
-        times = (
-            (shown(sheet.number(case, f"{enough[0]} projections time")), str(enough[0])) if enough else ("never", "")
-        )
+        times = ("never", "")
+        if enough:
+            times = (shown(sheet.number(case, f"{enough[0]} projections time")), str(enough[0]))
         exact = shown(sheet.number(case, "active set time")), shown(1e6 * sheet.number(case, "active set error"))
         rows.append((f"{angle_deg:g}°", *times, *exact))
     head = ("groove", "alternating, to 1 µm [ns]", "projections", "active set [ns]", "its error [µm]")
@@ -294,14 +268,10 @@ def _synthesis(sheet: Sheet) -> str:
 
 def _twin(sheet: Sheet) -> str:
     """How fast the closed loop is."""
-    rows = [
-        (
-            case.removeprefix("twin, "),
-            f"{sheet.number(case, 'times real time'):,.0f}",
-            shown(sheet.number(case, "tick")),
-        )
-        for case in sheet.cases("twin, ")
-    ]
+    rows = []
+    for case in sheet.cases("twin, "):
+        times = f"{sheet.number(case, 'times real time'):,.0f}"
+        rows.append((case.removeprefix("twin, "), times, shown(sheet.number(case, "tick"))))
     said = """A hand that scrubs wood, four effects, 1 kHz force and 10 kHz acceleration, the device and the handle
         (`adaptive`) advanced ten times a tick; the fastest of seven runs, making of the arrays included."""
     return f"""## The twin in closed loop
@@ -323,7 +293,7 @@ def _handle(sheet: Sheet, charts: dict[str, str]) -> str:
         handle / median and p95 of {PLANTS} handles with all six parameters off by up to {100 * SPREAD:.0f} % / a grip
         {FIRM:g} times as firm. Simulated at 10 kHz with amplifier, accelerometer and its noise, travel and force
         limits. Time is that of one sample, plant and all."""
-    head = ("compensator", *(f"{signal}" for signal in SIGNALS), "sample [µs]")
+    head = ("compensator", *SIGNALS, "sample [µs]")
     return f"""## The handle: error against time
 
 {picture(charts["handle"], "Error against time of the compensators")}
@@ -339,7 +309,7 @@ def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:
     moving = ("contact, a tenth moving median", "placing the moving bodies")
     for case in (*sheet.cases("1 body"), *sheet.cases("10")):
         times = [shown(sheet.number(case, name)) if (case, name) in sheet else "" for name in moving]
-        rows.append((case, _pair(sheet, case, "contact", 1.0, ("median", "p99")), *times))
+        rows.append((case, _quantiles(sheet, case, "contact", ("median", "p99")), *times))
     head = ("", "contact, median / p99 [µs]", "contact, a tenth moving [µs]", "placing them [µs]")
     said = f"""The other way would be one top-level scene over Embree's instances. {INSTANCES} The tick takes no
         lock and allocates nothing; so each body is asked by itself, in its own frame."""

@@ -16,20 +16,9 @@ from hapscene.paint.web.page import Page
 from hapscene.servo.servo_loop import Lateness, request_realtime_priority
 
 from .idle import IdleLoop
-from .machine import describe_machine
+from .machine import describe_machine, machine_words
 from .markdown import shown, table
-from .paint_browser import (
-    SIZE,
-    ball_page,
-    browser,
-    do,
-    middle,
-    open_tab,
-    orbiting,
-    pressed,
-    sweep,
-    touching,
-)
+from .paint_browser import SIZE, ball_page, browser, do, middle, open_tab, orbiting, pressed, sweep, touching
 from .sheet import Sheet
 
 SMALL: Final = 5
@@ -272,12 +261,8 @@ def machine_line() -> str:
     describe_machine(sheet)
     with ThreadPoolExecutor(1) as lane:
         priority = "real-time" if lane.submit(request_realtime_priority).result() else "ordinary"
-    told = [
-        f"{figure.name} {figure.value:g}" if figure.name == "cores" else f"{figure.name} {figure.value}"
-        for figure in sheet
-    ]
-    told += [f"Chromium without a graphics card, {SIZE['width']}×{SIZE['height']}", f"{priority} priority"]
-    return ", ".join(told) + "\n"
+    screen = f"Chromium without a graphics card, {SIZE['width']}×{SIZE['height']}"
+    return ", ".join([*machine_words(sheet), screen, f"{priority} priority"]) + "\n"
 
 
 def click_table(took_ms: Mapping[str, Sequence[float]]) -> str:
@@ -299,17 +284,11 @@ def late_table(windows: Mapping[str, Sequence[Window]]) -> str:
     rows = []
     for name, some in windows.items():
         pairs = [late_us(some, share) for share in QUANTILES.values()]
-        missed = sum(window.servo.missed for window in some), sum(window.idle.missed for window in some)
-        rows.append(
-            (
-                name,
-                f"{statistics.median(window.frames_s for window in some):.1f}",
-                " / ".join(shown(servo) for servo, _ in pairs),
-                " / ".join(shown(idle) for _, idle in pairs),
-                " / ".join(f"{servo / idle:.2f}" for servo, idle in pairs),
-                f"{missed[0]}, empty {missed[1]}",
-            )
-        )
+        frames = f"{statistics.median(window.frames_s for window in some):.1f}"
+        servo_us, idle_us = (" / ".join(map(shown, late)) for late in zip(*pairs, strict=True))
+        ratios = " / ".join(f"{servo / idle:.2f}" for servo, idle in pairs)
+        missed = f"{sum(window.servo.missed for window in some)}, empty {sum(window.idle.missed for window in some)}"
+        rows.append((name, frames, servo_us, idle_us, ratios, missed))
     return table(head, rows)
 
 

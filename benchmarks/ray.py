@@ -1,8 +1,5 @@
 """Where the time of a contact goes: the rays of a path, counted in the interpreted tick, timed in a compiled loop."""
 
-import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -19,6 +16,7 @@ from hapscene.renderer import Renderer
 from hapscene.scene.scene import Scene
 
 from .case import slide_path, sphere
+from .machine import run_python
 from .sheet import Sheet
 
 Rays = NDArray[np.float64]
@@ -62,15 +60,7 @@ def recorded_rays(subdivisions: int, tick_count: int) -> tuple[Rays, int]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "rays.npz"
         code = f"from hapscene_benchmarks.ray import record; record({subdivisions}, {tick_count}, {str(file)!r})"
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise HapsceneError(f"the rays could not be recorded: {done.stderr.strip().splitlines()[-1]}")
+        run_python([code], "the rays could not be recorded", NUMBA_DISABLE_JIT="1")
         with np.load(file, allow_pickle=False) as arrays:
             return arrays["rays"], int(arrays["ticks"])
 

@@ -9,20 +9,7 @@ from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 
-from . import (
-    accuracy,
-    case,
-    crowd,
-    handle,
-    loop_time,
-    machine,
-    order,
-    projection,
-    ray,
-    synthesis,
-    tick_time,
-    twin_time,
-)
+from . import accuracy, case, crowd, handle, loop_time, machine, order, projection, ray, synthesis, tick_time, twin_time
 from .chart import write_charts
 from .page import write_page
 from .sheet import Sheet

@@ -1,6 +1,6 @@
 """Time of texture synthesis: the lattice with its noise and its models along a stroke, beside SciPy's direct form."""
 
-import time
+import timeit
 from collections.abc import Callable
 from typing import Final
 
@@ -81,9 +81,4 @@ def _texture(k: Array, force_N: Array, speed_m_s: Array) -> Texture:
 
 def _best(job: Callable[[], Array]) -> float:
     job()
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        job()
-        times.append(time.perf_counter() - start)
-    return min(times)
+    return min(timeit.repeat(job, number=1, repeat=REPEATS))

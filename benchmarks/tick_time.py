@@ -1,6 +1,7 @@
 """Time of the contact and of the whole tick, hot: measured inside the tick, the least of several runs of each tick."""
 
 import time
+import timeit
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -71,11 +72,8 @@ def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recordi
     from hapscene.contact.embree import Search
     from hapscene.contact.world import skin_of
 
-    build_s = []
-    for _ in range(3):
-        start_s = time.perf_counter()
-        Search(case.mesh.vertices_m, case.mesh.faces, skin_of(case.mesh))
-        build_s.append(time.perf_counter() - start_s)
+    mesh = case.mesh
+    build_s = timeit.repeat(lambda: Search(mesh.vertices_m, mesh.faces, skin_of(mesh)), number=1, repeat=3)
     found = hot(Renderer(case.scene(), effects=["wall"]), case.p_WT_m, repeats)
     sheet.add(case.name, "triangles", len(case.mesh.faces), "1")
     sheet.add(case.name, "ticks in contact", len(found.contact_ns), "1")

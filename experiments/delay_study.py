@@ -7,7 +7,7 @@ energy? A passive scheme can, at most, give out its allowances, of 1 mJ each. de
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -72,16 +72,13 @@ def study_delays(
     schemes: Iterable[str] = SCHEMES,
 ) -> list[DelayOutcome]:
     """All runs: schemes, delays, lines, cases and grips."""
-    outcomes = []
+    outcomes, schemes = [], list(schemes)
     for delay_s in delays_s:
         say(f"delay {delay_s * 1e3:g} ms\n")
-        for scheme in schemes:
-            for bad in (False, True):
-                for case in CASES:
-                    for grip in GRIPS:
-                        operated = operate_case(scheme, delay_s, bad, case, grip, seed)
-                        found = (operated.rest_m_s, operated.energy_out_J)
-                        outcomes.append(DelayOutcome(scheme, delay_s, bad, case, grip, *found))
+        for scheme, bad, case, grip in product(schemes, (False, True), CASES, GRIPS):
+            operated = operate_case(scheme, delay_s, bad, case, grip, seed)
+            found = (operated.rest_m_s, operated.energy_out_J)
+            outcomes.append(DelayOutcome(scheme, delay_s, bad, case, grip, *found))
     return outcomes
 
 
@@ -137,15 +134,8 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     """Stiffness felt at the leader [N/m], and how long a wave was under way, mean of both ways [s]."""
     scene = plate(Swatch("wall", stiffness_N_m=WALL_N_M))
     start = (0.0, 0.0, 0.002)
-    operation = Operation(
-        scene,
-        start,
-        coupling=coupling,
-        line=Impairment(delay_s),
-        device=PointMass(0.045, 0.1),
-        compensator="none",
-        effects=("wall",),
-    )
+    bare: dict[str, Any] = {"device": PointMass(0.045, 0.1), "compensator": "none", "effects": ("wall",)}
+    operation = Operation(scene, start, coupling=coupling, line=Impairment(delay_s), **bare)
     found = []
     for push_N in (-0.5, -1.0):
         operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), (0.0, 0.0, push_N)))
@@ -202,9 +192,8 @@ def _draw_worst(ax: "Axes", outcomes: list[DelayOutcome], name: str, scale: floa
             ]
             label = f"{NAMES[scheme]}, {'jitter 5 ms, 5 % lost, 5 % overtaken' if bad else 'delay alone'}"
             values = np.maximum(np.array(worst) * scale, floor)
-            ax.plot(
-                np.array(delays_s) * 1e3, values, dash, marker=marker, color=COLOURS[scheme], label=label, markersize=5
-            )
+            delays_ms = np.array(delays_s) * 1e3
+            ax.plot(delays_ms, values, dash, marker=marker, color=COLOURS[scheme], label=label, markersize=5)
     ax.text(101.0, floor * 1.12, f"{floor:g} and less", ha="right", va="bottom", fontsize=8)
     ax.axhline(limit * scale, color=INK, linewidth=0.9, linestyle=":")
     ax.text(101.0, limit * scale * 1.1, "limit", ha="right", va="bottom")
@@ -215,9 +204,8 @@ def _draw_stiffness(ax: "Axes", outcomes: list[DelayOutcome], stiffness: list[di
     """Stiffness felt through both schemes."""
     spans = _shade(ax, outcomes)
     delay_ms = np.linspace(0.0, 100.0, 201)
-    ax.plot(
-        delay_ms, [predict_stiffness(d * 1e-3) for d in delay_ms], color=COLOURS["wave"], label="waves, closed form"
-    )
+    predicted_N_m = [predict_stiffness(d * 1e-3) for d in delay_ms]
+    ax.plot(delay_ms, predicted_N_m, color=COLOURS["wave"], label="waves, closed form")
     measured = [(row["line_s"] * 1e3, row["felt_N_m"]) for row in stiffness]
     ax.plot(*np.array(measured).T, "o", color=COLOURS["wave"], label="waves, measured")
     last_ms = min((a for a, _ in spans), default=100.0)
@@ -233,9 +221,8 @@ def _draw_stiffness(ax: "Axes", outcomes: list[DelayOutcome], stiffness: list[di
 def _draw_trace(ax: "Axes", trace: dict[str, Operated]) -> None:
     """The leader's height while it lands."""
     for scheme, operated in trace.items():
-        ax.plot(
-            operated.t_s, operated.leader_W_m[:, 2] * 1e3, color=COLOURS[scheme], linewidth=1.0, label=NAMES[scheme]
-        )
+        z_mm = operated.leader_W_m[:, 2] * 1e3
+        ax.plot(operated.t_s, z_mm, color=COLOURS[scheme], linewidth=1.0, label=NAMES[scheme])
     ax.axhline(0.0, color=INK, linewidth=0.9, linestyle=":")
     ax.text(4.05, 0.0, "plate", va="center")
     ax.set_title("landing in a light hand, 50 ms each way")

@@ -195,12 +195,10 @@ def rest_of_omni() -> list[Answer]:
     answers = []
     for name, device in (("point", OMNI_POINT), ("omni", Omni())):
         felt, _ = slid(device, 0.2, duration_s=2.0)
-        last = felt.v_W_m_s[-1000:]
+        rest_m_s = float(np.sqrt((felt.v_W_m_s[-1000:] ** 2).sum(1).mean()))
         answers += [
             Answer(f"stop-{name}", "reversals of force within 3 ticks [count]", 0, _reversals(felt), 0.0),
-            Answer(
-                f"rest-{name}", "speed at rest, rms [mm/s]", 0.0, 1e3 * float(np.sqrt((last**2).sum(1).mean())), 0.1
-            ),
+            Answer(f"rest-{name}", "speed at rest, rms [mm/s]", 0.0, 1e3 * rest_m_s, 0.1),
         ]
         twin = _twin(device, 1e-3)
         _press(twin, 1e-3)
@@ -222,9 +220,8 @@ def _draw(_: Any, axes: Any) -> None:
     loop.plot(1e3 * (x_m - x_m.mean()), -f_N, color=OKABE_ITO["blue"], label="hand on the surface")
     for sign in (-1.0, 1.0):
         loop.axhline(sign * limit_N, color=INK, linestyle=":", linewidth=1.0, label="± F_c" if sign > 0.0 else None)
-    loop.set(
-        title="F1: one cycle of a sine", xlabel="place along the surface [mm]", ylabel="force [N]", ylim=(-0.4, 0.5)
-    )
+    loop.set(xlabel="place along the surface [mm]", ylabel="force [N]", ylim=(-0.4, 0.5))
+    loop.set_title("F1: one cycle of a sine")
     loop.legend(loc="upper left", ncols=2)
 
     period_s, amplitude_m = period_and_amplitude()
@@ -247,12 +244,8 @@ def _draw(_: Any, axes: Any) -> None:
         ("Omni", "green", Omni(), 0.0),
     ):
         felt, _ = slid(device, 0.2, damping, 0.3)
-        stopping.plot(
-            1e3 * felt.recording.t_s[:300] - 1e3 * felt.recording.t_s[0],
-            1e3 * felt.v_W_m_s[:, 0],
-            color=OKABE_ITO[colour],
-            label=name,
-        )
+        t_ms = 1e3 * felt.recording.t_s[:300] - 1e3 * felt.recording.t_s[0]
+        stopping.plot(t_ms, 1e3 * felt.v_W_m_s[:, 0], color=OKABE_ITO[colour], label=name)
     stopping.set(title="F4: a tool slides to a stop", xlabel="time [ms]", ylabel="speed [mm/s]", ylim=(-80.0, 280.0))
     stopping.legend(loc="upper right")
 

@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -118,22 +119,17 @@ def stabiliser(name: str, device: Device, stiffness_N_m: float, tick_s: float = 
     """One of `STABILISERS`, set up for a device and a wall."""
     point = device.point
     assert point is not None
-    most = damping_max(point.mass_kg, tick_s)
-    if name == "limits":
-        return Stabiliser(replace(limits_of(device, tick_s), guard_Ns_m=0.0))
-    if name == "limits, passivity":
-        return Stabiliser(limits_of(device, tick_s))
-    if name == "virtual damping":
-        return Stabiliser(damping_Ns_m=damping_for(device, stiffness_N_m, tick_s))
-    if name == "passivity":
-        return Stabiliser(Limits(guard_Ns_m=GUARD_SHARE * most))
-    if name == "passivity, uncapped":
-        return Stabiliser(Limits(guard_Ns_m=math.inf))
-    if name == "coupling":
-        return Stabiliser(Limits(coupling_N_m=COUPLING_N_M))
-    if name == "shading":
-        return Stabiliser(crease_rad=2.0 * FACET_RAD)
-    return Stabiliser()
+    limits = limits_of(device, tick_s)
+    return {
+        "none": Stabiliser(),
+        "limits": Stabiliser(replace(limits, guard_Ns_m=0.0)),
+        "virtual damping": Stabiliser(damping_Ns_m=damping_for(device, stiffness_N_m, tick_s)),
+        "passivity": Stabiliser(Limits(guard_Ns_m=GUARD_SHARE * damping_max(point.mass_kg, tick_s))),
+        "passivity, uncapped": Stabiliser(Limits(guard_Ns_m=math.inf)),
+        "coupling": Stabiliser(Limits(coupling_N_m=COUPLING_N_M)),
+        "shading": Stabiliser(crease_rad=2.0 * FACET_RAD),
+        "limits, passivity": Stabiliser(limits),
+    }[name]
 
 
 def run_cases(
@@ -143,13 +139,8 @@ def run_cases(
     stabilisers: Sequence[str] = STABILISERS,
 ) -> list[Row]:
     """All stabilisers on all cases."""
-    return [
-        run_case(device, gesture, stiffness, name)
-        for device in devices
-        for stiffness in stiffnesses_N_m
-        for gesture in gestures
-        for name in stabilisers
-    ]
+    cases = product(devices, stiffnesses_N_m, gestures, stabilisers)
+    return [run_case(device, gesture, stiffness, name) for device, stiffness, gesture, name in cases]
 
 
 def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> Row:
@@ -161,18 +152,15 @@ def run_case(device: Device, gesture: str, stiffness_N_m: float, name: str) -> R
     scene = ridge(swatch) if gesture == "tour" else sheet(swatch)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeviceWarning)  # that the limits clip the wall is what is tried
-        twin = Twin(scene, point, effects=("wall",), a_rate_Hz=1.0 / TICK_S, limits=chosen.limits)
+        setup: dict[str, Any] = {"effects": ("wall",), "a_rate_Hz": 1.0 / TICK_S, "limits": chosen.limits}
+        twin = Twin(scene, point, **setup)
         if chosen.crease_rad > 0.0:
-            twin.renderer = Renderer(
-                scene, ("wall",), a_rate_Hz=1.0 / TICK_S, limits=chosen.limits, crease_rad=chosen.crease_rad
-            )
+            twin.renderer = Renderer(scene, **setup, crease_rad=chosen.crease_rad)
     target = _target(gesture)
     felt = twin.run(Intent.along(target, "light"))
     late = felt.v_W_m_s[-1000:]
     late_m_s = float(np.sqrt(np.mean(np.sum(late**2, axis=1))))
-    kept = math.nan
-    if late_m_s < REST_M_S:
-        kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m
+    kept = _felt_stiffness(twin, target[-1]) / stiffness_N_m if late_m_s < REST_M_S else math.nan
     out_J = max(0.0, float(np.cumsum(felt.work_J).max()))
     return Row(device.name, gesture, stiffness_N_m, name, late_m_s, out_J, kept, turn_rad(felt.recording))
 
@@ -227,9 +215,8 @@ def ridge(swatch: Swatch, count: int = FACETS, width_m: float = FACET_M, turn_ra
     end = np.array((0.0, 0.05, 0.0))
     corners = np.concatenate((rim - end, rim + end))
     i = np.arange(count)
-    faces = np.concatenate(
-        (np.stack((i, i + 1, i + 1 + count + 1), axis=1), np.stack((i, i + 2 + count, i + 1 + count), axis=1))
-    )
+    j = i + 1 + count
+    faces = np.concatenate((np.stack((i, i + 1, j + 1), axis=1), np.stack((i, j + 1, j), axis=1)))
     scene = Scene()
     scene.add(Mesh(corners, faces.astype(np.int32)), name="ridge", swatch=swatch)
     return scene
@@ -252,14 +239,8 @@ def shading_leak_J(
     top, edge = ridge_radius_m(width_m, turn_rad), 0.5 * width_m * (1.0 - 1e-9)
     s = np.linspace(0.0, 1.0, steps)
     x = np.concatenate((edge * s, np.full(steps, edge), edge * s[::-1], np.zeros(steps)))
-    depth = np.concatenate(
-        (
-            np.full(steps, near_m),
-            near_m + (far_m - near_m) * s,
-            np.full(steps, far_m),
-            far_m + (near_m - far_m) * s,
-        )
-    )
+    near, far = np.full(steps, near_m), np.full(steps, far_m)
+    depth = np.concatenate((near, near_m + (far_m - near_m) * s, far, far_m + (near_m - far_m) * s))
     path = np.stack((x, np.full(len(x), 0.003), top - depth), axis=1)
     renderer.reset((0.0, 0.003, top + 0.001))
     recording = renderer.run(np.concatenate(([[0.0, 0.003, top + 0.0005]], path)))
@@ -351,15 +332,8 @@ def _panel(
             x = [values[i] if span is None else min(max(values[i], span[0]), span[1]) for i in chosen]
             lane = LANES * ((s * len(gestures) + g + 0.5) / (len(stiffnesses) * len(gestures)) - 0.5)
             y = [names.index(rows[i].stabiliser) + lane for i in chosen]
-            axis.plot(
-                x,
-                y,
-                MARKERS[g],
-                color=COLOURS[s],
-                markersize=4,
-                linestyle="none",
-                label=f"{gesture}, {stiffness:g} N/m",
-            )
+            label = f"{gesture}, {stiffness:g} N/m"
+            axis.plot(x, y, MARKERS[g], color=COLOURS[s], markersize=4, linestyle="none", label=label)
     if span is not None:
         axis.set_xscale("log")
         axis.set_xlim(0.7 * span[0], 1.4 * span[1])

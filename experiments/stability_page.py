@@ -6,6 +6,7 @@ All figures are measured in the run that writes the page; beside it lie the char
 import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +18,7 @@ from hapscene.files import whole_file
 from hapscene.stability.answer import Answer
 from hapscene.stability.random_limit import RandomLimit
 from hapscene.view.chart import picture
-from hapscene_benchmarks.machine import describe_machine
+from hapscene_benchmarks.machine import describe_machine, machine_words
 from hapscene_benchmarks.markdown import paragraph, shown, table
 from hapscene_benchmarks.sheet import Sheet
 
@@ -104,15 +105,13 @@ def write_page(path: Path, found: Findings, charts: str) -> None:
 def _head() -> str:
     sheet = Sheet()
     describe_machine(sheet)
-    told = "; ".join(f"{f.name} {f.value:g}" if isinstance(f.value, float) else f"{f.name} {f.value}" for f in sheet)
     said = f"""Everything here was found by simulation in closed loop through the real tick, its effects, limits and
         stabilisers (`hapscene.twin`), and judged against closed forms and published theorems; nothing by a second
-        little
-        simulator. Made by `hapscene stability --docs docs` on {datetime.date.today().isoformat()}. Machine: {told}."""
+        little simulator. Made by `hapscene stability --docs docs` on {datetime.date.today().isoformat()}. Machine:
+        {"; ".join(machine_words(sheet))}."""
     loop = """One tick: read the encoders, compute the force, hold it until the next tick (d ticks later, at a delay
-    of d).
-        A device is a mass m with damping b, Coulomb friction c and encoder step Δ; a wall a spring K and a damper B
-        (backward difference); T is the period of a tick."""
+        of d). A device is a mass m with damping b, Coulomb friction c and encoder step Δ; a wall a spring K and a
+        damper B (backward difference); T is the period of a tick."""
     return f"""# Stability: what holds, by how much, and where it fails
 
 {paragraph(said)}
@@ -143,21 +142,16 @@ def _walls(found: Findings, charts: str) -> str:
 def _limits() -> str:
     said = f"""Every device has a stiffest wall and a largest damping, found from the border of stability
         (`hapscene.device.model`) with friction counted at a touch of {TOUCH_SPEED_M_S:g} m/s, and never more than
-        others
-        drive it at. The margin is {MARGIN:g}: walls use half of the stiffness that is just stable and half of the step
-        that friction just holds, which covers a device half as damped as its data say. A swatch over it is rendered at
-        it, and a warning says so in N/m; a wall that needs damping to hold is given it."""
+        others drive it at. The margin is {MARGIN:g}: walls use half of the stiffness that is just stable and half of
+        the step that friction just holds, which covers a device half as damped as its data say. A swatch over it is
+        rendered at it, and a warning says so in N/m; a wall that needs damping to hold is given it."""
+    loops = list(product((1, 5, 10), (0, 1)))  # rate [kHz], delay [ticks]
     rows = []
     for name, device in DEVICES.items():
-        if device.point is None:
-            continue
-        held = [
-            f"{wall_limit(device, tick_s, d)[0]:.0f} / {wall_limit(device, tick_s, d, damped=False)[0]:.0f}"
-            for tick_s in (TICK_S, TICK_S / 5, TICK_S / 10)
-            for d in (0, 1)
-        ]
-        rows.append((name, *held))
-    head = ("device", *(f"{rate} kHz, d = {d}" for rate in (1, 5, 10) for d in (0, 1)))
+        if device.point is not None:
+            pairs = [[wall_limit(device, TICK_S / rate, d, damped)[0] for damped in (True, False)] for rate, d in loops]
+            rows.append((name, *(f"{damped:.0f} / {undamped:.0f}" for damped, undamped in pairs)))
+    head = ("device", *(f"{rate} kHz, d = {d}" for rate, d in loops))
     return f"""## Limits of a device, and the margin
 {paragraph(said)}
 
@@ -180,23 +174,16 @@ closed form of the point mass without friction; the limits above; the shipped sw
 
 
 def _stabilisers(found: Findings, charts: str) -> str:
-    devices = list(dict.fromkeys(row.device for row in found.stabilisers))
+    by_case = {(r.device, r.stabiliser, r.gesture, r.stiffness_N_m): _cell(r) for r in found.stabilisers}
+    walls = list(product(GESTURES, STIFFNESSES_N_M))
+    head = ("", *(f"{g}, {K:g} N/m" for g, K in walls), "cost [µs]")
     chart = picture(f"{charts}/stabilisers.png", "Speed at rest, energy out and stiffness kept, by stabiliser")
     parts = [f"## Stabilisers on the same cases\n\n{chart}\n"]
-    for device in devices:
+    for device in dict.fromkeys(row.device for row in found.stabilisers):
         rows = []
         for name in STABILISERS:
-            cells = []
-            for gesture in GESTURES:
-                for K in STIFFNESSES_N_M:
-                    some = [
-                        r
-                        for r in found.stabilisers
-                        if (r.device, r.stabiliser, r.gesture, r.stiffness_N_m) == (device, name, gesture, K)
-                    ]
-                    cells.append(_cell(some[0]) if some else "")
+            cells = [by_case.get((device, name, *wall), "") for wall in walls]
             rows.append((name, *cells, f"{found.costs_us.get(name, 0.0):.2f}"))
-        head = ("", *(f"{g}, {K:g} N/m" for g in GESTURES for K in STIFFNESSES_N_M), "cost [µs]")
         parts.append(
             f"{device[0].upper()}{device[1:]}, light grip, 1 kHz: speed at rest [mm/s] / energy out [mJ] / "
             f"stiffness kept [1]\n\n{table(head, rows)}"
@@ -238,8 +225,7 @@ def _zoo(found: Findings, charts: str) -> str:
     held = sum(row.ok for row in found.zoo)
     failed = [row.id for row in found.zoo if not row.ok]
     said = f"""A hand follows each path of the zoo and pushes 3 N; with two grips, on the Omni as a point mass and,
-    where
-        its workspace reaches, on the full Omni. {held} of {len(found.zoo)} hold: no pop-through, at most
+        where its workspace reaches, on the full Omni. {held} of {len(found.zoo)} hold: no pop-through, at most
         {REST_MM_S:g} mm/s rms at rest, at most {ENERGY_MJ:g} mJ made in a contact. Largest speed at rest
         {worst(lambda r: r.rest_mm_s)} mm/s; most energy {worst(lambda r: r.energy_mJ)} mJ."""
     missed = f"\nNot held: {', '.join(failed)}.\n" if failed else ""

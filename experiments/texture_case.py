@@ -114,15 +114,9 @@ def adversaries(pairs: int = 40, seed: int = 1) -> list[Answer]:
         y = stroke(swatches, ticks, ACCELERATION_RATE_HZ, ticks_each, pair).a_m_s2.ravel()
         ours.append(float(np.abs(y[-STEPS:]).max()))
         direct.append(_direct_peak(a, rng))
+    median = float(np.median(ours))
     return [
-        Answer(
-            "L3-median",
-            "loudest of 1000 samples over the level, median [1]",
-            TYPICAL,
-            float(np.median(ours)),
-            0.0,
-            True,
-        ),
+        Answer("L3-median", "loudest of 1000 samples over the level, median [1]", TYPICAL, median, 0.0, True),
         Answer("L3-worst", "the same, worst of 40 pairs [1]", LOUDEST, max(ours), 0.0, True),
         Answer("L3-direct", "the worst of a direct form is over 1e3 (1 yes) [1]", 1.0, float(max(direct) > 1e3), 0.0),
     ]
@@ -155,12 +149,12 @@ def shipped() -> list[Answer]:
 
 def sampling() -> list[Answer]:
     """T4: a grating of period l is felt at v/l as long as v < l/(2T); faster, at 1/T − v/l, as something else."""
-    answers = []
-    for ratio in (0.1, 0.3, 0.45, 0.6, 0.8):
-        found = felt_frequency(ratio) * TICK_S
-        expected = min(ratio, 1.0 - ratio)
-        answers.append(Answer(f"T4-{ratio}", f"frequency over 1/T at v = {ratio} l/T [1]", expected, found, 0.01))
-    return answers
+
+    def answer(ratio: float) -> Answer:
+        what, found = f"frequency over 1/T at v = {ratio} l/T [1]", felt_frequency(ratio) * TICK_S
+        return Answer(f"T4-{ratio}", what, min(ratio, 1.0 - ratio), found, 0.01)
+
+    return [answer(ratio) for ratio in (0.1, 0.3, 0.45, 0.6, 0.8)]
 
 
 def felt_frequency(ratio: float) -> float:
@@ -220,17 +214,18 @@ def draw_texture(rows: Sequence[Answer], path: Path) -> None:
 def _draw_blends(axes: Any, rows: Sequence[Answer]) -> None:
     found = {row.id: row.found for row in rows}
     orders = [str(order) for order in UNSTABLE]
-    for shift, (name, colour) in enumerate((("direct", "vermilion"), ("reflection", "blue"), ("lsf", "green"))):
+    forms = (
+        ("direct", "coefficients", "vermilion"),
+        ("reflection", "reflection coefficients", "blue"),
+        ("lsf", "line spectral frequencies", "green"),
+    )
+    for shift, (name, label, colour) in enumerate(forms):
         share = [100.0 * found[f"L1-{name}-{order}"] for order in UNSTABLE]
-        label = {"direct": "coefficients", "reflection": "reflection coefficients", "lsf": "line spectral frequencies"}[
-            name
-        ]
         bars = axes.bar(np.arange(3) + 0.27 * (shift - 1), share, 0.25, color=OKABE_ITO[colour], label=label)
         axes.bar_label(bars, fmt="%.0f", padding=2)
     axes.set_xticks(np.arange(3), orders)
-    axes.set(
-        title="L1: blends of random pairs", xlabel="order of the models", ylabel="unstable pairs [%]", ylim=(0, 150)
-    )
+    axes.set(xlabel="order of the models", ylabel="unstable pairs [%]", ylim=(0, 150))
+    axes.set_title("L1: blends of random pairs")
     axes.set_yticks(range(0, 101, 25))
     axes.legend(loc="upper left")
 
@@ -241,12 +236,8 @@ def _draw_sampling(axes: Any) -> None:
     axes.plot(ratios, [felt_frequency(float(r)) for r in ratios], "o", color=OKABE_ITO["blue"], label="felt")
     axes.axvspan(0.5, 1.0, color=SHADE, zorder=0)
     axes.text(0.75, 20.0, "v > l/(2T)", ha="center", color=INK)
-    axes.set(
-        title="T4: a grating crossed too fast",
-        xlabel="periods crossed in a tick, vT/l [1]",
-        ylabel="frequency felt [Hz]",
-    )
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 620.0))
+    axes.set(title="T4: a grating crossed too fast", xlim=(0.0, 1.0), ylim=(0.0, 620.0))
+    axes.set(xlabel="periods crossed in a tick, vT/l [1]", ylabel="frequency felt [Hz]")
     axes.legend(loc="upper left", ncols=2)
 
 
@@ -254,9 +245,8 @@ def _draw_buzz(axes: Any) -> None:
     labels = {"nothing": "nothing", "controller": "passivity controller", "limits": "device's limits and controller"}
     for (name, limits), colour in zip(stabilisers().items(), ("vermilion", "sky", "blue"), strict=True):
         felt = tapped(limits)
-        axes.plot(
-            felt.recording.t_s, 1e3 * felt.p_W_m[:, 2], color=OKABE_ITO[colour], label=labels[name], linewidth=1.2
-        )
+        height_mm = 1e3 * felt.p_W_m[:, 2]
+        axes.plot(felt.recording.t_s, height_mm, color=OKABE_ITO[colour], label=labels[name], linewidth=1.2)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     title = f"{BUZZ_N_M:g} N/m in a light hand, {BUZZ_DEVICE}"
     axes.set(title=title, xlabel="time [s]", ylabel="height over the wall [mm]", xlim=(0.0, 1.0), ylim=(-12.0, 34.0))
@@ -267,9 +257,8 @@ def stroke(swatches: Sequence[Swatch], ticks: int, rate_Hz: float, ticks_each: i
     """A stroke over stripes of some swatches in turn, another each `ticks_each` ticks."""
     width_m = ticks_each * SPEED_M_S * TICK_S
     stripes = math.ceil(ticks / ticks_each) + 4
-    renderer = Renderer(
-        striped(swatches, width_m, stripes), ["wall", "lpc_texture"], seed=seed, tick_s=TICK_S, a_rate_Hz=rate_Hz
-    )
+    scene = striped(swatches, width_m, stripes)
+    renderer = Renderer(scene, ["wall", "lpc_texture"], seed=seed, tick_s=TICK_S, a_rate_Hz=rate_Hz)
     return renderer.run(_line(SPEED_M_S, ticks, width_m, stripes))
 
 

@@ -265,20 +265,21 @@ def draw_zoo(rows: Sequence[ZooCase], path: Path, unguarded: Sequence[ZooCase] =
     `unguarded` are the same cases without the passivity controller.
     """
     names = list(dict.fromkeys(row.id.split("/")[0] for row in rows))
+    series: list[tuple[str, Sequence[ZooCase], dict[str, Any]]] = []
+    for (device, grip), (colour, marker) in _MARKS.items():
+        style = {"marker": marker, "color": OKABE_ITO[colour], "fillstyle": "none", "markersize": 6}
+        series.append((f"{device}, {grip}", [row for row in rows if row.id.endswith(f"/{device}/{grip}")], style))
+    if unguarded:
+        style = {"marker": "x", "color": AIR, "markersize": 4, "zorder": 1}
+        series.append(("all, without passivity controller", unguarded, style))
     height_in = 1.2 + 0.24 * len(names)
 
     def draw(figure: Any, axes: Any) -> None:
         for axis, (title, unit, limit, value) in zip(axes[0], _COLUMNS, strict=True):
-            for (device, grip), (colour, marker) in _MARKS.items():
-                some = [row for row in rows if row.id.endswith(f"/{device}/{grip}")]
+            for label, some, style in series:
                 x = [max(LEAST_DRAWN, value(row)) for row in some]
                 y = [names.index(row.id.split("/")[0]) for row in some]
-                style = {"color": OKABE_ITO[colour], "fillstyle": "none", "markersize": 6}
-                axis.plot(x, y, marker, label=f"{device}, {grip}", **style)
-            if unguarded:
-                x = [max(LEAST_DRAWN, value(row)) for row in unguarded]
-                y = [names.index(row.id.split("/")[0]) for row in unguarded]
-                axis.plot(x, y, "x", label="all, without passivity controller", color=AIR, markersize=4, zorder=1)
+                axis.plot(x, y, label=label, linestyle="none", **style)
             axis.axvline(limit, color=OKABE_ITO["black"], linestyle="--", linewidth=1.0)
             axis.set(title=title, xlabel=unit, xscale="log", xlim=(0.7 * LEAST_DRAWN, 30.0))
             axis.set_yticks(range(len(names)), names)

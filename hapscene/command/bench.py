@@ -8,15 +8,7 @@ from hapscene.command.options import add_command, add_out_folder, check_there
 
 
 def add_bench(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "bench",
-        _bench,
-        "measure the time per tick on this machine",
-        "hapscene bench",
-        "hapscene bench --quick --out out/quick",
-        "hapscene bench --from out/bench/bench.csv --out out/again",
-    )
+    command = add_command(commands, "bench", _bench)
     add_out_folder(command, "out/bench")
     command.add_argument("--quick", action="store_true", help="fewer cases, in a third of the time")
     command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
@@ -25,6 +17,13 @@ def add_bench(commands: Any) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
+    """Measure the time per tick on this machine.
+
+    for example:
+      hapscene bench
+      hapscene bench --quick --out out/quick
+      hapscene bench --from out/bench/bench.csv --out out/again
+    """
     check_there(options.table)
     from hapscene_benchmarks.run import bench
 

@@ -42,18 +42,7 @@ def add_capture(commands: Any) -> None:
 
 
 def add_fit(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "fit",
-        _fit,
-        "fit a swatch to recordings of a tool on one surface; or, into a folder, a swatch to each recording",
-        "hapscene capture fit oak.csv --rate 10000 --units acceleration=m/s2,speed=mm/s,force=N   # as oak.swatch",
-        "hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \\",
-        "    --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N",
-        "hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'",
-        "hapscene capture fit oak.npz --plot states.png",
-        "hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786",
-    )
+    command = add_command(commands, "fit", _fit)
     command.add_argument(
         "recordings", metavar="RECORDING", nargs="*",
         help="CSV, text, WAV, NPZ, MAT or .hsrec; several are pooled into one swatch, unless -o is a folder",
@@ -72,9 +61,17 @@ def add_fit(commands: Any) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    if _is_batch(options):
-        return _batch(options)
-    return _fit_one(options)
+    r"""Fit a swatch to recordings of a tool on one surface; or, into a folder, a swatch to each recording.
+
+    for example:
+      hapscene capture fit oak.csv --rate 10000 --units acceleration=m/s2,speed=mm/s,force=N   # as oak.swatch
+      hapscene capture fit oak.csv --name oak -o oak.swatch --rate 10000 \
+          --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N
+      hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'
+      hapscene capture fit oak.npz --plot states.png
+      hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
+    """
+    return _batch(options) if _is_batch(options) else _fit_one(options)
 
 
 def _is_batch(options: argparse.Namespace) -> bool:
@@ -130,6 +127,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     from hapscene.capture.segment import InteractionState
     from hapscene.capture.segment_plot import WORDS, write_states
     from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.files import refusing
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
 
@@ -137,15 +135,10 @@ def _fit_one(options: argparse.Namespace) -> int:
     for path in options.recordings:
         with step(say, f"reading {path}"):
             recording = load_recording(path, **recording_options(options))
-            try:
-                part = prepare(recording)
-            except CaptureError as error:
-                raise CaptureError(f"{path}: {error}") from None
-        parts.append(part)
-        held = (
-            f"{WORDS[state]} {part[1].seconds(state):.1f} s" for state in InteractionState if part[1].seconds(state)
-        )
-        say(f"  {', '.join(held)}\n")
+            with refusing(CaptureError, path):
+                parts.append(prepare(recording))
+        lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
+        say(f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n")
     made = []
     if options.plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
@@ -249,21 +242,7 @@ LOG_S: Final = 10.0
 
 
 def add_batch(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "batch",
-        _batch,
-        "fit a swatch to each of many recordings; run it again to go on where it was stopped",
-        "hapscene capture batch recordings/ --rate 10000 --units acceleration=m/s2,force=N,speed=m/s",
-        "hapscene capture batch --list files.csv --out swatches --jobs 4",
-        "hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786",
-    )
-    command.description = (
-        f"{command.description}\n\n"
-        "The swatches lie below --out as the recordings do below the folder they share, beside manifest.json, which\n"
-        "says of each recording what became of it. What was fitted with the same content and settings is skipped.\n"
-        "Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C."
-    )
+    command = add_command(commands, "batch", _batch)
     command.add_argument("recordings", metavar="RECORDING", nargs="*", help="files, and folders of them")
     add_out_folder(command, BATCH_OUT)
     add_fit_options(command)
@@ -286,7 +265,17 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
 
 
 def _batch(options: argparse.Namespace) -> int:
-    """Fits a swatch to each recording, into the folder `options.out`; the exit code."""
+    """Fit a swatch to each of many recordings; run it again to go on where it was stopped.
+
+    The swatches lie below --out as the recordings do below the folder they share, beside manifest.json, which
+    says of each recording what became of it. What was fitted with the same content and settings is skipped.
+    Exit code: 0 all have swatches, 1 some failed (named at the end), 130 stopped by Ctrl-C.
+
+    for example:
+      hapscene capture batch recordings/ --rate 10000 --units acceleration=m/s2,force=N,speed=m/s
+      hapscene capture batch --list files.csv --out swatches --jobs 4
+      hapscene capture batch recordings/*.hsrec --out swatches --scheduler tcp://head:8786
+    """
     from hapscene.capture.batch import fit_batch, gather, read_list
     from hapscene.interrupt import interrupt_noted
 
@@ -308,16 +297,8 @@ def _batch(options: argparse.Namespace) -> int:
             return stopped()
 
         try:
-            result = fit_batch(
-                items,
-                options.out,
-                recording_options(options),
-                fit_options(options),
-                options.jobs,
-                options.scheduler,
-                asked,
-                progress.show,
-            )
+            how = (recording_options(options), fit_options(options), options.jobs, options.scheduler)
+            result = fit_batch(items, options.out, *how, asked, progress.show)
         except KeyboardInterrupt:
             progress.end()
             print("hapscene: interrupted; run the same again to go on", file=sys.stderr)
@@ -392,15 +373,7 @@ RATE_TOLERANCE: Final = 0.02
 
 
 def add_record(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "record",
-        _record,
-        "record from an accelerometer or force probe on a serial port (docs/probe-protocol.md)",
-        "hapscene capture record --port /dev/ttyUSB0",
-        "hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz",
-        "python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware",
-    )
+    command = add_command(commands, "record", _record)
     command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
     command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
@@ -409,6 +382,13 @@ def add_record(commands: Any) -> None:
 
 
 def _record(options: argparse.Namespace) -> int:
+    """Record from an accelerometer or force probe on a serial port (docs/probe-protocol.md).
+
+    for example:
+      hapscene capture record --port /dev/ttyUSB0
+      hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
+      python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
+    """
     from hapscene.capture.record import REACHED, STOPPED, record
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
@@ -443,14 +423,7 @@ def _say_line(line: str) -> None:
 
 
 def add_report(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "report",
-        _report,
-        "one page on how good a swatch is and why: plots, figures, what is absent",
-        "hapscene capture report oak.swatch oak.csv --rate 10000 --units acceleration=m/s2,force=N -o oak.html",
-        "hapscene capture report wood                                     # as wood.html",
-    )
+    command = add_command(commands, "report", _report)
     command.add_argument("swatch", metavar="SWATCH", help="a .swatch file, or the name of a shipped swatch")
     command.add_argument(
         "recording", metavar="RECORDING", nargs="?", help="what it was fitted to, or another recording of that surface"
@@ -460,6 +433,12 @@ def add_report(commands: Any) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
+    """One page on how good a swatch is and why: plots, figures, what is absent.
+
+    for example:
+      hapscene capture report oak.swatch oak.csv --rate 10000 --units acceleration=m/s2,force=N -o oak.html
+      hapscene capture report wood                                     # as wood.html
+    """
     check_swatch(options.swatch)
     check_there(options.recording, CaptureError)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.html", "-o")
@@ -468,10 +447,10 @@ def _report(options: argparse.Namespace) -> int:
     from hapscene.surface.library import load_swatch
 
     swatch = load_swatch(options.swatch)
-    recording = None
+    recording, source = None, ""
     if options.recording is not None:
         recording = load_recording(options.recording, **recording_options(options))
-    source = "" if options.recording is None else Path(options.recording).name
+        source = Path(options.recording).name
     write_report(swatch, options.out, recording, source)
     name_made([Path(options.out)])
     return 0

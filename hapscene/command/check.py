@@ -11,14 +11,7 @@ from hapscene.errors import MeshError
 
 
 def add_check(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "check",
-        _check,
-        "examine a mesh: what is wrong with it, and what that means for touching it",
-        "hapscene check part.stl --unit mm",
-        "hapscene check part.stl --unit mm --fix part_mended.ply",
-    )
+    command = add_command(commands, "check", _check)
     command.add_argument("mesh", metavar="MESH", help="a mesh file")
     command.add_argument("--unit", help=UNIT_HELP)
     command.add_argument("--json", action="store_true", help="print JSON")
@@ -26,6 +19,12 @@ def add_check(commands: Any) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    """Examine a mesh: what is wrong with it, and what that means for touching it.
+
+    for example:
+      hapscene check part.stl --unit mm
+      hapscene check part.stl --unit mm --fix part_mended.ply
+    """
     check_scene(options.mesh, options.unit)
     from hapscene.files import check_file
     from hapscene.scene.mesh_doctor import examine

@@ -10,16 +10,7 @@ from hapscene.errors import SaveConflict, SceneError
 
 
 def add_export(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "export",
-        _export,
-        "write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, STL",
-        "hapscene export desk.scene.json                                 # as desk.glb",
-        "hapscene export desk.scene.json --out desk.gltf --haptics draft",
-        "hapscene export desk.scene.json --out desk.x3d",
-        "hapscene export desk.scene.json --out desk.glb --replace",
-    )
+    command = add_command(commands, "export", _export)
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
     add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj or .stl (default NAME.glb, as desk.glb)")
     command.add_argument("--unit", help=UNIT_HELP)
@@ -32,6 +23,14 @@ def add_export(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
+    """Write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, STL.
+
+    for example:
+      hapscene export desk.scene.json                                 # as desk.glb
+      hapscene export desk.scene.json --out desk.gltf --haptics draft
+      hapscene export desk.scene.json --out desk.x3d
+      hapscene export desk.scene.json --out desk.glb --replace
+    """
     check_scene(options.scene, options.unit)
     options.out = options.out or f"{base_name(options.scene)}.glb"
     from hapscene.exchange import EXPORTS, export_scene
@@ -70,14 +69,7 @@ def _open(path: str, unit: str | None) -> Any:
 
 
 def add_import(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "import",
-        _import,
-        "make a scene file of what export wrote, or of a mesh whose materials are called as swatches",
-        "hapscene import desk.glb                                        # as desk.scene.json",
-        "hapscene import table.obj --unit mm --out table.scene.json",
-    )
+    command = add_command(commands, "import", _import)
     command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
     add_out_file(command, "SCENE", "scene file to write (default NAME.scene.json, as desk.scene.json)")
     command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
@@ -85,6 +77,12 @@ def add_import(commands: Any) -> None:
 
 
 def _import(options: argparse.Namespace) -> int:
+    """Make a scene file of what export wrote, or of a mesh whose materials are called as swatches.
+
+    for example:
+      hapscene import desk.glb                                        # as desk.scene.json
+      hapscene import table.obj --unit mm --out table.scene.json
+    """
     check_scene(options.file, options.unit)
     options.out = options.out or f"{base_name(options.file)}.scene.json"
     from hapscene.exchange import import_scene

@@ -30,15 +30,7 @@ from hapscene.wire.port import BAUD
 
 
 def _add_play(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "play",
-        _play,
-        "play an acceleration through the simulated handle, and write what would be felt",
-        "hapscene handle play touch.npz --handle my.handle --out out/felt",
-        "hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --compensator inverse --out out/oak",
-        "hapscene handle play tap.wav --units 'acceleration=50 m/s2' --handle my.handle --grip 1 --out out/light",
-    )
+    command = add_command(commands, "play", _play)
     command.add_argument("file", metavar="FILE", help="a recording of `hapscene touch`, or CSV, WAV, NPZ, MAT, .hsrec")
     command.add_argument("--handle", metavar="FILE", help="an identified handle (default: the assumed one)")
     command.add_argument(
@@ -51,6 +43,13 @@ def _add_play(commands: Any) -> None:
 
 
 def _play(options: argparse.Namespace) -> int:
+    """Play an acceleration through the simulated handle, and write what would be felt.
+
+    for example:
+      hapscene handle play touch.npz --handle my.handle --out out/felt
+      hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --compensator inverse --out out/oak
+      hapscene handle play tap.wav --units 'acceleration=50 m/s2' --handle my.handle --grip 1 --out out/light
+    """
     if options.handle is None and options.grip is not None:
         raise HandleError("--grip needs --handle: the assumed handle has but one")
     check_there(options.handle, HandleError)
@@ -111,16 +110,7 @@ def add_handle(commands: Any) -> None:
 
 
 def _add_identify(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "identify",
-        _identify,
-        "play a swept sine through a handle in several grips, and find its parameters, with intervals",
-        "hapscene handle identify --simulated",
-        "hapscene handle identify --port /dev/ttyACM0 --grips 5 --out out/mine",
-        "hapscene handle identify --from a.csv b.csv --rate 10000 --units acceleration=m/s2,force=N -o my.handle",
-        "python -m hapscene.handle.port_simulator   # a handle to try --port with, without hardware",
-    )
+    command = add_command(commands, "identify", _identify)
     source = command.add_mutually_exclusive_group(required=True)
     source.add_argument("--simulated", action="store_true", help="a simulated handle in a simulated hand")
     source.add_argument("--port", help="a handle on a serial port (docs/handle-protocol.md): /dev/ttyACM0, COM3, …")
@@ -162,6 +152,14 @@ def _add_identify(commands: Any) -> None:
 
 
 def _identify(options: argparse.Namespace) -> int:
+    """Play a swept sine through a handle in several grips, and find its parameters, with intervals.
+
+    for example:
+      hapscene handle identify --simulated
+      hapscene handle identify --port /dev/ttyACM0 --grips 5 --out out/mine
+      hapscene handle identify --from a.csv b.csv --rate 10000 --units acceleration=m/s2,force=N -o my.handle
+      python -m hapscene.handle.port_simulator   # a handle to try --port with, without hardware
+    """
     for file in options.files or ():
         check_there(file, HandleError)
     options.out = options.out or f"out/{options.name}"
@@ -176,15 +174,9 @@ def _identify(options: argparse.Namespace) -> int:
     sweep = Sweep(options.low, options.high, options.seconds, options.force)
     recordings, provenance = _recordings(options, sweep, guess)
     responses = [recording.response((options.low, options.high)) for recording in recordings]
-    handle = identify(
-        responses,
-        recordings[0].rate_Hz,
-        [recording.name for recording in recordings],
-        guess,
-        ACCELEROMETER_HZ if options.accelerometer is None else options.accelerometer,
-        options.name,
-        provenance,
-    )
+    names, rate_Hz = [recording.name for recording in recordings], recordings[0].rate_Hz
+    bandwidth_Hz = ACCELEROMETER_HZ if options.accelerometer is None else options.accelerometer
+    handle = identify(responses, rate_Hz, names, guess, bandwidth_Hz, options.name, provenance)
     print("\n".join(describe_lines(handle)))
     name_made(write_result(handle, responses, [] if options.files else recordings, Path(options.out)))
     return 0
@@ -199,9 +191,8 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
     from hapscene.handle.measure import load_grips, play_grips
 
     if options.files:
-        return load_grips(
-            options.files, options.rate, options.columns, options.units
-        ), f"from {', '.join(options.files)}"
+        recordings = load_grips(options.files, options.rate, options.columns, options.units)
+        return recordings, f"from {', '.join(options.files)}"
     if not 1 <= options.grips <= GRIP_MAX:
         raise HandleError(f"--grips must be 1 to {GRIP_MAX}, is {options.grips}")
     told = f"swept sine, {sweep.low_Hz:g} to {sweep.high_Hz:g} Hz, {sweep.sweep_s:g} s, at most {sweep.force_N:g} N"
@@ -243,19 +234,18 @@ def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[
 
 
 def _add_show(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "show",
-        _show,
-        "tell what is known of a handle: parameters, intervals, grips, coherence",
-        "hapscene handle show my.handle",
-        "hapscene handle show my.handle --json",
-    )
+    command = add_command(commands, "show", _show)
     command.add_argument("file", metavar="FILE", help="a .handle file")
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _show(options: argparse.Namespace) -> int:
+    """Tell what is known of a handle: parameters, intervals, grips, coherence.
+
+    for example:
+      hapscene handle show my.handle
+      hapscene handle show my.handle --json
+    """
     check_there(options.file, HandleError)
     from hapscene.handle.handle_file import handle_to_json, load_handle
     from hapscene.handle.identification_report import describe_lines

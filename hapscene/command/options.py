@@ -1,6 +1,7 @@
 """What the commands share: how one is declared, kinds of arguments, what is read and where results go by default."""
 
 import argparse
+import inspect
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -18,13 +19,16 @@ if TYPE_CHECKING:
 _Number = TypeVar("_Number", int, float)
 
 
-def add_command(commands: Any, name: str, function: Any, summary: str, *examples: str) -> argparse.ArgumentParser:
-    """A sub-command whose help ends with examples."""
+def add_command(commands: Any, name: str, function: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+    """A sub-command whose help is its function's docstring: what it does, and examples as the last paragraph."""
+    about, _, examples = (inspect.getdoc(function) or "").rpartition("\n\n")
+    summary, gap, more = about.partition("\n\n")
+    summary = " ".join(summary.split())
     command: argparse.ArgumentParser = commands.add_parser(
         name,
-        help=summary,
-        description=f"{summary[0].upper()}{summary[1:]}.",
-        epilog="for example:\n" + "\n".join(f"  {example}" for example in examples),
+        help=f"{summary[:1].lower()}{summary[1:].removesuffix('.')}",
+        description=summary + gap + more,
+        epilog=examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(command=function)

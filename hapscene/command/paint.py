@@ -23,17 +23,7 @@ DEMO: Final = Path("hapscene-demo")
 
 
 def add_paint(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "paint",
-        _paint,
-        "paint swatches onto a scene or a mesh in the browser, and feel it with the mouse",
-        "hapscene paint                                  # a copy of the demo scene",
-        "hapscene paint cup.scene.json",
-        "hapscene paint bunny.ply --unit m --swatch wood",
-        "hapscene paint cup.scene.json --device premium-1.5 --grip firm --compensator no-handle",
-        "hapscene paint cup.scene.json --port 9000 --no-browser",
-    )
+    command = add_command(commands, "paint", _paint)
     command.add_argument(
         "scene",
         nargs="?",
@@ -74,6 +64,15 @@ def add_paint(commands: Any) -> None:
 
 
 def _paint(options: argparse.Namespace) -> int:
+    """Paint swatches onto a scene or a mesh in the browser, and feel it with the mouse.
+
+    for example:
+      hapscene paint                                  # a copy of the demo scene
+      hapscene paint cup.scene.json
+      hapscene paint bunny.ply --unit m --swatch wood
+      hapscene paint cup.scene.json --device premium-1.5 --grip firm --compensator no-handle
+      hapscene paint cup.scene.json --port 9000 --no-browser
+    """
     if options.scene is not None:
         check_scene(options.scene, options.unit, options.swatch)
     import webbrowser

@@ -2,23 +2,23 @@
 
 import argparse
 import json
+import math
 from typing import Any
 
 from hapscene.command.options import add_command
 
 
 def add_plugins(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "plugins",
-        _plugins,
-        "list the effects there are: parameters, units, defaults, and where they come from",
-        "hapscene plugins --json",
-    )
+    command = add_command(commands, "plugins", _plugins)
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _plugins(options: argparse.Namespace) -> int:
+    """List the effects there are: parameters, units, defaults, and where they come from.
+
+    for example:
+      hapscene plugins --json
+    """
     from hapscene.surface.effect_registry import listed
 
     effects = listed()
@@ -45,24 +45,12 @@ def _plugins(options: argparse.Namespace) -> int:
 
 def _described(item: Any) -> dict[str, Any]:
     """One effect as JSON; a bound that is infinite is null."""
-    described = {
-        "name": item.name,
-        "distribution": item.distribution,
-        "version": item.version,
-        "module": item.module,
-        "error": item.error,
-    }
+    described = {key: getattr(item, key) for key in ("name", "distribution", "version", "module", "error")}
     if item.effect is not None:
         described["summary"] = item.effect.summary
+        keys = ("name", "unit", "default", "minimum", "maximum", "meaning")
         described["parameters"] = [
-            {
-                "name": param.name,
-                "unit": param.unit,
-                "default": param.default,
-                "minimum": param.minimum if abs(param.minimum) != float("inf") else None,
-                "maximum": param.maximum if abs(param.maximum) != float("inf") else None,
-                "meaning": param.meaning,
-            }
+            {key: None if (value := getattr(param, key)) in (math.inf, -math.inf) else value for key in keys}
             for param in item.effect.params
         ]
     return described

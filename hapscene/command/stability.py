@@ -30,14 +30,7 @@ RATE_MAX_HZ: Final = 100_000.0
 
 
 def add_stability(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "stability",
-        _stability,
-        "draw the walls at which a device is still, and say which swatches would buzz",
-        "hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1",
-        "hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/premium",
-    )
+    command = add_command(commands, "stability", _stability)
     command.add_argument("--device", default="omni", metavar="NAME", help="a device by name (default omni)")
     command.add_argument(
         "--rate",
@@ -68,22 +61,20 @@ def add_stability(commands: Any) -> None:
 
 
 def _stability(options: argparse.Namespace) -> int:
+    """Draw the walls at which a device is still, and say which swatches would buzz.
+
+    for example:
+      hapscene stability --device omni --rate 1000,5000,10000 --delay 0,1
+      hapscene stability --device premium-1.5 --scene demo.scene.json --grip firm --out out/premium
+    """
     _check_read(options)
     from hapscene.device.hand import grip_named
     from hapscene.stability.study import stability
 
     grip = grip_named(options.grip)
-    made = stability(
-        Path(options.out),
-        options.device,
-        options.rate,
-        options.delay,
-        grip,
-        _swatches(options.scene),
-        options.cases,
-        options.random,
-        say,
-    )
+    device = (options.device, options.rate, options.delay)
+    swatches = _swatches(options.scene)
+    made = stability(Path(options.out), *device, grip, swatches, options.cases, options.random, say)
     if options.docs is not None:
         made += _publish(options, made)
     name_made(made)

@@ -53,14 +53,17 @@ def _library(command: argparse.ArgumentParser) -> None:
 
 
 def _add_list(commands: Any) -> None:
-    command = add_command(
-        commands, "list", _list, "list the swatches there are: shipped, and of the library", "hapscene swatch list"
-    )
+    command = add_command(commands, "list", _list)
     _library(command)
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _list(options: argparse.Namespace) -> int:
+    """List the swatches there are: shipped, and of the library.
+
+    for example:
+      hapscene swatch list
+    """
     from hapscene.surface.library import library_folder, own_entries, shipped_entries
 
     own = own_entries(options.library)
@@ -86,20 +89,19 @@ def _print_entries(shipped: list[Any], own: list[Any], as_json: bool) -> None:
 
 
 def _add_show(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "show",
-        _show,
-        "tell how a swatch feels, in words and figures, and where it comes from",
-        "hapscene swatch show wood",
-        "hapscene swatch show oak.swatch --json",
-    )
+    command = add_command(commands, "show", _show)
     command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
     _library(command)
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _show(options: argparse.Namespace) -> int:
+    """Tell how a swatch feels, in words and figures, and where it comes from.
+
+    for example:
+      hapscene swatch show wood
+      hapscene swatch show oak.swatch --json
+    """
     check_swatch(options.swatch)
     from hapscene.surface.library import find, load_swatch
     from hapscene.surface.swatch_summary import figures, lines, words
@@ -117,20 +119,19 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _add_search(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "search",
-        _search,
-        "find swatches by words and by bounds on their figures",
-        "hapscene swatch search grippy",
-        'hapscene swatch search wood "friction<0.4" "roughness>=1"',
-    )
+    command = add_command(commands, "search", _search)
     command.add_argument("terms", nargs="+", metavar="TERM", help="a word, or a bound: stiffness, roughness, friction")
     _library(command)
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _search(options: argparse.Namespace) -> int:
+    """Find swatches by words and by bounds on their figures.
+
+    for example:
+      hapscene swatch search grippy
+      hapscene swatch search wood "friction<0.4" "roughness>=1"
+    """
     from hapscene.surface.library import own_entries, search, shipped_entries
 
     shipped, own = shipped_entries(), own_entries(options.library)
@@ -142,14 +143,7 @@ def _search(options: argparse.Namespace) -> int:
 
 
 def _add_add(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "add",
-        _add,
-        "put swatch files into the library",
-        "hapscene swatch add oak.swatch",
-        "hapscene swatch add oak.swatch --name 'oak, oiled'",
-    )
+    command = add_command(commands, "add", _add)
     command.add_argument("files", nargs="+", metavar="FILE", help="a .swatch file")
     command.add_argument("--name", help="name in the library, of a single file")
     command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
@@ -157,6 +151,12 @@ def _add_add(commands: Any) -> None:
 
 
 def _add(options: argparse.Namespace) -> int:
+    """Put swatch files into the library.
+
+    for example:
+      hapscene swatch add oak.swatch
+      hapscene swatch add oak.swatch --name 'oak, oiled'
+    """
     from dataclasses import replace
 
     from hapscene.surface.library import add, library_folder, load_swatch
@@ -167,22 +167,24 @@ def _add(options: argparse.Namespace) -> int:
         check_there(file, SwatchError)
     swatches = [load_swatch(Path(file)) for file in options.files]  # all are read before any is added
     for swatch in swatches:
-        entry = add(
-            swatch if options.name is None else replace(swatch, name=options.name), options.library, options.replace
-        )
+        named = swatch if options.name is None else replace(swatch, name=options.name)
+        entry = add(named, options.library, options.replace)
         print(f"{entry.name} → {library_folder(options.library) / entry.file}")
     return 0
 
 
 def _add_remove(commands: Any) -> None:
-    command = add_command(
-        commands, "remove", _remove, "take swatches out of the library, their files too", "hapscene swatch remove oak"
-    )
+    command = add_command(commands, "remove", _remove)
     command.add_argument("names", nargs="+", metavar="NAME", help="a swatch of the library")
     _library(command)
 
 
 def _remove(options: argparse.Namespace) -> int:
+    """Take swatches out of the library, their files too.
+
+    for example:
+      hapscene swatch remove oak
+    """
     from hapscene.surface.library import remove
 
     for name in options.names:
@@ -191,14 +193,7 @@ def _remove(options: argparse.Namespace) -> int:
 
 
 def _add_get(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "get",
-        _get,
-        "fetch swatches from a library on the web, hashes checked; without a name, list what it has",
-        "hapscene swatch get --from https://example.org/swatches/",
-        "hapscene swatch get oak birch --from https://example.org/swatches/",
-    )
+    command = add_command(commands, "get", _get)
     command.add_argument("names", nargs="*", metavar="NAME", help="a swatch that its index lists")
     command.add_argument("--from", dest="url", required=True, metavar="URL", help="the folder of its index.json")
     command.add_argument("--all", action="store_true", help="all that its index lists")
@@ -207,6 +202,12 @@ def _add_get(commands: Any) -> None:
 
 
 def _get(options: argparse.Namespace) -> int:
+    """Fetch swatches from a library on the web, hashes checked; without a name, list what it has.
+
+    for example:
+      hapscene swatch get --from https://example.org/swatches/
+      hapscene swatch get oak birch --from https://example.org/swatches/
+    """
     from hapscene.surface.library import get, library_folder, read_index
 
     address, entries = read_index(options.url)
@@ -235,19 +236,18 @@ def _add_import(commands: Any) -> None:
 
 
 def _add_import_hatt(formats: Any) -> None:
-    command = add_command(
-        formats,
-        "hatt",
-        _import_hatt,
-        "import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name",
-        'hapscene swatch import hatt "Models_ABS Plastic.xml" "Taps_ABS Plastic.xml" -o swatches',
-        "hapscene swatch import hatt Models10000Hz/XML Taps/XML -o swatches",
-    )
+    command = add_command(formats, "hatt", _import_hatt)
     command.add_argument("files", nargs="+", metavar="FILE", help="Models_X.xml, Taps_X.xml, or a folder of them")
     add_out_folder(command, "out/hatt")
 
 
 def _import_hatt(options: argparse.Namespace) -> int:
+    """Import files of the Penn Haptic Texture Toolkit: models, with the taps of the same name.
+
+    for example:
+      hapscene swatch import hatt "Models_ABS Plastic.xml" "Taps_ABS Plastic.xml" -o swatches
+      hapscene swatch import hatt Models10000Hz/XML Taps/XML -o swatches
+    """
     for file in options.files:
         check_there(file, SwatchError, "file or folder")
     from hapscene.capture.hatt import ImportOutcome, import_many
@@ -270,14 +270,7 @@ def _add_export(commands: Any) -> None:
 
 
 def _add_export_hatt(formats: Any) -> None:
-    command = add_command(
-        formats,
-        "hatt",
-        _export_hatt,
-        "write a swatch in the layout of the Penn Haptic Texture Toolkit",
-        "hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml",
-        "hapscene swatch export hatt wood --rate 10000",
-    )
+    command = add_command(formats, "hatt", _export_hatt)
     command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
     add_out_file(command, "XML", "file to write the models to (default Models_NAME.xml, as Models_oak.xml)")
     command.add_argument("--taps", metavar="XML", help="file to write the taps to")
@@ -287,7 +280,12 @@ def _add_export_hatt(formats: Any) -> None:
 
 
 def _export_hatt(options: argparse.Namespace) -> int:
+    """Write a swatch in the layout of the Penn Haptic Texture Toolkit.
 
+    for example:
+      hapscene swatch export hatt oak.swatch -o Models_oak.xml --taps Taps_oak.xml
+      hapscene swatch export hatt wood --rate 10000
+    """
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"Models_{base_name(options.swatch)}.xml", "-o")
     from hapscene.capture.hatt import export_hatt
@@ -299,14 +297,7 @@ def _export_hatt(options: argparse.Namespace) -> int:
 
 
 def _add_export_hjif(formats: Any) -> None:
-    command = add_command(
-        formats,
-        "hjif",
-        _export_hjif,
-        "write a swatch as an MPEG haptics file: its texture at one force and speed, then its taps",
-        "hapscene swatch export hjif wood",
-        "hapscene swatch export hjif oak.swatch --force 1 --speed 0.1 --seconds 2 -o oak.hjif",
-    )
+    command = add_command(formats, "hjif", _export_hjif)
     command.add_argument("swatch", metavar="SWATCH", help="a name, or a .swatch file")
     add_out_file(command, "HJIF", "file to write (default NAME.hjif, as oak.hjif)")
     command.add_argument("--force", type=force, default=1.0, metavar="N", help="normal force [N] (default 1)")
@@ -323,22 +314,19 @@ def _add_export_hjif(formats: Any) -> None:
 
 
 def _export_hjif(options: argparse.Namespace) -> int:
+    """Write a swatch as an MPEG haptics file: its texture at one force and speed, then its taps.
 
+    for example:
+      hapscene swatch export hjif wood
+      hapscene swatch export hjif oak.swatch --force 1 --speed 0.1 --seconds 2 -o oak.hjif
+    """
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"{base_name(options.swatch)}.hjif", "-o")
     from hapscene.capture.hjif import export_hjif
     from hapscene.surface.library import load_swatch
 
-    swatch = load_swatch(options.swatch)
-    export_hjif(
-        swatch,
-        options.out,
-        force_N=options.force,
-        speed_m_s=options.speed,
-        seconds=options.seconds,
-        rate_Hz=options.rate,
-        seed=options.seed,
-    )
+    stroke = {"force_N": options.force, "speed_m_s": options.speed, "seconds": options.seconds}
+    export_hjif(load_swatch(options.swatch), options.out, **stroke, rate_Hz=options.rate, seed=options.seed)
     name_made([Path(options.out)])
     return 0
 
@@ -347,17 +335,7 @@ def _export_hjif(options: argparse.Namespace) -> int:
 
 
 def _add_compare(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "compare",
-        _compare,
-        "how different surfaces feel: side by side, against a library, or over time",
-        "hapscene swatch compare wood paper",
-        "hapscene swatch compare mine.swatch                     (against the shipped swatches)",
-        "hapscene swatch compare mine.swatch --library swatches/",
-        "hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g",
-        "hapscene swatch compare --series monday.swatch tuesday.swatch wednesday.swatch",
-    )
+    command = add_command(commands, "compare", _compare)
     command.add_argument(
         "surface", metavar="SURFACE", nargs="+",
         help="a .swatch file, the name of a shipped swatch, or a recording, to which a swatch is fitted",
@@ -369,6 +347,15 @@ def _add_compare(commands: Any) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    """How different surfaces feel: side by side, against a library, or over time.
+
+    for example:
+      hapscene swatch compare wood paper
+      hapscene swatch compare mine.swatch                     (against the shipped swatches)
+      hapscene swatch compare mine.swatch --library swatches/
+      hapscene swatch compare a.csv b.csv --rate 10000 --units acceleration=g
+      hapscene swatch compare --series monday.swatch tuesday.swatch wednesday.swatch
+    """
     if options.series and options.library is not None:
         raise CaptureError("--series follows one surface over time, --library ranks others: give one of the two")
     for name in options.surface:
@@ -474,20 +461,19 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _add_gallery(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "gallery",
-        _gallery,
-        "make a page of swatches: picture, spectra, sound, and their numbers in words",
-        "hapscene swatch gallery",
-        "hapscene swatch gallery oak.swatch wood --out oak.md",
-    )
+    command = add_command(commands, "gallery", _gallery)
     command.add_argument("swatches", nargs="*", metavar="SWATCH", help="a name, or a .swatch file (default: shipped)")
     told = "the page, .md; pictures and sounds go into a folder of its name (default gallery.md)"
     add_out_file(command, "FILE", told)
 
 
 def _gallery(options: argparse.Namespace) -> int:
+    """Make a page of swatches: picture, spectra, sound, and their numbers in words.
+
+    for example:
+      hapscene swatch gallery
+      hapscene swatch gallery oak.swatch wood --out oak.md
+    """
     for name in options.swatches:
         check_swatch(name)
     page = Path(options.out or new_file("gallery.md"))

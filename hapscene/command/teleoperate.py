@@ -39,14 +39,7 @@ def add_teleoperate(commands: Any) -> None:
 
 
 def _add_experiment(parts: Any) -> None:
-    command = add_command(
-        parts,
-        "experiment",
-        _experiment,
-        "base motors alone against base motors with the handle, and what delay does to both schemes; plots and numbers",
-        "hapscene teleoperate experiment",
-        "hapscene teleoperate experiment --recording oak.csv --rate 10000 --units acceleration=m/s2 --out out/oak",
-    )
+    command = add_command(parts, "experiment", _experiment)
     add_out_folder(command, "out/teleoperation")
     surface = command.add_mutually_exclusive_group()
     surface.add_argument("--swatch", default="wood", help="what is touched: a name, or a .swatch file (default wood)")
@@ -58,6 +51,12 @@ def _add_experiment(parts: Any) -> None:
 
 
 def _experiment(options: argparse.Namespace) -> int:
+    """Base motors alone against base motors with the handle, and what delay does to both schemes; plots and numbers.
+
+    for example:
+      hapscene teleoperate experiment
+      hapscene teleoperate experiment --recording oak.csv --rate 10000 --units acceleration=m/s2 --out out/oak
+    """
     check_there(options.recording, CaptureError)
     check_out_folder(options.out)
     check_swatch(options.swatch)
@@ -73,26 +72,14 @@ def _experiment(options: argparse.Namespace) -> int:
             recording = load_recording(options.recording, **recording_options(options))
             swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
     made = write_experiment(
-        options.out,
-        swatch,
-        compensator=options.compensator,
-        grip=options.grip,
-        seed=options.seed,
-        say=say,
+        options.out, swatch, compensator=options.compensator, grip=options.grip, seed=options.seed, say=say
     )
     name_made(made)
     return 0
 
 
 def _add_follower(parts: Any) -> None:
-    command = add_command(
-        parts,
-        "follower",
-        _follower,
-        "the end that touches, as a process: waits for a leader, ends with it",
-        "hapscene teleoperate follower --swatch wood",
-        "hapscene teleoperate follower --port 47600 --loss 0.1 --delay 50 --jitter 10 --reorder 0.1",
-    )
+    command = add_command(parts, "follower", _follower)
     command.add_argument("--host", default=HOST, help=f"address to listen at (default {HOST}: this machine alone)")
     command.add_argument("--port", type=port, default=PORT, help=f"UDP port, 0 for any that is free (default {PORT})")
     command.add_argument("--allow", metavar="HOST", help="the one address that may lead; needed with another --host")
@@ -101,6 +88,12 @@ def _add_follower(parts: Any) -> None:
 
 
 def _follower(options: argparse.Namespace) -> int:
+    """The end that touches, as a process: waits for a leader, ends with it.
+
+    for example:
+      hapscene teleoperate follower --swatch wood
+      hapscene teleoperate follower --port 47600 --loss 0.1 --delay 50 --jitter 10 --reorder 0.1
+    """
     if options.allow is None and options.host != HOST:
         raise HapsceneError(f"--host {options.host} can be reached from elsewhere: say by --allow who may lead")
     check_swatch(options.swatch)
@@ -111,13 +104,7 @@ def _follower(options: argparse.Namespace) -> int:
 
 
 def _add_leader(parts: Any) -> None:
-    command = add_command(
-        parts,
-        "leader",
-        _leader,
-        "the end that is held, as a process: a simulated hand feels what the follower touches",
-        "hapscene teleoperate leader --peer 127.0.0.1:47600 --duration 10",
-    )
+    command = add_command(parts, "leader", _leader)
     command.add_argument(
         "--peer", type=_address, default=(HOST, PORT), metavar="HOST:PORT", help=f"the follower (default {HOST}:{PORT})"
     )
@@ -127,6 +114,11 @@ def _add_leader(parts: Any) -> None:
 
 
 def _leader(options: argparse.Namespace) -> int:
+    """The end that is held, as a process: a simulated hand feels what the follower touches.
+
+    for example:
+      hapscene teleoperate leader --peer 127.0.0.1:47600 --duration 10
+    """
     from hapscene.teleoperation.udp_session import run_leader
 
     return _tell(run_leader(options.peer, options.grip, options.compensator, **_session(options)), options)

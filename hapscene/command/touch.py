@@ -27,20 +27,10 @@ HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "
 
 
 def add_touch(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "touch",
-        _touch,
-        "touch a scene or a mesh along a path, and write what was felt",
-        "hapscene touch bunny.ply --unit m --swatch wood",
-        "hapscene touch demo.scene.json --path hand.csv --out out/hand",
-        "hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke",
-    )
+    command = add_command(commands, "touch", _touch)
     command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
     command.add_argument(
-        "--path",
-        metavar="CSV",
-        help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above",
+        "--path", metavar="CSV", help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above"
     )
     add_out_folder(command, None, "out/NAME, as out/bunny")
     add_mesh_options(command)
@@ -75,6 +65,13 @@ def add_touch(commands: Any) -> None:
 
 
 def _touch(options: argparse.Namespace) -> int:
+    """Touch a scene or a mesh along a path, and write what was felt.
+
+    for example:
+      hapscene touch bunny.ply --unit m --swatch wood
+      hapscene touch demo.scene.json --path hand.csv --out out/hand
+      hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke
+    """
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.path, PathError)
     options.out = options.out or f"out/{base_name(options.scene)}"
@@ -215,13 +212,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
 
 
 def add_demo(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "demo",
-        _demo,
-        "touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes",
-        "hapscene demo",
-    )
+    command = add_command(commands, "demo", _demo)
     add_out_folder(command, "out/demo")
     _add_dark(command)
 
@@ -231,6 +222,11 @@ def _add_dark(command: argparse.ArgumentParser) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
+    """Touch the shipped scene: three bodies, four real surfaces, a hand that taps, presses and strokes.
+
+    for example:
+      hapscene demo
+    """
     from importlib.resources import as_file, files
 
     from hapscene.motion.hand_path import explore

@@ -26,15 +26,7 @@ FILM_OPTIONS: Final = ("frames", "seconds", "turn", "painting")
 
 
 def add_view(commands: Any) -> None:
-    command = add_command(
-        commands,
-        "view",
-        _view,
-        "draw a scene, and a touch of it, as a picture or a film",
-        "hapscene view desk.scene.json",
-        "hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark",
-        "hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4",
-    )
+    command = add_command(commands, "view", _view)
     command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
     add_out_file(command, "FILE", "picture .png; film .gif, or .mp4 (extra `video`) (default NAME.png, as desk.png)")
     add_mesh_options(command, two_sided=False)
@@ -64,6 +56,13 @@ def add_view(commands: Any) -> None:
 
 
 def _view(options: argparse.Namespace) -> int:
+    """Draw a scene, and a touch of it, as a picture or a film.
+
+    for example:
+      hapscene view desk.scene.json
+      hapscene view bunny.ply --unit m --swatch wood --out bunny.gif --size 480x360 --dark
+      hapscene view desk.scene.json --touch out/desk/touch.npz --turn 0 --painting --out desk.mp4
+    """
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.touch, ViewError)
     options.out = options.out or new_file(f"{base_name(options.scene)}.png")

@@ -190,12 +190,7 @@ def _frequencies() -> NDArray[np.float64]:
     return np.geomspace(*ACCELERATION_BAND_HZ, 400)
 
 
-ASSUMED: Final = {
-    "hardness": "stiffness_N_m",
-    "texture": "texture",
-    "friction": "friction_dynamic",
-    "taps": "taps",
-}
+ASSUMED: Final = {"hardness": "stiffness_N_m", "texture": "texture", "friction": "friction_dynamic", "taps": "taps"}
 """What a swatch calls the number behind a quality where it says why that was not measured."""
 
 

@@ -37,6 +37,9 @@ from hapscene.surface.swatch import Swatch
 
 __all__ = ["ERASE", "Hit", "Session"]
 
+Ray = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""From where (3,) [m], and which way (3,), a unit vector."""
+
 FACET_RAD: Final = math.radians(10.0)
 """Angle of the bucket unless told otherwise [rad], as `hapscene.scene.region.Facet` has it."""
 
@@ -83,11 +86,8 @@ class Session:
     def __repr__(self) -> str:
         name = self.path.name if self.path is not None else "without a file"
         faces = sum(len(body.face_swatch) for body in self.scene.bodies)
-        bodies, swatches, saved = (
-            len(self.scene.bodies),
-            len(self.scene.swatches),
-            "not saved" if self.dirty else "saved",
-        )
+        bodies, swatches = len(self.scene.bodies), len(self.scene.swatches)
+        saved = "not saved" if self.dirty else "saved"
         return f"<Session {name}: {bodies} bodies, {faces:,} faces, {swatches} swatches, {saved}>"
 
     @classmethod
@@ -337,7 +337,7 @@ class Stroke:
         painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
         self._painting, self._radius_m = painting, float(radius_m)
         self._last: Hit | None = None
-        self._ray: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._ray: Ray | None = None
 
     def to(self, hit: Hit | None) -> int:
         """As `Session.stroke_to`."""
@@ -365,12 +365,7 @@ class Stroke:
         self.to(hit)
         return hit
 
-    def _pieces(
-        self,
-        was: tuple[NDArray[np.float64], NDArray[np.float64]],
-        now: tuple[NDArray[np.float64], NDArray[np.float64]],
-        hit: Hit | None,
-    ) -> int:
+    def _pieces(self, was: Ray, now: Ray, hit: Hit | None) -> int:
         """How many pieces a move is split into."""
         known = [h for h in (hit, self._last) if h is not None]
         if not known:

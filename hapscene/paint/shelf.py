@@ -15,15 +15,8 @@ from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene
-from hapscene.surface.library import (
-    LibraryEntry,
-    entry_of,
-    library_folder,
-    load_swatch,
-    own_entries,
-    search,
-    shipped_entries,
-)
+from hapscene.surface import library
+from hapscene.surface.library import LibraryEntry, entry_of, load_swatch
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures, words
 from hapscene.view.sound import FADE_S, PEAK_DBFS
@@ -158,8 +151,8 @@ def shelf(scene: Scene) -> list[Card]:
     """
     cards = scene_cards(scene)
     taken = {card.name for card in cards}
-    home = library_folder()
-    own = [entry for entry in own_entries() if entry.name not in taken]
+    home = library.library_folder()
+    own = [entry for entry in library.own_entries() if entry.name not in taken]
     cards += [Card(entry, "yours", None, home / entry.file) for entry in own]
     cards += [Card(entry, "shipped", None, entry.name) for entry in _shipped() if entry.name not in taken]
     return cards
@@ -175,7 +168,7 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
     text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
     words = [term for term in text.split() if not set(term) & set("<>")]
     bounds = [term for term in text.split() if set(term) & set("<>")]
-    held = {id(entry) for entry in search([card.entry for card in every], bounds)}
+    held = {id(entry) for entry in library.search([card.entry for card in every], bounds)}
     return [card for card in every if id(card.entry) in held and all(_has(card, w.casefold()) for w in words)]
 
 
@@ -197,7 +190,7 @@ def _tokens(*texts: str) -> list[str]:
 @cache
 def _shipped() -> tuple[LibraryEntry, ...]:
     """The shipped ones, read once: they do not change."""
-    return tuple(shipped_entries())
+    return tuple(library.shipped_entries())
 
 
 # A swatch by ear: tapped once, then stroked at a stated force and speed, as WAV.

@@ -126,7 +126,18 @@ def critical_stiffness(
     Raises:
         HapsceneError: a number out of range, or dampers out of `RATIO_MIN` to `RATIO_MAX`.
     """
-    _check(mass_kg, damping_Ns_m, tick_s, delay_ticks, wall_damping_Ns_m, coulomb_N, quantum_m)
+    dampers = {"damping_Ns_m": damping_Ns_m, "wall_damping_Ns_m": wall_damping_Ns_m}
+    _check({"mass_kg": mass_kg, "tick_s": tick_s}, {**dampers, "coulomb_N": coulomb_N, "quantum_m": quantum_m})
+    if not 0 <= delay_ticks < DELAY_MAX or delay_ticks != int(delay_ticks):
+        raise HapsceneError(
+            f"critical stiffness: delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}"
+        )
+    ratio = max(dampers.values()) * (tick_s / mass_kg)
+    if max(dampers.values()) > 0.0 and not RATIO_MIN <= ratio <= RATIO_MAX:
+        raise HapsceneError(
+            f"critical stiffness: damping · tick_s / mass_kg must lie between {RATIO_MIN:g} and {RATIO_MAX:g}, "
+            f"is {ratio:.3g}; is a unit wrong?"
+        )
     rig = Rig(PointMass(mass_kg, damping_Ns_m, coulomb_N, quantum_m), tick_s, delay_ticks)
     if quantum_m == 0.0:
         if coulomb_N > 0.0:
@@ -223,35 +234,14 @@ def _limit_of_rest(rig: Rig, wall_damping_Ns_m: float) -> float:
         low, high = high, 2.0 * high
     while high - low > REST_TOLERANCE * high:
         middle = 0.5 * (low + high)
-        if comes_to_rest(rig, middle, wall_damping_Ns_m):
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if comes_to_rest(rig, middle, wall_damping_Ns_m) else (low, middle)
     return 0.5 * (low + high)
 
 
-def _check(
-    mass_kg: float, damping: float, tick_s: float, delay: int, wall_damping: float, coulomb: float, quantum: float
-) -> None:
-    for name, value in (("mass_kg", mass_kg), ("tick_s", tick_s)):
+def _check(above_0: dict[str, float], at_least_0: dict[str, float]) -> None:
+    for name, value in above_0.items():
         if not 0.0 < value < math.inf:
             raise HapsceneError(f"critical stiffness: {name} must be finite and above 0, is {value}")
-    for name, value in (
-        ("damping_Ns_m", damping),
-        ("wall_damping_Ns_m", wall_damping),
-        ("coulomb_N", coulomb),
-        ("quantum_m", quantum),
-    ):
+    for name, value in at_least_0.items():
         if not 0.0 <= value < math.inf:
             raise HapsceneError(f"critical stiffness: {name} must be finite and at least 0, is {value}")
-    if not 0 <= delay < DELAY_MAX or delay != int(delay):
-        raise HapsceneError(
-            f"critical stiffness: delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay}"
-        )
-    most = max(damping, wall_damping)
-    ratio = most * (tick_s / mass_kg)
-    if most > 0.0 and not RATIO_MIN <= ratio <= RATIO_MAX:
-        raise HapsceneError(
-            f"critical stiffness: damping · tick_s / mass_kg must lie between {RATIO_MIN:g} and {RATIO_MAX:g}, "
-            f"is {ratio:.3g}; is a unit wrong?"
-        )

@@ -16,7 +16,7 @@ from hapscene.stability.answer import Answer
 from hapscene.stability.random_limit import RandomLimit, random_limits
 from hapscene.stability.wall_case import wall_cases
 from hapscene.stability.wall_chart import write_random_chart, write_z_width_chart
-from hapscene.stability.z_width import DAMPINGS_NS_M, Point, place, say_of, trace_all
+from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
 
 if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
@@ -33,6 +33,9 @@ FILES: Final = (
     "random_limits-dark.png",
 )
 """What may be made."""
+
+Placed = dict[tuple[float, int], list[Point]]
+"""Swatches placed in the region, by rate and delay."""
 
 
 def stability(
@@ -71,7 +74,15 @@ def stability(
     if point is None:
         raise HapsceneError(f"device {device!r} has no mass, so no limit of stability: name another")
     with whole_folder(out, FILES) as folder:
-        _z_width(folder, device, point, rates_Hz, delays, grip, swatches, say, dampings_Ns_m)
+        devices: list[tuple[str, PointMass | Omni]] = [("as a point mass", point)]
+        if device == "omni":
+            devices.insert(0, ("Omni", Omni()))
+        regions = trace_all(devices, point, rates_Hz, delays, grip, say, dampings_Ns_m)
+        keys = [(rate_Hz, delay) for delay in delays for rate_Hz in rates_Hz]
+        points = {key: place(device, devices[0][1], *key, grip, swatches) for key in keys}
+        _write_z_width(folder, device, regions, points)
+        for line in words(points):
+            say(f"{line}\n")
         if cases is not None:
             rows = wall_cases(cases, say)
             write_rows(folder / "wall_cases.csv", Answer, rows, ("error", "ok"))
@@ -85,41 +96,23 @@ def stability(
     return [Path(out) / name for name in names]
 
 
-def _z_width(
-    folder: Path,
-    name: str,
-    point: PointMass,
-    rates_Hz: Sequence[float],
-    delays: Sequence[int],
-    grip: Grip,
-    swatches: "Sequence[Swatch]",
-    say: Callable[[str], None],
-    dampings_Ns_m: Sequence[float],
-) -> None:
-    devices: list[tuple[str, PointMass | Omni]] = [("as a point mass", point)]
-    if name == "omni":
-        devices.insert(0, ("Omni", Omni()))
-    regions = trace_all(devices, point, rates_Hz, delays, grip, say, dampings_Ns_m)
-    keys = [(rate_Hz, delay) for delay in delays for rate_Hz in rates_Hz]
-    points = {key: place(name, devices[0][1], *key, grip, swatches) for key in keys}
-    caps = {(rate_Hz, delay): limits_of(name, 1.0 / rate_Hz, delay) for rate_Hz, delay in keys}
+def _write_z_width(folder: Path, device: str, regions: list[StableRegion], points: Placed) -> None:
+    """The chart, its regions and swatches as tables, and what is said of the swatches."""
+    caps = {(rate_Hz, delay): limits_of(device, 1.0 / rate_Hz, delay) for rate_Hz, delay in points}
     write_z_width_chart(folder / "z_width.png", regions, points, caps)
     rows = [
         (r.device, r.rate_Hz, r.delay_ticks, *row)
         for r in regions
         for row in zip(r.damping_Ns_m, r.limit_N_m, r.closed_N_m, strict=True)
     ]
-    head = ("device", "rate_Hz", "delay_ticks", "damping_Ns_m", "limit_N_m", "closed_N_m")
-    write_table(folder / "z_width.csv", head, rows)
+    write_table(folder / "z_width.csv", [f.name for f in fields(StableRegion)], rows)
     names = ("rate_Hz", "delay_ticks", *(f.name for f in fields(Point)))
-    write_table(folder / "swatches.csv", names, [(*key, *astuple(p)) for key in keys for p in points[key]])
-    said = words(points)
-    (folder / "words.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8", newline="\n")
-    for line in said:
-        say(f"{line}\n")
+    write_table(folder / "swatches.csv", names, [(*key, *astuple(p)) for key, here in points.items() for p in here])
+    said = "".join(f"{line}\n" for line in words(points))
+    (folder / "words.txt").write_text(said, encoding="utf-8", newline="\n")
 
 
-def words(points: dict[tuple[float, int], list[Point]]) -> list[str]:
+def words(points: Placed) -> list[str]:
     """Which swatches would buzz, by rate and delay, a sentence each; then those that never do."""
     lines = [say_of(p, *key) for key, here in points.items() for p in here if not (p.stable and p.capped_stable)]
     buzzing = {p.swatch for here in points.values() for p in here if not (p.stable and p.capped_stable)}

@@ -218,9 +218,8 @@ def bounce(setup: dict[str, float]) -> float:
 
 
 def _critical(setup: dict[str, float]) -> float:
-    return critical_stiffness(
-        setup["m"], setup["b"], setup["T"], delay_ticks=int(setup["delay"]), wall_damping_Ns_m=setup["B"]
-    )
+    T, B, delay = setup["T"], setup["B"], int(setup["delay"])
+    return critical_stiffness(setup["m"], setup["b"], T, delay_ticks=delay, wall_damping_Ns_m=B)
 
 
 _FOUND: Final[dict[str, Callable[[dict[str, float]], float]]] = {

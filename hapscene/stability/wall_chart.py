@@ -24,6 +24,12 @@ LEAST_ERROR: Final = 1e-14
 TOP_N_M: Final = 1.15e5
 """Top of the Z-width's chart [N/m]: what was still stable at the stiffest wall tried is drawn up to it."""
 
+LABEL: Final[dict[str, Any]] = {
+    **{"va": "center", "fontsize": 9, "zorder": 4, "bbox": {"facecolor": "white", "linewidth": 0.0, "pad": 0.5}},
+    "arrowprops": {"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
+}
+"""How a swatch's name is written beside its place."""
+
 LABEL_RATIO: Final = 1.42
 """Least ratio of the heights of two labels on a logarithmic axis [1]: closer ones would overlap."""
 
@@ -84,9 +90,8 @@ def _draw_limits(ax: "Axes", cases: Sequence[RandomLimit], kinds: Sequence[str],
         colour, marker = STYLES[KINDS.index(kind)]
         these = [case for case in shown if case.kind == kind]
         x, y = [case.predicted for case in these], [case.found for case in these]
-        ax.plot(
-            x, y, marker, color=OKABE_ITO[colour], markersize=5, markerfacecolor="none", label=f"{kind} ({len(these)})"
-        )
+        label = f"{kind} ({len(these)})"
+        ax.plot(x, y, marker, color=OKABE_ITO[colour], markersize=5, markerfacecolor="none", label=label)
     ax.set(xscale="log", yscale="log", xlabel=f"predicted [{unit}]", ylabel=f"simulated through the tick [{unit}]")
     ax.set_title(f"Limit of {what}")
     ax.legend(loc="upper left")
@@ -113,18 +118,14 @@ def _draw_regions(ax: "Axes", regions: Sequence[StableRegion]) -> None:
     for n, region in enumerate(regions):
         B = np.array(region.damping_Ns_m)
         K = np.clip(np.array(region.limit_N_m), bottom, TOP_N_M)
-        colour = OKABE_ITO[("blue", "orange", "green")[n % 3]]
+        colour, line = OKABE_ITO[("blue", "orange", "green")[n % 3]], ("o-", "s-", "D-")[n % 3]
         if n == 0:
             ax.fill_between(B, bottom, K, color=colour, alpha=0.16, linewidth=0, label=f"{region.device}: at rest")
-        ax.plot(
-            B, K, ("o-", "s-", "D-")[n % 3], color=colour, markersize=3.5, label=f"{region.device}: simulated limit"
-        )
+        ax.plot(B, K, line, color=colour, markersize=3.5, label=f"{region.device}: simulated limit")
     theory = np.array(regions[0].closed_N_m)
     kept = theory > 0.0
-    x = np.array(regions[0].damping_Ns_m)[kept]
-    ax.plot(
-        x, np.clip(theory[kept], bottom, TOP_N_M), "--", color=INK, linewidth=1.2, label="closed form, without friction"
-    )
+    x, y = np.array(regions[0].damping_Ns_m)[kept], np.clip(theory[kept], bottom, TOP_N_M)
+    ax.plot(x, y, "--", color=INK, linewidth=1.2, label="closed form, without friction")
     ax.set_xscale("symlog", linthresh=0.5, linscale=0.6)
     ax.set(yscale="log", xlim=(-0.75, max(regions[0].damping_Ns_m)), ylim=(bottom, TOP_N_M))
     ticks = (0, 0.5, 2, 8, 32, 128)
@@ -151,16 +152,8 @@ def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
         marker, colour = ("o", OKABE_ITO["green"]) if point.stable else ("X", OKABE_ITO["vermilion"])
         ax.plot(B, K, marker, color=colour, markersize=7, markeredgecolor="white", zorder=5, clip_on=False)
         height = max(K, LABEL_RATIO * height)
-        ax.annotate(
-            f"{point.swatch}{'' if point.stable else ' buzzes'}",
-            (B, K),
-            (1.35 * B if B > 0.1 else B - 0.12, height),
-            va="center",
-            ha="left" if B > 0.1 else "right",
-            fontsize=9,
-            arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2},
-            bbox={"facecolor": "white", "linewidth": 0.0, "pad": 0.5},
-            zorder=4,
-        )
+        name = point.swatch if point.stable else f"{point.swatch} buzzes"
+        x, align = (1.35 * B, "left") if B > 0.1 else (B - 0.12, "right")
+        ax.annotate(name, (B, K), (x, height), ha=align, **LABEL)
     for label, marker, colour in (("swatch that rests", "o", "green"), ("swatch that buzzes", "X", "vermilion")):
         ax.plot([], [], marker, color=OKABE_ITO[colour], markersize=7, linestyle="", label=label)

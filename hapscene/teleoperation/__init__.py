@@ -14,14 +14,15 @@ operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.a
 
 | module | does |
 |---|---|
-| `follower`, `leader`, `tool` | a tick of each end: device, hand, handle, accelerometer |
-| `coupling`, `port` | how they are tied together; the position–position controller; the timeout |
-| `wave`, `queue` | wave variables, passive over any line; messages that wait for their turn |
-| `message`, `link` | what they tell each other; a line that delays, loses and reorders |
-| `loop`, `operation` | both in one compiled loop: `Operation` |
-| `datagram`, `pace`, `session`, `process` | each a process of its own, over UDP |
-| `site`, `experiment`, `experiment_plot` | the haptography paper's experiment |
-| `delay_study`, `delay_plot` | what delay does to both schemes |
+| `leader_follower` | a tick of each end: device, hand, handle, accelerometer |
+| `endpoint` | how they are tied together; the position–position controller; the timeout |
+| `wave`, `jitter_buffer` | wave variables, passive over any line; messages that wait for their turn |
+| `datagram`, `link` | what they tell each other, and how it is sent; a line that delays, loses and reorders |
+| `bilateral_loop`, `operation` | both in one compiled loop: `Operation` |
+| `udp_session` | each a process of its own, over UDP |
+| `test_plate`, `experiment` | what is touched and how; the haptography paper's experiment |
+
+What delay does to both schemes is `hapscene_experiments.delay_study`.
 """
 
 import lazy_loader

@@ -19,21 +19,10 @@ from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.records import records
 from hapscene.teleoperation.jitter_buffer import call, new_queue, store
-from hapscene.teleoperation.wave import (
-    CATCH_UP_S,
-    arrive,
-    energy_to_tell,
-    limit_force,
-    repay,
-    tie_follower,
-    tie_leader,
-)
-
-# How leader and follower are tied together.
-
+from hapscene.teleoperation.wave import CATCH_UP_S, arrive, energy_to_tell, limit_force, repay, tie_follower, tie_leader
 
 SCHEMES: Final = ("position", "wave")
-"""Names of the schemes: the position–position controller, and wave variables (see `port`, `wave`)."""
+"""Names of the schemes: the position–position controller, and wave variables (see `wave`)."""
 
 TIMEOUT_S: Final = 0.1
 """Silence of the peer after which the motors let go [s]. A line that loses half of its messages at random is silent as
@@ -142,9 +131,8 @@ def new_endpoint(coupling: Coupling, role: str, tick_s: float) -> Endpoint:
     port.wave = SCHEMES.index(coupling.scheme)
     port.follower = ROLES.index(role)
     port.tick_s = tick_s
-    for name in ("stiffness_N_m", "damping_Ns_m", "impedance_Ns_m", "force_limit_N"):
+    for name in ("stiffness_N_m", "damping_Ns_m", "impedance_Ns_m", "force_limit_N", "allowance_J", "reserve_J"):
         port[name] = getattr(coupling, name)
-    port.allowance_J, port.reserve_J = coupling.allowance_J, coupling.reserve_J
     port.smoothing = 1.0 - math.exp(-2.0 * math.pi * coupling.cutoff_Hz * tick_s)
     port.timeout_ticks = round(coupling.timeout_s / tick_s)
     port.catch_up = 1.0 - math.exp(-tick_s / CATCH_UP_S)

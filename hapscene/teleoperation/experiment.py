@@ -26,6 +26,8 @@ from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import FREQUENCY_MAX_HZ, RANGE_DB
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from hapscene.surface.swatch import Swatch
 
 
@@ -113,15 +115,7 @@ def write_experiment(
         HapsceneError: an unknown swatch, compensator or grip.
         OSError: the folder cannot be written.
     """
-    from hapscene_experiments.delay_study import (
-        study_delays,
-        study_stiffness,
-        summarise_delays,
-        trace_delay,
-        write_delay_plot,
-    )
-
-    pass
+    from hapscene_experiments import delay_study
 
     with whole_folder(out, ours=MADE) as folder:
         say("touching a surface through leader and follower\n")
@@ -130,16 +124,16 @@ def write_experiment(
         name = swatch if isinstance(swatch, str) else swatch.name
         write_experiment_plot(renderings, folder / "experiment.png", f"{name}, {grip} grip")
         _save(renderings, folder / "experiment.npz")
-        outcomes = study_delays(seed, say)
-        stiffness = study_stiffness()
-        write_delay_plot(outcomes, stiffness, trace_delay(seed), folder / "delay.png")
+        outcomes = delay_study.study_delays(seed, say)
+        stiffness = delay_study.study_stiffness()
+        delay_study.write_delay_plot(outcomes, stiffness, delay_study.trace_delay(seed), folder / "delay.png")
         summary = {
             "format_version": SUMMARY_VERSION,
             "surface": name,
             "grip": grip,
             "seed": seed,
             "experiment": {r.compensator: _summarise(r) for r in renderings},
-            "delay": summarise_delays(outcomes),
+            "delay": delay_study.summarise_delays(outcomes),
             "stiffness": stiffness,
         }
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
@@ -167,17 +161,15 @@ def _save(renderings: list[Rendering], path: Path) -> None:
 # experiment.png: what the follower's accelerometer read, and what the leader's hand felt, with and without handle.
 
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    pass
-
 TITLES: Final = {"none": "base motors alone", "inverse": "base motors and handle,\nplain inverse"}
 
 PARTS: Final = {"all": "all", "tap": "taps", "stroke": "strokes"}
 
+IMAGE: Final[dict[str, Any]] = {"cmap": "magma", "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+"""How a spectrogram is drawn."""
 
-def write_experiment_plot(renderings: "Sequence[Rendering]", path: Path, title: str) -> None:
+
+def write_experiment_plot(renderings: Sequence[Rendering], path: Path, title: str) -> None:
     """Draw, column by column, desired and rendered accelerations over time, and their spectrograms."""
     count = 1 + len(renderings)
     with new_chart(4.2 * count + 0.8, 7.0, f"Teleoperation: {title}") as figure:
@@ -185,7 +177,7 @@ def write_experiment_plot(renderings: "Sequence[Rendering]", path: Path, title: 
         save_chart(figure, path)
 
 
-def _draw(figure: "Figure", renderings: "Sequence[Rendering]") -> None:
+def _draw(figure: "Figure", renderings: Sequence[Rendering]) -> None:
     columns = [("desired:\nthe follower's accelerometer", renderings[0].desired_m_s2, INK)]
     for rendering, colour in zip(renderings, ("blue", "green", "vermilion"), strict=False):
         name = TITLES.get(rendering.compensator, f"base motors and handle,\n{rendering.compensator}")
@@ -205,14 +197,7 @@ def _draw(figure: "Figure", renderings: "Sequence[Rendering]") -> None:
         under.grid(visible=False)
         over.tick_params(labelbottom=False, labelleft=k == 0)
         extent = (float(t_s[0]), float(t_s[-1]), 0.0, float(frequency_Hz[-1]))
-        look: dict[str, Any] = {
-            "cmap": "magma",
-            "vmin": top_dB - RANGE_DB,
-            "vmax": top_dB,
-            "aspect": "auto",
-            "origin": "lower",
-        }
-        image = under.imshow(level.T, extent=extent, interpolation="nearest", **look)
+        image = under.imshow(level.T, extent=extent, vmin=top_dB - RANGE_DB, vmax=top_dB, **IMAGE)
         under.set_ylim(0.0, FREQUENCY_MAX_HZ)
         under.set_xlabel("time [s]")
         under.tick_params(labelleft=k == 0)

@@ -68,14 +68,10 @@ class Impairment:
     reorder: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, most in (("delay_s", DELAY_MAX_S), ("jitter_s", DELAY_MAX_S / JITTER_MOST), ("loss", 1.0)):
-            _check(name, getattr(self, name), most)
-        _check("reorder", self.reorder, 1.0)
-
-
-def _check(name: str, value: float, most: float) -> None:
-    if not 0.0 <= value <= most:
-        raise HapsceneError(f"a line's {name} must lie between 0 and {most:g}, is {value:g}")
+        most = {"delay_s": DELAY_MAX_S, "jitter_s": DELAY_MAX_S / JITTER_MOST, "loss": 1.0, "reorder": 1.0}
+        for name, limit in most.items():
+            if not 0.0 <= getattr(self, name) <= limit:
+                raise HapsceneError(f"a line's {name} must lie between 0 and {limit:g}, is {getattr(self, name):g}")
 
 
 class Link(NamedTuple):

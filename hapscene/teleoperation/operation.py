@@ -137,21 +137,18 @@ class Operation:
         operate(self.leader, self.follower, self.line, self._ticks, *hand, happened, *samples)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
-        column = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
+        column: dict[str, Any] = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
+        column["touching"] = column["touching"].astype(bool)
+        leader_J = _work(column["leader_W_m"], column["f_leader_W_N"])
+        follower_J = _work(column["follower_W_m"], column["f_follower_W_N"])
         return Operated(
             t_s=t_s,
-            leader_W_m=column["leader_W_m"],
-            follower_W_m=column["follower_W_m"],
-            f_leader_W_N=column["f_leader_W_N"],
-            f_follower_W_N=column["f_follower_W_N"],
-            f_contact_W_N=column["f_contact_W_N"],
-            touching=column["touching"].astype(bool),
+            **column,
             a_follower_m_s2=samples[0],
             a_tip_m_s2=samples[1],
             a_handle_m_s2=samples[2],
             latency_s=self.latency_s,
-            work_J=_work(column["leader_W_m"], column["f_leader_W_N"])
-            + _work(column["follower_W_m"], column["f_follower_W_N"]),
+            work_J=leader_J + follower_J,
         )
 
     @property

@@ -40,6 +40,9 @@ BEHIND_MAX: Final = 50
 """Most ticks that are made up for at once [count]. A process that was held up for longer has lost the time for good:
 its clock moves back."""
 
+QUANTILES: Final = {"median": 50.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
+"""What is told of times, in per cent."""
+
 BASE_COUNT: Final = 250
 """Ticks of an empty loop by which the machine's own lateness is measured [count]."""
 
@@ -83,9 +86,9 @@ class Pace:
     def summary(self) -> dict[str, object]:
         """Lateness of the last minute and of an empty loop before it, and the time of a tick's work, in µs."""
         return {
-            "late_us": _spread(self._late_ns),
-            "late_of_empty_loop_us": _spread(self._base_ns),
-            "work_us": _spread(self._work_ns),
+            "late_us": _spread(self._late_ns, 1e-3, 1),
+            "late_of_empty_loop_us": _spread(self._base_ns, 1e-3, 1),
+            "work_us": _spread(self._work_ns, 1e-3, 1),
             "slipped_ticks": self.slipped,
         }
 
@@ -107,12 +110,13 @@ def _sleep_until(due_ns: int) -> int:
     return time.perf_counter_ns()
 
 
-def _spread(time_ns: Collection[int]) -> dict[str, float]:
-    """Median, p99, p99.9 and maximum [µs]."""
-    if not time_ns:
+def _spread(times: Collection[int], scale: float, digits: int, *names: str) -> dict[str, float]:
+    """The `QUANTILES` of times, or those named, each times `scale`, to so many digits; nothing of none."""
+    if not times:
         return {}
-    points = np.percentile(list(time_ns), (50, 99, 99.9, 100)) / 1e3
-    return {name: round(float(us), 1) for name, us in zip(("median", "p99", "p99_9", "max"), points, strict=True)}
+    told = names or tuple(QUANTILES)
+    points = np.percentile(list(times), [QUANTILES[name] for name in told]) * scale
+    return {name: round(float(time), digits) for name, time in zip(told, points, strict=True)}
 
 
 PATIENCE_S: Final = 2.0
@@ -290,20 +294,13 @@ class UdpSession:
             "sent": self._sent,
             "heard": {**self.gate.counts, "from strangers": self._strangers, "overtaken": int(port.overtaken)},
             "lost_by_impairment": int(self._link.line[0].lost),
-            "round_trip_ms": _spread_ms(self._trips),
+            "round_trip_ms": _spread(self._trips, TICK_S * 1e3, 3, "median", "p99", "max"),
             "queue_ms": round(int(queue.waited_ticks) / max(int(queue.stored), 1) * TICK_S * 1e3, 3),
             "force_max_N": self._force_max_N,
             "force_in_silence_N": self._force_in_silence_N,
             "speed_at_the_end_mm_s": float(np.sqrt((speed_m_s**2).mean()) * 1e3),
             "work_of_motors_mJ": float(port.work_J) * 1e3,
         }
-
-
-def _spread_ms(ticks: Collection[int]) -> dict[str, float]:
-    if not ticks:
-        return {}
-    points = np.percentile(list(ticks), (50, 99, 100)) * TICK_S * 1e3
-    return {name: round(float(ms), 3) for name, ms in zip(("median", "p99", "max"), points, strict=True)}
 
 
 def _name(address: Any) -> str:
@@ -335,12 +332,11 @@ def run_follower(
         try:
             sock.bind(address)
         except OSError as reason:
-            raise HapsceneError(f"{address[0]}:{address[1]}: cannot be listened at: {reason.strerror}") from None
+            raise HapsceneError(f"{_name(address)}: cannot be listened at: {reason.strerror}") from None
         session = UdpSession(side, sock, impairment=impairment, seed=seed, allowed=_resolved(allowed))
         session.rehearse()
-        host, port = sock.getsockname()
         with interrupt_noted() as noted:
-            speak(f"a follower listens at {host}:{port}\n")
+            speak(f"a follower listens at {_name(sock.getsockname())}\n")
             return session.run(duration_s, noted)
 
 
@@ -365,11 +361,11 @@ def run_leader(
         try:
             sock.connect(address)
         except OSError as reason:
-            raise HapsceneError(f"{address[0]}:{address[1]}: cannot be reached: {reason.strerror}") from None
+            raise HapsceneError(f"{_name(address)}: cannot be reached: {reason.strerror}") from None
         session = UdpSession(side, sock, gesture.intent, impairment, seed)
         session.rehearse()
         with interrupt_noted() as noted:
-            speak(f"a leader calls {address[0]}:{address[1]}\n")
+            speak(f"a leader calls {_name(address)}\n")
             return session.run(duration_s, noted)
 
 

@@ -56,7 +56,7 @@ def test_clicks_paint_and_are_undone(page: Page, chromium: Any) -> None:
     took_ms = paint_page.measure_click(tab, 2)
     tab.close()
     assert len(took_ms) == 2 and min(took_ms) > 0.0
-    assert page.parts.session.undo_word is None and page.parts.session.redo_word is not None
+    assert page.context.session.painting.undo_text is None and page.context.session.painting.redo_text is not None
 
 
 @needs_browser
@@ -65,7 +65,7 @@ def test_servo_and_empty_loop_tick_beside_each_other(page: Page, chromium: Any) 
         rest = measure_rest(page, idle, WINDOW_S)
         tab = open_tab(chromium, page)
         orbit = measure_orbit(page, idle, tab, WINDOW_S)
-        before = page.parts.session.undo_word
+        before = page.context.session.painting.undo_text
         stroke = measure_stroke(page, idle, tab, WINDOW_S)
         tab.close()
     for window in (rest, orbit, stroke):
@@ -74,19 +74,19 @@ def test_servo_and_empty_loop_tick_beside_each_other(page: Page, chromium: Any) 
         assert window.servo.busy.sum() > 0 and window.idle.busy.sum() == 0
     assert rest.frames_s == 0.0 and orbit.frames_s > 0.0
     assert before is None
-    paint_browser.until(lambda: "brush" in (page.parts.session.undo_word or ""), "nothing was painted")
+    paint_browser.until(lambda: "brush" in (page.context.session.painting.undo_text or ""), "nothing was painted")
 
 
 @needs_browser
 def test_a_change_is_felt_comes_and_is_heard(page: Page, chromium: Any) -> None:
-    stiffness = [swatch.stiffness_N_m for swatch in page.parts.session.scene.swatches]
+    stiffness = [swatch.stiffness_N_m for swatch in page.context.session.scene.swatches]
     tab = open_tab(chromium, page, paint_page.WATCH_FORCE)
     delay = paint_page.measure_delay(page, tab, 2)
     tab.close()
     for felt, arrived, heard in zip(delay.felt_ms, delay.arrived_ms, delay.heard_ms, strict=True):
         assert felt > 0.0 and 0.0 < arrived < heard
     assert len(delay.felt_ms) == 2 and delay.sound_s > 0.5
-    after = [swatch.stiffness_N_m for swatch in page.parts.session.scene.swatches]
+    after = [swatch.stiffness_N_m for swatch in page.context.session.scene.swatches]
     assert len([k for k, was in zip(after, stiffness, strict=True) if k != was]) == 1
 
 

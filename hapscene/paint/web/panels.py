@@ -134,10 +134,8 @@ class ToolPanel:
             raise SceneError("no such part")
         body, name = self._groups[self._group.value]
         context = self._context
-        if name == ALL:
-            count = context.session.fill_body(body, context.tools.ensure_swatch())
-        else:
-            count = context.session.fill_group(body, name, context.tools.ensure_swatch())
+        session, swatch = context.session, context.tools.ensure_swatch()
+        count = session.fill_body(body, swatch) if name == ALL else session.fill_group(body, name, swatch)
         context.socket.say(f"{face_count_text(count)} painted." if count else "It is painted so already.")
 
 
@@ -219,7 +217,8 @@ class ShelfPanel:
             self._lay_out(found[:CARD_MAX])
             self._found = names
         left = len(found) - len(names)
-        told = problem or (_rest(left, len(found)) if left or not found else "")
+        more = f"… and {left} more: search for a name or a word." if left else ""
+        told = problem or (more if found else "None is like that. Search for less, or for another word.")
         set_html(self._rest, card_html(escape_html(told), dim=True))
         for card, (told, _) in zip(found[:CARD_MAX], self._rows, strict=True):
             set_html(told, self._card_html(card))
@@ -274,10 +273,10 @@ class ShelfPanel:
         return next((self._colour(card) for card in self._cards if card.name == name), "")
 
     def _card(self, name: Any) -> Card:
-        for card in self._cards:
-            if card.name == name:
-                return card
-        raise SwatchError(no_such("swatch", str(name), (card.name for card in self._cards)))
+        found = next((card for card in self._cards if card.name == name), None)
+        if found is None:
+            raise SwatchError(no_such("swatch", str(name), (card.name for card in self._cards)))
+        return found
 
     async def _press(self, name: str, target: Any) -> None:
         card, what = self._card(name), target.value
@@ -343,12 +342,6 @@ def _figure_html(phrase: Phrase) -> str:
         return ""
     kept = escape_html(phrase.figure).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
     return f"<span class='dim'>{kept}</span>"
-
-
-def _rest(left: int, found: int) -> str:
-    if not found:
-        return "None is like that. Search for less, or for another word."
-    return f"… and {left} more: search for a name or a word."
 
 
 # --- the tab Feel ---
@@ -439,9 +432,8 @@ class NumberPanel:
         context = self._context
         index = context.tools.swatch
         if index is None:  # not painted with yet, or that was undone
-            self._clear(
-                f"<b>{escape_html(context.tools.chosen)}</b> has its numbers here as soon as it is painted with."
-            )
+            chosen = escape_html(context.tools.chosen)
+            self._clear(f"<b>{chosen}</b> has its numbers here as soon as it is painted with.")
             return
         found = [p for p in context.session.tuning.parameters(index) if p.applies]
         swatch = context.session.scene.swatches[index]

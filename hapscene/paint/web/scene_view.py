@@ -150,10 +150,8 @@ class SceneView:
         turn = np.linspace(0.0, 2 * np.pi, RING_COUNT, endpoint=False)[:, None]
         way = np.cos(turn) * side + np.sin(turn) * np.cross(hit.nhat_W, side)
         body, shape = self._painting.scene.bodies[hit.body], self._painting.shapes[hit.body]
-        laid = (
-            self.to_view(project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m))
-            + 0.004 * hit.nhat_W
-        )
+        laid_W_m = project_to_surface(body, shape, hit, hit.p_W_m + radius_m * way, radius_m)
+        laid = self.to_view(laid_W_m) + 0.004 * hit.nhat_W
         self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
 
     def show_box(self, low_high_K_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
@@ -223,30 +221,19 @@ class SceneView:
     def _make_marks(self) -> None:
         scene, ink = self._server.scene, _rgb(OKABE_ITO["purple"])
         dashes = np.where(np.arange(RING_COUNT) // DASH % 2, 255, 20).astype(np.uint8)  # seen on every colour
-        self._ring = scene.add_line_segments(
-            "/mark/ring",
-            np.zeros((RING_COUNT, 2, 3), np.float32),
-            np.repeat(dashes, 6).reshape(-1, 2, 3),
-            thickness=2.5,
-            thickness_units="screen",
-        )
+        line = {"thickness": 2.5, "thickness_units": "screen"}
+        ring, colours = np.zeros((RING_COUNT, 2, 3), np.float32), np.repeat(dashes, 6).reshape(-1, 2, 3)
+        self._ring = scene.add_line_segments("/mark/ring", ring, colours, **line)
         corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
         edges = [(i, j) for i in range(8) for j in range(i) if np.count_nonzero(corner[i] != corner[j]) == 1]
-        self._box = scene.add_line_segments(
-            "/mark/box", corner[np.array(edges)], ink, thickness=2.5, thickness_units="screen"
-        )
+        self._box = scene.add_line_segments("/mark/box", corner[np.array(edges)], ink, **line)
         self._sphere = scene.add_icosphere("/mark/sphere", 1.0, ink, opacity=0.3, cast_shadow=False)
         size = SHOWN / 120
         self._tool = scene.add_icosphere("/mark/tool", size, _rgb(OKABE_ITO["black"]), opacity=0.55, cast_shadow=False)
         self._proxy = scene.add_icosphere("/mark/proxy", 0.75 * size, _rgb(OKABE_ITO["vermilion"]), cast_shadow=False)
-        self._arrow = scene.add_arrows(
-            "/mark/force",
-            np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]),
-            _linear(FORCE),
-            shaft_radius=size / 4,
-            head_radius=size / 1.6,
-            head_length=0.25,
-        )
+        up = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+        head = {"shaft_radius": size / 4, "head_radius": size / 1.6, "head_length": 0.25}
+        self._arrow = scene.add_arrows("/mark/force", up, _linear(FORCE), **head)
         for mark in (self._ring, self._box, self._sphere, self._tool, self._proxy, self._arrow):
             mark.visible = False
 
