@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
-from hapscene.capture.streams import speed_of
+from hapscene.capture.streams import filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.wire.unit import UNITS
 
@@ -62,8 +62,6 @@ def one_axis(axes: Array, rate_Hz: float) -> Array:
     Raises:
         CaptureError: no or more than three axes, or too short to be filtered.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     if axes.ndim != 2 or not 1 <= len(axes) <= 3:
         raise CaptureError(f"acceleration must have one to three axes, its shape is {axes.shape}")
     if len(axes) == 1:
@@ -72,8 +70,7 @@ def one_axis(axes: Array, rate_Hz: float) -> Array:
         raise CaptureError(
             f"three axes of {axes.shape[1]} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed"
         )
-    sections = butter(4, CUTOFF_HZ, "highpass", fs=rate_Hz, output="sos")
-    axes = np.asarray(sosfiltfilt(sections, axes, axis=1))
+    axes = filtered(axes, rate_Hz, CUTOFF_HZ, "highpass")
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
     count = -(-axes.shape[1] // hop) + 1
     padded = np.zeros((len(axes), (count + 1) * hop))

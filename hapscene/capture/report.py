@@ -29,7 +29,7 @@ from hapscene.capture.report_plots import (
 )
 from hapscene.capture.swatch_fit import Part, prepare
 from hapscene.errors import CaptureError
-from hapscene.files import whole_file
+from hapscene.files import write_whole
 from hapscene.surface.swatch import Swatch
 
 # The numbers of a report in words: what is in the swatch, how good it is, what is absent.
@@ -298,12 +298,7 @@ def write_report(
     Raises:
         CaptureError: the recording is unusable, or the file cannot be written.
     """
-    text = report(swatch, recording, source)
-    try:
-        with whole_file(Path(path)) as part:
-            part.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise CaptureError(f"{Path(path)}: cannot be written: {error.strerror or error}") from None
+    write_whole(Path(path), report(swatch, recording, source).encode(), CaptureError)
 
 
 def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: str = "") -> str:
