@@ -34,6 +34,12 @@ MUTED: Final = "#707070"
 BAND: Final[dict[str, Any]] = {"color": OKABE_ITO["sky"], "alpha": 0.3, "linewidth": 0}
 """Look of what is within bounds."""
 
+POINT: Final[dict[str, Any]] = {"color": BLUE, "markersize": 3.5, "alpha": 0.5}
+"""Look of what was recorded, where it is points."""
+
+DOTTED: Final = (0, (1, 1.5))
+DASHED: Final = (0, (4, 1.5))
+
 WIDTH_IN: Final = 4.8
 """Width of a plot [in]: its text is 10 px high on a phone of 360 px."""
 
@@ -89,16 +95,14 @@ def plot_spectra(held_out: HeldOut) -> Plot:
         looks = (
             ("fitted", "recorded, first half (fitted)", MUTED, 1.0, "-"),
             ("held_out", "recorded, second half (held out)", BLUE, 1.6, "-"),
-            ("model", "model of the first half", ORANGE, 1.8, (0, (4, 1.5))),
+            ("model", "model of the first half", ORANGE, 1.8, DASHED),
         )
-        low, high = [], []
+        shown = []
         for name, label, colour, width, dash in looks:
             level = decibels(getattr(held_out, name))
             axes.plot(held_out.frequency_Hz, level, color=colour, linewidth=width, linestyle=dash, label=label)
-            shown = level[(held_out.frequency_Hz >= 20.0) & (held_out.frequency_Hz <= 1000.0)]
-            low.append(shown.min())
-            high.append(shown.max())
-        over_frequency(axes, min(low), max(high))
+            shown.append(level[(held_out.frequency_Hz >= 20.0) & (held_out.frequency_Hz <= 1000.0)])
+        over_frequency(axes, np.min(shown), np.max(shown))
 
     return Plot(
         "Spectra",
@@ -113,10 +117,8 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
     """The recording and the swatch played along its force and speed, on one scale of colours."""
     rate = judgement.channels.rate_Hz
     count = min(len(judgement.synthetic), round(SHOWN_S * rate))
-    both = [
-        metric.spectrogram(signal[:count], rate)
-        for signal in (judgement.channels.acceleration_m_s2, judgement.synthetic)
-    ]
+    signals = judgement.channels.acceleration_m_s2, judgement.synthetic
+    both = [metric.spectrogram(signal[:count], rate) for signal in signals]
     top = max(decibels(magnitude**2).max() for _, _, magnitude in both)
 
     def draw(figure: "Figure") -> None:
@@ -152,13 +154,11 @@ def plot_order(search: OrderSearch, texture: Texture) -> Plot:
     def draw(figure: "Figure") -> None:
         upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
         upper.plot(search.orders, search.distance_dB, color=BLUE, label="held-out spectral distance")
-        upper.axhline(
-            search.floor_dB, color=MUTED, linestyle=(0, (1, 1.5)), label="floor (of the halves), misfit allowed"
-        )
+        upper.axhline(search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (of the halves), misfit allowed")
         # the first orders are off the scale on purpose: what matters is the flat part
         low, high = min(search.distance_dB.min(), search.floor_dB), np.quantile(search.distance_dB, 0.95)
         upper.set(ylabel="LSD [dB]", ylim=(low - 0.2 * (high - low + 0.2), high + 0.4 * (high - low + 0.2)))
-        middle.axhline(search.allowed_dB, color=MUTED, linestyle=(0, (1, 1.5)))
+        middle.axhline(search.allowed_dB, color=MUTED, linestyle=DOTTED)
         middle.plot(search.orders, search.misfit_dB, color=PURPLE, label="misfit")
         middle.set(ylabel="misfit [dB]", ylim=(0.0, 5.0 * search.allowed_dB))
         lower.semilogy(search.orders, search.residual, color=GREEN, label="held-out residual")
@@ -168,22 +168,19 @@ def plot_order(search: OrderSearch, texture: Texture) -> Plot:
         figure.align_ylabels()
         for axes in (upper, middle, lower):
             label = f"order of the swatch, {texture.order}" if axes is lower else None
-            axes.axvline(texture.order, color=ORANGE, linestyle=(0, (4, 1.5)), label=label)
+            axes.axvline(texture.order, color=ORANGE, linestyle=DASHED, label=label)
         cost = upper.secondary_xaxis("top", functions=(_times(texture.rate_Hz), _times(1.0 / texture.rate_Hz)))
         cost.set_xlabel(f"cost [10⁶ multiplications a second at {texture.rate_Hz / 1e3:g} kHz]")
 
     at = int(np.argmin(np.abs(search.orders - texture.order)))
+    rest = "misses nothing: the rest would describe the sensor. "
+    noise = "" if search.noise is None else f"With white noise beneath, {search.chosen} {rest}"
     return Plot(
         "Order",
         f"Order {texture.order} is in the swatch; held-out distance {search.distance_dB[at]:.2f} dB, the best of all "
         f"orders {search.distance_dB.min():.2f} dB. On this recording the search chooses {search.plain}: the smallest "
-        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. "
-        + (
-            ""
-            if search.noise is None
-            else f"With white noise beneath, {search.chosen} misses nothing: the rest would describe the sensor. "
-        )
-        + "The residual is the share of the power that a model leaves of the half it was not fitted to.",
+        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. {noise}"
+        "The residual is the share of the power that a model leaves of the half it was not fitted to.",
         drawn("order", draw, 4.8),
         "Held-out log-spectral distance and residual over the order of the models.",
     )
@@ -252,9 +249,9 @@ def plot_distribution(held_out: HeldOut, choice: ExcitationChoice, texture: Text
         density = _density(held_out.residual, edge)
         axes.stairs(density, edge, color=BLUE, linewidth=1.4, baseline=None, label="held-out residual")
         gaussian = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
-        axes.plot(middle, gaussian, color=MUTED, linestyle=(0, (1, 1.5)), label="Gaussian")
+        axes.plot(middle, gaussian, color=MUTED, linestyle=DOTTED, label="Gaussian")
         if knots.size:
-            label, dash = "excitation of the swatch", (0, (4, 1.5))
+            label, dash = "excitation of the swatch", DASHED
             axes.plot(middle, _bent(knots, edge), color=ORANGE, linestyle=dash, linewidth=1.6, label=label)
         axes.set_yscale("log")
         axes.set(xlabel="residual [standard deviations]", ylabel="density [1]", ylim=(1e-5, 1.0), xlim=(-8, 8))
@@ -337,7 +334,7 @@ TRANSIENT_COUNT: Final = 3
 def plot_models(texture: Texture) -> Plot:
     """Spectra of the texture at a few places: what is shown where there is no recording."""
     places = [(f, v) for f in (0.5, 1.0) for v in (0.5, 1.0)]
-    looks = ((BLUE, (0, (1, 1.2))), (GREEN, (0, (4, 1.5))), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
+    looks = ((BLUE, (0, (1, 1.2))), (GREEN, DASHED), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
     frequency = np.geomspace(20.0, min(1000.0, 0.5 * texture.rate_Hz), 400)
 
     def draw(figure: "Figure") -> None:
@@ -372,18 +369,12 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
         axes.triplot(speed, force, texture.triangles, color=MUTED, linewidth=0.7, zorder=1)
         if channels is not None:
             pick = slice(None, None, max(1, len(channels.force_N) // POINT_COUNT))
-            axes.plot(
-                1e3 * channels.speed_m_s[pick], channels.force_N[pick], ".",
-                color=BLUE, markersize=3.5, alpha=0.5, zorder=2, label="the recording",
-            )  # fmt: skip
-        axes.plot(
-            speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4,
-            label="model, with its vibration (rms)",
-        )  # fmt: skip
-        axes.plot(
-            speed[~sounding], force[~sounding], "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3,
-            label="silent model",
-        )  # fmt: skip
+            x, y = 1e3 * channels.speed_m_s[pick], channels.force_N[pick]
+            axes.plot(x, y, ".", **POINT, zorder=2, label="the recording")
+        label = "model, with its vibration (rms)"
+        axes.plot(speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4, label=label)
+        silent = speed[~sounding], force[~sounding]
+        axes.plot(*silent, "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3, label="silent model")
         if np.count_nonzero(sounding) <= 12:
             for x, y, rms in zip(speed[sounding], force[sounding], 10 ** (level[sounding] / 20), strict=True):
                 right = x > 0.6 * speed.max()
@@ -421,15 +412,13 @@ def plot_friction(swatch: Swatch, channels: Streams, states: Segmentation) -> Pl
 
     def draw(figure: "Figure") -> None:
         axes = figure.add_subplot()
-        axes.plot(
-            normal[pick], tangential[pick], ".", color=BLUE, markersize=3.5, alpha=0.5, label="recorded while sliding"
-        )
+        axes.plot(normal[pick], tangential[pick], ".", **POINT, label="recorded while sliding")
         top = np.array([0.0, float(normal[pick].max(initial=0.1)) * 1.05])
         if interval is not None:
             axes.fill_between(top, interval[0] * top, interval[1] * top, **BAND, label="interval")
         dynamic, static = swatch.friction_dynamic, swatch.friction_static
         axes.plot(top, dynamic * top, color=ORANGE, linewidth=1.8, label=f"dynamic, {dynamic:.3f}")
-        axes.plot(top, static * top, color=INK, linestyle=(0, (4, 1.5)), label=f"static, {static:.3f}")
+        axes.plot(top, static * top, color=INK, linestyle=DASHED, label=f"static, {static:.3f}")
         axes.set(xlabel="normal force [N]", ylabel="tangential force [N]", xlim=(0.0, top[1]))
         axes.set_ylim(0.0, 1.3 * max(swatch.friction_static * top[1], float(np.quantile(tangential[pick], 0.95))))
 
@@ -449,10 +438,8 @@ def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
     speed = np.linspace(0.0, 1.25 * float(taps.approach_m_s[-1]), 200)
     tap = np.array([taps.at(float(v)) for v in speed])
     labels = ("amplitude\n[m/s²]", "frequency\n[Hz]", "decay\n[1/s]")
-    bars = [
-        np.array([intervals.get(f"taps.{name}[{i}]", (np.nan, np.nan)) for i in range(len(taps.approach_m_s))])
-        for name in TAP_ROWS[1:]
-    ]
+    numbers, unknown = range(len(taps.approach_m_s)), (np.nan, np.nan)
+    bars = [np.array([intervals.get(f"taps.{name}[{i}]", unknown) for i in numbers]) for name in TAP_ROWS[1:]]
     given = "in the swatch" + (", 95 % interval" if any(np.isfinite(bar).any() for bar in bars) else "")
 
     def draw(figure: "Figure") -> None:
@@ -494,7 +481,7 @@ def plot_transients(taps: Taps) -> Plot:
             tap = taps.at(float(taps.approach_m_s[row]))
             ideal = np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
             axes.plot(1e3 * t_s, waves[row], color=BLUE, label=said[0])
-            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=(0, (4, 1.5)), label=said[1])
+            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=DASHED, label=said[1])
             axes.set(ylabel="[m/s²]", title=f"at {1e3 * taps.approach_m_s[row]:.0f} mm/s")
         axes.set_xlabel("time from the onset [ms]")
         figure.align_ylabels()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Run, Segmentation
 from hapscene.capture.streams import Streams, high_pass_gain
-from hapscene.surface.taps import Taps
+from hapscene.surface.taps import TAP_ROWS, Taps
 
 Array = NDArray[np.float64]
 
@@ -102,13 +102,9 @@ def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
     if not good:
         reason = f"none of {len(impacts)} impacts is a decaying sinusoid for {100 * EXPLAINED_MIN:g} % of its power"
         return TapFit(None, {}, {"taps": reason})
-    absent = {}
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
-    if not known:
-        absent["taps.approach_m_s"] = (
-            f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
-        )
-    return _pooled(known or good, parts[0][0].rate_Hz, absent)
+    assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
+    return _pooled(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
 
 
 def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
@@ -116,20 +112,16 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
     taps = sorted(taps, key=lambda tap: tap.approach_m_s)
     groups: list[list[MeasuredTap]] = [[taps[0]]]
     for tap in taps[1:]:
-        near = not tap.approach_m_s > SPEED_RATIO * groups[-1][0].approach_m_s  # unknown speeds are one group
-        if near:
-            groups[-1].append(tap)
-        else:
-            groups.append([tap])
+        if tap.approach_m_s > SPEED_RATIO * groups[-1][0].approach_m_s:  # unknown speeds are one group
+            groups.append([])
+        groups[-1].append(tap)
     rows, speeds, intervals = [], [], {}
     for i, group in enumerate(groups):
         mean, error = _mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
         rows.append(mean)
         speed = float(np.mean([tap.approach_m_s for tap in group]))
         speeds.append(speed if np.isfinite(speed) else ASSUMED_APPROACH_M_S)
-        for name, value, half in zip(
-            ("amplitude_m_s2", "frequency_Hz", "decay_1_s"), mean, NORMAL_95 * error, strict=True
-        ):
+        for name, value, half in zip(TAP_ROWS[1:], mean, NORMAL_95 * error, strict=True):
             intervals[f"taps.{name}[{i}]"] = (max(0.0, float(value - half)), float(value + half))
     amplitude, frequency, decay = np.array(rows).T
     waves = np.stack([np.mean([tap.wave_m_s2 for tap in group], axis=0) for group in groups])
