@@ -32,7 +32,7 @@ docs: $(READY)
 system:
 	@sh .ci/system-packages
 
-$(READY): pyproject.toml requirements.lock
+$(READY): pyproject.toml setup.py requirements.lock
 	@echo "making the environment $(ENV), once; this takes a minute or two"
 	$(PYTHON) -m venv $(ENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e ".[dev,step]"

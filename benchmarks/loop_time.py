@@ -12,7 +12,7 @@ import numpy as np
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.renderer import Renderer
-from hapscene.scene.ply import write_mesh
+from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
 
 from .case import Case
@@ -73,7 +73,7 @@ def measure_start(sheet: Sheet, case: Case, repeats: int) -> None:
     """A fresh process: `import hapscene`, and from there to the first tick of a saved scene. The cache is warm."""
     with tempfile.TemporaryDirectory() as folder:
         mesh, file = Path(folder) / "mesh.ply", Path(folder) / "bench.scene.json"
-        write_mesh(case.mesh, mesh)
+        save_mesh(case.mesh, mesh)
         scene = Scene()
         scene.add(mesh, name="body", unit="m", swatch="wood")
         scene.save(file)

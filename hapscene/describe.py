@@ -1,4 +1,4 @@
-"""The contact of a tick, described once as a `Touch`, so that all effects agree on it."""
+"""A phase of the tick of its own: the contact, described once as a `Touch`, so that all effects agree on it."""
 
 import math
 from typing import Any

@@ -183,6 +183,16 @@ class Recording:
             file.writelines(line % row for row in rows)
 
 
+def load_touch(path: str | Path) -> Recording:
+    """`Recording.load`: what a run gave back, from the file that `save_touch` or `hapscene touch` wrote."""
+    return Recording.load(path)
+
+
+def save_touch(recording: Recording, path: str | Path) -> None:
+    """`Recording.save`: keep what a run gave back, as touch.npz."""
+    recording.save(path)
+
+
 def _split(name: str, values: NDArray[Any]) -> dict[str, list[Any]]:
     """Columns of one array by name: `p_WT_m` (n, 3) gives p_WT_x_m, p_WT_y_m, p_WT_z_m."""
     if values.ndim == 1:

@@ -12,10 +12,11 @@ from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, place_ball
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
+from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.native import INTERPRETED
 from hapscene.old_spellings import old_spellings
-from hapscene.records import ROW, Flag, block_of, records
+from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers

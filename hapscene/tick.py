@@ -25,9 +25,9 @@ from hapscene.contact.proxy import move, put
 from hapscene.contact.world import NO_SHADE, place_ball
 from hapscene.describe import describe, shade
 from hapscene.device.stabilisers import couple, guard
+from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import native
-from hapscene.records import Flag
 from hapscene.surface.mixer import limit, render
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import SceneError, ViewError
 from hapscene.files import whole_folder
+from hapscene.flags import Flag
 from hapscene.recording import Recording
-from hapscene.records import Flag
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene

@@ -1,6 +1,7 @@
 """Dependencies point one way: read from the sources, not from what happens to be imported."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -11,18 +12,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
+FLOOR = ("clock", "constants", "dsp", "errors", "files", "flags", "geometry", "native", "old_spellings")
+"""The ground floor: knows nobody above it."""
+
 CORE = (
-    "clock",
-    "constants",
+    *FLOOR,
     "contact",
     "describe",
     "device",
-    "dsp",
-    "errors",
-    "files",
-    "geometry",
-    "native",
-    "old_spellings",
     "recording",
     "records",
     "renderer",
@@ -30,7 +27,7 @@ CORE = (
     "surface",
     "tick",
 )
-"""What a loop with a real device needs; `errors`, `files`, `geometry` and `dsp` are the ground floor of it."""
+"""What a loop with a real device needs."""
 
 INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
@@ -62,10 +59,15 @@ BETWEEN = {
 
 
 @cache
-def imported_modules(source: Path) -> frozenset[str]:
-    """Full names of all modules that a file imports, wherever in it."""
+def imported_modules(source: Path, types: bool = True) -> frozenset[str]:
+    """Full names of all modules that a file imports, wherever in it; without `types`, not for type checkers alone."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    checks = (node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    left_out = set() if types else {inner for check in checks for inner in ast.walk(check)}
+    for node in ast.walk(tree):
+        if node in left_out:
+            continue
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -95,6 +97,11 @@ def stray(room: str, forbidden: tuple[str, ...]) -> list[str]:
     return found
 
 
+@pytest.mark.parametrize("room", FLOOR)
+def test_ground_floor_knows_nobody_above(room: str) -> None:
+    assert stray(room, tuple({*CORE, *INNER, *OUTER} - {*FLOOR})) == []
+
+
 @pytest.mark.parametrize("room", CORE)
 def test_core_knows_no_outer_room(room: str) -> None:
     assert stray(room, INNER + OUTER) == []
@@ -113,6 +120,36 @@ def test_nobody_but_a_command_knows_the_top(room: str) -> None:
 @pytest.mark.parametrize("room", sorted(APART))
 def test_rooms_that_are_apart(room: str) -> None:
     assert stray(room, APART[room]) == []
+
+
+def modules() -> dict[str, Path]:
+    """Each module of the package by its full name."""
+    return {
+        ".".join(("hapscene", *source.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): source
+        for source in sorted(PACKAGE.rglob("*.py"))
+    }
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    known = modules()
+    imports = {name: imported_modules(source, types=False) & set(known) for name, source in known.items()}
+    free: set[str] = set()  # those that lead to no circle
+    while more := {name for name in known if name not in free and imports[name] - {name, "hapscene"} <= free}:
+        free |= more
+    assert sorted(set(known) - free) == []
+
+
+def test_no_file_name_stands_twice_outside_commands() -> None:
+    names = [path.name for path in PACKAGE.rglob("*.py") if path.name != "__init__.py" and "command" not in path.parts]
+    assert sorted({name for name in names if names.count(name) > 1}) == []
+
+
+def test_the_map_of_the_house_is_true() -> None:
+    """Every file and folder that docs/architecture.md and CONTRIBUTING.md name is there."""
+    documents = (ROOT / "docs" / "architecture.md", ROOT / "CONTRIBUTING.md")
+    text = "\n".join(document.read_text(encoding="utf-8") for document in documents)
+    for name in sorted(set(re.findall(r"[\w./]+(?:\.py|\.js|/)(?=[\s`,:)])", text))):
+        assert (ROOT / name).exists() or (PACKAGE / name).exists() or list(PACKAGE.rglob(name.strip("/"))), name
 
 
 def test_every_room_has_its_place() -> None:

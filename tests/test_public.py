@@ -160,3 +160,16 @@ def test_a_recording_is_what_a_fit_takes(tmp_path: Path) -> None:
         hapscene.capture.fit(recording, 10_000.0)
     with pytest.raises(hapscene.HapsceneError, match="rate_Hz is missing"):
         hapscene.capture.fit(noise)
+
+
+def test_files_are_saved_and_loaded_in_one_shape(tmp_path: Path, things: list[Any]) -> None:
+    """`save_x(x, path)` and `load_x(path)`, a path being a text or a Path, and what comes back is what went in."""
+    scene, mesh, wood, recording = things[0], things[2], things[4], things[8]
+    files = {"scene": "a.scene.json", "mesh": "a.ply", "swatch": "a.swatch", "touch": "touch.npz"}
+    for (kind, name), thing in zip(files.items(), (scene, mesh, wood, recording), strict=True):
+        save, load = getattr(hapscene, f"save_{kind}"), getattr(hapscene, f"load_{kind}")
+        save(thing, str(tmp_path / name))
+        more = {"unit": "m"} if kind == "mesh" else {}
+        again = load(tmp_path / name, **more)
+        assert repr(again).replace(f" of {tmp_path / name}", "") == repr(thing)
+        save(again, tmp_path / f"again_{name}")

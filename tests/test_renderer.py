@@ -11,7 +11,7 @@ import trimesh
 import hapscene
 from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError, PathError, SceneError
-from hapscene.records import Flag
+from hapscene.flags import Flag
 from hapscene.surface.device_clipping import Fit
 from hapscene.surface.effect import Effect, Param
 from hapscene.surface.swatch import Swatch

@@ -12,8 +12,8 @@ from numba.core.errors import NumbaError
 
 import hapscene
 from hapscene.device.model import Limits
+from hapscene.flags import Flag
 from hapscene.native import INTERPRETED, native
-from hapscene.records import Flag
 from hapscene.surface.effect import Effect
 
 

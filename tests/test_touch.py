@@ -122,7 +122,7 @@ def test_unknown_effect_writes_nothing(tmp_path: Path, scene: Scene, p_WT: np.nd
 def test_summary_counts_flags_by_name(scene: Scene, p_WT: np.ndarray) -> None:
     from dataclasses import replace
 
-    from hapscene.records import Flag
+    from hapscene.flags import Flag
     from hapscene.renderer import Renderer
 
     recording = Renderer(scene).run(p_WT)

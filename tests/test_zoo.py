@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.records import Flag
+from hapscene.flags import Flag
 
 SUBDIVISIONS = {"sph1k": 3, "sph20k": 5, "sph80k": 6, "sph330k": 7, "sph1300k": 8}
 TWO_SIDED = ("flip20k", "open40")

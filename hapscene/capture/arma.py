@@ -1,4 +1,4 @@
-"""Models with zeros (ARMA) as models without (AR), because textures hold the latter.
+"""Models with zeros (ARMA) as models without (AR), a numerical method of its own: textures hold the latter.
 
 A filter C(z)/A(z) whose zeros lie within the unit circle is 1/(A/C): an AR model of infinite order. It is cut by a
 least-squares fit (Makhoul 1975): the density |C/A|² gives the autocorrelation, that the filter, the power is kept.

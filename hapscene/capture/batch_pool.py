@@ -1,4 +1,4 @@
-"""Where a batch is fitted: processes of this machine, or the workers of a Dask cluster.
+"""Where a batch is fitted, imported by its workers alone: processes of this machine, or of a Dask cluster.
 
 Both give futures of `concurrent.futures`.
 """

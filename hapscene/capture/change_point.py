@@ -1,4 +1,4 @@
-"""Where a vibration changes: a recording of sliding cut into stationary pieces, by least description length.
+"""Where a vibration changes, an algorithm of its own (PELT): sliding cut into pieces by least description length.
 
 A piece is described by one AR model of order `ORDER`; n samples of it cost n/2 ln σ², with σ² the residual power that
 the model leaves. Each piece adds (ORDER + 4)/2 ln N: half of ln N for each of its ORDER + 1 numbers and one and a half

@@ -1,4 +1,4 @@
-"""Friction coefficients from tangential and normal force, with their 95 % intervals."""
+"""A fit of its own: friction coefficients from tangential and normal force, with their 95 % intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

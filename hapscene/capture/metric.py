@@ -1,8 +1,8 @@
 """How near one vibration is to another, as numbers: distances between spectra and between spectrograms.
 
 Spectra are compared as Welch's estimate with Hann windows of `WINDOW_S`, half overlapping, because that is what the
-reference numbers of the project were measured with. What a model leaves unexplained is judged in `metric_residual`,
-what a person makes of the difference in `metric_vibrotactile`.
+reference numbers of the project were measured with. Below stand, in this order, the distances, what a model leaves
+unexplained, and what a person makes of the difference.
 """
 
 from typing import Final, NamedTuple

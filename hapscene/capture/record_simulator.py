@@ -70,6 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
     options = parser.parse_args(arguments)
+    import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
+
     wire = simulated_port(parser)
     start_s = time.monotonic()
     with suppress(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""The plots of a report, as drawings inside its page."""
+"""The plots of a report, apart from its words: drawings inside its page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

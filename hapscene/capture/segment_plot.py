@@ -1,4 +1,4 @@
-"""A picture of the states over a recording, above the streams that they were told by."""
+"""A picture, apart from what it shows: the states over a recording, above the streams that they were told by."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Stiffness of a surface: the slope of normal force over depth while it is loaded, with its 95 % interval."""
+"""A fit of its own: stiffness, the slope of normal force over depth while it is loaded, with its 95 % interval."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

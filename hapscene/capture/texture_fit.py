@@ -1,4 +1,4 @@
-"""A texture from the pieces of a recording: where its models stand, their filters, and their power."""
+"""A fit of its own: a texture from the pieces of a recording, where its models stand, their filters, their power."""
 
 from dataclasses import replace
 from typing import Final

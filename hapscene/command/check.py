@@ -42,10 +42,10 @@ def _check(options: argparse.Namespace) -> int:
     done: list[str] = []
     if options.fix is not None:
         from hapscene.scene.mesh_doctor import repair
-        from hapscene.scene.ply import write_mesh
+        from hapscene.scene.ply import save_mesh
 
         mended, done = repair(mesh)
-        write_mesh(mended, options.fix)
+        save_mesh(mended, options.fix)
     if options.json:
         fixed = {} if options.fix is None else {"fixed": done, "written": options.fix}
         print(json.dumps(json.loads(report.to_json()) | fixed, indent=2, ensure_ascii=False))

@@ -1,4 +1,4 @@
-"""The closest point to the tool that the proxy's planes allow.
+"""The planes that hold the proxy, a solver of its own: the closest point to the tool that they allow, and which stay.
 
 Zilles & Salisbury 1995 (eq. 6 to 8) find it with Lagrange multipliers for the planes that hold; which of them do is
 found here as well, so that no plane ever pulls: the smallest set whose pushes are all positive and whose solution

@@ -1,4 +1,4 @@
-"""Force shading: normals at the corners of faces, by which a curved mesh feels round between its edges.
+"""Force shading, an option of its own: normals at corners, by which a curved mesh feels round between its edges.
 
 Morgenbesser & Srinivasan 1996 and Ruspini, Kolarov & Khatib 1997 interpolate the corners' normals over a face, as
 Phong did for light, and turn the force by it. Edges at which the surface turns by less than the crease angle are

@@ -1,4 +1,4 @@
-"""What a device can take: the mixer keeps the two channels inside it, and walls are made no stiffer than it holds."""
+"""Devices by name, and what each can take: limits of the two channels, and of the walls that it holds."""
 
 import math
 from collections.abc import Mapping

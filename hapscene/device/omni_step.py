@@ -1,4 +1,4 @@
-"""The simulated Phantom Omni in time: arm, structure, tool and hand, one step.
+"""The simulated Phantom Omni in time, compiled, apart from its numbers: arm, structure, tool and hand, one step.
 
 The integrator is a drift of half a step, a kick, and a drift of half a step (position Verlet: Hairer, Lubich & Wanner
 2003, eq. 1.8), of second order and one look at the mechanism per step. Within the kick
@@ -7,7 +7,7 @@ The integrator is a drift of half a step, a kick, and a drift of half a step (po
   any stiffness and any grip;
 - what depends on the arm's speed (Coriolis, structural damping) is taken at the speed in mid-step, extrapolated from
   the change over the last step;
-- dry friction is implicit in the speed after (`omni_friction`): a stopped joint has a speed of exactly 0.
+- dry friction is implicit in the speed after (below): a stopped joint has a speed of exactly 0.
 
 `STEP_MAX_S` is 0.1 ms, the period of the acceleration channel: the fastest mode, the tool on the structure, turns by
 0.057 rad in it. Where a hand taps and strokes a wall of 500 N/m, friction and all, halving the step moves the tip by

@@ -1,5 +1,6 @@
-"""Virtual coupling: the scene is touched by a tool of its own, tied to the measured one by a spring and a damper.
+"""Stabilisers of the tick: a virtual coupling before the contact, a passivity controller after the effects.
 
+Virtual coupling: the scene is touched by a tool of its own, tied to the measured one by a spring and a damper.
 Colgate, Stanley & Brown 1995; Adams & Hannaford 1999. However stiff the scene, the device then meets nothing stiffer
 than the coupling. The virtual tool has no mass: it is where coupling and scene balance, and what the scene does to it
 is what the device is sent. Each tick makes one step of Newton's method towards that place, from the last one and the
@@ -10,9 +11,9 @@ a smaller step.
 from typing import Any, Final
 
 from hapscene.constants import TINY
+from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import native
-from hapscene.records import Flag
 
 
 @native

@@ -108,8 +108,9 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
 """The formats by name, in the order to offer them."""
 
 
-def is_mesh_of(scene: Scene, path: Path) -> bool:
+def is_mesh_of(scene: Scene, path: str | os.PathLike[str]) -> bool:
     """Whether a file is one that a scene is made of, which no export may take the place of."""
+    path = Path(path)
     meshes = {body.mesh.path for body in scene.bodies if body.mesh.path is not None and body.mesh.path.exists()}
     return is_own(path) or (path.exists() and any(path.samefile(mesh) for mesh in meshes))
 

@@ -1,4 +1,4 @@
-"""The parts of a glTF file: its JSON tree and its buffers, bounded before anything is made of them."""
+"""A scene from glTF: its parts, bounded before anything is made of them, and what we wrote, or others changed."""
 
 import base64
 import binascii

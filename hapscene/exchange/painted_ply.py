@@ -1,4 +1,4 @@
-"""A painted scene as one binary PLY in the world frame: `body` and `swatch` on each face, the tables in comments.
+"""A format of its own: a painted scene as one binary PLY in the world frame, body and swatch on each face.
 
     comment hapscene scene 1
     comment unit m

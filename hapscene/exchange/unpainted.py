@@ -1,4 +1,4 @@
-"""Formats that know no scene: OBJ keeps the swatches' names, STL the shape. World frame, metres."""
+"""Formats of their own, which know no scene: OBJ keeps the swatches' names, STL the shape. World frame, metres."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A scene from X3D that `hapscene.exchange.x3d` wrote.
+"""A format read, apart from how it is written: a scene from X3D that `hapscene.exchange.x3d` wrote.
 
 Files come from strangers: no entity is expanded, no other file or address is opened, sizes are capped.
 """

@@ -19,7 +19,7 @@ from hapscene.native import native
 #     F = Σ θ_i φ_i,  φ_i = s^(4−i) ω₀^i / D(s) · a,  i = 0 … 4,
 #
 # with θ_i = den_i / (m_c ω₀^i) [kg]. Every approximate inverse here is a choice of ω₀, d₁, d₂ and θ. The same five
-# signals of the acceleration that was measured give θ: see `adaptation`.
+# signals of the acceleration that was measured give θ: see `handle_loop.adapt`.
 #
 # D is run as sections of second order in the state-variable form, discretised by the trapezoidal rule (Tustin):
 # (s², ω₀s, ω₀²)/(s² + dω₀s + ω₀²) at once, well conditioned where a direct form of fourth order is not.

@@ -1,4 +1,4 @@
-"""What is known of a handle after it was identified: the plant, the grips, and how sure each number is."""
+"""A handle identified: from responses in several grips to its parameters, and how sure each of them is."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -15,7 +15,7 @@ What is played is the least of the gains over the look-ahead, averaged over the 
 own, and the gain has no corner sharper than a ramp of that length. Afterwards it comes back slowly.
 
 The model is the nominal handle. One that differs may reach its stops where the signal is far too loud: see
-`motion.move`; the learning compensator hears that, and gives out less travel (`adaptation`).
+`handle_dynamics.move`; the learning compensator hears that, and gives out less travel (`handle_loop.adapt`).
 """
 
 import math

@@ -1,12 +1,12 @@
 """The handle, one sample at a time: what is asked for, compensated, limited, amplified, and felt by a hand. Compiled.
 
 lead       make up for the amplifier's lag, where the compensator does
-sum        the compensator's signals φ, weighted by the nominal θ: what will be needed   basis.py
+sum        the compensator's signals φ, weighted by the nominal θ: what will be needed   compensator.py
 fade       the gain that keeps force and travel inside their limits, in time             governor.py
 push       φ of a look-ahead ago, weighted by θ as known now, times the gain
-amplify    the current loop                                                              motion.py
-move       coil, handle and hand                                                         motion.py
-adapt      learn θ from the accelerometer, where the compensator does                    adaptation.py
+amplify    the current loop                                                              handle_dynamics.py
+move       coil, handle and hand                                                         handle_dynamics.py
+adapt      learn θ from the accelerometer, where the compensator does                    below
 """
 
 import math
@@ -23,10 +23,10 @@ from hapscene.native import native
 
 # The inverse learnt from the handle's accelerometer, while it plays. Compiled.
 #
-# The inverse is linear in θ (see `basis`), and so is what is measured: s⁴/D · F = Σ θ_i φ_i(a) + e, whatever is played
-# and wherever it comes from. θ is estimated by a Kalman filter (recursive least squares with the spread of handles as
-# its prior): before anything is heard θ is that of the nominal handle, after a few samples of texture its mass is
-# known, and the rest as far as it is excited.
+# The inverse is linear in θ (see `compensator`), and so is what is measured: s⁴/D · F = Σ θ_i φ_i(a) + e, whatever is
+# played and wherever it comes from. θ is estimated by a Kalman filter (recursive least squares with the spread of
+# handles as its prior): before anything is heard θ is that of the nominal handle, after a few samples of texture its
+# mass is known, and the rest as far as it is excited.
 #
 # Nothing measured is fed back into the force but through θ, which is kept inside bounds: the force is a stable filter
 # of what is asked for, whatever the handle and the hand do. There is no loop whose gain could be too high.

@@ -1,4 +1,4 @@
-"""A handle with its compensator as one record: what the compiled loop works on, and how it is filled."""
+"""The memory of the compiled loop, filled in Python: a handle with its compensator as one record."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The Bode plot of an identified handle, as the haptography paper's Fig. 7: measured and model, and coherence below."""
+"""What `hapscene handle identify` and `show` tell of a handle, for a command is thin: Bode plot (Fig. 7), words."""
 
 import math
 from collections.abc import Sequence

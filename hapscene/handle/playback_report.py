@@ -1,4 +1,4 @@
-"""What a hand would feel of an acceleration that a handle plays: as sound, and as a plot beside what was desired."""
+"""What `hapscene handle play` writes, for a command is thin: what a hand would feel, as sound and as a plot."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast

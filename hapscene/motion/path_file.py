@@ -1,4 +1,4 @@
-"""A recorded path of the tool: read from CSV, checked, and put on the renderer's ticks."""
+"""A format of its own, a recorded path of the tool: read from CSV, checked, and put on the renderer's ticks."""
 
 import csv
 from pathlib import Path

@@ -21,7 +21,7 @@ from typing import IO, Any, Final, NamedTuple
 from hapscene.errors import SaveConflict, SceneError
 from hapscene.paint.painting import Painting
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.ply import write_mesh
+from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX, check_place, is_own
 
@@ -274,7 +274,7 @@ class Autosave:
             if body.mesh.path is None or is_own(body.mesh.path):
                 if id(body.mesh) not in self._meshes:
                     file = self.file.with_name(f"mesh_{len(self._meshes)}.ply")
-                    write_mesh(body.mesh, file)
+                    save_mesh(body.mesh, file)
                     self._meshes[id(body.mesh)] = (body.mesh, replace(body.mesh, path=file, unit="m"))
                 body.mesh = self._meshes[id(body.mesh)][1]
 

@@ -5,6 +5,7 @@ from .mesh import MeshWarning as MeshWarning
 from .mesh_doctor import examine as examine
 from .mesh_doctor import repair as repair
 from .mesh_file import load_mesh as load_mesh
+from .ply import save_mesh as save_mesh
 from .region import Box as Box
 from .region import Facet as Facet
 from .region import PlaneSide as PlaneSide
@@ -12,3 +13,4 @@ from .region import Region as Region
 from .region import Sphere as Sphere
 from .scene import Scene as Scene
 from .scene import load_scene as load_scene
+from .scene_file import save_scene as save_scene

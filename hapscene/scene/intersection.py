@@ -1,4 +1,4 @@
-"""Faces of a mesh that cross each other, or lie on each other in one plane."""
+"""An algorithm of its own: faces of a mesh that cross each other, or lie on each other in one plane."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Wavefront OBJ, read line by line.
+"""A format of its own: Wavefront OBJ, read line by line.
 
 trimesh reads OBJ too, but splits vertices at texture seams, sorts faces by material, and takes an index past
 the end for one counted from the back. Here positions stay shared, faces stay in order, and errors name their

@@ -17,7 +17,7 @@ HEADER_MAX_B: Final = 16_000_000
 """Longest header that is read [bytes]: room for 10,000 bodies, 32,767 groups or swatches with long names."""
 
 
-def write_mesh(mesh: Mesh, path: str | Path) -> None:
+def save_mesh(mesh: Mesh, path: str | Path) -> None:
     """Write a mesh as binary PLY in metres: float64, so that it loads back to the bit with unit="m".
 
     Groups are written as a face property `group` with their names in comments, colours as on the faces.
@@ -82,7 +82,7 @@ def declared(content: bytes, where: str) -> dict[str, int]:
 
 
 def ply_groups(content: bytes, loaded: Any) -> tuple[NDArray[Any], list[str]] | None:
-    """Groups (m,) and their names as `write_mesh` wrote them, or None."""
+    """Groups (m,) and their names as `save_mesh` wrote them, or None."""
     start = f"comment {_COMMENT} "
     names = [line[len(start) :] for line in _header(content) if line.startswith(start)]
     try:

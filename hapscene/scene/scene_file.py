@@ -65,7 +65,7 @@ def is_own(file: Path) -> bool:
 
 
 class SidecarFiles:
-    """What a scene file names. Made by `beside`.
+    """What a scene file names. Made by `sidecar_files`.
 
     Args:
         path: the scene file.
@@ -223,8 +223,15 @@ BODY_MAX: Final = 10_000
 """Most bodies of a scene file [count]."""
 
 
-def save_scene(scene: "Scene", path: Path) -> None:
-    """What `Scene.save` does. Through a link, what it points to is written, and named from there."""
+def save_scene(scene: "Scene", path: str | os.PathLike[str]) -> None:
+    """Save a scene as one readable file, NAME.scene.json, next to its meshes; `load_scene` reads it.
+
+    Through a link, what it points to is written, and named from there.
+
+    Raises:
+        SceneError: the suffix is another, or the file cannot be written.
+    """
+    path = Path(path)
     check_place(path)
     path = path.resolve() if path.is_symlink() else path
     if len(scene.bodies) > BODY_MAX:

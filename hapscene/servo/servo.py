@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
+from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
-from hapscene.records import Flag, block_of
+from hapscene.records import block_of
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel
 

@@ -1,4 +1,4 @@
-"""The servo's process: builds the twin, runs the loop in a thread that holds no GIL, and answers the application."""
+"""The other process of a servo: builds the twin, runs the loop in a thread without the GIL, and answers."""
 
 import threading
 import traceback

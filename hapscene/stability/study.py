@@ -1,4 +1,4 @@
-"""`hapscene stability`: everything about walls, measured and written into a folder."""
+"""What `hapscene stability` does, for a command is thin: everything about walls, measured and written into a folder."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence

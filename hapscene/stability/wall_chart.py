@@ -1,4 +1,4 @@
-"""The charts of walls: simulated against predicted limits, and the Z-width of a device."""
+"""The charts of walls, apart from what they show: simulated against predicted limits, and the Z-width of a device."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

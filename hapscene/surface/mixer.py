@@ -1,10 +1,10 @@
-"""What the effects supply, summed into the two channels and kept inside the device's limits."""
+"""A phase of the tick of its own: what the effects supply, summed and kept inside the device's limits."""
 
 import math
 from typing import Any
 
+from hapscene.flags import Flag
 from hapscene.native import native
-from hapscene.records import Flag
 from hapscene.surface.effect_compile import call_effect
 
 _MUTED = int(Flag.EFFECT_MUTED)

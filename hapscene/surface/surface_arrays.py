@@ -1,4 +1,4 @@
-"""How the scene feels, as the compiled tick reads it: swatches, effects, parameters and memory in flat arrays."""
+"""The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple

@@ -1,4 +1,4 @@
-"""The UDP datagram that carries a message, and the gate that lets in none but the peer's.
+"""What leader and follower tell each other, the UDP datagram that carries it, and the gate for the peer's alone.
 
     magic "HSTO" · version u8 · role u8 · scheme u8 · ends u8 · session u32 · tick i64 · echo i64 · position 3 f64 ·
     velocity 3 f64 · wave integral 3 f64 · wave energy f64 · acceleration 10 f32 · CRC-32 u32

@@ -1,4 +1,4 @@
-"""One end of the line: what it has sent, heard and spent, and the force that its motors are to give.
+"""One end of the line, and how both are tied: what it has sent, heard and spent, and what its motors are to give.
 
 Of the two schemes `position` is here, the position–position controller of the haptography paper,
 

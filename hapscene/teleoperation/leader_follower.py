@@ -1,8 +1,8 @@
-"""The leader: the device in the hand, whose base motors tie it to the follower, and in it the haptography handle.
+"""A tick of each end: the leader in the hand, with the haptography handle, and the follower at the surface.
 
-As in the haptography paper's experiment, what the follower's accelerometer reads is the acceleration that the handle is
-asked for; its compensator makes a force of it. The handle is what the hand holds and what the encoders see, so what it
-does goes back to the follower.
+The base motors of the leader tie it to the follower. As in the haptography paper's experiment, what the follower's
+accelerometer reads is the acceleration that the handle is asked for; its compensator makes a force of it. The handle is
+what the hand holds and what the encoders see, so what it does goes back to the follower.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""One end of a teleoperation as a process: a 1 kHz loop that hears its peer over UDP and moves its simulated device.
+"""What `hapscene teleoperate follower` and `leader` run, for a command is thin: a 1 kHz loop over UDP.
 
 What has arrived is checked (`datagram`) and handed, with the tick, to one call of compiled code (`loop`). When the peer
 has been silent for the coupling's `timeout_s` the motors let go (`port`). After `PATIENCE_S` of silence, when the peer

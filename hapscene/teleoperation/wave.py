@@ -1,4 +1,4 @@
-"""Wave variables, made to hold on a real line (Niemeyer & Slotine 1991, 1998).
+"""A scheme of its own: wave variables, made to hold on a real line (Niemeyer & Slotine 1991, 1998).
 
 Per axis, u = (b ẋ + F)/√(2b) goes to the follower and v = (b ẋ − F)/√(2b) comes back; û and v̂ are what arrives:
 
@@ -8,9 +8,9 @@ Per axis, u = (b ẋ + F)/√(2b) goes to the follower and v = (b ẋ − F)/√
 A wave carries the energy u²/2 per second, so a line that only delays is passive whatever the delay. What makes it so
 with jitter, loss, reordering, encoder steps and a force that is held over a tick:
 
-- Waves are sent as totals, their integral and their energy, and wait for their turn (`queue`). The receiver goes from
-  total to total, over messages that are missing on a straight line, which never asks for more energy than they had
-  (Cauchy–Schwarz); and never spends more than has arrived. Where energy was short, position is caught up as soon as
+- Waves are sent as totals, their integral and their energy, and wait for their turn (`jitter_buffer`). The receiver
+  goes from total to total, over messages that are missing on a straight line, which never asks for more energy than
+  they had (Cauchy–Schwarz); and never spends more than has arrived. Where energy was short, position is caught up as soon as
   some is left.
 - The energy told is never more than was observed at the motors: all that arrived, less the work f·Δx that was done on
   the device, exact for a force held over a tick (Stramigioli et al. 2005). While that falls short of the waves' own, a

@@ -1,4 +1,4 @@
-"""A moving picture, GIF or MP4: the camera goes around the scene while it is painted, and touched."""
+"""A picture that moves, GIF or MP4, a kind of its own: the camera goes around the scene, painted and touched."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

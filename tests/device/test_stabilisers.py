@@ -10,7 +10,7 @@ import hapscene
 from hapscene.device.model import IDEAL, Limits
 from hapscene.device.point import PointMass
 from hapscene.device.stabilisers import FORGET_S
-from hapscene.records import Flag
+from hapscene.flags import Flag
 from hapscene.stability.rig import Rig
 from hapscene.surface.effect import Effect
 from hapscene.surface.swatch import Swatch

@@ -7,7 +7,7 @@ import trimesh
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.ply import write_mesh
+from hapscene.scene.ply import save_mesh
 
 
 def random_mesh(seed: int = 0) -> Mesh:
@@ -23,7 +23,7 @@ def random_mesh(seed: int = 0) -> Mesh:
 
 def test_round_trip_is_exact(tmp_path):
     mesh = random_mesh()
-    write_mesh(mesh, tmp_path / "m.ply")
+    save_mesh(mesh, tmp_path / "m.ply")
     back = load_mesh(tmp_path / "m.ply", "m")
     assert back.digest == mesh.digest and back.group_names == mesh.group_names
     np.testing.assert_array_equal(back.group, mesh.group)
@@ -32,31 +32,31 @@ def test_round_trip_is_exact(tmp_path):
 
 def test_others_read_it_too(tmp_path):
     mesh = random_mesh()
-    write_mesh(mesh, tmp_path / "m.ply")
+    save_mesh(mesh, tmp_path / "m.ply")
     np.testing.assert_array_equal(trimesh.load_mesh(tmp_path / "m.ply", process=False).vertices, mesh.vertices_m)
 
 
 def test_no_other_suffix_and_nothing_half_written(tmp_path):
     with pytest.raises(MeshError, match=r"written as \.ply"):
-        write_mesh(random_mesh(), tmp_path / "m.stl")
+        save_mesh(random_mesh(), tmp_path / "m.stl")
     with pytest.raises(MeshError, match="cannot be written"):
-        write_mesh(random_mesh(), tmp_path / "no_folder" / "m.ply")
+        save_mesh(random_mesh(), tmp_path / "no_folder" / "m.ply")
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(MeshError, match="cannot be written"):
-        write_mesh(random_mesh(), tmp_path / "folder.ply")
+        save_mesh(random_mesh(), tmp_path / "folder.ply")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.ply"]
 
 
 def test_a_group_called_as_the_headers_end_is_renamed(tmp_path):
     """A mesh whose group's name nobody can change must be read again."""
     mesh = Mesh(np.eye(3), [[0, 1, 2], [0, 2, 1]], np.array([0, 1]), ("my end_header x", "\ud800"))
-    write_mesh(mesh, tmp_path / "m.ply")
+    save_mesh(mesh, tmp_path / "m.ply")
     back = load_mesh(tmp_path / "m.ply", "m")
     assert back.digest == mesh.digest and back.group_names == ("my end-header x", "?")
 
 
 def test_groups_that_do_not_fit_are_left_out(tmp_path):
-    write_mesh(random_mesh(), tmp_path / "m.ply")
+    save_mesh(random_mesh(), tmp_path / "m.ply")
     content = (tmp_path / "m.ply").read_bytes().replace("comment hapscene group Öse\n".encode(), b"")
     (tmp_path / "m.ply").write_bytes(content)
     assert load_mesh(tmp_path / "m.ply", "m").group_names == ("default",)
