@@ -161,6 +161,7 @@ class Pool(Protocol):
 
     def died(self, error: BaseException) -> bool:
         """Whether the error says that all jobs under way were lost because one process died; then the pool is anew."""
+        return False
 
     def reason(self, error: BaseException) -> str:
         """Why a job was given up, in words.
@@ -168,12 +169,13 @@ class Pool(Protocol):
         Raises:
             CaptureError: not the job but the whole pool was lost.
         """
+        return f"{type(error).__name__}: {error}"
 
     def close(self, at_once: bool) -> None:
         """Ends the processes, or lets go of the cluster; `at_once`: without waiting for what is under way."""
 
 
-class ProcessPool:
+class ProcessPool(Pool):
     """Processes of this machine, started afresh (spawn)."""
 
     sends_content = False
@@ -207,9 +209,6 @@ class ProcessPool:
         self._executor = self._begun()
         return True
 
-    def reason(self, error: BaseException) -> str:
-        return f"{type(error).__name__}: {error}"
-
     def close(self, at_once: bool) -> None:
         import multiprocessing
 
@@ -219,7 +218,7 @@ class ProcessPool:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
 
-class ClusterPool:
+class ClusterPool(Pool):
     """The workers of a Dask cluster, through its executor; recordings are sent, no shared folder is needed.
 
     Dask itself gives the jobs of a worker that died to others; what kills several workers, it gives up.
@@ -273,15 +272,12 @@ class ClusterPool:
             future: Future[FitOutcome] = self._executor.submit(fit_job, job)
         return future
 
-    def died(self, error: BaseException) -> bool:
-        return False
-
     def reason(self, error: BaseException) -> str:
         if type(error).__name__ == "KilledWorker":
             return "every worker that fitted it died: killed, or out of memory"
         if self._client.status != "running" or type(error).__name__ in ("CancelledError", "FutureCancelledError"):
             raise self._lost()
-        return f"{type(error).__name__}: {error}"
+        return super().reason(error)
 
     def close(self, at_once: bool) -> None:
         self._executor.shutdown(wait=not at_once)

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording, load_recording
-from hapscene.capture.streams import part_of
+from hapscene.capture.streams import Array, part_of
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
@@ -28,7 +27,6 @@ from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 
-Array = NDArray[np.float64]
 Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
 
 CLEAR_JND: Final = 2.0
@@ -452,11 +450,8 @@ def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swa
         CaptureError: the folder is missing, or holds no swatch that can be read.
     """
     if folder is None:
-        shipped = [load_swatch(name) for name in shipped_swatches()]
-        if not library_folder().is_dir():
-            return shipped, {}
         own, broken = _folder(library_folder())
-        return shipped + own, broken
+        return [load_swatch(name) for name in shipped_swatches()] + own, broken
     path = Path(folder)
     if not path.is_dir():
         raise CaptureError(f"{path}: no such folder of swatches")
@@ -467,6 +462,7 @@ def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swa
 
 
 def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
+    """As `load_library`; of a folder that is not there, nothing."""
     found, broken = [], {}
     for file in sorted(path.rglob("*" + SUFFIX)):
         try:

@@ -9,16 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.metric import excess_kurtosis
+from hapscene.capture.streams import Array
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
 from hapscene.dsp.lattice import run_lattice
 from hapscene.dsp.noise import seeded_state
 from hapscene.surface.texture import Texture, excitation_moments
-
-Array = NDArray[np.float64]
 
 GAIN: Final = 0.97
 """A measured noise is taken when its distance is below this share of the Gaussian noise's [1]: for less it is not

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Segmentation, runs
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Array, Streams
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.05
 """Time over which forces are averaged before anything is fitted [s]."""

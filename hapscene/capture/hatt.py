@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps, root_name
+from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
@@ -29,8 +30,6 @@ from hapscene.surface.texture import Texture
 
 # Taps of the Penn Haptic Texture Toolkit: transients at 1 kHz, and the swatch's taps.
 
-
-Array = NDArray[np.float64]
 
 RATE_HZ: Final = 1000.0
 """Sample rate of the toolkit's transients [Hz]; the files do not state it."""

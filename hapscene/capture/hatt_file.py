@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar
 from hapscene.errors import SwatchError
@@ -24,8 +25,6 @@ from hapscene.surface.texture import MODEL_MAX
 #
 # No entity is expanded, no other file or address is opened, sizes are capped.
 
-
-Array = NDArray[np.float64]
 
 BYTES_MAX: Final = 8 * 1024 * 1024
 """Largest file that is read [bytes]. Those of the Penn toolkit have 20 to 300 kB. The worst of this size, empty
@@ -196,19 +195,10 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
         stated = source.number(name)
         if stated is not None and abs(stated - values.max()) > 1e-3 * values.max():
             notes.append(f"{name} says {stated:g}, the models reach {values.max():g}: clamped at the latter")
-    return HattModels(
-        _material(source),
-        rate_Hz,
-        source.number("mu"),
-        force,
-        speed * metre,
-        _triangles(source, force, speed, notes),
-        np.stack([ar for ar, _ in filters]),
-        np.stack([ma for _, ma in filters]),
-        variance,
-        gain,
-        tuple(notes),
-    )
+    triangles = _triangles(source, force, speed, notes)
+    ar, ma = (np.stack(side) for side in zip(*filters, strict=True))
+    surface = _material(source), rate_Hz, source.number("mu")
+    return HattModels(*surface, force, speed * metre, triangles, ar, ma, variance, gain, tuple(notes))
 
 
 def read_taps(path: str | os.PathLike[str]) -> HattTaps:

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
@@ -28,8 +28,6 @@ from hapscene.files import write_whole
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
-
-Array = NDArray[np.float64]
 
 TIMESCALE_MAX: Final = 48_000
 """Most ticks per second in the profile "Main" [1/s]."""

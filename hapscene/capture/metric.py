@@ -10,14 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
-
-Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and

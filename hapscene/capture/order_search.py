@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
+from hapscene.capture.streams import Array
 from hapscene.capture.whittle import NoisyModel, over_noise
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
-
-Array = NDArray[np.float64]
 
 ORDERS: Final = range(2, 161)
 """Orders that are tried. On the project's recordings nothing improves beyond 100."""

@@ -19,7 +19,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -110,11 +110,9 @@ class RecordWriter:
         Raises:
             CaptureError: the disk is full or gone.
         """
-        try:
+        with self._writing():
             self._file.flush()
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._unwritten(error) from None
 
     def end(self, how: str, **facts: float) -> None:
         """Ends the record properly: how it ended, and facts about it."""
@@ -123,13 +121,16 @@ class RecordWriter:
 
     def _put(self, kind: bytes, first: int, payload: bytes) -> None:
         body = _CHUNK.pack(kind, len(payload), first) + payload
-        try:
+        with self._writing():
             self._file.write(body + _CHECK.pack(zlib.crc32(body)))
-        except OSError as error:
-            raise self._unwritten(error) from None
 
-    def _unwritten(self, error: OSError) -> CaptureError:
-        return CaptureError(f"{self.path}: cannot be written on: {error.strerror}; what was recorded before is in it")
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            said = f"{self.path}: cannot be written on: {error.strerror}; what was recorded before is in it"
+            raise CaptureError(said) from None
 
 
 def load_record(path: str | os.PathLike[str]) -> Record:

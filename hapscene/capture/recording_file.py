@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
-from hapscene.capture.streams import filtered, speed_of
+from hapscene.capture.streams import Array, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.files import refusing
 from hapscene.wire.unit import UNITS
@@ -27,8 +26,6 @@ from hapscene.wire.unit import UNITS
 #
 #     |A(f)|² = Σ_i |A_i(f)|²,   ∠A(f) = ∠ Σ_i A_i(f)
 
-
-Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1
 """Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not when what happened: each

@@ -17,12 +17,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.errors import CaptureError
 from hapscene.files import check_file_size, refusing
-
-Array = NDArray[np.float64]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""

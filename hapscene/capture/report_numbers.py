@@ -4,22 +4,19 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture import metric
 from hapscene.capture.excitation import ExcitationChoice, choose_excitation
 from hapscene.capture.metric import LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import DURATION_MIN_S, Streams, part_of
+from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.capture.texture_pieces import cut
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept where a model is followed along a recording [s], as in `synthesize`."""
@@ -116,16 +113,9 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
         held_out = _hold_out(swatch, stroke, search)
     except CaptureError as error:
         why_not = str(error)
-    return Judgement(
-        channels,
-        search,
-        synthetic,
-        metric.spectrogram_error(acceleration, synthetic, rate),
-        st_sim(synthetic, acceleration, rate),
-        choose_excitation(texture, cut(stroke)),
-        held_out,
-        why_not,
-    )
+    apart, similarity = metric.spectrogram_error(acceleration, synthetic, rate), st_sim(synthetic, acceleration, rate)
+    excitation = choose_excitation(texture, cut(stroke))
+    return Judgement(channels, search, synthetic, apart, similarity, excitation, held_out, why_not)
 
 
 def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:

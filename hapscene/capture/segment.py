@@ -25,10 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams, filtered
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Run = tuple[int, int]
 """First sample, and the one after the last."""

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.friction import DRAWS, interval
 from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
-
-Array = NDArray[np.float64]
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
 RANGE: Final = (0.1, 0.9)
 """Part of a loading that is used, as shares of its largest force [1]: below, the contact is not whole; above, it

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Run, Segmentation
-from hapscene.capture.streams import Streams, high_pass_gain
+from hapscene.capture.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
-
-Array = NDArray[np.float64]
 
 WAVE_S: Final = 0.1
 """Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit."""

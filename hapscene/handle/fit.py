@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
 from hapscene.handle.handle_loop import ACCELEROMETER_HZ
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 
 Interval = tuple[float, float]
@@ -112,10 +112,6 @@ def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
 
 
 # What stands between force command and acceleration sample, and is not the handle: amplifier, accelerometer, delay.
-
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def sampled_response(
@@ -397,8 +393,9 @@ def _judged(
     names: Sequence[str], logs: Array, deviation: Array, reason: str
 ) -> tuple[dict[str, Interval], dict[str, str]]:
     """Intervals of parameters that are known, and why the others are not."""
-    edges = np.exp([logs - NORMAL_95 * deviation, logs + NORMAL_95 * deviation]).T.tolist()
     known = dict(zip(names, deviation <= KNOWN, strict=True))
+    reach = NORMAL_95 * np.minimum(deviation, KNOWN)
+    edges = np.exp([logs - reach, logs + reach]).T.tolist()
     intervals = {name: (low, high) for name, (low, high) in zip(names, edges, strict=True) if known[name]}
     return intervals, {name: reason for name in names if not known[name]}
 

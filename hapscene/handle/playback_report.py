@@ -4,12 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
 from hapscene.files import whole_file
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import Played
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
@@ -19,7 +18,6 @@ from hapscene.view.sound import PEAK_DBFS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 SHOWN_S: Final = 0.05
 """How much of the signals is shown over time, around the strongest moment [s]: in more, no single wave can be seen."""

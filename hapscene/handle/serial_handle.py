@@ -9,15 +9,13 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
 from hapscene.files import refusing
+from hapscene.handle.plant import Array
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
 from hapscene.wire.unit import UNITS
-
-Array = NDArray[np.float64]
 
 START: Final = b"#hapscene-handle 1 start"
 """The line that empties the handle's buffer and sets force and count to 0."""

@@ -4,13 +4,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
-from hapscene.handle.plant import Plant
-
-Array = NDArray[np.float64]
+from hapscene.handle.plant import Array, Plant
 
 BAND_HZ: Final = (10.0, ACCELERATION_BAND_HZ[1])
 """Band of the sweep [Hz]: from where the paper's begins, 10 Hz, to the end of the acceleration channel. The paper's
