@@ -235,9 +235,8 @@ def _read(path: Path) -> list[ManifestEntry]:
     if content.get("version") != VERSION:
         raise CaptureError(f"{path}: a manifest of version {content.get('version')}, read here is {VERSION}")
     kinds = {f.name: float if f.name == "duration_s" else str for f in fields(ManifestEntry)}
-    found = content.get("recordings")
-    rows: list[Any] = found if isinstance(found, list) else [None]
-    for row in rows:
+    rows: Any = content.get("recordings")
+    for row in rows if isinstance(rows, list) else [None]:
         if not isinstance(row, dict) or any(not isinstance(row.get(key), kind) for key, kind in kinds.items()):
             raise CaptureError(f"{path}: a damaged manifest: remove it, or take another folder")
     return [ManifestEntry(**{key: row[key] for key in kinds}) for row in rows]

@@ -72,8 +72,8 @@ def _source(file: Path) -> RecordingSource:
 def _text(file: Path) -> RecordingSource:
     try:
         with file.open(encoding="utf-8-sig") as f:
-            lines = (line for line in f if line.strip() and not line.startswith("#"))
-            first = next(lines, "")
+            lines = ((number, line) for number, line in enumerate(f, 1) if line.strip() and not line.startswith("#"))
+            skip, first = next(lines, (0, ""))
     except UnicodeDecodeError:
         raise CaptureError("not a text file") from None
     delimiter = next((d for d in (";", "\t", ",") if d in first), None)
@@ -81,10 +81,7 @@ def _text(file: Path) -> RecordingSource:
     header = not all(_is_number(name) for name in names)
     if not names or not names[0]:
         raise CaptureError("must begin with a header of column names, or with a line of numbers")
-    skip = 0
-    if header:  # the line itself may stand below comments
-        with file.open(encoding="utf-8-sig") as f:
-            skip = 1 + next(i for i, line in enumerate(f) if line == first)
+    skip = skip if header else 0  # the line itself may stand below comments
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "no data", which is told below

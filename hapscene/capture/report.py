@@ -64,7 +64,7 @@ class Row(NamedTuple):
 
 def facts(swatch: Swatch) -> list[Fact]:
     """The main numbers of a swatch; one that is absent says so."""
-    return [_texture(swatch), _level(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
+    return [*_texture(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
 
 
 def absences(swatch: Swatch) -> list[tuple[str, str]]:
@@ -151,29 +151,19 @@ def _verdict(good: bool) -> str:
     return "good" if good else "short"
 
 
-def _texture(swatch: Swatch) -> Fact:
+def _texture(swatch: Swatch) -> tuple[Fact, Fact]:
+    """The texture, and how loud it is."""
     texture = swatch.texture
     if texture is None:
-        return Fact("Texture", "none", "sliding is silent")
+        return Fact("Texture", "none", "sliding is silent"), Fact("Vibration", "0 m/s²", "no texture")
     count = int(np.count_nonzero(texture.variance_m2_s4))
-    return Fact(
-        "Texture",
-        f"order {texture.order}",
+    held = (
         f"{count} model{'s' if count != 1 else ''} at {texture.rate_Hz / 1e3:g} kHz, up to {texture.force_max_N:.2g} N "
-        f"and {1e3 * texture.speed_max_m_s:.0f} mm/s",
+        f"and {1e3 * texture.speed_max_m_s:.0f} mm/s"
     )
-
-
-def _level(swatch: Swatch) -> Fact:
-    texture = swatch.texture
-    if texture is None:
-        return Fact("Vibration", "0 m/s²", "no texture")
-    half = np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s])
-    return Fact(
-        "Vibration",
-        f"{np.sqrt(texture.power(*half)[0]):.2g} m/s²",
-        f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²",
-    )
+    power = texture.power(np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s]))[0]
+    said = f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²"
+    return Fact("Texture", f"order {texture.order}", held), Fact("Vibration", f"{np.sqrt(power):.2g} m/s²", said)
 
 
 def _friction(swatch: Swatch) -> Fact:
@@ -199,11 +189,8 @@ def _taps(swatch: Swatch) -> Fact:
         return Fact("Taps", "none", "a touch is silent")
     speed = float(swatch.taps.approach_m_s[-1])
     tap = swatch.taps.at(speed)
-    return Fact(
-        "Taps",
-        f"{tap.frequency_Hz:.0f} Hz",
-        f"{tap.amplitude_m_s2:.2g} m/s² at {1e3 * speed:.0f} mm/s, gone to a third in {1e3 / tap.decay_1_s:.0f} ms",
-    )
+    said = f"{tap.amplitude_m_s2:.2g} m/s² at {1e3 * speed:.0f} mm/s, gone to a third in {1e3 / tap.decay_1_s:.0f} ms"
+    return Fact("Taps", f"{tap.frequency_Hz:.0f} Hz", said)
 
 
 # The page of a report: one HTML file, nothing fetched, no script, light or dark as the reader's screen is.

@@ -8,7 +8,7 @@ before it is compared, and A, β, f are those of the tap itself.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -168,17 +168,15 @@ def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap
     # Onsets half a period off fit nearly as well: of all of them the best begins the search.
     frequency = float(np.clip(_loudest(data[lead:], rate), 12.0, 0.4 * rate))
     step_s = min(5e-4, 0.125 / frequency)
-    decay, onset_s = (
-        g.ravel() for g in np.meshgrid([30.0, 100.0, 300.0], np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s))
-    )
+    onsets_s = np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s)
+    decay, onset_s = (grid.ravel() for grid in np.meshgrid([30.0, 100.0, 300.0], onsets_s))
     models = played(frequency, decay, onset_s)
     match, power = models @ data / scale, np.maximum((models**2).sum(axis=1), 1e-12)
     best = int(np.argmax(match**2 / power))
-    begin = [match[best] / power[best], frequency, decay[best], onset_s[best]]
+    begin: Any = [match[best] / power[best], frequency, decay[best], onset_s[best]]
     low, high = np.array([-50.0, 10.0, 1.0, -0.02]), np.array([50.0, 0.45 * rate, 0.25 * rate, 0.02])
-    fitted = least_squares(
-        off, np.clip(begin, low, high), bounds=(low, high), x_scale=[1.0, 0.1 * frequency, 50.0, 0.002], max_nfev=60
-    )
+    begin, scales = np.clip(begin, low, high), [1.0, 0.1 * frequency, 50.0, 0.002]
+    fitted = least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
     amplitude, frequency, ring_1_s, late_s = (float(number) for number in fitted.x)
     error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun)) * np.array([scale, 1.0, 1.0, 1.0])
     explained = 1.0 - 2.0 * float(fitted.cost) * scale**2 / float((data**2).sum())

@@ -90,10 +90,8 @@ class SimulatedSource:
         acceleration, travel_m = self.advance(force)
         most_m = np.abs(travel_m).max(initial=0.0)
         if most_m > limit_m:
-            raise HandleError(
-                f"the coil would travel {1e3 * most_m:.2g} mm and meet a stop at {1e3 * limit_m:.2g} mm: "
-                "play less force"
-            )
+            stop = f"meet a stop at {1e3 * limit_m:.2g} mm: play less force"
+            raise HandleError(f"the coil would travel {1e3 * most_m:.2g} mm and {stop}")
         return force, acceleration
 
     def advance(self, force_N: ArrayLike) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.dsp.spectrogram import decibels
 from hapscene.errors import HandleError
 from hapscene.files import whole_folder
 from hapscene.handle.fit import Identification, IdentifiedGrip, sampled_response
@@ -56,11 +57,11 @@ def _draw(figure: "Figure", handle: Identification, responses: Sequence[Response
     for i, (grip, response) in enumerate(zip(handle.grips, responses, strict=True)):
         colour, at_Hz = COLOURS[i % len(COLOURS)], response.frequency_Hz
         model = modelled(handle, grip, fine_Hz)
-        magnitude.plot(fine_Hz, _decibels(np.abs(model)), color=colour, linewidth=4.5, alpha=0.45)
+        magnitude.plot(fine_Hz, decibels(np.abs(model)), color=colour, linewidth=4.5, alpha=0.45)
         phase.plot(fine_Hz, _degrees(model), color=colour, linewidth=4.5, alpha=0.45)
-        low, high = (_decibels(edge) for edge in response.magnitude_interval())
+        low, high = (decibels(edge) for edge in response.magnitude_interval())
         magnitude.fill_between(at_Hz, low, high, color=colour, alpha=0.3, linewidth=0)
-        magnitude.plot(at_Hz, _decibels(np.abs(response.response)), color=colour, linewidth=1.1)
+        magnitude.plot(at_Hz, decibels(np.abs(response.response)), color=colour, linewidth=1.1)
         phase.plot(at_Hz, _degrees(response.response), color=colour, linewidth=1.1)
         label = f"{grip.name}: {grip.k_u_N_m:.0f} N/m, {grip.b_u_Ns_m:.1f} N·s/m"
         coherence.plot(at_Hz, response.coherence, color=colour, linewidth=1.3, label=label)
@@ -73,7 +74,7 @@ def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> 
     from matplotlib.ticker import MultipleLocator
 
     magnitude, phase, coherence = axes
-    level = float(_decibels(np.array(1.0 / handle.plant.m_h_kg)))
+    level = float(decibels(np.array(1.0 / handle.plant.m_h_kg)))
     magnitude.axhline(level, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     magnitude.set_ylabel("magnitude [dB re 1 m/s²/N]")
     phase.set_ylabel("phase [°]")
@@ -93,10 +94,6 @@ def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> 
     magnitude.legend(handles=looks, loc="lower right")
     figure.align_ylabels()
     figure.legend(loc="outside lower left", ncols=2 if len(handle.grips) > 3 else 3, title="grip", alignment="left")
-
-
-def _decibels(magnitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(20.0 * np.log10(np.maximum(magnitude, 1e-6)))
 
 
 def _degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:

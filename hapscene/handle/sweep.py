@@ -73,10 +73,8 @@ class Sweep:
             HandleError: a rate that is too low for the band.
         """
         if not rate_Hz >= RATE_MIN * self.high_Hz:
-            raise HandleError(
-                f"sweep: at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz, "
-                f"not to {self.high_Hz:g} Hz"
-            )
+            most = f"at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz"
+            raise HandleError(f"sweep: {most}, not to {self.high_Hz:g} Hz")
         first, last = self.low_Hz / OVERSHOOT, min(self.high_Hz * OVERSHOOT, 0.49 * rate_Hz)
         octaves = np.log(last / first)
         t_s = np.arange(round(self.sweep_s * rate_Hz)) / rate_Hz

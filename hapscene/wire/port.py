@@ -6,6 +6,7 @@ import os
 import queue
 import threading
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.errors import CaptureError
@@ -56,10 +57,9 @@ class Port:
 
     def next(self) -> tuple[bytes, float] | str | None:
         """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
-        try:
+        with suppress(queue.Empty):
             return self._pieces.get(timeout=POLL_S)
-        except queue.Empty:
-            return None
+        return None
 
     def close(self) -> None:
         """Stops the thread, then closes the port."""
