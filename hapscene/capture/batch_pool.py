@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from hapscene.errors import CaptureError
-from hapscene.files import refusing
+from hapscene.errors import CaptureError, HapsceneError
+from hapscene.files import read_bytes, refusing
 
 # What a process of a batch does: it fits one recording and gives back the text of the swatch's file.
 #
@@ -56,8 +56,6 @@ def fit_job(job: Job) -> FitOutcome:
     """Fits a recording; what is wrong with it is told in the outcome, not raised."""
     import hashlib
 
-    from hapscene.errors import HapsceneError
-
     start_s = time.monotonic()
     sha256 = ""
     try:
@@ -86,7 +84,6 @@ def _swatch(job: Job, content: bytes) -> tuple[str, str]:
     from hapscene import __version__
     from hapscene.capture.recording_file import bridged_note, read_surface_recording
     from hapscene.capture.swatch_fit import fit_parts, prepare
-    from hapscene.errors import CaptureError
     from hapscene.surface.swatch_file import swatch_to_json
 
     if job.version != __version__:
@@ -107,14 +104,12 @@ def read_content(path: Path) -> bytes:
     """The whole file, if it is not larger than a recording may be.
 
     Raises:
-        CaptureError: larger.
+        CaptureError: larger, or it cannot be read.
     """
     from hapscene.capture.recording_source import BYTES_MAX
-    from hapscene.errors import CaptureError
 
-    if path.stat().st_size > BYTES_MAX:
-        raise CaptureError(f"{path}: larger than {BYTES_MAX >> 20} MiB")
-    return path.read_bytes()
+    with refusing(CaptureError):
+        return read_bytes(path, BYTES_MAX, "recording")
 
 
 def version() -> str:

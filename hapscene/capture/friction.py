@@ -81,9 +81,8 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
         dynamic, static = float(np.median(curve[:, 0])), float(np.median(curve[:, 1]))
         intervals = {"friction_dynamic": interval(curve[:, 0]), "friction_static": interval(curve[:, 1])}
         slow, fast = 1e3 * np.quantile(blocks[2], [0.02, 0.98])
-        note = (
-            f"Friction falls with speed: static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above."
-        )
+        places = f"static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above"
+        note = f"Friction falls with speed: {places}."
     pulls = np.array(_breakaways(parts))
     if len(pulls):
         static = max(dynamic, float(np.median(pulls)))

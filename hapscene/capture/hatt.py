@@ -308,18 +308,18 @@ def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[st
     paths: list[Path] = []
     for file in map(Path, files):
         paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
-    models: list[Path] = []
-    taps: list[Path] = []
+    found: dict[str, list[Path]] = {"modelSet": [], "tapSet": []}
     for path in dict.fromkeys(paths):
         try:
             kind = root_name(path)
         except HapsceneError as error:
             outcome.broken.append(str(error))
             continue
-        if kind not in ("modelSet", "tapSet"):
+        if kind in found:
+            found[kind].append(path)
+        else:
             outcome.broken.append(f"{path}: the root element: expected <modelSet> or <tapSet>, found <{kind}>")
-            continue
-        (models if kind == "modelSet" else taps).append(path)
+    models, taps = found.values()
     if len(models) == len(taps) == 1:
         return [(_key(models[0]), (models[0], taps[0]))]
     by_place = {(path.parent, _key(path)): path for path in taps}

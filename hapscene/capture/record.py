@@ -14,7 +14,7 @@ from typing import Final, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz
+from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz, taken
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
@@ -133,7 +133,7 @@ def record(
     place = target.with_suffix(SUFFIX)
     for file in {target, place}:
         if file.exists():
-            raise CaptureError(f"{file}: is there already, and a recording is never replaced: take another name")
+            raise taken(file)
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped)
         assert decoder.header is not None

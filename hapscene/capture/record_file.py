@@ -65,6 +65,11 @@ class Record:
         return np.isnan(next(iter(self.streams.values())))
 
 
+def taken(path: Path) -> CaptureError:
+    """What is said of a file that a recording would replace."""
+    return CaptureError(f"{path}: is there already, and a recording is never replaced: take another name")
+
+
 class RecordWriter:
     """Appends to a new record. To be used with `with`; a record that is cut short stays readable."""
 
@@ -80,9 +85,7 @@ class RecordWriter:
         try:
             self._file: BinaryIO = self.path.open("xb")
         except FileExistsError:
-            raise CaptureError(
-                f"{self.path}: is there already, and a recording is never replaced: take another name"
-            ) from None
+            raise taken(self.path) from None
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
         started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

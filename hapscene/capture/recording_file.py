@@ -73,12 +73,11 @@ def one_axis(axes: Array, rate_Hz: float) -> Array:
     padded[:, hop : hop + axes.shape[1]] = axes
     weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # the root of a Hann window
     made, hann = np.zeros(padded.shape[1]), weight**2
-    for start in range(0, count * hop, hop):
-        part = slice(start, start + 2 * hop)
+    windows = [slice(start, start + 2 * hop) for start in range(0, count * hop, hop)]
+    for part in windows:
         made[part] += weight * dft321(weight * padded[:, part])
     gain = np.zeros(padded.shape[1])
-    for start in range(0, count * hop, hop):
-        part = slice(start, start + 2 * hop)
+    for part in windows:
         power = float((hann * made[part] ** 2).sum())
         gain[part] += hann * np.sqrt(float((hann * padded[:, part] ** 2).sum()) / power if power > 0.0 else 0.0)
     return np.asarray((gain * made)[hop : hop + axes.shape[1]])
@@ -114,10 +113,8 @@ class SurfaceRecording:
     def __repr__(self) -> str:
         streams = ("force_N", "speed_m_s", "tangential_force_N", "depth_m")
         held = ", ".join(name for name in streams if getattr(self, name) is not None) or "nothing"
-        count = len(self.acceleration_m_s2)
-        return (
-            f"<SurfaceRecording: {count:,} samples, {count / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz, with {held}>"
-        )
+        count, rate_Hz = len(self.acceleration_m_s2), self.rate_Hz
+        return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
 
 
 def load_recording(

@@ -208,9 +208,8 @@ def _bridged(streams: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, 
         missing = np.isnan(stream)
         share = float(missing.mean()) if len(stream) else 0.0
         if share > MISSING_MAX:
-            raise CaptureError(
-                f"{name}: {100 * share:.1f} % of the samples are missing, at most {100 * MISSING_MAX:g} % may be"
-            )
+            most = f"at most {100 * MISSING_MAX:g} % may be"
+            raise CaptureError(f"{name}: {100 * share:.1f} % of the samples are missing, {most}")
         whole[name] = stream
         if share > 0.0:
             index = np.arange(len(stream))

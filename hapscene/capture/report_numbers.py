@@ -167,20 +167,17 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     (frequency, fitted), (_, held_out) = (metric.spectrum(half.acceleration_m_s2, rate) for half in (first, second))
     grid, expected = spectrum_along(texture, second.force_N, second.speed_m_s)
     model = np.interp(frequency, grid, expected)
-    band = metric.band_power(model, frequency), metric.band_power(held_out, frequency)
+    distance_dB, floor_dB = (metric.log_spectral_distance(one, held_out, frequency) for one in (model, fitted))
+    band, fitted_band, own_band = (metric.band_power(one, frequency) for one in (model, fitted, held_out))
+    level_dB, halves_dB = (float(10.0 * np.log10(one.sum() / own_band.sum())) for one in (band, fitted_band))
     left, sigma, signal = residual_along(texture, second)
     residual = left / sigma
     residual = residual / residual.std()
+    spectra, apart_dB = (frequency, fitted, held_out, model), (distance_dB, floor_dB, level_dB, halves_dB)
     return HeldOut(
-        frequency,
-        fitted,
-        held_out,
-        model,
-        metric.log_spectral_distance(model, held_out, frequency),
-        metric.log_spectral_distance(fitted, held_out, frequency),
-        float(10.0 * np.log10(band[0].sum() / band[1].sum())),
-        float(10.0 * np.log10(metric.band_power(fitted, frequency).sum() / band[1].sum())),
-        10.0 * np.log10(band[0] / band[1]),
+        *spectra,
+        *apart_dB,
+        10.0 * np.log10(band / own_band),
         metric.spectral_centroid_Hz(model, frequency) / metric.spectral_centroid_Hz(held_out, frequency),
         metric.goodness_of_fit(model, held_out, frequency),
         float(np.mean(left**2) / np.mean(signal**2)),

@@ -73,9 +73,8 @@ def clean(
         )
     count = len(acceleration)
     if count < DURATION_MIN_S * rate_Hz:
-        raise CaptureError(
-            f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: at least {DURATION_MIN_S:g} s are needed"
-        )
+        least = f"at least {DURATION_MIN_S:g} s are needed"
+        raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}

@@ -33,10 +33,9 @@ class Port:
         """
         import serial
 
+        alone = True if os.name == "posix" else None
         try:
-            self._serial: Any = serial.Serial(
-                name, baud, timeout=POLL_S, exclusive=True if os.name == "posix" else None
-            )
+            self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=alone)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
