@@ -75,9 +75,8 @@ class XmlElement:
 
     def numbers(self, most: int) -> Array:
         """The numbers of the element: one in each `value`, or all in its text."""
-        texts = ["".join(v.itertext()).strip() for v in self._named("value")] or "".join(
-            self.element.itertext()
-        ).split()
+        values = self._named("value")
+        texts = ["".join(v.itertext()).strip() for v in values] or "".join(self.element.itertext()).split()
         if len(texts) > most:
             raise self.error("", f"at most {most} numbers", f"{len(texts)}")
         return np.array([self._value(text, f"value {i}") for i, text in enumerate(texts, 1)])

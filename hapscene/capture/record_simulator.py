@@ -67,7 +67,7 @@ def lines(rate_Hz: float, seed: int = 0, drop: float = 0.0) -> Iterator[bytes]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
-    parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200)
+    parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200.0)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
     options = parser.parse_args(arguments)
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header

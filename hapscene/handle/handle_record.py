@@ -175,7 +175,7 @@ def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, s
 
 
 def _set_plant(h: Any, plant: Plant) -> None:
-    for name in SPREAD:
+    for name in SPREAD:  # all that the equation of the handle holds
         setattr(h, name, getattr(plant, name))
 
 

@@ -59,7 +59,7 @@ def _draw(figure: "Figure", handle: Identification, responses: Sequence[Response
         model = modelled(handle, grip, fine_Hz)
         magnitude.plot(fine_Hz, decibels(np.abs(model)), color=colour, linewidth=4.5, alpha=0.45)
         phase.plot(fine_Hz, _degrees(model), color=colour, linewidth=4.5, alpha=0.45)
-        low, high = (decibels(edge) for edge in response.magnitude_interval())
+        low, high = (decibels(np.maximum(edge, 1e-6)) for edge in response.magnitude_interval())  # 0 is far down
         magnitude.fill_between(at_Hz, low, high, color=colour, alpha=0.3, linewidth=0)
         magnitude.plot(at_Hz, decibels(np.abs(response.response)), color=colour, linewidth=1.1)
         phase.plot(at_Hz, _degrees(response.response), color=colour, linewidth=1.1)

@@ -85,10 +85,12 @@ def _ports() -> str:
 # A port without hardware: the two simulators' own, a pseudo-terminal.
 
 
-def simulator_parser(module: str, description: str | None, rate_Hz: int) -> argparse.ArgumentParser:
+def simulator_parser(module: str, description: str | None, rate_Hz: float) -> argparse.ArgumentParser:
     """The options of a simulated board, `python -m module`: --rate, --seconds, --seed."""
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
-    parser.add_argument("--rate", type=float, default=rate_Hz, metavar="HZ", help=f"of the samples (default {rate_Hz})")
+    parser.add_argument(
+        "--rate", type=float, default=rate_Hz, metavar="HZ", help=f"of the samples (default {rate_Hz:g})"
+    )
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long it runs (default: until Ctrl-C)")
     parser.add_argument("--seed", type=int, default=0, help="of what is random (default 0)")
     return parser
