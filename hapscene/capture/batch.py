@@ -391,6 +391,8 @@ class _Batch:
                         self._after(self.result, task.entry)
                         continue
                 yield task, self._job(task)
+            except OSError as error:
+                self._fail(task, f"{task.item.path}: cannot be read: {error.strerror}")
             except CaptureError as error:
                 self._fail(task, str(error))
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.files import read_bytes, refusing
+from hapscene.files import refusing
 
 # What a process of a batch does: it fits one recording and gives back the text of the swatch's file.
 #
@@ -104,12 +104,13 @@ def read_content(path: Path) -> bytes:
     """The whole file, if it is not larger than a recording may be.
 
     Raises:
-        CaptureError: larger, or it cannot be read.
+        CaptureError: larger.
     """
     from hapscene.capture.recording_source import BYTES_MAX
 
-    with refusing(CaptureError):
-        return read_bytes(path, BYTES_MAX, "recording")
+    if path.stat().st_size > BYTES_MAX:
+        raise CaptureError(f"{path}: larger than {BYTES_MAX >> 20} MiB")
+    return path.read_bytes()  # a pipe as well
 
 
 def version() -> str:

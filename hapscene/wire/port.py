@@ -88,9 +88,7 @@ def _ports() -> str:
 def simulator_parser(module: str, description: str | None, rate_Hz: float) -> argparse.ArgumentParser:
     """The options of a simulated board, `python -m module`: --rate, --seconds, --seed."""
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
-    parser.add_argument(
-        "--rate", type=float, default=rate_Hz, metavar="HZ", help="of the samples (default %(default)g)"
-    )
+    parser.add_argument("--rate", type=float, default=rate_Hz, metavar="HZ", help="samples a second (%(default)g)")
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long it runs (default: until Ctrl-C)")
     parser.add_argument("--seed", type=int, default=0, help="of what is random (default 0)")
     return parser
