@@ -2,7 +2,7 @@
 
 import zipfile
 import zlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 from typing import IO, Any, Final
@@ -45,16 +45,7 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
     "a_m_s2": ("f8", None),
 }
 # What zipfile, zlib and NumPy raise on a file that is no archive, cut off, or forged.
-_BROKEN: Final = (
-    OSError,
-    EOFError,
-    KeyError,
-    ValueError,
-    NotImplementedError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+_BROKEN: Final = (OSError, EOFError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _NAMES: Final = ("body_names", "swatch_names", "effects")
 
 
@@ -226,17 +217,13 @@ def _read(archive: zipfile.ZipFile) -> dict[str, Any]:
         raise RecordingError(
             f"is of format version {version}, and this hapscene reads up to {FORMAT_VERSION}; update hapscene"
         )
-    values: dict[str, Any] = {
-        "a_rate_Hz": float(_array(archive, "a_rate_Hz", "f", 0)),
-        "seed": int(_array(archive, "seed", "iu", 0)),
-    }
+    values: dict[str, Any] = {name: tuple(_array(archive, name, "U", 1).tolist()) for name in _NAMES}
+    values |= {"a_rate_Hz": float(_array(archive, "a_rate_Hz", "f", 0)), "seed": int(_array(archive, "seed", "iu", 0))}
     for name, (kind, row) in _COLUMNS.items():
         dtype = np.dtype(kind)
         dimension_count = 2 if row is None else 1 + len(row)
         values[name] = _array(archive, name, dtype.kind, dimension_count).astype(dtype, copy=False)
-    for name in _NAMES:
-        values[name] = tuple(_array(archive, name, "U", 1).tolist())
-    return {field.name: values[field.name] for field in fields(Recording)}
+    return values
 
 
 def _array(archive: zipfile.ZipFile, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels
+from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar, power_gain
 from hapscene.surface.texture import Texture
-
-Array = NDArray[np.float64]
 
 ERROR_DB: Final = 0.1
 """Error of the spectrum that is aimed at, from 20 Hz to half the rate [dB]: at most, at the models; root mean square,

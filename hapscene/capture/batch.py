@@ -119,12 +119,10 @@ def outputs(items: Sequence[Item]) -> list[str]:
     """
     paths = [item.path.absolute() for item in items]
     shared = Path(os.path.commonpath([path.parent for path in paths]))
-    places = [path.relative_to(shared) for path in paths]
-    count = Counter(str(place.with_suffix("")).casefold() for place in places)
-    return [
-        (place.with_suffix("") if count[str(place.with_suffix("")).casefold()] == 1 else place).as_posix() + ".swatch"
-        for place in places
-    ]
+    whole = [path.relative_to(shared).as_posix() for path in paths]
+    bare = [path.relative_to(shared).with_suffix("").as_posix() for path in paths]
+    count = Counter(name.casefold() for name in bare)
+    return [(b if count[b.casefold()] == 1 else w) + ".swatch" for b, w in zip(bare, whole, strict=True)]
 
 
 # The manifest of a batch: what became of each recording. It makes a batch one that can be stopped and gone on with.
@@ -175,9 +173,7 @@ class Manifest:
         """
         self.folder = folder
         self.path = folder / NAME
-        self.entries: dict[str, ManifestEntry] = (
-            {e.recording: e for e in _read(self.path)} if self.path.exists() else {}
-        )
+        self.entries = {e.recording: e for e in _read(self.path)} if self.path.exists() else {}
         self._saved_s = -1e9
         self._cost_s = 0.0
 
@@ -239,9 +235,8 @@ def _read(path: Path) -> list[ManifestEntry]:
     if content.get("version") != VERSION:
         raise CaptureError(f"{path}: a manifest of version {content.get('version')}, read here is {VERSION}")
     kinds = {f.name: float if f.name == "duration_s" else str for f in fields(ManifestEntry)}
-    found = content.get("recordings")
-    rows: list[Any] = found if isinstance(found, list) else [None]
-    for row in rows:
+    rows: Any = content.get("recordings")
+    for row in rows if isinstance(rows, list) else [None]:
         if not isinstance(row, dict) or any(not isinstance(row.get(key), kind) for key, kind in kinds.items()):
             raise CaptureError(f"{path}: a damaged manifest: remove it, or take another folder")
     return [ManifestEntry(**{key: row[key] for key in kinds}) for row in rows]
@@ -335,25 +330,18 @@ def fit_batch(
     return batch.result
 
 
+@dataclass
 class _Batch:
     """The work under way."""
 
-    def __init__(
-        self,
-        manifest: Manifest,
-        pool: Pool,
-        fitting: dict[str, Any],
-        stopped: Callable[[], bool],
-        after: Callable[[Result, ManifestEntry], None],
-    ) -> None:
-        self.result = Result()
-        self._manifest = manifest
-        self._pool = pool
-        self._fitting = fitting
-        self._stopped = stopped
-        self._after = after
-        self._under_way: dict[Future[FitOutcome], _Task] = {}
-        self._suspects: deque[_Task] = deque()
+    _manifest: Manifest
+    _pool: Pool
+    _fitting: dict[str, Any]
+    _stopped: Callable[[], bool]
+    _after: Callable[[Result, ManifestEntry], None]
+    result: Result = field(default_factory=Result)
+    _under_way: "dict[Future[FitOutcome], _Task]" = field(default_factory=dict)
+    _suspects: deque[_Task] = field(default_factory=deque)
 
     def run(self, tasks: Sequence[_Task]) -> None:
         """All tasks, or until stopped."""
@@ -379,14 +367,15 @@ class _Batch:
         if self._suspects:
             if not self._under_way:
                 task = self._suspects.popleft()
-                self._begin(task, self._job(task))
+                self._under_way[self._pool.submit(self._job(task))] = task
             return True
         room = self._pool.room()
         while len(self._under_way) < room:
             following = next(jobs, None)
             if following is None:
                 return self._stopped()
-            self._begin(*following)
+            task, job = following
+            self._under_way[self._pool.submit(job)] = task
         return True
 
     def _jobs(self, tasks: Sequence[_Task]) -> "Iterator[tuple[_Task, Job]]":
@@ -410,9 +399,6 @@ class _Batch:
     def _job(self, task: _Task) -> Job:
         content = read_content(task.item.path) if self._pool.sends_content else None
         return Job(str(task.item.path), task.item.name, content, task.reading, self._fitting, __version__)
-
-    def _begin(self, task: _Task, job: Job) -> None:
-        self._under_way[self._pool.submit(job)] = task
 
     def _take(self, future: "Future[FitOutcome]") -> None:
         """A job is through: its swatch is written, or why there is none noted."""

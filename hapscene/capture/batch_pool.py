@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from hapscene.errors import CaptureError
+from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
 
 # What a process of a batch does: it fits one recording and gives back the text of the swatch's file.
@@ -56,8 +56,6 @@ def fit_job(job: Job) -> FitOutcome:
     """Fits a recording; what is wrong with it is told in the outcome, not raised."""
     import hashlib
 
-    from hapscene.errors import HapsceneError
-
     start_s = time.monotonic()
     sha256 = ""
     try:
@@ -86,7 +84,6 @@ def _swatch(job: Job, content: bytes) -> tuple[str, str]:
     from hapscene import __version__
     from hapscene.capture.recording_file import bridged_note, read_surface_recording
     from hapscene.capture.swatch_fit import fit_parts, prepare
-    from hapscene.errors import CaptureError
     from hapscene.surface.swatch_file import swatch_to_json
 
     if job.version != __version__:
@@ -110,11 +107,10 @@ def read_content(path: Path) -> bytes:
         CaptureError: larger.
     """
     from hapscene.capture.recording_source import BYTES_MAX
-    from hapscene.errors import CaptureError
 
     if path.stat().st_size > BYTES_MAX:
         raise CaptureError(f"{path}: larger than {BYTES_MAX >> 20} MiB")
-    return path.read_bytes()
+    return path.read_bytes()  # a pipe as well
 
 
 def version() -> str:
@@ -161,6 +157,7 @@ class Pool(Protocol):
 
     def died(self, error: BaseException) -> bool:
         """Whether the error says that all jobs under way were lost because one process died; then the pool is anew."""
+        return False
 
     def reason(self, error: BaseException) -> str:
         """Why a job was given up, in words.
@@ -168,12 +165,13 @@ class Pool(Protocol):
         Raises:
             CaptureError: not the job but the whole pool was lost.
         """
+        return f"{type(error).__name__}: {error}"
 
     def close(self, at_once: bool) -> None:
         """Ends the processes, or lets go of the cluster; `at_once`: without waiting for what is under way."""
 
 
-class ProcessPool:
+class ProcessPool(Pool):
     """Processes of this machine, started afresh (spawn)."""
 
     sends_content = False
@@ -207,9 +205,6 @@ class ProcessPool:
         self._executor = self._begun()
         return True
 
-    def reason(self, error: BaseException) -> str:
-        return f"{type(error).__name__}: {error}"
-
     def close(self, at_once: bool) -> None:
         import multiprocessing
 
@@ -219,7 +214,7 @@ class ProcessPool:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
 
-class ClusterPool:
+class ClusterPool(Pool):
     """The workers of a Dask cluster, through its executor; recordings are sent, no shared folder is needed.
 
     Dask itself gives the jobs of a worker that died to others; what kills several workers, it gives up.
@@ -273,15 +268,12 @@ class ClusterPool:
             future: Future[FitOutcome] = self._executor.submit(fit_job, job)
         return future
 
-    def died(self, error: BaseException) -> bool:
-        return False
-
     def reason(self, error: BaseException) -> str:
         if type(error).__name__ == "KilledWorker":
             return "every worker that fitted it died: killed, or out of memory"
         if self._client.status != "running" or type(error).__name__ in ("CancelledError", "FutureCancelledError"):
             raise self._lost()
-        return f"{type(error).__name__}: {error}"
+        return super().reason(error)
 
     def close(self, at_once: bool) -> None:
         self._executor.shutdown(wait=not at_once)

@@ -15,9 +15,8 @@ estimate is (2 + κ)σ⁴/n and not 2σ⁴/n.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hapscene.capture.streams import Array
 
 ORDER: Final = 8
 """Order of the search's models [count]: four resonances up to 1.25 kHz. The texture's own order is chosen later."""

@@ -7,16 +7,17 @@ Differences that do not add up to more are assumed, which is on the side of sayi
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording, load_recording
+from hapscene.capture.streams import Array, part_of
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
@@ -26,7 +27,6 @@ from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
 
-Array = NDArray[np.float64]
 Verdict = Literal["cannot be told apart", "could be told apart", "is clearly different", "cannot be compared"]
 
 CLEAR_JND: Final = 2.0
@@ -155,13 +155,25 @@ def compare(first: Swatch, second: Swatch) -> Comparison:
     compliance are compared by the difference over the mean of the two, taps by energy and frequency. What is absent
     from either is not compared.
     """
+    parts: tuple[tuple[Callable[[Swatch, Swatch], list[Difference]], tuple[Quantity, ...]], ...] = (
+        (_textures, (LEVEL, SPECTRUM)),
+        (partial(_frictions, STATIC, "friction_static"), (STATIC,)),
+        (partial(_frictions, DYNAMIC, "friction_dynamic"), (DYNAMIC,)),
+        (_compliances, (COMPLIANCE,)),
+        (_tap_pairs, (TAP_LEVEL, TAP_FREQUENCY)),
+    )
     found: list[Difference] = []
     skipped: dict[str, str] = {}
-    for part in (_textures, _frictions, _compliances, _tap_pairs):
-        differences, reasons = part(first, second)
-        found += differences
-        skipped |= reasons
+    for differences, quantities in parts:
+        try:
+            found += differences(first, second)
+        except _NotCompared as reason:
+            skipped |= {quantity.name: str(reason) for quantity in quantities}
     return Comparison(first.name, second.name, tuple(found), skipped)
+
+
+class _NotCompared(Exception):
+    """Why surfaces are not compared in something."""
 
 
 def rank(surface: Swatch, library: Iterable[Swatch]) -> list[Comparison]:
@@ -169,25 +181,22 @@ def rank(surface: Swatch, library: Iterable[Swatch]) -> list[Comparison]:
     return sorted((compare(surface, other) for other in library), key=lambda c: (c.distance_jnd, c.second))
 
 
-def _textures(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
+def _textures(first: Swatch, second: Swatch) -> list[Difference]:
     one, two = first.texture, second.texture
-    names = (LEVEL.name, SPECTRUM.name)
-    if one is None and two is None:
-        return [], dict.fromkeys(names, "neither has a texture")
     if one is None or two is None:
-        return [], dict.fromkeys(names, f"{(first if one is None else second).name} has no texture")
+        raise _NotCompared(_lacking(first, second, "texture", "a texture"))
     power = _bands(one, two), _bands(two, one)
     total = [bands.sum(axis=1) for bands in power]
     if min(t.max() for t in total) <= 0.0:
         silent = " and ".join(s.name for s, t in zip((first, second), total, strict=True) if t.max() <= 0.0)
-        return [], dict.fromkeys(names, f"the texture of {silent} is silent where both have models")
+        raise _NotCompared(f"the texture of {silent} is silent where both have models")
     level = [float(np.sqrt(t.mean())) for t in total]
     decibel = [_shape(bands) for bands in power]
     apart = float(np.sqrt(np.mean((decibel[1] - decibel[0]) ** 2)))
     return [
         Difference(LEVEL, level[0], level[1], 20.0 * math.log10(level[1] / level[0])),
         Difference(SPECTRUM, math.nan, math.nan, apart),
-    ], {}
+    ]
 
 
 def _bands(texture: Texture, other: Texture) -> Array:
@@ -211,47 +220,31 @@ def _shape(power: Array) -> Array:
     return np.asarray(10.0 * np.log10(np.maximum(share, 10.0 ** (QUIET_DB / 10.0))))
 
 
-def _frictions(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
-    pairs = (
-        (STATIC, "friction_static", first.friction_static, second.friction_static),
-        (DYNAMIC, "friction_dynamic", first.friction_dynamic, second.friction_dynamic),
-    )
-    found, skipped = [], {}
-    for quantity, name, one, two in pairs:
-        reason = _absent(first, second, name)
-        if reason:
-            skipped[quantity.name] = reason
-        else:
-            found.append(Difference(quantity, one, two, _percent(one, two)))
-    return found, skipped
+def _frictions(quantity: Quantity, name: str, first: Swatch, second: Swatch) -> list[Difference]:
+    one, two = _both(first, second, name)
+    return [Difference(quantity, one, two, _percent(one, two))]
 
 
-def _compliances(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
-    reason = _absent(first, second, "stiffness_N_m")
-    if reason:
-        return [], {COMPLIANCE.name: reason}
-    if min(first.stiffness_N_m, second.stiffness_N_m) == 0.0:
-        return [], {COMPLIANCE.name: "a stiffness of 0 yields without end"}
-    one, two = 1e3 / first.stiffness_N_m, 1e3 / second.stiffness_N_m
-    return [Difference(COMPLIANCE, one, two, _percent(one, two))], {}
+def _compliances(first: Swatch, second: Swatch) -> list[Difference]:
+    stiffness = _both(first, second, "stiffness_N_m")
+    if min(stiffness) == 0.0:
+        raise _NotCompared("a stiffness of 0 yields without end")
+    one, two = (1e3 / value for value in stiffness)
+    return [Difference(COMPLIANCE, one, two, _percent(one, two))]
 
 
-def _tap_pairs(first: Swatch, second: Swatch) -> tuple[list[Difference], dict[str, str]]:
-    names = (TAP_LEVEL.name, TAP_FREQUENCY.name)
-    if first.taps is None and second.taps is None:
-        return [], dict.fromkeys(names, "neither has taps")
+def _tap_pairs(first: Swatch, second: Swatch) -> list[Difference]:
     if first.taps is None or second.taps is None:
-        return [], dict.fromkeys(names, f"{(first if first.taps is None else second).name} has no taps")
+        raise _NotCompared(_lacking(first, second, "taps", "taps"))
     one, two = first.taps.at(APPROACH_M_S), second.taps.at(APPROACH_M_S)
     power = _energy(first.taps), _energy(second.taps)
     if min(power) <= 0.0:
-        return [], dict.fromkeys(names, "a tap is silent")
+        raise _NotCompared("a tap is silent")
+    apart = _percent(one.frequency_Hz, two.frequency_Hz)
     return [
         Difference(TAP_LEVEL, one.amplitude_m_s2, two.amplitude_m_s2, 10.0 * math.log10(power[1] / power[0])),
-        Difference(
-            TAP_FREQUENCY, one.frequency_Hz, two.frequency_Hz, _percent(one.frequency_Hz, two.frequency_Hz)
-        ),
-    ], {}  # fmt: skip
+        Difference(TAP_FREQUENCY, one.frequency_Hz, two.frequency_Hz, apart),
+    ]
 
 
 def _energy(taps: Taps) -> float:
@@ -267,9 +260,18 @@ def tap_energy(tap: Tap) -> float:
     return tap.amplitude_m_s2**2 * omega**2 / (4.0 * decay * (decay**2 + omega**2))
 
 
-def _absent(first: Swatch, second: Swatch, name: str) -> str:
-    """Why a number is not known of both surfaces; empty where it is."""
-    return "; ".join(f"{s.name}: {s.absent[name]}" for s in (first, second) if name in s.absent)
+def _both(first: Swatch, second: Swatch, name: str) -> tuple[float, float]:
+    """A number of both surfaces."""
+    absent = "; ".join(f"{s.name}: {s.absent[name]}" for s in (first, second) if name in s.absent)
+    if absent:
+        raise _NotCompared(absent)
+    return getattr(first, name), getattr(second, name)
+
+
+def _lacking(first: Swatch, second: Swatch, part: Literal["texture", "taps"], one: str) -> str:
+    """Which of two surfaces have no such part."""
+    without = [s.name for s in (first, second) if getattr(s, part) is None]
+    return f"neither has {one}" if len(without) == 2 else f"{without[0]} has no {part}"
 
 
 def _percent(first: float, second: float) -> float:
@@ -348,9 +350,9 @@ class Series:
                 {
                     "name": trend.quantity.name,
                     "unit": trend.quantity.unit,
-                    "change": [None if math.isnan(c) else c for c in trend.change],
+                    "change": [_finite(change) for change in trend.change],
                     "slope_per_surface": trend.slope,
-                    "p_value": None if math.isnan(trend.p_value) else trend.p_value,
+                    "p_value": _finite(trend.p_value),
                     "trend": trend.word,
                 }
                 for trend in self.trends
@@ -365,7 +367,8 @@ def follow(surfaces: Sequence[Swatch]) -> Series:
         CaptureError: fewer than two.
     """
     if len(surfaces) < 2:
-        raise CaptureError(f"a change over time needs two surfaces or more, there {_are(len(surfaces))}")
+        there = "is one" if len(surfaces) == 1 else f"are {len(surfaces)}"
+        raise CaptureError(f"a change over time needs two surfaces or more, there {there}")
     comparisons = tuple(compare(surfaces[0], other) for other in surfaces)
     quantities: dict[Quantity, list[float]] = {}
     for i, comparison in enumerate(comparisons):
@@ -391,10 +394,6 @@ def _trend(quantity: Quantity, change: list[float]) -> Trend:
 
 def _known(change: list[float]) -> list[int]:
     return [i for i, value in enumerate(change) if not math.isnan(value)]
-
-
-def _are(count: int) -> str:
-    return "is one" if count == 1 else f"are {count}"
 
 
 # Where the surfaces that are compared come from: swatches, recordings, libraries.
@@ -437,7 +436,7 @@ def load_surface(
         swatch = _fitted(recording, path.stem)
     try:
         middle = len(recording.acceleration_m_s2) // 2
-        halves = [_fitted(_part(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]
+        halves = [_fitted(part_of(recording, part), path.stem, swatch) for part in (slice(middle), slice(middle, None))]
     except CaptureError:
         return ComparedSurface(swatch)  # the halves are too short, the whole was not
     return ComparedSurface(swatch, compare(*halves).distance_jnd)
@@ -451,11 +450,8 @@ def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swa
         CaptureError: the folder is missing, or holds no swatch that can be read.
     """
     if folder is None:
-        shipped = [load_swatch(name) for name in shipped_swatches()]
-        if not library_folder().is_dir():
-            return shipped, {}
         own, broken = _folder(library_folder())
-        return shipped + own, broken
+        return [load_swatch(name) for name in shipped_swatches()] + own, broken
     path = Path(folder)
     if not path.is_dir():
         raise CaptureError(f"{path}: no such folder of swatches")
@@ -466,6 +462,7 @@ def load_library(folder: str | os.PathLike[str] | None = None) -> tuple[list[Swa
 
 
 def _folder(path: Path) -> tuple[list[Swatch], dict[str, str]]:
+    """As `load_library`; of a folder that is not there, nothing."""
     found, broken = [], {}
     for file in sorted(path.rglob("*" + SUFFIX)):
         try:
@@ -479,10 +476,3 @@ def _fitted(recording: SurfaceRecording, name: str, like: Swatch | None = None) 
     order: int | Literal["auto"] = "auto" if like is None or like.texture is None else like.texture.order
     printable = "".join(c for c in name if c.isprintable())[:NAME_MAX] or "unnamed"
     return fit_parts([prepare(recording)], printable, order)
-
-
-def _part(recording: SurfaceRecording, part: slice) -> SurfaceRecording:
-    """A stretch of all streams."""
-    streams = ((f.name, getattr(recording, f.name)) for f in fields(recording))
-    chosen: dict[str, Any] = {name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)}
-    return replace(recording, **chosen)

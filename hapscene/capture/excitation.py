@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.metric import excess_kurtosis
+from hapscene.capture.streams import Array
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
 from hapscene.dsp.lattice import run_lattice
 from hapscene.dsp.noise import seeded_state
 from hapscene.surface.texture import Texture, excitation_moments
-
-Array = NDArray[np.float64]
 
 GAIN: Final = 0.97
 """A measured noise is taken when its distance is below this share of the Gaussian noise's [1]: for less it is not
@@ -58,23 +57,18 @@ def choose_excitation(texture: Texture, pieces: Pieces) -> ExcitationChoice:
     middle = len(pieces) // 2
     residual, output = normalised(texture, pieces)
     if middle == 0:
-        return ExcitationChoice(_kurtosis(residual), 0.0, 0.0, 0.0, 0.0, np.empty(0))
+        return ExcitationChoice(excess_kurtosis(residual), 0.0, 0.0, 0.0, 0.0, np.empty(0))
     halves = (slice(0, middle), slice(middle, None))
     distance = np.zeros(4)
-    gaussian = _played(texture, np.empty(0))
+    played, drawn = _played(texture, np.empty(0)), _drawn(np.empty(0))
     for own, other in (halves, halves[::-1]):
         knots = quantile_knots(residual[own].ravel())
         heard, left = _unit(output[other].ravel()), _unit(residual[other].ravel())
-        pairs = (
-            (heard, gaussian),
-            (heard, _played(texture, knots)),
-            (left, _drawn(np.empty(0))),
-            (left, _drawn(knots)),
-        )
+        pairs = (heard, played), (heard, _played(texture, knots)), (left, drawn), (left, _drawn(knots))
         distance += [0.5 * wasserstein(one, two) for one, two in pairs]
     knots = quantile_knots(residual.ravel()) if distance[1] < GAIN * distance[0] else np.empty(0)
-    heard_1, heard_2, left_1, left_2 = (float(d) for d in distance)
-    return ExcitationChoice(_kurtosis(residual), heard_1, heard_2, left_1, left_2, knots)
+    heard_1, heard_2, left_1, left_2 = distance.tolist()
+    return ExcitationChoice(excess_kurtosis(residual), heard_1, heard_2, left_1, left_2, knots)
 
 
 def quantile_knots(residual: Array) -> Array:
@@ -128,15 +122,9 @@ def _drawn(knots: Array) -> Array:
     """Quantiles of a noise: dense, without chance."""
     from scipy.special import ndtri
 
-    z = ndtri((np.arange(20_000) + 0.5) / 20_000)
-    if len(knots) == 0:
-        return np.asarray(z)
-    return np.interp(z, np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, len(knots)), knots)
+    z = np.asarray(ndtri((np.arange(20_000) + 0.5) / 20_000))
+    return z if len(knots) == 0 else np.interp(z, np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, len(knots)), knots)
 
 
 def _unit(signal: Array) -> Array:
     return np.asarray((signal - signal.mean()) / signal.std())
-
-
-def _kurtosis(signal: Array) -> float:
-    return float(np.mean(_unit(signal) ** 4) - 3.0)

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Segmentation, runs
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Array, Streams
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.05
 """Time over which forces are averaged before anything is fitted [s]."""
@@ -50,15 +48,6 @@ class Friction:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class _Blocks:
-    """Mean magnitudes over blocks of sliding (m,)."""
-
-    tangential_N: Array
-    normal_N: Array
-    speed_m_s: Array
-
-
 def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     """Static and dynamic Coulomb coefficients of recordings of one surface.
 
@@ -79,30 +68,28 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     if not parts:
         return _none("the recording holds no tangential force and no friction ratio")
     blocks = _blocks(parts)
-    if len(blocks.normal_N) < 3:
+    if blocks.shape[1] < 3:
         return _none(f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s")
-    draws = _draws(len(blocks.normal_N))
-    dynamic, spread = _slope(blocks), np.array([_slope(_drawn(blocks, draw)) for draw in draws])
-    intervals = {"friction_dynamic": _interval(spread)}
+    draws = _draws(blocks.shape[1])
+    dynamic = _slope(blocks)
+    intervals = {"friction_dynamic": interval(np.array([_slope(blocks[:, draw]) for draw in draws]))}
     static, absent, note = dynamic, {}, ""
     curve = _stribeck(blocks, draws)
     if isinstance(curve, str):
         absent["friction_stribeck"] = curve
     else:
         dynamic, static = float(np.median(curve[:, 0])), float(np.median(curve[:, 1]))
-        intervals = {"friction_dynamic": _interval(curve[:, 0]), "friction_static": _interval(curve[:, 1])}
-        slow, fast = 1e3 * np.quantile(blocks.speed_m_s, [0.02, 0.98])
-        note = (
-            f"Friction falls with speed: static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above."
-        )
+        intervals = {"friction_dynamic": interval(curve[:, 0]), "friction_static": interval(curve[:, 1])}
+        slow, fast = 1e3 * np.quantile(blocks[2], [0.02, 0.98])
+        places = f"static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above"
+        note = f"Friction falls with speed: {places}."
     pulls = np.array(_breakaways(parts))
     if len(pulls):
         static = max(dynamic, float(np.median(pulls)))
         intervals.pop("friction_static", None)
         if len(pulls) >= 3:
-            rng = np.random.default_rng(0)
-            chosen = rng.integers(0, len(pulls), (DRAWS, len(pulls)))
-            intervals["friction_static"] = _interval(np.median(pulls[chosen], axis=1))
+            chosen = np.random.default_rng(0).integers(0, len(pulls), (DRAWS, len(pulls)))
+            intervals["friction_static"] = interval(np.median(pulls[chosen], axis=1))
         note = f"Static friction is that of {len(pulls)} starts from rest."
     elif isinstance(curve, str):
         absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
@@ -115,8 +102,9 @@ def _none(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> _Blocks:
-    """All blocks of sliding, pressed with a tenth of the largest force or more."""
+def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> Array:
+    """Mean tangential and normal force and speed (3, m), as magnitudes, of all blocks of sliding, pressed with a tenth
+    of the largest force or more."""
     rows = []
     for channels, states in parts:
         assert channels.tangential_force_N is not None
@@ -130,13 +118,8 @@ def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> _Blocks:
             if count > 0:
                 cut = streams[:, first : first + count * length].reshape(3, count, length)
                 rows.append(np.abs(cut.mean(axis=2)))
-    tangential, normal, speed = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0))
-    pressed = normal > 0.1 * normal.max(initial=0.0)
-    return _Blocks(tangential[pressed], normal[pressed], speed[pressed])
-
-
-def _drawn(blocks: _Blocks, draw: NDArray[np.intp]) -> _Blocks:
-    return _Blocks(blocks.tangential_N[draw], blocks.normal_N[draw], blocks.speed_m_s[draw])
+    blocks = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0))
+    return blocks[:, blocks[1] > 0.1 * blocks[1].max(initial=0.0)]
 
 
 def _draws(count: int) -> NDArray[np.intp]:
@@ -147,17 +130,18 @@ def _draws(count: int) -> NDArray[np.intp]:
     return ((first[:, :, None] + np.arange(together)).reshape(DRAWS, -1) % count)[:, :count]
 
 
-def _slope(blocks: _Blocks) -> float:
+def _slope(blocks: Array) -> float:
     """The weighted median of the ratios."""
-    ratio = blocks.tangential_N / blocks.normal_N
+    tangential, normal, _ = blocks
+    ratio = tangential / normal
     order = np.argsort(ratio)
-    weight = np.cumsum(blocks.normal_N[order])
+    weight = np.cumsum(normal[order])
     return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
 
 
-def _stribeck(blocks: _Blocks, draws: NDArray[np.intp]) -> Array | str:
+def _stribeck(blocks: Array, draws: NDArray[np.intp]) -> Array | str:
     """Dynamic and static coefficient of each draw (DRAWS, 2), or why there is no such curve."""
-    speed = blocks.speed_m_s
+    tangential, normal, speed = blocks
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
         return "the speed was not recorded, or never changes"
@@ -168,35 +152,32 @@ def _stribeck(blocks: _Blocks, draws: NDArray[np.intp]) -> Array | str:
     shape = np.exp(-((speed / scale) ** 2))
     matrix = np.stack([np.ones(len(speed)), shape], axis=1)
     at_slow = float(np.exp(-((slow / scale) ** 2)))
-    ratio = blocks.tangential_N / blocks.normal_N
+    ratio = tangential / normal
     found = []
     for draw in draws:
         w = weight[draw, None]
         level, drop = np.linalg.lstsq(w * matrix[draw], w[:, 0] * ratio[draw], rcond=None)[0]
         found.append((level, level + at_slow * drop))
     curve = np.array(found)
-    drop = curve[:, 1] - curve[:, 0]
-    if (
-        np.quantile(drop, 0.025) <= 0.0
-        or np.median(drop) < DROP_MIN * np.median(curve[:, 0])
-        or curve[:, 0].min() <= 0.0
-    ):
-        return f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
-    return curve
+    dynamic, drop = curve[:, 0], curve[:, 1] - curve[:, 0]
+    if np.quantile(drop, 0.025) > 0.0 and np.median(drop) >= DROP_MIN * np.median(dynamic) and dynamic.min() > 0.0:
+        return curve
+    return f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
 
 
-def _curve(blocks: _Blocks, scale_m_s: float) -> tuple[float, float, Array]:
+def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
     """Robust error, the scale, and the weights (m,) of the best curve of that scale: Huber's, reweighted."""
-    ratio = blocks.tangential_N / blocks.normal_N
-    matrix = np.stack([np.ones(len(ratio)), np.exp(-((blocks.speed_m_s / scale_m_s) ** 2))], axis=1)
-    weight = np.sqrt(blocks.normal_N)
+    tangential, normal, speed = blocks
+    ratio = tangential / normal
+    matrix = np.stack([np.ones(len(ratio)), np.exp(-((speed / scale_m_s) ** 2))], axis=1)
+    weight = np.sqrt(normal)
     away = np.zeros(len(ratio))
     for _ in range(8):
         found = np.linalg.lstsq(weight[:, None] * matrix, weight * ratio, rcond=None)[0]
         away = np.abs(ratio - matrix @ found)
         bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-9
-        weight = np.sqrt(blocks.normal_N * np.minimum(1.0, bound / np.maximum(away, 1e-12)))
-    return float((blocks.normal_N * away).sum()), scale_m_s, weight
+        weight = np.sqrt(normal * np.minimum(1.0, bound / np.maximum(away, 1e-12)))
+    return float((normal * away).sum()), scale_m_s, weight
 
 
 def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[float]:
@@ -223,6 +204,7 @@ def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[float]:
     return pulls
 
 
-def _interval(values: Array) -> tuple[float, float]:
+def interval(values: Array) -> tuple[float, float]:
+    """Between the quantiles at 2.5 and 97.5 % of a bootstrap's values (m,)."""
     low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)

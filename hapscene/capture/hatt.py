@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps, root_name
+from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
-from hapscene.files import refusing, whole_file
+from hapscene.files import refusing, write_whole
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
@@ -29,8 +30,6 @@ from hapscene.surface.texture import Texture
 
 # Taps of the Penn Haptic Texture Toolkit: transients at 1 kHz, and the swatch's taps.
 
-
-Array = NDArray[np.float64]
 
 RATE_HZ: Final = 1000.0
 """Sample rate of the toolkit's transients [Hz]; the files do not state it."""
@@ -112,12 +111,10 @@ def import_noted(
     path = Path(models_xml)
     models = read_models(path)
     taps = None if taps_xml is None else read_taps(taps_xml)
-    notes = list(models.notes)
-    texture, converted = _texture(path, models)
-    if converted:
-        notes.insert(0, converted)
-    if models.friction is None:
-        notes.insert(0, "mu is missing: friction is taken as 0")
+    with refusing(SwatchError, path):
+        texture, converted = _texture(models)
+    unknown = "mu is missing: friction is taken as 0" if models.friction is None else ""
+    notes = [note for note in (unknown, converted, *models.notes) if note]
     files = path.name if taps_xml is None else f"{path.name} and {Path(taps_xml).name}"
     if len(notes) > _NOTES_MAX:
         notes[_NOTES_MAX:] = [f"and {len(notes) - _NOTES_MAX} more of this kind"]
@@ -137,24 +134,15 @@ def import_noted(
     return swatch, converted
 
 
-def _texture(path: Path, models: HattModels) -> tuple[Texture, str]:
+def _texture(models: HattModels) -> tuple[Texture, str]:
     """The texture of the models; where they have zeros, one without, and what that cost."""
-    with refusing(SwatchError, path):
-        if not models.ma_lsf_rad.shape[1]:
-            excitation = models.gain**2 * models.variance_m2_s4
-            texture = Texture(
-                models.rate_Hz,
-                models.force_N,
-                models.speed_m_s,
-                models.triangles,
-                models.ar_lsf_rad,
-                excitation,
-                interpolation="hatt",
-            )
-            return texture, ""
-        from hapscene.capture.arma import as_texture
+    if not models.ma_lsf_rad.shape[1]:
+        places = models.force_N, models.speed_m_s, models.triangles
+        excitation = models.gain**2 * models.variance_m2_s4
+        return Texture(models.rate_Hz, *places, models.ar_lsf_rad, excitation, interpolation="hatt"), ""
+    from hapscene.capture.arma import as_texture
 
-        made = as_texture(models)
+    made = as_texture(models)
     zeros, poles = models.ma_lsf_rad.shape[1], models.ar_lsf_rad.shape[1]
     return made.texture, (
         f"Models of {poles} poles and {zeros} zeros turned into {len(made.texture.force_N)} all-pole models of order "
@@ -192,11 +180,7 @@ def export_hatt(
     if taps_xml is not None and swatch.taps is not None:
         texts.append((Path(taps_xml), _taps_text(play_taps(swatch.taps))))
     for path, text in texts:
-        try:
-            with whole_file(path) as part:
-                part.write_text(text, encoding="utf-8", newline="\n")
-        except OSError as error:
-            raise SwatchError(f"{path}: cannot be written: {error.strerror or error}") from None
+        write_whole(path, text.encode(), SwatchError)
 
 
 def _models_text(swatch: Swatch, texture: Texture) -> str:
@@ -324,18 +308,18 @@ def _pairs(files: Iterable[str | Path], outcome: ImportOutcome) -> list[tuple[st
     paths: list[Path] = []
     for file in map(Path, files):
         paths += sorted(file.glob("*.xml")) if file.is_dir() else [file]
-    models: list[Path] = []
-    taps: list[Path] = []
+    found: dict[str, list[Path]] = {"modelSet": [], "tapSet": []}
     for path in dict.fromkeys(paths):
         try:
             kind = root_name(path)
         except HapsceneError as error:
             outcome.broken.append(str(error))
             continue
-        if kind not in ("modelSet", "tapSet"):
+        if kind in found:
+            found[kind].append(path)
+        else:
             outcome.broken.append(f"{path}: the root element: expected <modelSet> or <tapSet>, found <{kind}>")
-            continue
-        (models if kind == "modelSet" else taps).append(path)
+    models, taps = found.values()
     if len(models) == len(taps) == 1:
         return [(_key(models[0]), (models[0], taps[0]))]
     by_place = {(path.parent, _key(path)): path for path in taps}

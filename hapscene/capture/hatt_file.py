@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar
 from hapscene.errors import SwatchError
@@ -25,44 +26,45 @@ from hapscene.surface.texture import MODEL_MAX
 # No entity is expanded, no other file or address is opened, sizes are capped.
 
 
-Array = NDArray[np.float64]
-
 BYTES_MAX: Final = 8 * 1024 * 1024
 """Largest file that is read [bytes]. Those of the Penn toolkit have 20 to 300 kB. The worst of this size, empty
 elements alone, takes 260 MB to open."""
 
 
-class XmlSource:
-    """One file's elements, read with errors that name the file and the element."""
+class XmlElement:
+    """An element of a file, read with errors that name the file and the place in it."""
 
-    def __init__(self, path: Path, root: str) -> None:
-        self.path = path
-        self.root = _parsed(path)
-        if element_name(self.root) != root:
-            raise self.error("the root element", f"<{root}>", f"<{element_name(self.root)}>")
+    def __init__(self, path: Path, element: Any, place: str = "") -> None:
+        self.path, self.element, self.place = path, element, place
 
     def error(self, where: str, expected: str, found: str) -> SwatchError:
-        return SwatchError(f"{self.path}: {where}: expected {expected}, found {found}")
+        return SwatchError(f"{self.path}: {self._at(where)}: expected {expected}, found {found}")
 
-    def children(self, name: str, within: Any = None) -> list[Any]:
-        return [child for child in (self.root if within is None else within) if element_name(child) == name]
+    def _at(self, where: str) -> str:
+        return ", ".join(filter(None, (self.place, where)))
 
-    def text(self, name: str, within: Any = None) -> str | None:
-        found = self.children(name, within)
+    def _named(self, name: str) -> list[Any]:
+        return [child for child in self.element if element_name(child) == name]
+
+    def children(self, name: str) -> "list[XmlElement]":
+        return [XmlElement(self.path, child, f"<{name}> {i}") for i, child in enumerate(self._named(name), 1)]
+
+    def text(self, name: str) -> str | None:
+        found = self._named(name)
         return " ".join("".join(found[0].itertext()).split()) if found else None
 
-    def number(self, name: str, where: str = "", within: Any = None) -> float | None:
-        """The number in the element, or None where the element is missing or empty."""
-        text = self.text(name, within)
-        return None if not text else self.value(text, f"{where}<{name}>")
+    def number(self, name: str) -> float | None:
+        """The number in the element of that name, or None where that is missing or empty."""
+        text = self.text(name)
+        return None if not text else self._value(text, f"<{name}>")
 
-    def required(self, name: str, where: str = "", within: Any = None) -> float:
-        value = self.number(name, where, within)
+    def required(self, name: str) -> float:
+        value = self.number(name)
         if value is None:
-            raise self.error(f"{where}<{name}>", "a number", "nothing")
+            raise self.error(f"<{name}>", "a number", "nothing")
         return value
 
-    def value(self, text: str, where: str) -> float:
+    def _value(self, text: str, where: str) -> float:
         try:
             value = float(text)
         except ValueError:
@@ -71,18 +73,26 @@ class XmlSource:
             raise self.error(where, "a finite number", repr(text[:40]))
         return value
 
-    def numbers(self, element: Any, where: str, most: int) -> Array:
-        """The numbers of an element: one in each `value`, or all in its text."""
-        values = self.children("value", element)
-        texts = ["".join(v.itertext()).strip() for v in values] or "".join(element.itertext()).split()
+    def numbers(self, most: int) -> Array:
+        """The numbers of the element: one in each `value`, or all in its text."""
+        values = self._named("value")
+        texts = ["".join(v.itertext()).strip() for v in values] or "".join(self.element.itertext()).split()
         if len(texts) > most:
-            raise self.error(where, f"at most {most} numbers", f"{len(texts)}")
-        return np.array([self.value(text, f"{where}, value {i}") for i, text in enumerate(texts, 1)])
+            raise self.error("", f"at most {most} numbers", f"{len(texts)}")
+        return np.array([self._value(text, f"value {i}") for i, text in enumerate(texts, 1)])
 
-    def listed(self, name: str, within: Any = None, where: str = "", most: int = 4096) -> Array:
+    def listed(self, name: str, most: int = 4096) -> Array:
         """The numbers of the element of that name; none where it is missing."""
-        found = self.children(name, within)
-        return self.numbers(found[0], f"{where}<{name}>", most) if found else np.empty(0)
+        found = self._named(name)
+        return XmlElement(self.path, found[0], self._at(f"<{name}>")).numbers(most) if found else np.empty(0)
+
+
+def read_xml(path: Path, root: str) -> XmlElement:
+    """The root element of a file, if it has that name."""
+    source = XmlElement(path, _parsed(path))
+    if element_name(source.element) != root:
+        raise source.error("the root element", f"<{root}>", f"<{element_name(source.element)}>")
+    return source
 
 
 def root_name(path: str | Path) -> str:
@@ -158,7 +168,7 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
     Raises:
         SwatchError: not such a file, incomplete, or a number that is out of range.
     """
-    source = XmlSource(Path(path), "modelSet")
+    source = read_xml(Path(path), "modelSet")
     rate_Hz = source.required("SampleRate")
     if not 100.0 <= rate_Hz <= 1e6:
         raise source.error("<SampleRate>", "100 to 1000000 Hz", f"{rate_Hz:g}")
@@ -169,34 +179,25 @@ def read_models(path: str | os.PathLike[str]) -> HattModels:
         raise source.error("<SpeedUnits>", "mm/s", repr(source.text("SpeedUnits")))
     notes: list[str] = []
     models = _ordered(source)
-    filters = [_filters(source, model, f"<model> {i}, ", notes) for i, model in enumerate(models, 1)]
-    for i, (ar, ma) in enumerate(filters, 1):
+    filters = [_filters(model, notes) for model in models]
+    for model, (ar, ma) in zip(models, filters, strict=True):
         if (len(ar), len(ma)) != (len(filters[0][0]), len(filters[0][1])):
-            raise source.error(f"<model> {i}", f"{len(filters[0][0])} ARlsf as in model 1", f"{len(ar)}")
+            raise model.error("", f"{len(filters[0][0])} ARlsf as in model 1", f"{len(ar)}")
     speed, force = _place(source, models, "speedMod", "speedList"), _place(source, models, "forceMod", "forceList")
-    variance = np.array([source.required("var", f"<model> {i}, ", m) for i, m in enumerate(models, 1)])
-    gain = np.array([_or_one(source.number("gain", f"<model> {i}, ", m)) for i, m in enumerate(models, 1)])
+    variance = np.array([model.required("var") for model in models])
+    gain = np.array([1.0 if gain is None else gain for gain in (model.number("gain") for model in models)])
     for name, values in (("var", variance), ("speedMod", speed), ("forceMod", force)):
-        if np.any(values < 0.0):
-            at = int(np.argmax(values < 0.0))
-            raise source.error(f"<model> {at + 1}, <{name}>", "0 or more", f"{values[at]:g}")
+        for model, value in zip(models, values, strict=True):
+            if value < 0.0:
+                raise model.error(f"<{name}>", "0 or more", f"{value:g}")
     for name, values in (("maxSpeed", speed), ("maxForce", force)):
         stated = source.number(name)
         if stated is not None and abs(stated - values.max()) > 1e-3 * values.max():
             notes.append(f"{name} says {stated:g}, the models reach {values.max():g}: clamped at the latter")
-    return HattModels(
-        _material(source),
-        rate_Hz,
-        source.number("mu"),
-        force,
-        speed * metre,
-        _triangles(source, force, speed, notes),
-        np.stack([ar for ar, _ in filters]),
-        np.stack([ma for _, ma in filters]),
-        variance,
-        gain,
-        tuple(notes),
-    )
+    triangles = _triangles(source, force, speed, notes)
+    ar, ma = (np.stack(side) for side in zip(*filters, strict=True))
+    surface = _material(source), rate_Hz, source.number("mu")
+    return HattModels(*surface, force, speed * metre, triangles, ar, ma, variance, gain, tuple(notes))
 
 
 def read_taps(path: str | os.PathLike[str]) -> HattTaps:
@@ -205,31 +206,31 @@ def read_taps(path: str | os.PathLike[str]) -> HattTaps:
     Raises:
         SwatchError: not such a file, incomplete, or a number that is out of range.
     """
-    source = XmlSource(Path(path), "tapSet")
+    source = read_xml(Path(path), "tapSet")
     taps = source.children("tap")
     _check_count(source, "numTap", "tap", len(taps))
-    speeds = [source.number("tapSpeed", f"<tap> {i}, ", tap) for i, tap in enumerate(taps, 1)]
+    speeds = [tap.number("tapSpeed") for tap in taps]
     listed = source.listed("speedList")
     if None in speeds and len(listed) == len(taps):
         speeds = [float(v) for v in listed]
-    waves = [source.listed("tapAccel", tap, f"<tap> {i}, ", 100_000) for i, tap in enumerate(taps, 1)]
-    for i, (speed, wave) in enumerate(zip(speeds, waves, strict=True), 1):
+    waves = [tap.listed("tapAccel", 100_000) for tap in taps]
+    for tap, speed, wave in zip(taps, speeds, waves, strict=True):
         if speed is None or speed <= 0.0:
-            raise source.error(f"<tap> {i}, <tapSpeed>", "mm/s above 0", "nothing" if speed is None else f"{speed:g}")
+            raise tap.error("<tapSpeed>", "mm/s above 0", "nothing" if speed is None else f"{speed:g}")
         if len(wave) < 4 or len(wave) != len(waves[0]):
             expected = "4 numbers or more" if len(waves[0]) < 4 else f"{len(waves[0])} numbers as in tap 1"
-            raise source.error(f"<tap> {i}, <tapAccel>", expected, f"{len(wave)}")
+            raise tap.error("<tapAccel>", expected, f"{len(wave)}")
     approach, first = np.unique(1e-3 * np.array(speeds, dtype=np.float64), return_index=True)
     return HattTaps(approach, np.stack(waves)[first])
 
 
-def _check_unit(source: XmlSource, name: str, known: tuple[str, ...]) -> None:
+def _check_unit(source: XmlElement, name: str, known: tuple[str, ...]) -> None:
     unit = source.text(name)
     if unit and unit.lower().replace(" ", "") not in known:
         raise source.error(f"<{name}>", known[0], repr(unit[:40]))
 
 
-def _check_count(source: XmlSource, name: str, element: str, count: int) -> None:
+def _check_count(source: XmlElement, name: str, element: str, count: int) -> None:
     """A file that was cut, or put together wrongly, says another number than it holds."""
     stated = source.number(name)
     if stated is not None and stated != count:
@@ -238,89 +239,87 @@ def _check_count(source: XmlSource, name: str, element: str, count: int) -> None
         raise source.error(f"<{element}>", f"1 to {MODEL_MAX} elements", f"{count}")
 
 
-def _material(source: XmlSource) -> str:
+def _material(source: XmlElement) -> str:
     text = source.text("material") or source.path.stem.removeprefix("Models_")
     return "".join(c if c.isprintable() else " " for c in text).strip()[:200] or "unnamed"
 
 
-def _or_one(value: float | None) -> float:
-    return 1.0 if value is None else value
-
-
-def _ordered(source: XmlSource) -> list[Any]:
+def _ordered(source: XmlElement) -> list[XmlElement]:
     """The model elements by their modNum, where those are 1 … m; else as they stand."""
     models = source.children("model")
     _check_count(source, "numMod", "model", len(models))
-    numbers = [source.number("modNum", f"<model> {i}, ", model) for i, model in enumerate(models, 1)]
-    if sorted(n or 0.0 for n in numbers) != list(range(1, len(models) + 1)):
+    numbers = [model.number("modNum") or 0.0 for model in models]
+    if sorted(numbers) != list(range(1, len(models) + 1)):
         return models
-    return [model for _, model in sorted(zip(numbers, models, strict=True), key=lambda pair: pair[0] or 0.0)]
+    return [models[i] for i in np.argsort(numbers)]
 
 
-def _place(source: XmlSource, models: list[Any], name: str, listing: str) -> Array:
+def _place(source: XmlElement, models: list[XmlElement], name: str, listing: str) -> Array:
     """Speed or force of each model: in the model, or in the list of all; both must agree."""
-    inside = [source.number(name, f"<model> {i}, ", model) for i, model in enumerate(models, 1)]
+    inside = [model.number(name) for model in models]
     listed = source.listed(listing)
     if len(listed) not in (0, len(models)):
         raise source.error(f"<{listing}>", f"{len(models)} numbers, one for each model", f"{len(listed)}")
-    for i, value in enumerate(inside):
-        if value is None and not len(listed):
-            raise source.error(f"<model> {i + 1}, <{name}>", "a number", "nothing")
-        if value is not None and len(listed) and abs(value - listed[i]) > 1e-3 * max(1.0, abs(value)):
-            raise source.error(f"<model> {i + 1}, <{name}>", f"{listed[i]:g} as in <{listing}>", f"{value:g}")
+    if not len(listed):
+        return np.array([model.required(name) for model in models])
+    for model, value, other in zip(models, inside, listed, strict=True):
+        if value is not None and abs(value - other) > 1e-3 * max(1.0, abs(value)):
+            raise model.error(f"<{name}>", f"{other:g} as in <{listing}>", f"{value:g}")
     return np.array([listed[i] if value is None else value for i, value in enumerate(inside)])
 
 
-def _filters(source: XmlSource, model: Any, where: str, notes: list[str]) -> tuple[Array, Array]:
+def _filters(model: XmlElement, notes: list[str]) -> tuple[Array, Array]:
     """Line spectral frequencies (p,) of a model's denominator and (q,) of its numerator."""
-    ar = _frequencies(source, model, "AR", where, notes)
+    ar = _frequencies(model, "AR", notes)
     if not len(ar):
-        raise source.error(f"{where}<ARlsf>", "frequencies, or <ARcoeff>", "nothing")
-    return ar, _frequencies(source, model, "MA", where, notes)
+        raise model.error("<ARlsf>", "frequencies, or <ARcoeff>", "nothing")
+    return ar, _frequencies(model, "MA", notes)
 
 
-def _frequencies(source: XmlSource, model: Any, kind: str, where: str, notes: list[str]) -> Array:
+def _frequencies(model: XmlElement, kind: str, notes: list[str]) -> Array:
     """Frequencies of 'AR' or 'MA': those in the file, which the toolkit blends; of the coefficients, where bad.
 
     The coefficients have 20 decimals and the frequencies 6, which moves a resonance by less than 0.01 dB; what the
     toolkit plays is the latter.
     """
-    lsf = source.listed(f"{kind}lsf", model, where, ORDER_MAX)
-    coefficients = source.listed(f"{kind}coeff", model, where, ORDER_MAX + 1)
+    lsf = model.listed(f"{kind}lsf", ORDER_MAX)
+    coefficients = model.listed(f"{kind}coeff", ORDER_MAX + 1)
     usable = len(lsf) > 0 and bool(np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0.0))
     if len(coefficients) <= 1:
         if len(lsf) and not usable:
-            raise source.error(f"{where}<{kind}lsf>", "numbers that ascend within 0 and π", "others")
+            raise model.error(f"<{kind}lsf>", "numbers that ascend within 0 and π", "others")
         return lsf
     if coefficients[0] != 1.0:
-        raise source.error(f"{where}<{kind}coeff>, value 1", "1", f"{coefficients[0]:g}")
+        raise model.error(f"<{kind}coeff>, value 1", "1", f"{coefficients[0]:g}")
     if len(lsf) not in (0, len(coefficients) - 1):
-        raise source.error(f"{where}<{kind}lsf>", f"{len(coefficients) - 1} numbers", f"{len(lsf)}")
+        raise model.error(f"<{kind}lsf>", f"{len(coefficients) - 1} numbers", f"{len(lsf)}")
     try:
         exact = lsf_from_ar(coefficients)
     except SwatchError:
         if not usable:
             expected = "a stable filter" if kind == "AR" else "zeros within the unit circle"
-            raise source.error(f"{where}<{kind}coeff>", expected, "none, and no usable frequencies") from None
-        notes.append(f"{where}{kind}coeff is unstable: {kind}lsf is used, as the toolkit does")
+            raise model.error(f"<{kind}coeff>", expected, "none, and no usable frequencies") from None
+        notes.append(f"{model.place}, {kind}coeff is unstable: {kind}lsf is used, as the toolkit does")
         return lsf
     if not usable:
-        notes.append(f"{where}{kind}lsf is missing or does not ascend: {kind}coeff is used")
+        notes.append(f"{model.place}, {kind}lsf is missing or does not ascend: {kind}coeff is used")
         return exact
     off = np.abs(exact - lsf).max()
     if off > ROUNDING_RAD and np.abs(ar_from_lsf(lsf) - coefficients).max() > 1e-3:
-        notes.append(f"{where}{kind}lsf is {off:.2g} rad off {kind}coeff: {kind}lsf is used, as the toolkit does")
+        notes.append(
+            f"{model.place}, {kind}lsf is {off:.2g} rad off {kind}coeff: {kind}lsf is used, as the toolkit does"
+        )
     return lsf
 
 
-def _triangles(source: XmlSource, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
+def _triangles(source: XmlElement, force: Array, speed: Array, notes: list[str]) -> NDArray[np.int32]:
     """The file's triangles (t, 3), from 0, without those that have no area."""
     elements = source.children("tri")
     _check_count(source, "numTri", "tri", len(elements))
-    rows = [source.numbers(tri, f"<tri> {i}", 3) for i, tri in enumerate(elements, 1)]
-    for i, row in enumerate(rows, 1):
+    rows = [tri.numbers(3) for tri in elements]
+    for tri, row in zip(elements, rows, strict=True):
         if len(row) != 3 or np.any(row != np.round(row)) or row.min() < 1 or row.max() > len(force):
-            raise source.error(f"<tri> {i}", f"three numbers of models, 1 to {len(force)}", f"{row.tolist()}"[:60])
+            raise tri.error("", f"three numbers of models, 1 to {len(force)}", f"{row.tolist()}"[:60])
     triangles = np.array(rows, dtype=np.int32) - 1
     top = force.max() * speed.max()
     if not top > 0.0:

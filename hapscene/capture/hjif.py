@@ -19,17 +19,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
-from hapscene.files import whole_file
+from hapscene.files import write_whole
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
-
-Array = NDArray[np.float64]
 
 TIMESCALE_MAX: Final = 48_000
 """Most ticks per second in the profile "Main" [1/s]."""
@@ -72,11 +70,7 @@ def export_hjif(
     if target.suffix != ".hjif":
         raise SwatchError(f"{target}: an MPEG haptics file's name must end in .hjif")
     content = as_hjif(swatch, force_N, speed_m_s, seconds, rate_Hz, seed)
-    try:
-        with whole_file(target) as part:
-            part.write_text(json.dumps(content, ensure_ascii=False, allow_nan=False), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise SwatchError(f"{target}: cannot be written: {error.strerror or error}") from None
+    write_whole(target, json.dumps(content, ensure_ascii=False, allow_nan=False).encode(), SwatchError)
 
 
 def as_hjif(
@@ -106,13 +100,12 @@ def as_hjif(
         said = f"{swatch.name}: taps at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
         peak, band = _transients(swatch.taps, rate, first_tap_s)
         perceptions.append(_perception(len(perceptions), said, peak, rate, band))
-    now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
     notes = [swatch.name, swatch.provenance, f"Licence: {swatch.licence}" if swatch.licence else ""]
     return {
         "version": "2023",
         "profile": "Main",
         "level": 1,
-        "date": now.isoformat(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "description": " ".join(note for note in notes if note),
         "timescale": int(rate),
         "avatars": [],
@@ -121,9 +114,7 @@ def as_hjif(
     }
 
 
-def _perception(
-    number: int, description: str, peak_m_s2: float, rate_Hz: float, band: dict[str, Any]
-) -> dict[str, Any]:
+def _perception(number: int, description: str, peak_m_s2: float, rate_Hz: float, band: Any) -> dict[str, Any]:
     """One signal on one channel; an amplitude of 1 stands for the device's maximum."""
     full = peak_m_s2 if peak_m_s2 > 0.0 else 1.0
     low, high = (round(f) for f in ACCELERATION_BAND_HZ)
@@ -160,13 +151,12 @@ def _perception(
 
 
 def _effect(position: int, keyframes: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "effect_type": "Basis",
-        "position": position,
-        "phase": 0.0,
-        "base_signal": "Sine",
-        "keyframes": keyframes,
-    }
+    return {"effect_type": "Basis", "position": position, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
+
+
+def _band(kind: str, effects: list[dict[str, Any]], **more: str) -> dict[str, Any]:
+    limits = {"lower_frequency_limit": 0, "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1])}
+    return {"band_type": kind, **more, **limits, "effects": effects}
 
 
 def _curve(signal: Array) -> dict[str, Any]:
@@ -174,36 +164,24 @@ def _curve(signal: Array) -> dict[str, Any]:
     peak = float(np.abs(signal).max())
     scaled = np.round(signal / (peak if peak > 0.0 else 1.0), 6).tolist()
     keyframes = [{"relative_position": i, "amplitude_modulation": value} for i, value in enumerate(scaled)]
-    return {
-        "band_type": "Curve",
-        "curve_type": "Linear",
-        "lower_frequency_limit": 0,
-        "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1]),
-        "effects": [_effect(0, keyframes)],
-    }
+    return _band("Curve", [_effect(0, keyframes)], curve_type="Linear")
 
 
 def _transients(taps: Taps, rate_Hz: float, first_s: float) -> tuple[float, dict[str, Any]]:
     """The largest peak [m/s²], and the taps as a band."""
-    frequencies_Hz = [taps.at(float(speed)).frequency_Hz for speed in taps.approach_m_s]
-    peaks = [_peak(*taps.at(float(speed))) for speed in taps.approach_m_s]
-    if taps.wave_m_s2 is not None:
-        peaks = np.abs(taps.wave_m_s2).max(axis=1).tolist()
+    each = [taps.at(float(speed)) for speed in taps.approach_m_s]
+    waves = taps.wave_m_s2
+    peaks = [_peak(*tap) for tap in each] if waves is None else np.abs(waves).max(axis=1).tolist()
     largest = max(peaks)
     effects = []
-    for i, (peak, frequency_Hz) in enumerate(zip(peaks, frequencies_Hz, strict=True)):
+    for i, (peak, tap) in enumerate(zip(peaks, each, strict=True)):
         keyframe = {
             "relative_position": 0,
             "amplitude_modulation": round(peak / largest, 6) if largest > 0.0 else 0.0,
-            "frequency_modulation": round(min(frequency_Hz, 10_000.0)),
+            "frequency_modulation": round(min(tap.frequency_Hz, 10_000.0)),
         }
         effects.append(_effect(round((first_s + i * TAP_SPACING_S) * rate_Hz), [keyframe]))
-    return largest, {
-        "band_type": "Transient",
-        "lower_frequency_limit": 0,
-        "upper_frequency_limit": round(ACCELERATION_BAND_HZ[1]),
-        "effects": effects,
-    }
+    return largest, _band("Transient", effects)
 
 
 def _peak(amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> float:

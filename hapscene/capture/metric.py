@@ -10,13 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.dsp.linear_prediction import autocorrelation
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
-
-Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
@@ -47,19 +47,13 @@ def model_spectrum(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, frequenc
     return np.asarray(2.0 * variance_m2_s4 * np.abs(response) ** 2 / rate_Hz)
 
 
-def log_spectral_distance(
-    first: ArrayLike,
-    second: ArrayLike,
-    frequency_Hz: ArrayLike,
-    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
-    level: bool = False,
-) -> float:
-    """Root mean square of the difference of two spectra in dB, over the band (Gray & Markel 1976, eq. 6).
+def log_spectral_distance(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike, level: bool = False) -> float:
+    """Root mean square of the difference of two spectra in dB, 20 to 1000 Hz (Gray & Markel 1976, eq. 6).
 
     LSD = √ mean_f (d(f) − d̄)², d(f) = 10 log10 (S₁(f)/S₂(f)). With `level` the mean d̄ stays in: then the distance
     holds the difference of level as well; without, it is one of shape alone, as in the project's reference table.
     """
-    within = _within(frequency_Hz, band_Hz)
+    within = _felt(frequency_Hz)
     tiny = np.finfo(np.float64).tiny
     one, two = (np.maximum(np.asarray(s, dtype=np.float64)[within], tiny) for s in (first, second))
     difference = 10.0 * np.log10(one / two)
@@ -68,13 +62,8 @@ def log_spectral_distance(
     return float(np.sqrt(np.mean(difference**2)))
 
 
-def goodness_of_fit(
-    first: ArrayLike,
-    second: ArrayLike,
-    frequency_Hz: ArrayLike,
-    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
-) -> float:
-    """Goodness-of-fit coefficient of two spectra over the band [1] (Hernández-Andrés, Romero & Lee 2001, J. Opt. Soc.
+def goodness_of_fit(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike) -> float:
+    """Goodness-of-fit coefficient of two spectra, 20 to 1000 Hz [1] (Hernández-Andrés, Romero & Lee 2001, J. Opt. Soc.
     Am. A 18(2), 412–420).
 
     GFC = |Σ S₁(f) S₂(f)| / (√Σ S₁(f)² √Σ S₂(f)²), the cosine of the angle between them: 1 for spectra of one shape at
@@ -82,7 +71,7 @@ def goodness_of_fit(
     0.9999 exact. The loudest lines decide it. The haptography papers take it of DFT magnitudes: give √ of a power
     density for theirs. It is 0 when one of the two is silent.
     """
-    within = _within(frequency_Hz, band_Hz)
+    within = _felt(frequency_Hz)
     one, two = (np.asarray(s, dtype=np.float64)[within] for s in (first, second))
     one, two = (s / s.max() if s.max() > 0.0 else s for s in (one, two))  # squares of small densities would underflow
     norm = np.sqrt(np.sum(one**2) * np.sum(two**2))
@@ -99,19 +88,14 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
         return spectrogram_of(acceleration_m_s2, rate_Hz)
 
 
-def spectrogram_error(
-    desired: ArrayLike,
-    actual: ArrayLike,
-    rate_Hz: float,
-    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
-) -> float:
+def spectrogram_error(desired: ArrayLike, actual: ArrayLike, rate_Hz: float) -> float:
     """`hapscene.dsp.spectrogram.spectrogram_error`: the swatch is judged as the handle is.
 
     Raises:
         CaptureError: the signals differ in length, are shorter than a window, or the desired one is silent.
     """
     with refusing(CaptureError):
-        return error_of_spectrogram(desired, actual, rate_Hz, band_Hz)
+        return error_of_spectrogram(desired, actual, rate_Hz)
 
 
 def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:
@@ -119,12 +103,10 @@ def level_difference_dB(first: ArrayLike, second: ArrayLike) -> float:
     return float(10.0 * np.log10(np.var(np.asarray(first)) / np.var(np.asarray(second))))
 
 
-def spectral_centroid_Hz(
-    density: ArrayLike, frequency_Hz: ArrayLike, band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ
-) -> float:
-    """Power-weighted mean frequency within the band: Σ f S(f) / Σ S(f) [Hz]."""
+def spectral_centroid_Hz(density: ArrayLike, frequency_Hz: ArrayLike) -> float:
+    """Power-weighted mean frequency within 20 to 1000 Hz: Σ f S(f) / Σ S(f) [Hz]."""
     frequency, density = np.asarray(frequency_Hz), np.asarray(density)
-    within = _within(frequency, band_Hz)
+    within = _felt(frequency)
     return float(np.sum(frequency[within] * density[within]) / np.sum(density[within]))
 
 
@@ -142,9 +124,10 @@ def band_power(density: ArrayLike, frequency_Hz: ArrayLike, edge_Hz: ArrayLike =
     return np.asarray(np.diff(running[np.searchsorted(whole, edge)]))
 
 
-def _within(frequency_Hz: ArrayLike, band_Hz: tuple[float, float]) -> NDArray[np.bool_]:
-    frequency = np.asarray(frequency_Hz)
-    return np.asarray((frequency >= band_Hz[0]) & (frequency <= band_Hz[1]))
+def _felt(frequency_Hz: ArrayLike) -> NDArray[np.bool_]:
+    """Which of the frequencies lie in the band that is felt, 20 to 1000 Hz."""
+    frequency, (low_Hz, high_Hz) = np.asarray(frequency_Hz), ACCELERATION_BAND_HZ
+    return np.asarray((frequency >= low_Hz) & (frequency <= high_Hz))
 
 
 # How much of a vibration a model explains, and whether what it leaves is noise: the residual of an AR model.
@@ -191,9 +174,7 @@ def variance_ratio(a: ArrayLike, acceleration_m_s2: ArrayLike) -> float:
     1 for a model that explains nothing, 1/power gain for the model that made the signal; it can exceed 1 for the
     model of another surface.
     """
-    signal = np.asarray(acceleration_m_s2, dtype=np.float64)
-    left = residual(a, signal)
-    return float(np.mean(left**2) / np.mean(signal**2))
+    return float(np.mean(residual(a, acceleration_m_s2) ** 2) / np.mean(np.asarray(acceleration_m_s2) ** 2))
 
 
 def correlation(signal: ArrayLike, lag_count: int = LAG_COUNT) -> Array:
@@ -203,8 +184,7 @@ def correlation(signal: ArrayLike, lag_count: int = LAG_COUNT) -> Array:
     """
     x = np.asarray(signal, dtype=np.float64)
     x = x - x.mean()
-    size = 1 << (len(x) + lag_count).bit_length()
-    r = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: lag_count + 1]
+    r = autocorrelation(x, lag_count)
     return np.asarray(r[1:] / r[0])
 
 

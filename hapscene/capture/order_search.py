@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
+from hapscene.capture.streams import Array
 from hapscene.capture.whittle import NoisyModel, over_noise
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
-
-Array = NDArray[np.float64]
 
 ORDERS: Final = range(2, 161)
 """Orders that are tried. On the project's recordings nothing improves beyond 100."""
@@ -78,11 +77,7 @@ class OrderSearch:
         return self.plain if self.noise is None else self.noise.order
 
 
-def search_order(
-    acceleration_m_s2: Array,
-    rate_Hz: float,
-    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
-) -> OrderSearch:
+def search_order(acceleration_m_s2: Array, rate_Hz: float) -> OrderSearch:
     """Fits all orders to a cleaned recording and to its halves, and takes the smallest that misses nothing.
 
     That is the smallest whose misfit is at most `MISFIT_RATIO` of the floor or `MISFIT_DB`, and whose held-out
@@ -93,10 +88,10 @@ def search_order(
     middle = len(acceleration_m_s2) // 2
     halves = (acceleration_m_s2[:middle], acceleration_m_s2[middle:])
     spectra = [metric.spectrum(half, rate_Hz) for half in halves]
-    frequency = spectra[0][0]
-    floor = metric.log_spectral_distance(spectra[0][1], spectra[1][1], frequency, band_Hz)
-    distance, residual = _held_out(halves, spectra, orders, rate_Hz, band_Hz)
-    misfit = _misfit(acceleration_m_s2, orders, rate_Hz, band_Hz)
+    (frequency, first), (_, second) = spectra
+    floor = metric.log_spectral_distance(first, second, frequency)
+    distance, residual = _held_out(halves, spectra, orders, rate_Hz)
+    misfit = _misfit(acceleration_m_s2, orders, rate_Hz)
     allowed = max(MISFIT_RATIO * floor, MISFIT_DB)
     fits = misfit <= allowed
     within = fits & (distance <= max(floor, DISTANCE_RATIO * distance.min()))
@@ -106,11 +101,7 @@ def search_order(
 
 
 def _held_out(
-    halves: tuple[Array, Array],
-    spectra: list[tuple[Array, Array]],
-    orders: NDArray[np.intp],
-    rate_Hz: float,
-    band_Hz: tuple[float, float],
+    halves: tuple[Array, Array], spectra: list[tuple[Array, Array]], orders: NDArray[np.intp], rate_Hz: float
 ) -> tuple[Array, Array]:
     """Distance and residual (k,) of each order, each half judged by the model of the other."""
     lags = [autocorrelation(tapered(half, rate_Hz), int(orders[-1])) for half in halves]
@@ -121,12 +112,12 @@ def _held_out(
         for i, order in enumerate(orders):
             a = solve(r[: order + 1])
             model = metric.model_spectrum(a, 1.0, rate_Hz, frequency)
-            distance[i] += 0.5 * metric.log_spectral_distance(model, density, frequency, band_Hz)
+            distance[i] += 0.5 * metric.log_spectral_distance(model, density, frequency)
             log_residual[i] += 0.5 * np.log(residual_power(a, lags[other]) / lags[other][0])
     return distance, np.exp(log_residual)
 
 
-def _misfit(signal: Array, orders: NDArray[np.intp], rate_Hz: float, band_Hz: tuple[float, float]) -> Array:
+def _misfit(signal: Array, orders: NDArray[np.intp], rate_Hz: float) -> Array:
     """What each order misses of the recording's own smoothed spectrum (k,) [dB rms], chance taken out.
 
     The spectrum is that of the highest order. Between it and a lower order lies also what chance puts into the lags
@@ -134,7 +125,8 @@ def _misfit(signal: Array, orders: NDArray[np.intp], rate_Hz: float, band_Hz: tu
     Tukey). Frequencies that the high-pass has bent are left out.
     """
     r = smoothed(autocorrelation(tapered(signal, rate_Hz), int(orders[-1])), rate_Hz)
-    frequency = np.arange(1.5 * band_Hz[0], min(band_Hz[1], 0.5 * rate_Hz), 0.5 / metric.WINDOW_S)
+    low_Hz, high_Hz = ACCELERATION_BAND_HZ
+    frequency = np.arange(1.5 * low_Hz, min(high_Hz, 0.5 * rate_Hz), 0.5 / metric.WINDOW_S)
     models = [10.0 * np.log10(metric.model_spectrum(solve(r[: p + 1]), 1.0, rate_Hz, frequency)) for p in orders]
     difference = np.array(models) - models[-1]
     error = difference.var(axis=1)

@@ -14,7 +14,7 @@ from typing import Final, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz
+from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz, taken
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
@@ -53,12 +53,8 @@ class Meter:
         if now_s - self._shown_s < self.period_s:
             return
         self._shown_s = now_s
-        line = self.line(position, count)
-        if self._live:
-            width = shutil.get_terminal_size().columns
-            self._stream.write(f"\r{line[: width - 1]}\x1b[K")
-        else:
-            self._stream.write(f"{line}\n")
+        line, width = self.line(position, count), shutil.get_terminal_size().columns
+        self._stream.write(f"\r{line[: width - 1]}\x1b[K" if self._live else f"{line}\n")
         self._stream.flush()
 
     def line(self, position: int, count: Count) -> str:
@@ -68,12 +64,8 @@ class Meter:
             values = np.concatenate(self._pieces) * np.array([c.scale for c in self._columns])
             self._pieces = []
             away = values - values.mean(axis=0)
-            levels = "".join(
-                f"  {column.name} {rms:.3g}/{peak:.3g} {column.unit}"
-                for column, rms, peak in zip(
-                    self._columns, np.sqrt((away**2).mean(axis=0)), np.abs(away).max(axis=0), strict=True
-                )
-            )
+            each = zip(self._columns, np.sqrt((away**2).mean(axis=0)), np.abs(away).max(axis=0), strict=True)
+            levels = "".join(f"  {column.name} {rms:.3g}/{peak:.3g} {column.unit}" for column, rms, peak in each)
         lost = f"dropped {count.dropped}, torn {count.torn}, garbage {count.garbage}"
         return f"{position / self._rate_Hz:7.1f} s  {lost}  rms/peak:{levels}"  # the end is cut where it is too long
 
@@ -89,6 +81,8 @@ SILENCE_S: Final = 5.0
 
 MEASURED_MIN_S: Final = 5.0
 """Shortest recording whose rate is held against the computer's clock [s]: bytes come in lumps of some 10 ms."""
+
+_Stopped = Callable[[], bool]
 
 STOPPED: Final = "stopped"
 REACHED: Final = "the duration was reached"
@@ -139,7 +133,7 @@ def record(
     place = target.with_suffix(SUFFIX)
     for file in {target, place}:
         if file.exists():
-            raise CaptureError(f"{file}: is there already, and a recording is never replaced: take another name")
+            raise taken(file)
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped)
         assert decoder.header is not None
@@ -157,7 +151,7 @@ def record(
 
 
 def _wait_for_header(
-    opened: Port, port: str, baud: int, silence_s: float, stopped: Callable[[], bool]
+    opened: Port, port: str, baud: int, silence_s: float, stopped: _Stopped
 ) -> tuple[Decoder, list[Run]]:
     """Reads until the probe has announced itself; gives the runs that came with it too."""
     decoder = Decoder()
@@ -169,33 +163,20 @@ def _wait_for_header(
         if isinstance(piece, str):
             raise CaptureError(f"{port}: the port closed before a probe announced itself: {piece}")
         if isinstance(piece, tuple):
-            runs = _fed(decoder, piece, port)
+            with refusing(CaptureError, port):
+                runs = decoder.feed(*piece)
             if decoder.header is not None:
                 return decoder, runs
         if time.monotonic() > deadline_s:
-            if not decoder.byte_count:
-                raise CaptureError(
-                    f"{port}: silent for {silence_s:g} s: expected a line `#hapscene-probe {VERSION} …`; "
-                    "check the cable and that the probe runs"
-                )
-            raise CaptureError(
-                f"{port}: {decoder.byte_count} bytes in {silence_s:g} s at {baud} baud, "
-                f"but no line `#hapscene-probe {VERSION} …`: check --baud and docs/probe-protocol.md"
-            )
-
-
-def _fed(decoder: Decoder, piece: tuple[bytes, float], port: str) -> list[Run]:
-    with refusing(CaptureError, port):
-        return decoder.feed(*piece)
+            line, came = f"line `#hapscene-probe {VERSION} …`", f"{decoder.byte_count} bytes in {silence_s:g} s"
+            said = f"silent for {silence_s:g} s: expected a {line}; check the cable and that the probe runs"
+            if decoder.byte_count:
+                said = f"{came} at {baud} baud, but no {line}: check --baud and docs/probe-protocol.md"
+            raise CaptureError(f"{port}: {said}")
 
 
 def _follow(
-    opened: Port,
-    decoder: Decoder,
-    runs: list[Run],
-    writer: RecordWriter,
-    duration_s: float | None,
-    stopped: Callable[[], bool],
+    opened: Port, decoder: Decoder, runs: list[Run], writer: RecordWriter, duration_s: float | None, stopped: _Stopped
 ) -> Made:
     """Writes and shows samples until something ends it."""
     header = decoder.header

@@ -19,7 +19,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
-from hapscene.files import whole_file
+from hapscene.files import read_bytes, refusing, whole_file
 from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 SUFFIX: Final = ".hsrec"
@@ -65,6 +65,11 @@ class Record:
         return np.isnan(next(iter(self.streams.values())))
 
 
+def taken(path: Path) -> CaptureError:
+    """What is said of a file that a recording would replace."""
+    return CaptureError(f"{path}: is there already, and a recording is never replaced: take another name")
+
+
 class RecordWriter:
     """Appends to a new record. To be used with `with`; a record that is cut short stays readable."""
 
@@ -80,9 +85,7 @@ class RecordWriter:
         try:
             self._file: BinaryIO = self.path.open("xb")
         except FileExistsError:
-            raise CaptureError(
-                f"{self.path}: is there already, and a recording is never replaced: take another name"
-            ) from None
+            raise taken(self.path) from None
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
         started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -110,11 +113,9 @@ class RecordWriter:
         Raises:
             CaptureError: the disk is full or gone.
         """
-        try:
+        with self._writing():
             self._file.flush()
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._unwritten(error) from None
 
     def end(self, how: str, **facts: float) -> None:
         """Ends the record properly: how it ended, and facts about it."""
@@ -123,13 +124,16 @@ class RecordWriter:
 
     def _put(self, kind: bytes, first: int, payload: bytes) -> None:
         body = _CHUNK.pack(kind, len(payload), first) + payload
-        try:
+        with self._writing():
             self._file.write(body + _CHECK.pack(zlib.crc32(body)))
-        except OSError as error:
-            raise self._unwritten(error) from None
 
-    def _unwritten(self, error: OSError) -> CaptureError:
-        return CaptureError(f"{self.path}: cannot be written on: {error.strerror}; what was recorded before is in it")
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            said = f"{self.path}: cannot be written on: {error.strerror}; what was recorded before is in it"
+            raise CaptureError(said) from None
 
 
 def load_record(path: str | os.PathLike[str]) -> Record:
@@ -138,49 +142,48 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     Raises:
         CaptureError: no record, of a later version, too long, or without one whole chunk of samples.
     """
-    file = Path(path)
-    try:
-        with file.open("rb") as f:
-            data = f.read(4 * VALUE_MAX + (1 << 20))
-    except OSError as error:
-        raise CaptureError(f"{file}: cannot be read: {error.strerror}") from None
+    with refusing(CaptureError):
+        data = read_bytes(Path(path), 4 * VALUE_MAX + (1 << 20), "record")
+    with refusing(CaptureError, path):
+        return parse_record(data)
+
+
+def parse_record(data: bytes) -> Record:
+    """The record of a file's content; as `load_record`, but its errors do not name the file."""
     if not data.startswith(FIRST_LINE):
         later = data.startswith(FIRST_LINE.split(b"1")[0])
-        reason = "a record of a later version: update hapscene" if later else "not a record of a probe"
-        raise CaptureError(f"{file}: {reason}")
+        raise CaptureError("a record of a later version: update hapscene" if later else "not a record of a probe")
     chunks = _chunks(data)
     kind, _, payload = next(chunks, (b"", 0, b""))
-    head = _json(file, payload) if kind == b"HEAD" else None
-    if head is None:
-        raise CaptureError(f"{file}: cut before its header was whole: nothing can be read")
-    rate_Hz, columns = _head(file, head)
+    if kind != b"HEAD":
+        raise CaptureError("cut before its header was whole: nothing can be read")
+    head = _json(payload)
+    rate_Hz, columns = _head(head)
     runs, ended = [], None
     for kind, first, payload in chunks:
         if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
             runs.append((first, np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))))
         elif kind == b"END.":
-            ended = str(_json(file, payload).get("ended"))
+            ended = str(_json(payload).get("ended"))
     if not runs:
-        raise CaptureError(f"{file}: holds no samples")
+        raise CaptureError("holds no samples")
     length = max(first + len(rows) for first, rows in runs)
     if length * len(columns) > VALUE_MAX:
-        raise CaptureError(f"{file}: {length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
+        raise CaptureError(f"{length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
     table = np.full((len(columns), length), np.nan)
     for first, rows in runs:
         table[:, first : first + len(rows)] = rows.T
     table *= np.array([c.scale for c in columns])[:, None]
-    names = [c.name for c in columns]
-    units = {c.name: c.unit for c in columns}
-    return Record(rate_Hz, dict(zip(names, table, strict=True)), units, str(head.get("started")), ended)
+    streams = {column.name: stream for column, stream in zip(columns, table, strict=True)}
+    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
 
 
-def save_npz(record: Record, path: str | os.PathLike[str]) -> None:
+def save_npz(record: Record, path: Path) -> None:
     """Writes the streams as NumPy arrays of their names, with `rate_Hz` and `units` ("name=unit"), without pickle."""
-    arrays: dict[str, Any] = dict(record.streams)
-    arrays["rate_Hz"] = record.rate_Hz
-    arrays["units"] = np.array([f"{name}={unit}" for name, unit in record.units.items()])
+    units = np.array([f"{name}={unit}" for name, unit in record.units.items()])
+    arrays: dict[str, Any] = {**record.streams, "rate_Hz": record.rate_Hz, "units": units}
     try:
-        with whole_file(Path(path)) as part:
+        with whole_file(path) as part:
             np.savez_compressed(part, **arrays)
     except OSError as error:
         raise CaptureError(f"{path}: cannot be written: {error.strerror}") from None
@@ -198,24 +201,24 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
         at = end + _CHECK.size
 
 
-def _json(file: Path, payload: bytes) -> dict[str, Any]:
+def _json(payload: bytes) -> dict[str, Any]:
     try:
         content = json.loads(payload)
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
-        raise CaptureError(f"{file}: a record whose header or end is not as hapscene writes it")
+        raise CaptureError("a record whose header or end is not as hapscene writes it")
     return content
 
 
-def _head(file: Path, head: Mapping[str, Any]) -> tuple[float, list[Column]]:
+def _head(head: Mapping[str, Any]) -> tuple[float, list[Column]]:
     """Rate and columns, checked: the file may be anybody's."""
     try:
         rate_Hz = float(head["rate_Hz"])
         columns = [Column(str(c["name"]), str(c["unit"]), float(c["scale"])) for c in head["columns"]]
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise CaptureError(f"{file}: a record whose header lacks its rate or columns") from None
+        raise CaptureError("a record whose header lacks its rate or columns") from None
     fits = 0.0 < rate_Hz < math.inf and all(math.isfinite(c.scale) for c in columns)
     if not fits or not 1 <= len({c.name for c in columns}) == len(columns) <= COLUMN_MAX:
-        raise CaptureError(f"{file}: a record whose header has an impossible rate, scale or list of columns")
+        raise CaptureError("a record whose header has an impossible rate, scale or list of columns")
     return rate_Hz, columns

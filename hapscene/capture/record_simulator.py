@@ -4,15 +4,16 @@ It prints the port's name; `hapscene capture record --port NAME -o tap.hsrec` in
 A hand strokes back and forth: what it presses and how fast it goes set the level of a surface with two resonances.
 """
 
-import argparse
 import os
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
 
+from hapscene.wire.port import simulated_port, simulator_parser
 from hapscene.wire.protocol import Column, Header, header_line, sample_line
 
 COLUMNS: Final = (
@@ -66,34 +67,20 @@ def lines(rate_Hz: float, seed: int = 0, drop: float = 0.0) -> Iterator[bytes]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m hapscene.capture.record_simulator", description=__doc__)
-    parser.add_argument("--rate", type=float, default=3200.0, metavar="HZ", help="of the samples (default 3200)")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="how long it runs (default: until Ctrl-C)")
+    parser = simulator_parser("hapscene.capture.record_simulator", __doc__, 3200.0)
     parser.add_argument("--drop", type=float, default=0.0, metavar="P", help="probability that a line is lost")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
     options = parser.parse_args(arguments)
-    if not hasattr(os, "openpty"):
-        parser.error("the simulated probe needs pseudo-terminals: Linux or macOS")
-    import tty
-
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
 
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    os.set_blocking(ours, False)
-    print(os.ttyname(theirs), flush=True)
+    wire = simulated_port(parser)
     start_s = time.monotonic()
-    try:
+    with suppress(KeyboardInterrupt):
         for turn, text in enumerate(lines(options.rate, options.seed, options.drop)):
             if turn * BLOCK_S >= options.seconds:
                 break
             time.sleep(max(0.0, start_s + turn * BLOCK_S - time.monotonic()))
-            try:
-                os.write(ours, text)
-            except BlockingIOError:
-                continue  # nobody reads: lost, as on a wire
-    except KeyboardInterrupt:
-        return 0
+            with suppress(BlockingIOError):  # nobody reads: lost, as on a wire
+                os.write(wire, text)
     return 0
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
-from hapscene.capture.streams import speed_of
+from hapscene.capture.streams import Array, filtered, speed_of
 from hapscene.errors import CaptureError, warn
+from hapscene.files import refusing
 from hapscene.wire.unit import UNITS
 
 # Three axes of acceleration made one: DFT321.
@@ -26,8 +26,6 @@ from hapscene.wire.unit import UNITS
 #
 #     |A(f)|² = Σ_i |A_i(f)|²,   ∠A(f) = ∠ Σ_i A_i(f)
 
-
-Array = NDArray[np.float64]
 
 WINDOW_S: Final = 0.1
 """Window of `one_axis` [s]. Over a whole recording the method keeps the spectrum, but not when what happened: each
@@ -42,11 +40,9 @@ def dft321(axes: Array) -> Array:
     """One signal (n,) of the axes (k, n), taken as a whole: of their summed power at each frequency, exactly."""
     spectra = np.fft.rfft(axes, axis=1)
     together = spectra.sum(axis=0)
-    size = np.abs(together)
     # where the axes cancel the phase is open: that of the strongest axis is as good as any
     strongest = np.take_along_axis(spectra, np.abs(spectra).argmax(axis=0)[None], axis=0)[0]
-    lost = size <= 1e-9 * np.abs(strongest)
-    together = np.where(lost, strongest, together)
+    together = np.where(np.abs(together) <= 1e-9 * np.abs(strongest), strongest, together)
     size = np.abs(together)
     magnitude = np.sqrt((np.abs(spectra) ** 2).sum(axis=0))
     return np.asarray(np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1]))
@@ -62,8 +58,6 @@ def one_axis(axes: Array, rate_Hz: float) -> Array:
     Raises:
         CaptureError: no or more than three axes, or too short to be filtered.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     if axes.ndim != 2 or not 1 <= len(axes) <= 3:
         raise CaptureError(f"acceleration must have one to three axes, its shape is {axes.shape}")
     if len(axes) == 1:
@@ -72,20 +66,18 @@ def one_axis(axes: Array, rate_Hz: float) -> Array:
         raise CaptureError(
             f"three axes of {axes.shape[1]} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed"
         )
-    sections = butter(4, CUTOFF_HZ, "highpass", fs=rate_Hz, output="sos")
-    axes = np.asarray(sosfiltfilt(sections, axes, axis=1))
+    axes = filtered(axes, rate_Hz, CUTOFF_HZ, "highpass")
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
     count = -(-axes.shape[1] // hop) + 1
     padded = np.zeros((len(axes), (count + 1) * hop))
     padded[:, hop : hop + axes.shape[1]] = axes
     weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # the root of a Hann window
     made, hann = np.zeros(padded.shape[1]), weight**2
-    for start in range(0, count * hop, hop):
-        part = slice(start, start + 2 * hop)
+    windows = [slice(start, start + 2 * hop) for start in range(0, count * hop, hop)]
+    for part in windows:
         made[part] += weight * dft321(weight * padded[:, part])
     gain = np.zeros(padded.shape[1])
-    for start in range(0, count * hop, hop):
-        part = slice(start, start + 2 * hop)
+    for part in windows:
         power = float((hann * made[part] ** 2).sum())
         gain[part] += hann * np.sqrt(float((hann * padded[:, part] ** 2).sum()) / power if power > 0.0 else 0.0)
     return np.asarray((gain * made)[hop : hop + axes.shape[1]])
@@ -121,10 +113,8 @@ class SurfaceRecording:
     def __repr__(self) -> str:
         streams = ("force_N", "speed_m_s", "tangential_force_N", "depth_m")
         held = ", ".join(name for name in streams if getattr(self, name) is not None) or "nothing"
-        count = len(self.acceleration_m_s2)
-        return (
-            f"<SurfaceRecording: {count:,} samples, {count / self.rate_Hz:.3g} s at {self.rate_Hz:g} Hz, with {held}>"
-        )
+        count, rate_Hz = len(self.acceleration_m_s2), self.rate_Hz
+        return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
 
 
 def load_recording(
@@ -177,14 +167,14 @@ def read_surface_recording(
     Raises:
         CaptureError: as there.
     """
-    file = Path(path)
-    source = read_recording_source(file)
-    chosen = _choose(file, list(source.columns), dict(columns or {}))
+    source = read_recording_source(Path(path))
     streams: dict[str, Array] = {}
-    for quantity, names in chosen.items():
-        scale = _scale(file, quantity, names, dict(units or {}), source.units)
-        streams[quantity] = scale * np.stack([source.columns[name] for name in names])
-    rate = _rate(file, rate_Hz, source, streams.pop("time", None))
+    with refusing(CaptureError, path):
+        chosen = _choose(list(source.columns), columns or {}, wave=Path(path).suffix.lower() == ".wav")
+        for quantity, names in chosen.items():
+            scale = _scale(quantity, names, units or {}, source.units)
+            streams[quantity] = scale * np.stack([source.columns[name] for name in names])
+        rate = _rate(rate_Hz, source, streams.pop("time", None))
     used = [name for names in chosen.values() for name in names]
     bridged = {name: source.bridged[name] for name in used if name in source.bridged}
     return replace(_assembled(rate, streams), bridged=bridged)
@@ -205,7 +195,7 @@ def _assembled(rate_Hz: float, streams: Mapping[str, Array]) -> SurfaceRecording
     return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, single.get("depth"))
 
 
-def _rate(file: Path, given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
+def _rate(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
     """The rate as given, else the file's own, else that of its column of times."""
     if given_Hz is not None:
         return float(given_Hz)
@@ -215,42 +205,42 @@ def _rate(file: Path, given_Hz: float | None, source: RecordingSource, time_s: A
         step_s = np.diff(time_s[0])
         mean_s = float(step_s.mean()) if len(step_s) else 0.0
         if not (mean_s > 0.0 and np.all(np.abs(step_s - mean_s) <= UNEVEN_MAX * mean_s)):
-            raise CaptureError(f"{file}: its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")
+            raise CaptureError("its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")
         return 1.0 / mean_s
-    raise CaptureError(f"{file}: the file does not say its sample rate: give rate_Hz=… (--rate HZ)")
+    raise CaptureError("the file does not say its sample rate: give rate_Hz=… (--rate HZ)")
 
 
-def _choose(file: Path, names: list[str], columns: dict[str, str]) -> dict[str, list[str]]:
+def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[str, list[str]]:
     """Quantity to columns, for the quantities that the file has."""
     chosen: dict[str, list[str]] = {}
-    for quantity, column in _joined(file, columns).items():
+    for quantity, column in _joined(columns).items():
         if quantity not in UNITS:
-            raise CaptureError(f"{file}: no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
+            raise CaptureError(f"no quantity {quantity!r} in columns; there are: {', '.join(UNITS)}")
         parts = [column] if column in names else [part.strip() for part in column.split("+")]
         for part in parts:
             if part not in names:
-                raise CaptureError(f"{file}: no column {part!r}; there are: {', '.join(names)}")
+                raise CaptureError(f"no column {part!r}; there are: {', '.join(names)}")
         if len(parts) > (3 if quantity in VECTORS else 1):
             most = "at most three columns" if quantity in VECTORS else "one column"
-            raise CaptureError(f"{file}: {quantity} has {most}, {column!r} names {len(parts)}")
+            raise CaptureError(f"{quantity} has {most}, {column!r} names {len(parts)}")
         chosen[quantity] = parts
     for quantity in UNITS.keys() - chosen.keys():
         axes = [f"{quantity}_{axis}" for axis in AXES if quantity in VECTORS and f"{quantity}_{axis}" in names]
         if quantity in names or axes:
             chosen[quantity] = [quantity] if quantity in names else axes
-    numbered = names in (["1"], ["1", "2", "3"] if file.suffix.lower() == ".wav" else [])
+    numbered = names in (["1"], ["1", "2", "3"] if wave else [])
     if "acceleration" not in chosen and numbered:
         chosen["acceleration"] = names
     if "acceleration" not in chosen:
         example = _likely(names, chosen)
         raise CaptureError(
-            f'{file}: no column "acceleration"; there are: {", ".join(names)}: '
+            f'no column "acceleration"; there are: {", ".join(names)}: '
             f'give columns={{"acceleration": "{example}"}} (--columns acceleration={example})'
         )
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
 
 
-def _joined(file: Path, columns: Mapping[str, str]) -> dict[str, str]:
+def _joined(columns: Mapping[str, str]) -> dict[str, str]:
     """Columns as given, those of axes, as acceleration_x, joined by "+" under their quantity."""
     joined: dict[str, str] = {}
     axes: dict[str, dict[str, str]] = {}
@@ -262,7 +252,7 @@ def _joined(file: Path, columns: Mapping[str, str]) -> dict[str, str]:
             joined[key] = column
     for quantity, parts in axes.items():
         if quantity in joined:
-            raise CaptureError(f"{file}: columns name both {quantity} and {quantity}_{min(parts)}: give one of them")
+            raise CaptureError(f"columns name both {quantity} and {quantity}_{min(parts)}: give one of them")
         joined[quantity] = "+".join(parts[axis] for axis in AXES if axis in parts)
     return joined
 
@@ -271,29 +261,25 @@ def _likely(names: list[str], chosen: Mapping[str, list[str]]) -> str:
     """The column that most likely is the acceleration: of those that are nothing else, one that begins with it."""
     taken = {name for parts in chosen.values() for name in parts}
     free = [name for name in names if name not in taken] or ["COLUMN"]
-    for start in ("acc", "a"):
-        for name in free:
-            if name.casefold().startswith(start):
-                return name
-    return free[0]
+    return next(name for start in ("acc", "a", "") for name in free if name.casefold().startswith(start))
 
 
-def _scale(file: Path, quantity: str, names: list[str], given: dict[str, str], own: Mapping[str, str]) -> float:
+def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mapping[str, str]) -> float:
     """What one of the file's numbers is in SI; the unit is that given, else the file's own for the column."""
     known = ", ".join(UNITS[quantity])
     unknown = [name for name in given if name not in UNITS]
     if unknown:
-        raise CaptureError(f"{file}: no quantity {unknown[0]!r} in units; there are: {', '.join(UNITS)}")
+        raise CaptureError(f"no quantity {unknown[0]!r} in units; there are: {', '.join(UNITS)}")
     unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s"}.get(quantity)
     if unit is None:
         example = next(iter(UNITS[quantity]))
         raise CaptureError(
-            f"{file}: the unit of {quantity} (column {'+'.join(names)!r}) is not known: give "
+            f"the unit of {quantity} (column {'+'.join(names)!r}) is not known: give "
             f'units={{"{quantity}": "{example}"}} (--units {quantity}={example}); known are {known}'
         )
     if unit in UNITS[quantity]:
         return UNITS[quantity][unit]
     match = re.fullmatch(r"([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*\*?\s*(\S+)", unit)
     if match is None or match[2] not in UNITS[quantity] or not 0.0 < float(match[1]) < float("inf"):
-        raise CaptureError(f"{file}: no unit {unit!r} of {quantity}; there are: {known}")
+        raise CaptureError(f"no unit {unit!r} of {quantity}; there are: {known}")
     return float(match[1]) * UNITS[quantity][match[2]]

@@ -11,18 +11,16 @@
 
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.errors import CaptureError
 from hapscene.files import check_file_size, refusing
-
-Array = NDArray[np.float64]
 
 BYTES_MAX: Final = 1 << 30
 """Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
@@ -52,50 +50,52 @@ def read_recording_source(file: Path) -> RecordingSource:
     """
     with refusing(CaptureError):
         check_file_size(file, BYTES_MAX, "recording")
+    with refusing(CaptureError, file):
+        return _source(file)
+
+
+def _source(file: Path) -> RecordingSource:
+    reader = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".hsrec": _record}.get(file.suffix.lower(), _text)
     try:
-        reader = {".wav": _wav, ".npz": _npz, ".mat": _mat, ".hsrec": _record}.get(file.suffix.lower(), _text)
         source = reader(file)
     except OSError as error:
-        raise CaptureError(f"{file}: cannot be read: {error.strerror or error}") from None
+        raise CaptureError(f"cannot be read: {error.strerror or error}") from None
     lengths = {name: len(column) for name, column in source.columns.items()}
     if not lengths or min(lengths.values()) == 0:
-        raise CaptureError(f"{file}: holds no streams of numbers")
+        raise CaptureError("holds no streams of numbers")
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name} {count}" for name, count in lengths.items())
-        raise CaptureError(f"{file}: streams of different length ({said}): each needs one sample per time")
+        raise CaptureError(f"streams of different length ({said}): each needs one sample per time")
     return source
 
 
 def _text(file: Path) -> RecordingSource:
     try:
         with file.open(encoding="utf-8-sig") as f:
-            lines = (line for line in f if line.strip() and not line.startswith("#"))
-            first = next(lines, "")
+            lines = ((number, line) for number, line in enumerate(f, 1) if line.strip() and not line.startswith("#"))
+            skip, first = next(lines, (0, ""))
     except UnicodeDecodeError:
-        raise CaptureError(f"{file}: not a text file") from None
+        raise CaptureError("not a text file") from None
     delimiter = next((d for d in (";", "\t", ",") if d in first), None)
     names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
     header = not all(_is_number(name) for name in names)
     if not names or not names[0]:
-        raise CaptureError(f"{file}: must begin with a header of column names, or with a line of numbers")
-    skip = 0
-    if header:  # the line itself may stand below comments
-        with file.open(encoding="utf-8-sig") as f:
-            skip = 1 + next(i for i, line in enumerate(f) if line == first)
+        raise CaptureError("must begin with a header of column names, or with a line of numbers")
+    skip = skip if header else 0  # the line itself may stand below comments
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "no data", which is told below
             table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise CaptureError(f"{file}: not a text file") from None
+        raise CaptureError("not a text file") from None
     except ValueError:
-        raise CaptureError(f"{file}: not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
+        raise CaptureError(f"not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
     if len(table) == 0 or table.shape[1] != len(names):
-        raise CaptureError(f"{file}: {len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
+        raise CaptureError(f"{len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
     if not header:
         names = _numbered(len(names))
     if len(set(names)) < len(names):
-        raise CaptureError(f"{file}: two columns have one name: {', '.join(names)}")
+        raise CaptureError(f"two columns have one name: {', '.join(names)}")
     return RecordingSource(dict(zip(names, table.T.copy(), strict=True)))
 
 
@@ -123,7 +123,7 @@ def _wav(file: Path) -> RecordingSource:
             warnings.simplefilter("ignore")  # chunks that it does not know
             rate, data = wavfile.read(file)
     except (ValueError, EOFError) as error:
-        raise CaptureError(f"{file}: not a WAV file that can be read: {error}") from None
+        raise CaptureError(f"not a WAV file that can be read: {error}") from None
     values = np.asarray(data, dtype=np.float64).reshape(len(data), -1)
     if data.dtype == np.uint8:
         values = values / 128.0 - 1.0
@@ -136,11 +136,11 @@ def _npz(file: Path) -> RecordingSource:
     try:
         with zipfile.ZipFile(file) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > BYTES_MAX:
-                raise CaptureError(f"{file}: unpacks to more than {BYTES_MAX >> 20} MiB")
+                raise CaptureError(f"unpacks to more than {BYTES_MAX >> 20} MiB")
         with np.load(file, allow_pickle=False) as arrays:
-            return _named(file, {name: arrays[name] for name in arrays.files})
+            return _named({name: arrays[name] for name in arrays.files})
     except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
-        raise CaptureError(f"{file}: not an NPZ file that can be read: {error}") from None
+        raise CaptureError(f"not an NPZ file that can be read: {error}") from None
 
 
 def _mat(file: Path) -> RecordingSource:
@@ -149,23 +149,23 @@ def _mat(file: Path) -> RecordingSource:
     try:
         content = loadmat(file)
     except NotImplementedError:
-        raise CaptureError(f"{file}: a MATLAB 7.3 file is not read: save it with -v7") from None
+        raise CaptureError("a MATLAB 7.3 file is not read: save it with -v7") from None
     except OSError:
         raise
     except Exception as error:  # the reader names no class of its own for damaged files
-        raise CaptureError(f"{file}: not a MATLAB file that can be read: {error}") from None
-    return _named(file, {name: value for name, value in content.items() if not name.startswith("__")})
+        raise CaptureError(f"not a MATLAB file that can be read: {error}") from None
+    return _named({name: value for name, value in content.items() if not name.startswith("__")})
 
 
 def _record(file: Path) -> RecordingSource:
-    from hapscene.capture.record_file import load_record
+    from hapscene.capture.record_file import parse_record
 
-    record = load_record(file)
-    columns, bridged = _bridged(file, record.streams)
+    record = parse_record(file.read_bytes())
+    columns, bridged = _bridged(record.streams)
     return RecordingSource(columns, record.rate_Hz, record.units, bridged)
 
 
-def _named(file: Path, arrays: Mapping[str, Any]) -> RecordingSource:
+def _named(arrays: Mapping[str, Any]) -> RecordingSource:
     """Streams among named arrays; one of three columns is a vector. What is neither is left out."""
     columns: dict[str, Array] = {}
     for name, array in arrays.items():
@@ -179,17 +179,16 @@ def _named(file: Path, arrays: Mapping[str, Any]) -> RecordingSource:
         if rows.ndim == 1:
             columns[name] = rows
         elif rows.ndim == 2 and rows.shape[1] == 3:
-            parts = zip(AXES, rows.T, strict=True)
-            columns |= {f"{name}_{axis}": part.copy() for axis, part in parts}
-    whole, bridged = _bridged(file, columns)
+            columns |= {f"{name}_{axis}": part.copy() for axis, part in zip(AXES, rows.T, strict=True)}
+    whole, bridged = _bridged(columns)
     rate = arrays.get("rate_Hz")
-    return RecordingSource(whole, None if rate is None else _rate(file, rate), _units(arrays.get("units")), bridged)
+    return RecordingSource(whole, None if rate is None else _rate(rate), _units(arrays.get("units")), bridged)
 
 
-def _rate(file: Path, value: Any) -> float:
+def _rate(value: Any) -> float:
     array = np.asarray(value)
     if array.dtype.kind not in "fiu" or array.size != 1:
-        raise CaptureError(f"{file}: rate_Hz must be one number")
+        raise CaptureError("rate_Hz must be one number")
     return float(array.reshape(-1)[0])
 
 
@@ -197,11 +196,11 @@ def _units(value: Any) -> dict[str, str]:
     """Units as `hapscene capture record` writes them into an NPZ file: a list of "name=unit"."""
     if not isinstance(value, np.ndarray) or value.dtype.kind != "U":
         return {}
-    pairs: Iterable[list[str]] = (str(text).split("=", 1) for text in value.reshape(-1)[:1000])
-    return {pair[0]: pair[1] for pair in pairs if len(pair) == 2}
+    pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
+    return {name: unit for name, equals, unit in pairs if equals}
 
 
-def _bridged(file: Path, streams: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, int]]:
+def _bridged(streams: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, int]]:
     """The streams with samples that are NaN, dropped by the probe, put on straight lines; and how many of which."""
     whole: dict[str, Array] = {}
     count: dict[str, int] = {}
@@ -209,10 +208,8 @@ def _bridged(file: Path, streams: Mapping[str, Array]) -> tuple[dict[str, Array]
         missing = np.isnan(stream)
         share = float(missing.mean()) if len(stream) else 0.0
         if share > MISSING_MAX:
-            raise CaptureError(
-                f"{file}: {name}: {100 * share:.1f} % of the samples are missing, "
-                f"at most {100 * MISSING_MAX:g} % may be"
-            )
+            most = f"at most {100 * MISSING_MAX:g} % may be"
+            raise CaptureError(f"{name}: {100 * share:.1f} % of the samples are missing, {most}")
         whole[name] = stream
         if share > 0.0:
             index = np.arange(len(stream))

@@ -29,7 +29,7 @@ from hapscene.capture.report_plots import (
 )
 from hapscene.capture.swatch_fit import Part, prepare
 from hapscene.errors import CaptureError
-from hapscene.files import whole_file
+from hapscene.files import refusing, write_whole
 from hapscene.surface.swatch import Swatch
 
 # The numbers of a report in words: what is in the swatch, how good it is, what is absent.
@@ -59,12 +59,12 @@ class Row(NamedTuple):
     measure: str
     value: str
     held_to: str
-    verdict: str
+    verdict: str = ""
 
 
 def facts(swatch: Swatch) -> list[Fact]:
     """The main numbers of a swatch; one that is absent says so."""
-    return [_texture(swatch), _level(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
+    return [*_texture(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
 
 
 def absences(swatch: Swatch) -> list[tuple[str, str]]:
@@ -82,33 +82,27 @@ def absences(swatch: Swatch) -> list[tuple[str, str]]:
 def rows(judgement: Judgement) -> list[Row]:
     """How good the texture is, measure by measure."""
     held, best = judgement.held_out, float(judgement.search.distance_dB.min())
-    table = [] if held is None else _held_out_rows(held, best)
     similarity = judgement.similarity
-    table.append(
+    return [
+        *([] if held is None else _held_out_rows(held, best)),
         Row(
             "likeness as felt, spectral part of ST-SIM",
             f"{similarity.spectral:.3f}",
             f"1 is alike (temporal part {similarity.temporal:.2f}: noise repeats no waveform)",
-            "",
-        )
-    )
-    table.append(
+        ),
         Row(
             "spectrogram error, swatch against recording",
             f"{100 * judgement.spectrogram_error:.0f} %",
             "66 % for other noise of the same spectrum, 100 % for silence",
-            "",
-        )
-    )
-    return table
+        ),
+    ]
 
 
 def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
     allowed = DISTANCE_RATIO * max(best_dB, held.floor_dB)
     worst = int(np.argmax(np.abs(held.band_dB)))
     low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
-    felt = int(np.count_nonzero(np.abs(held.band_dB) > FELT_DB))
-    bands = len(held.band_dB)
+    felt = np.count_nonzero(np.abs(held.band_dB) > FELT_DB)
     fitted, other = (metric.spectral_centroid_Hz(d, held.frequency_Hz) for d in (held.fitted, held.held_out))
     return [
         Row(
@@ -134,16 +128,14 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
         ),
         Row(
             "bands that differ by more than is felt",
-            f"{felt} of {bands}",
+            f"{felt} of {len(held.band_dB)}",
             f"{FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(held.band_dB[worst], 1)} dB",
-            "",
         ),
-        Row("goodness of fit of the spectra (GFC)", f"{held.goodness_of_fit:.3f}", "1 is one shape", ""),
+        Row("goodness of fit of the spectra (GFC)", f"{held.goodness_of_fit:.3f}", "1 is one shape"),
         Row(
             "residual on the held-out half",
             f"{held.residual_ratio:.4f}",
             "share of the power that the model does not predict; smaller is better",
-            "",
         ),
     ]
 
@@ -159,29 +151,19 @@ def _verdict(good: bool) -> str:
     return "good" if good else "short"
 
 
-def _texture(swatch: Swatch) -> Fact:
+def _texture(swatch: Swatch) -> tuple[Fact, Fact]:
+    """The texture, and how loud it is."""
     texture = swatch.texture
     if texture is None:
-        return Fact("Texture", "none", "sliding is silent")
+        return Fact("Texture", "none", "sliding is silent"), Fact("Vibration", "0 m/s²", "no texture")
     count = int(np.count_nonzero(texture.variance_m2_s4))
-    return Fact(
-        "Texture",
-        f"order {texture.order}",
+    held = (
         f"{count} model{'s' if count != 1 else ''} at {texture.rate_Hz / 1e3:g} kHz, up to {texture.force_max_N:.2g} N "
-        f"and {1e3 * texture.speed_max_m_s:.0f} mm/s",
+        f"and {1e3 * texture.speed_max_m_s:.0f} mm/s"
     )
-
-
-def _level(swatch: Swatch) -> Fact:
-    texture = swatch.texture
-    if texture is None:
-        return Fact("Vibration", "0 m/s²", "no texture")
-    half = np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s])
-    return Fact(
-        "Vibration",
-        f"{np.sqrt(texture.power(*half)[0]):.2g} m/s²",
-        f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²",
-    )
+    power = texture.power(np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s]))[0]
+    said = f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²"
+    return Fact("Texture", f"order {texture.order}", held), Fact("Vibration", f"{np.sqrt(power):.2g} m/s²", said)
 
 
 def _friction(swatch: Swatch) -> Fact:
@@ -207,11 +189,8 @@ def _taps(swatch: Swatch) -> Fact:
         return Fact("Taps", "none", "a touch is silent")
     speed = float(swatch.taps.approach_m_s[-1])
     tap = swatch.taps.at(speed)
-    return Fact(
-        "Taps",
-        f"{tap.frequency_Hz:.0f} Hz",
-        f"{tap.amplitude_m_s2:.2g} m/s² at {1e3 * speed:.0f} mm/s, gone to a third in {1e3 / tap.decay_1_s:.0f} ms",
-    )
+    said = f"{tap.amplitude_m_s2:.2g} m/s² at {1e3 * speed:.0f} mm/s, gone to a third in {1e3 / tap.decay_1_s:.0f} ms"
+    return Fact("Taps", f"{tap.frequency_Hz:.0f} Hz", said)
 
 
 # The page of a report: one HTML file, nothing fetched, no script, light or dark as the reader's screen is.
@@ -221,31 +200,22 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Content security policy: even if a text slipped through unescaped, nothing could run or be fetched."""
 
 
-def page(
-    swatch: Swatch,
-    lead: str,
-    facts: Iterable[Fact],
-    rows: Iterable[Row],
-    plots: Iterable[Plot],
-    absences: Iterable[tuple[str, str]],
-    about: Iterable[tuple[str, str]],
-) -> str:
+def page(swatch: Swatch, lead: str, rows: Iterable[Row], plots: Iterable[Plot], about: list[tuple[str, str]]) -> str:
     """The HTML of a report. Every text is escaped here; only the drawings of `plots` are taken as they are."""
     name = escape(swatch.name)
     judged = "".join(map(_row, rows))
     body = [
         f'<header><h1>{name}</h1><p class="lead">{escape(lead)}</p></header>',
-        f'<div class="facts">{"".join(map(_fact, facts))}</div>',
+        f'<div class="facts">{"".join(map(_fact, facts(swatch)))}</div>',
     ]
     if judged:
         head = "<thead><tr><th>measure</th><th>here</th><th>held to</th><th></th></tr></thead>"
         body.append(f'<h2>How good it is</h2><div class="table"><table>{head}<tbody>{judged}</tbody></table></div>')
     body.append(f'<h2>Plots</h2><main class="plots">{"".join(map(_figure, plots))}</main>')
-    absent = "".join(f"<dt>{escape(what)}</dt><dd>{escape(why)}</dd>" for what, why in absences)
-    if absent:
-        body.append(f"<h2>What is absent, and why</h2><dl>{absent}</dl>")
-    known = "".join(f"<dt>{escape(what)}</dt><dd>{escape(text)}</dd>" for what, text in about)
-    body.append(f"<h2>Where it comes from</h2><dl>{known}</dl>")
+    for title, items in (("What is absent, and why", absences(swatch)), ("Where it comes from", about)):
+        if items:
+            listed = "".join(f"<dt>{escape(what)}</dt><dd>{escape(text)}</dd>" for what, text in items)
+            body.append(f"<h2>{title}</h2><dl>{listed}</dl>")
     style = files("hapscene.capture").joinpath("report.css").read_text(encoding="utf-8")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -272,13 +242,11 @@ def _row(row: Row) -> str:
 
 
 def _figure(plot: Plot) -> str:
-    drawing = f'<div class="missing">{escape(plot.caption)}</div>'
-    caption = ""
-    if plot.svg:
-        label = escape(plot.alternative)
-        drawing = plot.svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
-        caption = f"<figcaption>{escape(plot.caption)}</figcaption>"
-    return f"<figure><h3>{escape(plot.title)}</h3>{drawing}{caption}</figure>\n"
+    title, said = f"<h3>{escape(plot.title)}</h3>", escape(plot.caption)
+    if not plot.svg:
+        return f'<figure>{title}<div class="missing">{said}</div></figure>\n'
+    drawing = plot.svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.alternative)}"', 1)
+    return f"<figure>{title}{drawing}<figcaption>{said}</figcaption></figure>\n"
 
 
 NEEDS_RECORDING = "Needs the recording, which was not given: hapscene capture report SWATCH RECORDING"
@@ -298,12 +266,7 @@ def write_report(
     Raises:
         CaptureError: the recording is unusable, or the file cannot be written.
     """
-    text = report(swatch, recording, source)
-    try:
-        with whole_file(Path(path)) as part:
-            part.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise CaptureError(f"{Path(path)}: cannot be written: {error.strerror or error}") from None
+    write_whole(Path(path), report(swatch, recording, source).encode(), CaptureError)
 
 
 def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: str = "") -> str:
@@ -314,10 +277,8 @@ def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: st
     """
     part, judgement, missing = None, None, NEEDS_RECORDING
     if recording is not None:
-        try:
+        with refusing(CaptureError, source or None):
             part = prepare(recording)
-        except CaptureError as error:
-            raise CaptureError(f"{source}: {error}" if source else str(error)) from None
         try:
             judgement = judge(swatch, *part)
         except CaptureError as error:  # no texture, or no sliding: the rest of the page stands
@@ -327,40 +288,28 @@ def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: st
         ("licence", swatch.licence or "not said"),
         ("recording", _described(recording, source)),
     ]
-    return page(
-        swatch,
-        _lead(judgement, missing),
-        facts(swatch),
-        [] if judgement is None else rows(judgement),
-        _plots(swatch, part, judgement, missing),
-        absences(swatch),
-        about,
-    )
+    judged = [] if judgement is None else rows(judgement)
+    return page(swatch, _lead(judgement, missing), judged, _plots(swatch, part, judgement, missing), about)
 
 
 def _plots(swatch: Swatch, part: Part | None, judgement: Judgement | None, missing: str) -> list[Plot]:
     """All plots; those that cannot be drawn say what is missing."""
-    plots = []
     texture = swatch.texture
-    if texture is None:
-        plots.append(Plot("Spectra", "The swatch has no texture: sliding is silent."))
-    elif judgement is None or judgement.held_out is None:
-        plots.append(plot_models(texture))
-    held = None if judgement is None else judgement.held_out
-    why_not = missing if judgement is None else f"Cannot be judged on held-out data: {judgement.why_not}"
-    if held is not None:
-        plots.append(plot_spectra(held))
-    plots.append(plot_spectrograms(judgement) if judgement is not None else Plot("Spectrograms", missing))
-    if judgement is not None and texture is not None:
-        plots.append(plot_order(judgement.search, texture))
+    plots = [Plot("Spectra", "The swatch has no texture: sliding is silent.")] if texture is None else []
+    why_not, held = missing, None
+    if texture is not None and judgement is not None:  # none is judged without a texture
+        why_not, held = f"Cannot be judged on held-out data: {judgement.why_not}", judgement.held_out
+        plots.append(plot_models(texture) if held is None else plot_spectra(held))
+        plots += [plot_spectrograms(judgement), plot_order(judgement.search, texture)]
+        if held is not None:
+            plots += [plot_bands(held), plot_whiteness(held)]
+            plots.append(plot_distribution(held, judgement.excitation, texture))
     else:
-        plots.append(Plot("Order", missing))
-    if judgement is not None and texture is not None and held is not None:
-        plots += [plot_bands(held), plot_whiteness(held)]
-        plots.append(plot_distribution(held, judgement.excitation, texture))
-    else:
-        plots.append(Plot("Level, band by band", why_not))
-        plots += [Plot("Residual: is it white?", why_not), Plot("Residual: how is it distributed?", why_not)]
+        plots += [] if texture is None else [plot_models(texture)]
+        plots += [Plot("Spectrograms", missing), Plot("Order", missing)]
+    if held is None:
+        titles = ("Level, band by band", "Residual: is it white?", "Residual: how is it distributed?")
+        plots += [Plot(title, why_not) for title in titles]
     if texture is not None:
         plots.append(plot_plane(texture, None if part is None else part[0]))
     if part is not None and part[0].tangential_force_N is not None:
@@ -368,13 +317,9 @@ def _plots(swatch: Swatch, part: Part | None, judgement: Judgement | None, missi
     else:
         reason = NEEDS_RECORDING if part is None else "The recording holds no tangential force and no friction."
         plots.append(Plot("Friction", reason))
-    return plots + _tap_plots(swatch)
-
-
-def _tap_plots(swatch: Swatch) -> list[Plot]:
     if swatch.taps is None:
-        return [Plot("Taps", "The swatch has no taps: a touch is silent.")]
-    plots = [plot_taps(swatch.taps, swatch.intervals)]
+        return [*plots, Plot("Taps", "The swatch has no taps: a touch is silent.")]
+    plots.append(plot_taps(swatch.taps, swatch.intervals))
     return plots if swatch.taps.wave_m_s2 is None else [*plots, plot_transients(swatch.taps)]
 
 
@@ -396,15 +341,8 @@ def _described(recording: SurfaceRecording | None, source: str) -> str:
     if recording is None:
         return "none given"
     seconds = len(recording.acceleration_m_s2) / recording.rate_Hz
-    held = [
-        word
-        for word, stream in (
-            ("normal force", recording.force_N),
-            ("speed", recording.speed_m_s),
-            ("tangential force", recording.tangential_force_N),
-        )
-        if stream is not None
-    ]
+    words = {"force_N": "normal force", "speed_m_s": "speed", "tangential_force_N": "tangential force"}
+    held = [word for name, word in words.items() if getattr(recording, name) is not None]
     rms = float(np.std(recording.acceleration_m_s2))
     return (
         f"{source + ': ' if source else ''}{seconds:.2f} s at {recording.rate_Hz:g} Hz, "

@@ -1,25 +1,22 @@
 """What a recording says about a swatch, as numbers: what the report shows and tells."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Literal
+from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture import metric
 from hapscene.capture.excitation import ExcitationChoice, choose_excitation
 from hapscene.capture.metric import LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import DURATION_MIN_S, Streams
+from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.capture.texture_pieces import cut
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept where a model is followed along a recording [s], as in `synthesize`."""
@@ -105,7 +102,9 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
         CaptureError: the swatch has no texture, or the recording is too short.
     """
     acceleration, rate = channels.acceleration_m_s2, channels.rate_Hz
-    texture = _at_rate(swatch, rate)
+    if swatch.texture is None:
+        raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
+    texture = swatch.texture.resampled(rate)
     stroke = sliding(channels, states)
     synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
     search = search_order(stroke.acceleration_m_s2, rate)
@@ -114,16 +113,9 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
         held_out = _hold_out(swatch, stroke, search)
     except CaptureError as error:
         why_not = str(error)
-    return Judgement(
-        channels,
-        search,
-        synthetic,
-        metric.spectrogram_error(acceleration, synthetic, rate),
-        st_sim(synthetic, acceleration, rate),
-        choose_excitation(texture, cut(stroke)),
-        held_out,
-        why_not,
-    )
+    apart, similarity = metric.spectrogram_error(acceleration, synthetic, rate), st_sim(synthetic, acceleration, rate)
+    excitation = choose_excitation(texture, cut(stroke))
+    return Judgement(channels, search, synthetic, apart, similarity, excitation, held_out, why_not)
 
 
 def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:
@@ -164,8 +156,8 @@ def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, A
 def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut:
     """Fits the first half, over noise where the whole needs it, and judges by the second."""
     assert swatch.texture is not None  # `judge` has refused it already
-    first, second = _half(channels, 0), _half(channels, 1)
-    rate = channels.rate_Hz
+    rate, middle = channels.rate_Hz, len(channels.acceleration_m_s2) // 2
+    first, second = (part_of(channels, half) for half in (slice(middle), slice(middle, None)))
     order = swatch.texture.order
     chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
     half = fit(first.acceleration_m_s2, rate, force_N=first.force_N, speed_m_s=first.speed_m_s, order=chosen)
@@ -175,20 +167,17 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     (frequency, fitted), (_, held_out) = (metric.spectrum(half.acceleration_m_s2, rate) for half in (first, second))
     grid, expected = spectrum_along(texture, second.force_N, second.speed_m_s)
     model = np.interp(frequency, grid, expected)
-    band = metric.band_power(model, frequency), metric.band_power(held_out, frequency)
+    distance_dB, floor_dB = (metric.log_spectral_distance(one, held_out, frequency) for one in (model, fitted))
+    band, fitted_band, own_band = (metric.band_power(one, frequency) for one in (model, fitted, held_out))
+    level_dB, halves_dB = (float(10.0 * np.log10(one.sum() / own_band.sum())) for one in (band, fitted_band))
     left, sigma, signal = residual_along(texture, second)
     residual = left / sigma
     residual = residual / residual.std()
+    spectra, apart_dB = (frequency, fitted, held_out, model), (distance_dB, floor_dB, level_dB, halves_dB)
     return HeldOut(
-        frequency,
-        fitted,
-        held_out,
-        model,
-        metric.log_spectral_distance(model, held_out, frequency),
-        metric.log_spectral_distance(fitted, held_out, frequency),
-        float(10.0 * np.log10(band[0].sum() / band[1].sum())),
-        float(10.0 * np.log10(metric.band_power(fitted, frequency).sum() / band[1].sum())),
-        10.0 * np.log10(band[0] / band[1]),
+        *spectra,
+        *apart_dB,
+        10.0 * np.log10(band / own_band),
         metric.spectral_centroid_Hz(model, frequency) / metric.spectral_centroid_Hz(held_out, frequency),
         metric.goodness_of_fit(model, held_out, frequency),
         float(np.mean(left**2) / np.mean(signal**2)),
@@ -198,41 +187,15 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     )
 
 
-def _at_rate(swatch: Swatch, rate_Hz: float) -> Texture:
-    """The texture for the rate of the recording."""
-    if swatch.texture is None:
-        raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
-    return swatch.texture if swatch.texture.rate_Hz == rate_Hz else swatch.texture.resampled(rate_Hz)
-
-
 def sliding(channels: Streams, states: Segmentation) -> Streams:
     """The stretches of a recording in which the tool slides, one behind the other; short ones are left out.
 
     Raises:
         CaptureError: they are too short in all.
     """
-    runs = [
-        (start, end)
-        for start, end in states.runs(InteractionState.SLIDING)
-        if end - start >= STRETCH_S * channels.rate_Hz
-    ]
     kept = np.zeros(len(channels.acceleration_m_s2), dtype=bool)
-    for start, end in runs:
-        kept[start:end] = True
+    for start, end in states.runs(InteractionState.SLIDING):
+        kept[start:end] = end - start >= STRETCH_S * channels.rate_Hz
     if np.count_nonzero(kept) < DURATION_MIN_S * channels.rate_Hz:
-        raise CaptureError(
-            f"the tool slides for less than {DURATION_MIN_S:g} s: that is too short to judge a texture by"
-        )
-    return _part(channels, kept)
-
-
-def _half(channels: Streams, which: int) -> Streams:
-    middle = len(channels.acceleration_m_s2) // 2
-    return _part(channels, slice(0, middle) if which == 0 else slice(middle, None))
-
-
-def _part(channels: Streams, part: slice | NDArray[np.bool_]) -> Streams:
-    """Some samples of all streams."""
-    streams = ((f.name, getattr(channels, f.name)) for f in fields(channels))
-    chosen: dict[str, Any] = {name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)}
-    return replace(channels, **chosen)
+        raise CaptureError(f"the tool slides for less than {DURATION_MIN_S:g} s: too short to judge a texture by")
+    return part_of(channels, kept)

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture import metric
 from hapscene.capture.excitation import ExcitationChoice
 from hapscene.capture.order_search import OrderSearch
 from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Array, Streams
 from hapscene.constants import ACCELERATION_BAND_HZ, EXCITATION_SPAN
 from hapscene.dsp.spectrogram import SPECTROGRAM_S
 from hapscene.surface.swatch import Swatch
@@ -23,7 +22,6 @@ from hapscene.view.palette import INK, OKABE_ITO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 BLUE, ORANGE, GREEN, PURPLE = (OKABE_ITO[name] for name in ("blue", "vermilion", "green", "purple"))
@@ -33,6 +31,12 @@ MUTED: Final = "#707070"
 
 BAND: Final[dict[str, Any]] = {"color": OKABE_ITO["sky"], "alpha": 0.3, "linewidth": 0}
 """Look of what is within bounds."""
+
+POINT: Final[dict[str, Any]] = {"color": BLUE, "markersize": 3.5, "alpha": 0.5}
+"""Look of what was recorded, where it is points."""
+
+DOTTED: Final = (0, (1, 1.5))
+DASHED: Final = (0, (4, 1.5))
 
 WIDTH_IN: Final = 4.8
 """Width of a plot [in]: its text is 10 px high on a phone of 360 px."""
@@ -51,17 +55,21 @@ class Plot:
     alternative: str = ""
 
 
-def drawn(name: str, draw: Callable[["Figure"], None], height_in: float = 2.9, columns: int = 2) -> str:
+def drawn(
+    name: str, draw: Callable[..., None], height_in: float = 2.9, columns: int = 2, panels: tuple[float, ...] = (1,)
+) -> str:
     """The SVG element that `draw` fills, and above it, in some columns, the legend of what it has labelled.
 
     Args:
         name: of the drawing, one of its own on the page.
-        draw: is given the figure.
+        draw: is given the axes, one for each panel.
         height_in: of the plot without its legend [in].
         columns: of the legend.
+        panels: heights of the panels, one below the other, in shares.
     """
     with new_chart(WIDTH_IN, height_in) as figure:
-        draw(figure)
+        draw(*figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=panels)[:, 0])
+        figure.align_ylabels()
         count = sum(len(axes.get_legend_handles_labels()[1]) for axes in figure.axes)
         if count:
             figure.set_figheight(height_in + LINE_IN * -(-count // columns))
@@ -71,8 +79,6 @@ def drawn(name: str, draw: Callable[["Figure"], None], height_in: float = 2.9, c
 
 # The plots of a report that need the recording.
 
-
-Array = NDArray[np.float64]
 
 RANGE_DB: Final = 50.0
 """Range of the spectrograms below their maximum [dB]."""
@@ -84,21 +90,18 @@ SHOWN_S: Final = 4.0
 def plot_spectra(held_out: HeldOut) -> Plot:
     """Real halves and the model of the first, over frequency."""
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         looks = (
             ("fitted", "recorded, first half (fitted)", MUTED, 1.0, "-"),
             ("held_out", "recorded, second half (held out)", BLUE, 1.6, "-"),
-            ("model", "model of the first half", ORANGE, 1.8, (0, (4, 1.5))),
+            ("model", "model of the first half", ORANGE, 1.8, DASHED),
         )
-        low, high = [], []
+        shown = []
         for name, label, colour, width, dash in looks:
             level = decibels(getattr(held_out, name))
             axes.plot(held_out.frequency_Hz, level, color=colour, linewidth=width, linestyle=dash, label=label)
-            shown = level[(held_out.frequency_Hz >= 20.0) & (held_out.frequency_Hz <= 1000.0)]
-            low.append(shown.min())
-            high.append(shown.max())
-        over_frequency(axes, min(low), max(high))
+            shown.append(level[(held_out.frequency_Hz >= 20.0) & (held_out.frequency_Hz <= 1000.0)])
+        over_frequency(axes, np.min(shown), np.max(shown))
 
     return Plot(
         "Spectra",
@@ -113,14 +116,11 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
     """The recording and the swatch played along its force and speed, on one scale of colours."""
     rate = judgement.channels.rate_Hz
     count = min(len(judgement.synthetic), round(SHOWN_S * rate))
-    both = [
-        metric.spectrogram(signal[:count], rate)
-        for signal in (judgement.channels.acceleration_m_s2, judgement.synthetic)
-    ]
+    signals = judgement.channels.acceleration_m_s2, judgement.synthetic
+    both = [metric.spectrogram(signal[:count], rate) for signal in signals]
     top = max(decibels(magnitude**2).max() for _, _, magnitude in both)
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.subplots(2, 1, sharex=True, sharey=True)
+    def draw(*axes: "Axes") -> None:
         for one, label, (time, frequency, magnitude) in zip(axes, ("recorded", "synthesised"), both, strict=True):
             shown = frequency <= ACCELERATION_BAND_HZ[1]
             step = 0.5 * SPECTROGRAM_S
@@ -132,7 +132,7 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
             one.set(title=label, ylabel="frequency [Hz]", ylim=(ACCELERATION_BAND_HZ))
             one.grid(visible=False)
         axes[1].set_xlabel("time [s]")
-        bar = figure.colorbar(image, ax=axes, label="level [dB re 1 m/s²]", aspect=40, pad=0.02)
+        bar = axes[0].figure.colorbar(image, ax=axes, label="level [dB re 1 m/s²]", aspect=40, pad=0.02)
         cast(Any, bar.outline).set_visible(False)
         cast(Any, bar.solids).set_rasterized(True)  # or each of its 256 colours is a path
 
@@ -141,7 +141,7 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
         f"The error between the two is {100 * judgement.spectrogram_error:.0f} % of the recording. A synthesised "
         "texture repeats the statistics and not the waveform: other noise of exactly the same spectrum and level has "
         "66 %, no output 100 %.",
-        drawn("spectrograms", draw, 4.6),
+        drawn("spectrograms", draw, 4.6, panels=(1, 1)),
         "Spectrograms of the recording and of the synthesised vibration.",
     )
 
@@ -149,42 +149,35 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
 def plot_order(search: OrderSearch, texture: Texture) -> Plot:
     """Held-out error and cost of each order."""
 
-    def draw(figure: "Figure") -> None:
-        upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    def draw(upper: "Axes", middle: "Axes", lower: "Axes") -> None:
         upper.plot(search.orders, search.distance_dB, color=BLUE, label="held-out spectral distance")
-        upper.axhline(
-            search.floor_dB, color=MUTED, linestyle=(0, (1, 1.5)), label="floor (of the halves), misfit allowed"
-        )
+        upper.axhline(search.floor_dB, color=MUTED, linestyle=DOTTED, label="floor (of the halves), misfit allowed")
         # the first orders are off the scale on purpose: what matters is the flat part
         low, high = min(search.distance_dB.min(), search.floor_dB), np.quantile(search.distance_dB, 0.95)
         upper.set(ylabel="LSD [dB]", ylim=(low - 0.2 * (high - low + 0.2), high + 0.4 * (high - low + 0.2)))
-        middle.axhline(search.allowed_dB, color=MUTED, linestyle=(0, (1, 1.5)))
+        middle.axhline(search.allowed_dB, color=MUTED, linestyle=DOTTED)
         middle.plot(search.orders, search.misfit_dB, color=PURPLE, label="misfit")
         middle.set(ylabel="misfit [dB]", ylim=(0.0, 5.0 * search.allowed_dB))
         lower.semilogy(search.orders, search.residual, color=GREEN, label="held-out residual")
         lower.set(xlabel="order of the models", ylabel="residual [1]")
         lower.set_ylim(0.9 * search.residual.min(), min(1.1 * search.residual.max(), 3.0 * search.residual.min()))
         _plain_log(lower)
-        figure.align_ylabels()
         for axes in (upper, middle, lower):
             label = f"order of the swatch, {texture.order}" if axes is lower else None
-            axes.axvline(texture.order, color=ORANGE, linestyle=(0, (4, 1.5)), label=label)
+            axes.axvline(texture.order, color=ORANGE, linestyle=DASHED, label=label)
         cost = upper.secondary_xaxis("top", functions=(_times(texture.rate_Hz), _times(1.0 / texture.rate_Hz)))
         cost.set_xlabel(f"cost [10⁶ multiplications a second at {texture.rate_Hz / 1e3:g} kHz]")
 
     at = int(np.argmin(np.abs(search.orders - texture.order)))
+    rest = "misses nothing: the rest would describe the sensor. "
+    noise = "" if search.noise is None else f"With white noise beneath, {search.chosen} {rest}"
     return Plot(
         "Order",
         f"Order {texture.order} is in the swatch; held-out distance {search.distance_dB[at]:.2f} dB, the best of all "
         f"orders {search.distance_dB.min():.2f} dB. On this recording the search chooses {search.plain}: the smallest "
-        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. "
-        + (
-            ""
-            if search.noise is None
-            else f"With white noise beneath, {search.chosen} misses nothing: the rest would describe the sensor. "
-        )
-        + "The residual is the share of the power that a model leaves of the half it was not fitted to.",
-        drawn("order", draw, 4.8),
+        f"whose misfit, what it misses of the recording's own spectrum, is at most {search.allowed_dB:.2f} dB. {noise}"
+        "The residual is the share of the power that a model leaves of the half it was not fitted to.",
+        drawn("order", draw, 4.8, panels=(3, 2, 2)),
         "Held-out log-spectral distance and residual over the order of the models.",
     )
 
@@ -195,8 +188,7 @@ def plot_whiteness(held_out: HeldOut) -> Plot:
     bound = 1.96 / np.sqrt(len(held_out.residual))
     beyond = float(np.mean(np.abs(rho) > bound))
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         axes.axhspan(-bound, bound, **BAND, label="95 % bounds of white noise")
         axes.vlines(np.arange(1, len(rho) + 1), 0.0, rho, color=BLUE, linewidth=1.3, label="autocorrelation")
         axes.axhline(0.0, color=INK, linewidth=0.8)
@@ -220,8 +212,7 @@ def plot_bands(held_out: HeldOut) -> Plot:
     edge = np.array(metric.BAND_EDGES_HZ)
     over = np.abs(held_out.band_dB) > FELT_DB
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         axes.axhspan(-FELT_DB, FELT_DB, **BAND, label=f"±{FELT_DB:g} dB")
         width = 0.94 * np.diff(edge)
         for some, colour, label in ((~over, BLUE, "not felt"), (over, ORANGE, "felt")):
@@ -247,14 +238,13 @@ def plot_distribution(held_out: HeldOut, choice: ExcitationChoice, texture: Text
     middle = 0.5 * (edge[1:] + edge[:-1])
     knots = texture.excitation
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         density = _density(held_out.residual, edge)
         axes.stairs(density, edge, color=BLUE, linewidth=1.4, baseline=None, label="held-out residual")
         gaussian = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
-        axes.plot(middle, gaussian, color=MUTED, linestyle=(0, (1, 1.5)), label="Gaussian")
+        axes.plot(middle, gaussian, color=MUTED, linestyle=DOTTED, label="Gaussian")
         if knots.size:
-            label, dash = "excitation of the swatch", (0, (4, 1.5))
+            label, dash = "excitation of the swatch", DASHED
             axes.plot(middle, _bent(knots, edge), color=ORANGE, linestyle=dash, linewidth=1.6, label=label)
         axes.set_yscale("log")
         axes.set(xlabel="residual [standard deviations]", ylabel="density [1]", ylim=(1e-5, 1.0), xlim=(-8, 8))
@@ -337,11 +327,10 @@ TRANSIENT_COUNT: Final = 3
 def plot_models(texture: Texture) -> Plot:
     """Spectra of the texture at a few places: what is shown where there is no recording."""
     places = [(f, v) for f in (0.5, 1.0) for v in (0.5, 1.0)]
-    looks = ((BLUE, (0, (1, 1.2))), (GREEN, (0, (4, 1.5))), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
+    looks = ((BLUE, (0, (1, 1.2))), (GREEN, DASHED), (PURPLE, (0, (7, 2))), (ORANGE, "-"))
     frequency = np.geomspace(20.0, min(1000.0, 0.5 * texture.rate_Hz), 400)
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         shown = []
         for (force, speed), (colour, dash) in zip(places, looks, strict=True):
             force_N, speed_m_s = force * texture.force_max_N, speed * texture.speed_max_m_s
@@ -365,25 +354,18 @@ def plot_plane(texture: Texture, channels: Streams | None) -> Plot:
     level = decibels(texture.model_power_m2_s4)
     sounding = texture.model_power_m2_s4 > 0.0
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
+    def draw(axes: "Axes") -> None:
         speed, force = 1e3 * texture.speed_m_s, texture.force_N
         axes.grid(visible=False)
         axes.triplot(speed, force, texture.triangles, color=MUTED, linewidth=0.7, zorder=1)
         if channels is not None:
             pick = slice(None, None, max(1, len(channels.force_N) // POINT_COUNT))
-            axes.plot(
-                1e3 * channels.speed_m_s[pick], channels.force_N[pick], ".",
-                color=BLUE, markersize=3.5, alpha=0.5, zorder=2, label="the recording",
-            )  # fmt: skip
-        axes.plot(
-            speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4,
-            label="model, with its vibration (rms)",
-        )  # fmt: skip
-        axes.plot(
-            speed[~sounding], force[~sounding], "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3,
-            label="silent model",
-        )  # fmt: skip
+            x, y = 1e3 * channels.speed_m_s[pick], channels.force_N[pick]
+            axes.plot(x, y, ".", **POINT, zorder=2, label="the recording")
+        label = "model, with its vibration (rms)"
+        axes.plot(speed[sounding], force[sounding], "o", color=ORANGE, markersize=6, zorder=4, label=label)
+        silent = speed[~sounding], force[~sounding]
+        axes.plot(*silent, "o", markerfacecolor="none", markeredgecolor=MUTED, zorder=3, label="silent model")
         if np.count_nonzero(sounding) <= 12:
             for x, y, rms in zip(speed[sounding], force[sounding], 10 ** (level[sounding] / 20), strict=True):
                 right = x > 0.6 * speed.max()
@@ -419,17 +401,14 @@ def plot_friction(swatch: Swatch, channels: Streams, states: Segmentation) -> Pl
     pick = np.flatnonzero(sliding)[:: max(1, int(sliding.sum()) // POINT_COUNT)]
     interval = swatch.intervals.get("friction_dynamic")
 
-    def draw(figure: "Figure") -> None:
-        axes = figure.add_subplot()
-        axes.plot(
-            normal[pick], tangential[pick], ".", color=BLUE, markersize=3.5, alpha=0.5, label="recorded while sliding"
-        )
+    def draw(axes: "Axes") -> None:
+        axes.plot(normal[pick], tangential[pick], ".", **POINT, label="recorded while sliding")
         top = np.array([0.0, float(normal[pick].max(initial=0.1)) * 1.05])
         if interval is not None:
             axes.fill_between(top, interval[0] * top, interval[1] * top, **BAND, label="interval")
         dynamic, static = swatch.friction_dynamic, swatch.friction_static
         axes.plot(top, dynamic * top, color=ORANGE, linewidth=1.8, label=f"dynamic, {dynamic:.3f}")
-        axes.plot(top, static * top, color=INK, linestyle=(0, (4, 1.5)), label=f"static, {static:.3f}")
+        axes.plot(top, static * top, color=INK, linestyle=DASHED, label=f"static, {static:.3f}")
         axes.set(xlabel="normal force [N]", ylabel="tangential force [N]", xlim=(0.0, top[1]))
         axes.set_ylim(0.0, 1.3 * max(swatch.friction_static * top[1], float(np.quantile(tangential[pick], 0.95))))
 
@@ -449,14 +428,11 @@ def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
     speed = np.linspace(0.0, 1.25 * float(taps.approach_m_s[-1]), 200)
     tap = np.array([taps.at(float(v)) for v in speed])
     labels = ("amplitude\n[m/s²]", "frequency\n[Hz]", "decay\n[1/s]")
-    bars = [
-        np.array([intervals.get(f"taps.{name}[{i}]", (np.nan, np.nan)) for i in range(len(taps.approach_m_s))])
-        for name in TAP_ROWS[1:]
-    ]
+    numbers, unknown = range(len(taps.approach_m_s)), (np.nan, np.nan)
+    bars = [np.array([intervals.get(f"taps.{name}[{i}]", unknown) for i in numbers]) for name in TAP_ROWS[1:]]
     given = "in the swatch" + (", 95 % interval" if any(np.isfinite(bar).any() for bar in bars) else "")
 
-    def draw(figure: "Figure") -> None:
-        panels = figure.subplots(3, 1, sharex=True)
+    def draw(*panels: "Axes") -> None:
         for axes, label, name, line, bar in zip(panels, labels, TAP_ROWS[1:], tap.T, bars, strict=True):
             points = getattr(taps, name)
             said = ("what a tap gets", given) if axes is panels[0] else (None, None)
@@ -466,14 +442,13 @@ def plot_taps(taps: Taps, intervals: Mapping[str, tuple[float, float]]) -> Plot:
             top = np.nanmax(np.concatenate([points, bar[:, 1], [1e-9]]))
             axes.set(ylabel=label, ylim=(0.0, 1.2 * float(top)))
         axes.set_xlabel("approach speed [mm/s]")
-        figure.align_ylabels()
 
     count = len(taps.approach_m_s)
     return Plot(
         "Taps",
         f"{count} speed{'s' if count != 1 else ''}. Below the lowest the amplitude falls to nothing at rest, "
         "above the highest its tap is given.",
-        drawn("taps", draw, 3.9),
+        drawn("taps", draw, 3.9, panels=(1, 1, 1)),
         "Amplitude, frequency and decay of taps over approach speed.",
     )
 
@@ -487,22 +462,20 @@ def plot_transients(taps: Taps) -> Plot:
     t_s = np.arange(taps.wave_m_s2.shape[1]) / rate
     waves = taps.wave_m_s2
 
-    def draw(figure: "Figure") -> None:
-        panels = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    def draw(*panels: "Axes") -> None:
         for axes, row in zip(panels, rows, strict=True):
             said = ("measured", "decaying sinusoid") if axes is panels[0] else (None, None)
             tap = taps.at(float(taps.approach_m_s[row]))
             ideal = np.exp(-tap.decay_1_s * t_s) * np.sin(2.0 * np.pi * tap.frequency_Hz * t_s)
             axes.plot(1e3 * t_s, waves[row], color=BLUE, label=said[0])
-            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=(0, (4, 1.5)), label=said[1])
+            axes.plot(1e3 * t_s, tap.amplitude_m_s2 * ideal, color=ORANGE, linestyle=DASHED, label=said[1])
             axes.set(ylabel="[m/s²]", title=f"at {1e3 * taps.approach_m_s[row]:.0f} mm/s")
         axes.set_xlabel("time from the onset [ms]")
-        figure.align_ylabels()
 
     return Plot(
         "Tap transients",
         f"What was measured and the sinusoid fitted to it, at {len(rows)} of {count} approach speeds. The measured "
         "transient is what is played.",
-        drawn("transients", draw, 1.3 + len(rows)),
+        drawn("transients", draw, 1.3 + len(rows), panels=(1,) * len(rows)),
         "Acceleration of taps over time, measured and fitted.",
     )

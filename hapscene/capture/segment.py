@@ -25,10 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Run = tuple[int, int]
 """First sample, and the one after the last."""
@@ -223,10 +222,8 @@ def _threshold(stream: Array, rate: float) -> float:
 
 def noise(stream: Array, rate: float) -> float:
     """Standard deviation of a low-passed stream's noise, where it is quietest: a tenth of its 50 ms windows."""
-    from scipy.signal import butter, sosfiltfilt
-
     low, high = ACCELERATION_BAND_HZ[0], HAND_CUTOFF_HZ
-    shaken = np.asarray(sosfiltfilt(butter(2, low, "highpass", fs=rate, output="sos"), stream))
+    shaken = filtered(stream, rate, low, "highpass", order=2)
     length = max(1, round(0.05 * rate))
     windows = shaken[: len(shaken) // length * length].reshape(-1, length)
     return float(np.sqrt(np.quantile(np.mean(windows**2, axis=1), 0.1) * high / (high - low)))

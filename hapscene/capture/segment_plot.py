@@ -5,19 +5,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Array, Streams
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
 from hapscene.view.plot import STYLE, envelope
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 COLOURS: Final = {
     InteractionState.AIR: "#D5DAE1",
@@ -95,7 +92,8 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
     strip.set(ylim=(0, 1), yticks=[], xlim=(0, seconds))
     strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
     for ax, (label, values, threshold) in zip(axes[1:], streams, strict=True):
-        _draw_stream(ax, values, states.rate_Hz)
+        t_s, low, high = envelope(np.arange(len(values)) / states.rate_Hz, values)  # every peak is kept
+        ax.fill_between(t_s, low, high, facecolor=INK, edgecolor=INK, linewidth=0.6)
         if threshold is not None:
             ax.axhline(threshold, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
             ax.annotate(
@@ -106,9 +104,3 @@ def _draw(panel: Any, states: Segmentation, streams: list[_Stream], title: str) 
     axes[-1].set_xlabel("time [s]")
     panel.align_ylabels(axes[1:])
     panel.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
-
-
-def _draw_stream(ax: "Axes", values: Array, rate_Hz: float) -> None:
-    """A stream with every peak kept."""
-    t_s, low, high = envelope(np.arange(len(values)) / rate_Hz, values)
-    ax.fill_between(t_s, low, high, facecolor=INK, edgecolor=INK, linewidth=0.6)

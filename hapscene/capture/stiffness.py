@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hapscene.capture.friction import DRAWS, interval
 from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
-
-Array = NDArray[np.float64]
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
 RANGE: Final = (0.1, 0.9)
 """Part of a loading that is used, as shares of its largest force [1]: below, the contact is not whole; above, it
@@ -24,8 +22,6 @@ LOADINGS_MIN: Final = 4
 
 CORRELATION_MIN: Final = 0.9
 """Least correlation of force and depth at which they are taken for a spring [1]."""
-
-DRAWS: Final = 400
 
 
 @dataclass(frozen=True)
@@ -60,13 +56,15 @@ def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
     ratio = _noise_ratio(with_depth)
     if len(loadings) < LOADINGS_MIN:
         pieces = max(LOADINGS_MIN, 12 // len(loadings))
-        loadings = [(d, f) for a, b in loadings for d, f in zip(_split(a, pieces), _split(b, pieces), strict=True)]
+        loadings = [
+            (d, f) for pair in loadings for d, f in zip(*(np.array_split(a, pieces) for a in pair), strict=True)
+        ]
     slope = _slope(depth, force, ratio)
     sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings if len(d)])
     rng = np.random.default_rng(0)
     drawn = _deming(sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1), ratio)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return Stiffness(slope, (min(float(low), slope), max(float(high), slope)))
+    low, high = interval(drawn)
+    return Stiffness(slope, (min(low, slope), max(high, slope)))
 
 
 def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
@@ -100,10 +98,6 @@ def _loadings(channels: Streams, states: Segmentation) -> list[tuple[Array, Arra
         if np.ptp(depth) > 0.0:
             found.append((depth - depth.mean(), pressed - pressed.mean()))
     return found
-
-
-def _split(values: Array, count: int) -> list[Array]:
-    return np.array_split(values, count)
 
 
 def _slope(depth: Array, force: Array, ratio: float) -> float:

@@ -1,7 +1,7 @@
 """The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force, depth."""
 
-from dataclasses import dataclass
-from typing import Final, Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,7 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import CaptureError
 
 Array = NDArray[np.float64]
+_Recording = TypeVar("_Recording", bound=Any)
 
 HAND_CUTOFF_HZ: Final = 100.0
 """Cut-off of the low-pass on force and speed [Hz]: what a hand does is below it, what the surface does above."""
@@ -72,26 +73,24 @@ def clean(
         )
     count = len(acceleration)
     if count < DURATION_MIN_S * rate_Hz:
-        raise CaptureError(
-            f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: at least {DURATION_MIN_S:g} s are needed"
-        )
+        least = f"at least {DURATION_MIN_S:g} s are needed"
+        raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
-    tangential = None if tangential_force_N is None else _stream("tangential_force_N", tangential_force_N, count)
-    depth = None if depth_m is None else _stream("depth_m", depth_m, count)
-    high = _filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
+    others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}
+    tangential, depth = (None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items())
+    high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
-    given = {"force_N": force_N, "speed_m_s": speed_m_s}
-    return Streams(
-        float(rate_Hz),
-        high,
-        _filtered(force, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
-        np.abs(_filtered(speed, rate_Hz, HAND_CUTOFF_HZ, "lowpass")),
-        None if tangential is None else _filtered(tangential, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
-        None if depth is None else _filtered(depth, rate_Hz, HAND_CUTOFF_HZ, "lowpass"),
-        tuple(name for name, stream in given.items() if stream is None),
-    )
+    force, speed = _low_passed(force, rate_Hz), np.abs(_low_passed(speed, rate_Hz))
+    assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
+    return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed)
+
+
+def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recording:
+    """Some samples of all streams of a recording, cleaned or not."""
+    streams = ((field.name, getattr(recording, field.name)) for field in fields(recording))
+    return replace(recording, **{name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)})
 
 
 def speed_of(position_m: Array, rate_Hz: float) -> Array:
@@ -108,7 +107,7 @@ def speed_of(position_m: Array, rate_Hz: float) -> Array:
             f"a speed cannot be made of {position_m.shape[1]} positions at {rate_Hz:g} Hz: 0.1 s or more at above "
             f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
         )
-    axes = [_filtered(axis, rate_Hz, HAND_CUTOFF_HZ, "lowpass") for axis in position_m]
+    axes = [_low_passed(axis, rate_Hz) for axis in position_m]
     return np.asarray(np.linalg.norm(np.gradient(np.stack(axes), 1.0 / rate_Hz, axis=1), axis=0))
 
 
@@ -142,11 +141,15 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
     return array
 
 
-def _filtered(signal: Array, rate_Hz: float, cutoff_Hz: float, kind: Literal["lowpass", "highpass"]) -> Array:
-    """Fourth-order Butterworth, forward and backward, so that nothing is shifted in time."""
+def _low_passed(signal: Array, rate_Hz: float) -> Array:
+    """At 100 Hz; a number given for the whole recording stays that number."""
+    return signal if np.ptp(signal) == 0.0 else filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
+
+
+def filtered(
+    signal: Array, rate_Hz: float, cutoff_Hz: float, kind: Literal["lowpass", "highpass"], order: int = 4
+) -> Array:
+    """Signals (..., n) through Butterworth's filter, forward and backward, so that nothing is shifted in time."""
     from scipy.signal import butter, sosfiltfilt
 
-    if kind == "lowpass" and np.ptp(signal) == 0.0:
-        return signal  # a number given for the whole recording stays that number
-    sections = butter(4, cutoff_Hz, kind, fs=rate_Hz, output="sos")
-    return np.asarray(sosfiltfilt(sections, signal))
+    return np.asarray(sosfiltfilt(butter(order, cutoff_Hz, kind, fs=rate_Hz, output="sos"), signal))

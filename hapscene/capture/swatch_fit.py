@@ -80,7 +80,7 @@ def fit(
             raise CaptureError("a recording has its rate and its streams itself: fit(recording) takes no others")
         part = prepare(acceleration_m_s2)
     elif rate_Hz is None:
-        raise CaptureError("rate_Hz is missing: at how many samples a second was the acceleration recorded?")
+        raise CaptureError("rate_Hz is missing: rate_Hz must be a number, of the samples recorded in a second")
     else:
         channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
         part = channels, segment(channels)
@@ -93,14 +93,8 @@ def prepare(recording: SurfaceRecording) -> Part:
     Raises:
         CaptureError: too short, silent, not finite, or streams of different length.
     """
-    channels = clean(
-        recording.acceleration_m_s2,
-        recording.rate_Hz,
-        recording.force_N,
-        recording.speed_m_s,
-        recording.tangential_force_N,
-        recording.depth_m,
-    )
+    r = recording
+    channels = clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s, r.tangential_force_N, r.depth_m)
     return channels, segment(channels)
 
 

@@ -8,15 +8,14 @@ from numbers import Integral
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hapscene.capture.streams import Array
 from hapscene.dsp.lattice import run_lattice
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import Swatch
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is
@@ -63,8 +62,7 @@ def synthesize(
             before = np.empty(round(SETTLE_S * texture.rate_Hz))
             run_lattice(k[:1], np.ones(1), 1.0, len(before), texture.excitation, rng, state, before)
             last = level[0]
-        run_lattice(
-            k, level, last, block, texture.excitation, rng, state, output[start * block : (start + _PART) * block]
-        )
+        out = output[start * block : (start + _PART) * block]
+        run_lattice(k, level, last, block, texture.excitation, rng, state, out)
         last = level[-1]
     return output

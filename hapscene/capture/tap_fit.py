@@ -8,16 +8,13 @@ before it is compared, and A, β, f are those of the tap itself.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Run, Segmentation
-from hapscene.capture.streams import Streams, high_pass_gain
-from hapscene.surface.taps import Taps
-
-Array = NDArray[np.float64]
+from hapscene.capture.streams import Array, Streams, high_pass_gain
+from hapscene.surface.taps import TAP_ROWS, Taps
 
 WAVE_S: Final = 0.1
 """Length of a stored transient [s]: as those of the Penn Haptic Texture Toolkit."""
@@ -102,13 +99,9 @@ def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
     if not good:
         reason = f"none of {len(impacts)} impacts is a decaying sinusoid for {100 * EXPLAINED_MIN:g} % of its power"
         return TapFit(None, {}, {"taps": reason})
-    absent = {}
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
-    if not known:
-        absent["taps.approach_m_s"] = (
-            f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
-        )
-    return _pooled(known or good, parts[0][0].rate_Hz, absent)
+    assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
+    return _pooled(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
 
 
 def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
@@ -116,20 +109,16 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
     taps = sorted(taps, key=lambda tap: tap.approach_m_s)
     groups: list[list[MeasuredTap]] = [[taps[0]]]
     for tap in taps[1:]:
-        near = not tap.approach_m_s > SPEED_RATIO * groups[-1][0].approach_m_s  # unknown speeds are one group
-        if near:
-            groups[-1].append(tap)
-        else:
-            groups.append([tap])
+        if tap.approach_m_s > SPEED_RATIO * groups[-1][0].approach_m_s:  # unknown speeds are one group
+            groups.append([])
+        groups[-1].append(tap)
     rows, speeds, intervals = [], [], {}
     for i, group in enumerate(groups):
         mean, error = _mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
         rows.append(mean)
         speed = float(np.mean([tap.approach_m_s for tap in group]))
         speeds.append(speed if np.isfinite(speed) else ASSUMED_APPROACH_M_S)
-        for name, value, half in zip(
-            ("amplitude_m_s2", "frequency_Hz", "decay_1_s"), mean, NORMAL_95 * error, strict=True
-        ):
+        for name, value, half in zip(TAP_ROWS[1:], mean, NORMAL_95 * error, strict=True):
             intervals[f"taps.{name}[{i}]"] = (max(0.0, float(value - half)), float(value + half))
     amplitude, frequency, decay = np.array(rows).T
     waves = np.stack([np.mean([tap.wave_m_s2 for tap in group], axis=0) for group in groups])
@@ -179,17 +168,15 @@ def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap
     # Onsets half a period off fit nearly as well: of all of them the best begins the search.
     frequency = float(np.clip(_loudest(data[lead:], rate), 12.0, 0.4 * rate))
     step_s = min(5e-4, 0.125 / frequency)
-    decay, onset_s = (
-        g.ravel() for g in np.meshgrid([30.0, 100.0, 300.0], np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s))
-    )
+    onsets_s = np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s)
+    decay, onset_s = (grid.ravel() for grid in np.meshgrid([30.0, 100.0, 300.0], onsets_s))
     models = played(frequency, decay, onset_s)
     match, power = models @ data / scale, np.maximum((models**2).sum(axis=1), 1e-12)
     best = int(np.argmax(match**2 / power))
-    begin = [match[best] / power[best], frequency, decay[best], onset_s[best]]
+    begin: Any = [match[best] / power[best], frequency, decay[best], onset_s[best]]
     low, high = np.array([-50.0, 10.0, 1.0, -0.02]), np.array([50.0, 0.45 * rate, 0.25 * rate, 0.02])
-    fitted = least_squares(
-        off, np.clip(begin, low, high), bounds=(low, high), x_scale=[1.0, 0.1 * frequency, 50.0, 0.002], max_nfev=60
-    )
+    begin, scales = np.clip(begin, low, high), [1.0, 0.1 * frequency, 50.0, 0.002]
+    fitted = least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
     amplitude, frequency, ring_1_s, late_s = (float(number) for number in fitted.x)
     error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun)) * np.array([scale, 1.0, 1.0, 1.0])
     explained = 1.0 - 2.0 * float(fitted.cost) * scale**2 / float((data**2).sum())

@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.capture.texture_pieces import Pieces, fit_level
 from hapscene.capture.whittle import NoisyModel, density, refined
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.surface.texture import Texture
-
-Array = NDArray[np.float64]
 
 POWER_LEAST: Final = 0.1
 """Least share of its own pieces' power that a model is given [1]: silence is at no force or no speed alone."""

@@ -7,10 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Array, Streams
 from hapscene.errors import CaptureError
-
-Array = NDArray[np.float64]
 
 PIECE_S: Final = 0.1
 """Length of the pieces that a recording is cut into [s]: over one, force and speed of a hand are nearly constant."""

@@ -17,11 +17,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import WHITE, autocorrelation, tapered
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 LOW_HZ: Final = 1.5 * ACCELERATION_BAND_HZ[0]

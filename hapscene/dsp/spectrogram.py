@@ -33,6 +33,11 @@ SPECTROGRAM_S: Final = 0.05
 """Length of the windows of spectrograms [s], half overlapping, as in the haptography paper."""
 
 
+def decibels(magnitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    """20 log10; silence is far down, and not infinite."""
+    return np.asarray(20.0 * np.log10(np.maximum(magnitude, 1e-9)))
+
+
 def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array, Array]:
     """Times (n,) [s], frequencies (k,) [Hz] and magnitudes (n, k) [m/s²] of Hann windows of `SPECTROGRAM_S`.
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -110,19 +110,14 @@ FLAT_HZ: Final = 9.0
 """Corner of the flat inverses [Hz]: 0.1 % is lost at 20 Hz, where (s + ω₀)⁴ would lose a third. Lower follows taps a
 little better; but at 8 Hz a tap of 20 m/s² in a grip four times as firm runs into the coil's stops."""
 
+_FLAT: Final = Compensator("den(s)/(m_c D(s)), D of Butterworth", corner_Hz=FLAT_HZ, damping=BUTTERWORTH, leads=True)
+
 COMPENSATORS: Final[Mapping[str, Compensator]] = {
     "none": Compensator("no force: the base line, an error of 1", mass_only=True),
     "naive": Compensator("F = m_h a", mass_only=True),
     "inverse": Compensator("den(s)/(m_c (s + ω₀)⁴), f₀ = 5 Hz", leads=True),
-    "flat": Compensator("den(s)/(m_c D(s)), D of Butterworth", corner_Hz=FLAT_HZ, damping=BUTTERWORTH, leads=True),
-    "adaptive": Compensator(
-        "the same, learnt from the accelerometer",
-        corner_Hz=FLAT_HZ,
-        damping=BUTTERWORTH,
-        leads=True,
-        adapts=True,
-        force_share=0.75,
-    ),
+    "flat": _FLAT,
+    "adaptive": replace(_FLAT, says="the same, learnt from the accelerometer", adapts=True, force_share=0.75),
 }
 """By name. `adaptive` may find a mass a third above the nominal, and needs as much more force: hence its share."""
 

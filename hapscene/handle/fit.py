@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
 from hapscene.handle.handle_loop import ACCELEROMETER_HZ
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
 
 Interval = tuple[float, float]
@@ -102,11 +102,8 @@ def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
     highest = min(response.frequency_Hz[-1] for response in responses)
     whole = highest > 1.9 * lowest  # mean frequencies of bands lie inside the octave that was played
     for low in np.geomspace(lowest, max(highest / 2.0, lowest), 50) if whole else ():
-        parts = []
-        for response in responses:
-            within = (response.frequency_Hz >= low) & (response.frequency_Hz <= 2.0 * low)
-            parts.append(np.log(np.abs(response.response[within])))
-        level = np.concatenate(parts)
+        within = [(r.frequency_Hz >= low) & (r.frequency_Hz <= 2.0 * low) for r in responses]
+        level = np.log(np.abs(np.concatenate([r.response[part] for r, part in zip(responses, within, strict=True)])))
         if len(level) >= 3 and (best is None or level.std() < best[0]):
             best = float(level.std()), float(np.exp(-level.mean())), (float(low), float(2.0 * low))
     if best is None:
@@ -115,10 +112,6 @@ def asymptote(responses: Sequence[Response]) -> tuple[float, Interval]:
 
 
 # What stands between force command and acceleration sample, and is not the handle: amplifier, accelerometer, delay.
-
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def sampled_response(
@@ -236,17 +229,18 @@ def identify(
     x, deviation, misfit = fit.solve()
     x[4] = abs(x[4])
     mass_kg, octave_Hz = fit.asymptote
-    intervals, absent = _judged(OWN, x[:4], deviation[:4], _reason(len(responses)))
+    reason = "the grips differ too little, or noise covers what tells it from the others"
+    if len(responses) == 1:
+        reason = "one grip cannot tell it from the others: play two or more that differ"
+    intervals, absent = _judged(OWN, x[:4], deviation[:4], reason)
     amplifier_Hz = _amplifier(x[4], deviation[4], fit.guess.amplifier_Hz, intervals, absent)
     grips = []
     for i, (response, label) in enumerate(zip(responses, names, strict=True)):
         own = slice(6 + 2 * i, 8 + 2 * i)
-        known, unknown = _judged(HAND, x[own], deviation[own], _reason(len(responses)))
-        least = float(response.coherence.min())
-        median = float(np.median(response.coherence))
-        grips.append(
-            IdentifiedGrip(label, float(np.exp(x[own][0])), float(np.exp(x[own][1])), median, least, known, unknown)
-        )
+        coherence = float(np.median(response.coherence)), float(response.coherence.min())
+        k_u_N_m, b_u_Ns_m = np.exp(x[own]).tolist()
+        known = _judged(HAND, x[own], deviation[own], reason)
+        grips.append(IdentifiedGrip(label, k_u_N_m, b_u_Ns_m, *coherence, *known))
     hand = np.exp(x[6:].reshape(-1, 2).mean(axis=0))
     return Identification(
         name=name,
@@ -292,11 +286,8 @@ class _Fit:
 
     def residual(self, x: Array) -> Array:
         """What the model leaves, over its standard deviation, real and imaginary parts; then the prior."""
-        parts = [
-            (response.response - self.model(x, i)) * weight
-            for i, (response, weight) in enumerate(zip(self.responses, self.weight, strict=True))
-        ]
-        left = np.concatenate(parts)
+        each = zip(self.responses, self.weight, strict=True)
+        left = np.concatenate([(response.response - self.model(x, i)) * w for i, (response, w) in enumerate(each)])
         return np.concatenate([left.real, left.imag, (self._logs(x) - self._logs(self.start)) / PRIOR])
 
     def slope(self, x: Array) -> Array:
@@ -327,10 +318,8 @@ class _Fit:
         count = 2 * sum(len(response.frequency_Hz) for response in self.responses)
         if count <= 2 * (3 + len(self.responses)):
             raise HandleError(f"{count // 2} bands are too few to identify a handle from")
-        fine = self.weight
-        coarse = [
-            1.0 / np.hypot(1.0 / w, COARSE * np.abs(r.response)) for w, r in zip(fine, self.responses, strict=True)
-        ]
+        fine, sizes = self.weight, [COARSE * np.abs(response.response) for response in self.responses]
+        coarse = [1.0 / np.hypot(1.0 / weight, size) for weight, size in zip(fine, sizes, strict=True)]
         best: Any = None
         for start in self._starts(coarse):
             x = self.start = start
@@ -379,9 +368,8 @@ class _Fit:
                 tried = []
                 for firmer in np.log((0.1, 0.3, 1.0, 3.0, 10.0)):
                     x[6 + 2 * i] = hand[0] + firmer
-                    tried.append(
-                        (float(np.sum((np.abs(response.response - self.model(x, i)) * weight[i]) ** 2)), firmer)
-                    )
+                    away = np.abs(response.response - self.model(x, i)) * weight[i]
+                    tried.append((float(np.sum(away**2)), firmer))
                 least, firmer = min(tried)
                 x[6 + 2 * i] = hand[0] + firmer
                 cost += least
@@ -396,32 +384,20 @@ class _Fit:
 def _smoothed(response: Response) -> Array:
     """Standard deviation (k,) of real and imaginary part, the noise in it averaged over neighbouring bands."""
     reach = min(SMOOTH, len(response.deviation))
-    sums = [
-        np.convolve(values, np.ones(reach), "same")
-        for values in (response.deviation**2 * response.force_power * response.freedom, response.freedom)
-    ]
-    return np.asarray(np.sqrt(sums[0] / sums[1] / response.force_power))
+    noise = response.deviation**2 * response.force_power * response.freedom
+    total, freedom = (np.convolve(values, np.ones(reach), "same") for values in (noise, response.freedom))
+    return np.asarray(np.sqrt(total / freedom / response.force_power))
 
 
 def _judged(
     names: Sequence[str], logs: Array, deviation: Array, reason: str
 ) -> tuple[dict[str, Interval], dict[str, str]]:
     """Intervals of parameters that are known, and why the others are not."""
-    intervals: dict[str, Interval] = {}
-    absent: dict[str, str] = {}
-    for name, log, s in zip(names, logs, deviation, strict=True):
-        if s <= KNOWN:
-            intervals[name] = (float(np.exp(log - NORMAL_95 * s)), float(np.exp(log + NORMAL_95 * s)))
-        else:
-            absent[name] = reason
-    return intervals, absent
-
-
-def _reason(count: int) -> str:
-    """Why a parameter is not known."""
-    if count == 1:
-        return "one grip cannot tell it from the others: play two or more that differ"
-    return "the grips differ too little, or noise covers what tells it from the others"
+    known = dict(zip(names, deviation <= KNOWN, strict=True))
+    reach = NORMAL_95 * np.minimum(deviation, KNOWN)
+    edges = np.exp([logs - reach, logs + reach]).T.tolist()
+    intervals = {name: (low, high) for name, (low, high) in zip(names, edges, strict=True) if known[name]}
+    return intervals, {name: reason for name in names if not known[name]}
 
 
 def _amplifier(

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import HandleError
 from hapscene.handle.handle_loop import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Plant
 from hapscene.native import native
-
-Array = NDArray[np.float64]
 
 LIGHT: Final = (150.0, 3.0)
 """Stiffness [N/m] and damping [N·s/m] of the lightest simulated grip. Assumed: the reference's hand is 500 and 5."""
@@ -92,10 +90,8 @@ class SimulatedSource:
         acceleration, travel_m = self.advance(force)
         most_m = np.abs(travel_m).max(initial=0.0)
         if most_m > limit_m:
-            raise HandleError(
-                f"the coil would travel {1e3 * most_m:.2g} mm and meet a stop at {1e3 * limit_m:.2g} mm: "
-                "play less force"
-            )
+            stop = f"meet a stop at {1e3 * limit_m:.2g} mm: play less force"
+            raise HandleError(f"the coil would travel {1e3 * most_m:.2g} mm and {stop}")
         return force, acceleration
 
     def advance(self, force_N: ArrayLike) -> tuple[Array, Array]:

@@ -1,7 +1,6 @@
 """The memory of the compiled loop, filled in Python: a handle with its compensator as one record."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -34,14 +33,7 @@ HEARD_HZ: Final = (8.0, 500.0)
 """Band in which the accelerometer is heard, a pole at each end [Hz]. Below, gravity and the hand's own motion would be
 taken for the handle's; above, there is more noise of the accelerometer than news of the handle."""
 
-SPREAD: Final[Mapping[str, float]] = {
-    "m_c_kg": 0.3,
-    "k_s_N_m": 0.3,
-    "b_s_Ns_m": 0.5,
-    "m_h_kg": 0.3,
-    "k_u_N_m": 2.0,
-    "b_u_Ns_m": 2.0,
-}
+SPREAD: Final = dict(m_c_kg=0.3, k_s_N_m=0.3, b_s_Ns_m=0.5, m_h_kg=0.3, k_u_N_m=2.0, b_u_Ns_m=2.0)
 """How far each parameter may be from the nominal before anything is measured, as a standard deviation of its ratio [1].
 The handle is known as well as it was identified, the grip changes by factors. Less for the grip, and a grip four times
 as firm is learnt too late for a tap; less for the masses, and theirs is."""
@@ -82,78 +74,58 @@ FORGET_S: Final = 0.5
 _LEAD_MAX: Final = 0.5
 """Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
 
+
+def _fields(names: str, *layout: Any) -> list[tuple[Any, ...]]:
+    """Fields of a record, one for each word, of one type and shape."""
+    return [(name, *layout) for name in names.split()]
+
+
 HANDLE: Final = np.dtype(
     [
-        *((name, "f8") for name in ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg", "k_u_N_m", "b_u_Ns_m")),  # what is there
-        ("force_limit_N", "f8"),
-        ("travel_limit_m", "f8"),
-        ("rate_Hz", "f8"),
-        ("step", "f8", (5, 5)),  # state and force after a sample
+        # what is there, its limits, its state and force after a sample
+        *_fields("m_c_kg k_s_N_m b_s_Ns_m m_h_kg k_u_N_m b_u_Ns_m force_limit_N travel_limit_m rate_Hz", "f8"),
+        ("step", "f8", (5, 5)),
         ("x", "f8", (4,)),  # x_h, ẋ_h, r, ṙ [m, m/s]
         ("work", "f8", (2, 5, 5)),  # of the matrix exponential
-        ("hits", "i8"),  # how often the coil met a stop
-        ("clips", "i8"),  # how often the command had to be cut at the force limit
-        ("amplifier_N", "f8"),  # force at the end of the last sample
-        ("amplifier_pole", "f8"),
-        ("amplifier_mean", "f8"),
-        ("noise_m_s2", "f8"),
-        ("sensor_m_s2", "f8"),
-        ("sensor_pole", "f8"),
+        *_fields("hits clips", "i8"),  # how often the coil met a stop, and the command was cut at the force limit
+        # amplifier and accelerometer: force at the end of the last sample, the last reading, poles
+        *_fields("amplifier_N amplifier_pole amplifier_mean noise_m_s2 sensor_m_s2 sensor_pole", "f8"),
         ("rng", "u8", (4,)),
         ("kind", "i8"),  # 0 no force, 1 mass alone, 2 fixed θ, 3 learnt θ
-        ("g", "f8"),  # tan(ω₀T/2) of the corner at which is learnt, and for which θ is scaled
-        ("g_low", "f8"),  # of the corner that is played at, while there is room
-        ("g_high", "f8"),  # where there is none
-        ("g_now", "f8"),  # and now
-        ("d1", "f8"),
-        ("d2", "f8"),
+        # tan(ω₀T/2) of the corner: at which is learnt, and for which θ is scaled; that is played at while there is
+        # room; where there is none; now. And damping.
+        *_fields("g g_low g_high g_now d1 d2", "f8"),
         ("lead", "f8", (3,)),  # its gain, zero and pole
         ("lead_m_s2", "f8", (2,)),  # its last input and output
         ("wanted", "f8", (6,)),  # integrals of the desired acceleration
-        ("nominal", "f8", (COUNT,)),  # θ of the nominal handle [kg]
-        ("theta", "f8", (COUNT,)),  # θ as known now [kg]
-        ("delay", "i8"),  # look-ahead [samples]
-        ("count", "i8"),  # samples so far
+        *_fields("nominal theta", "f8", (COUNT,)),  # θ of the nominal handle, and as known now [kg]
+        *_fields("delay count", "i8"),  # look-ahead, and how many there were so far [samples]
         ("late", "f8", (RING, COUNT)),  # φ of the last samples
-        ("force_share", "f8"),
-        ("scout_rad_s", "f8"),  # how fast the free coil swings
+        # the governor. The scout is as if all that was asked for were played, `applied` as what is played is thought
+        # to leave the coil; the free coil swings at scout_rad_s; `ahead` is the state after a look-ahead without force
+        *_fields("force_share scout_rad_s", "f8"),
         ("scout_step", "f8", (5, 5)),
-        ("scout_x", "f8", (4,)),  # as if all that was asked for were played
+        ("scout_x", "f8", (4,)),
         ("scouted", "f8", (RING, 4)),  # of the last samples
-        ("applied_x", "f8", (4,)),  # as what is played is thought to leave it
-        ("ahead", "f8", (5, 5)),  # state after a look-ahead without force
-        ("released", "f8"),
-        ("release", "f8"),
-        ("first", "i8"),  # ascending gains of the look-ahead lie at first … last−1
-        ("last", "i8"),
+        ("applied_x", "f8", (4,)),
+        ("ahead", "f8", (5, 5)),
+        *_fields("released release", "f8"),
+        *_fields("first last", "i8"),  # ascending gains of the look-ahead lie at first … last−1
         ("least", "f8", (RING,)),
-        ("when", "i8", (RING,)),
-        ("gains", "i8", (RING,)),
+        *_fields("when gains", "i8", (RING,)),
         ("total", "i8"),
         ("share", "f8"),
+        # what is heard and learnt
         ("heard", "f8", (4,)),
-        ("heard_g", "f8"),
-        ("heard_d", "f8"),
-        ("sensed_N", "f8"),
+        *_fields("heard_g heard_d sensed_N", "f8"),
         ("pushed", "f8", (4,)),
         ("felt", "f8", (6,)),
-        ("spread", "f8", (COUNT, COUNT)),  # covariance of θ
-        ("spread_before", "f8", (COUNT, COUNT)),  # of θ before anything is measured
-        ("gain", "f8", (COUNT,)),
-        ("theta_low", "f8", (COUNT,)),
-        ("theta_high", "f8", (COUNT,)),
-        ("doubt_N2", "f8"),
-        ("doubt", "f8"),
-        ("loud", "f8"),  # mean square of what is played [m²/s⁴]
-        ("loud_share", "f8"),
-        ("quiet", "f8"),
-        ("room", "f8"),  # share of the travel that knocks have left
-        ("room_m", "f8"),  # travel that the governor gives out, without knocks
-        ("room_back", "f8"),
-        ("knock_N", "f8"),
-        ("knocked", "f8"),
-        ("deaf_count", "i8"),
-        ("deaf", "i8"),  # samples until it is learnt again
+        *_fields("spread spread_before", "f8", (COUNT, COUNT)),  # covariance of θ, and before anything is measured
+        *_fields("gain theta_low theta_high", "f8", (COUNT,)),
+        *_fields("doubt_N2 doubt loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
+        # share of the travel that knocks have left; travel that the governor gives out without knocks
+        *_fields("room room_m room_back knock_N knocked", "f8"),
+        *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
         ("forget", "f8"),
     ],
     align=True,
@@ -203,7 +175,7 @@ def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, s
 
 
 def _set_plant(h: Any, plant: Plant) -> None:
-    for name in ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg", "k_u_N_m", "b_u_Ns_m"):
+    for name in SPREAD:  # all that the equation of the handle holds
         setattr(h, name, getattr(plant, name))
 
 

@@ -1,16 +1,17 @@
 """What `hapscene handle identify` and `show` tell of a handle, for a command is thin: Bode plot (Fig. 7), words."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.dsp.spectrogram import decibels
 from hapscene.errors import HandleError
 from hapscene.files import whole_folder
-from hapscene.handle.fit import Identification, IdentifiedGrip, Interval, sampled_response
+from hapscene.handle.fit import Identification, IdentifiedGrip, sampled_response
 from hapscene.handle.handle_file import SUFFIX, save_handle
 from hapscene.handle.measure import GripRecording
 from hapscene.handle.response import Response
@@ -56,11 +57,11 @@ def _draw(figure: "Figure", handle: Identification, responses: Sequence[Response
     for i, (grip, response) in enumerate(zip(handle.grips, responses, strict=True)):
         colour, at_Hz = COLOURS[i % len(COLOURS)], response.frequency_Hz
         model = modelled(handle, grip, fine_Hz)
-        magnitude.plot(fine_Hz, _decibels(np.abs(model)), color=colour, linewidth=4.5, alpha=0.45)
+        magnitude.plot(fine_Hz, decibels(np.abs(model)), color=colour, linewidth=4.5, alpha=0.45)
         phase.plot(fine_Hz, _degrees(model), color=colour, linewidth=4.5, alpha=0.45)
-        low, high = (_decibels(edge) for edge in response.magnitude_interval())
+        low, high = (decibels(np.maximum(edge, 1e-6)) for edge in response.magnitude_interval())  # 0 is far down
         magnitude.fill_between(at_Hz, low, high, color=colour, alpha=0.3, linewidth=0)
-        magnitude.plot(at_Hz, _decibels(np.abs(response.response)), color=colour, linewidth=1.1)
+        magnitude.plot(at_Hz, decibels(np.abs(response.response)), color=colour, linewidth=1.1)
         phase.plot(at_Hz, _degrees(response.response), color=colour, linewidth=1.1)
         label = f"{grip.name}: {grip.k_u_N_m:.0f} N/m, {grip.b_u_Ns_m:.1f} N·s/m"
         coherence.plot(at_Hz, response.coherence, color=colour, linewidth=1.3, label=label)
@@ -70,13 +71,14 @@ def _draw(figure: "Figure", handle: Identification, responses: Sequence[Response
 def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> None:
     """Axes, and what the lines are."""
     from matplotlib.lines import Line2D
+    from matplotlib.ticker import MultipleLocator
 
     magnitude, phase, coherence = axes
-    level = float(_decibels(np.array(1.0 / handle.plant.m_h_kg)))
+    level = float(decibels(np.array(1.0 / handle.plant.m_h_kg)))
     magnitude.axhline(level, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     magnitude.set_ylabel("magnitude [dB re 1 m/s²/N]")
     phase.set_ylabel("phase [°]")
-    phase.yaxis.set_major_locator(_steps(90.0))
+    phase.yaxis.set_major_locator(MultipleLocator(90.0))
     coherence.set(ylabel="coherence [1]", xlabel="frequency [Hz]", ylim=(0.0, 1.03))
     coherence.set_xscale("log")
     coherence.set_xlim(0.96 * handle.band_Hz[0], 1.04 * handle.band_Hz[1])
@@ -92,16 +94,6 @@ def _dress(figure: "Figure", handle: Identification, axes: Sequence["Axes"]) -> 
     magnitude.legend(handles=looks, loc="lower right")
     figure.align_ylabels()
     figure.legend(loc="outside lower left", ncols=2 if len(handle.grips) > 3 else 3, title="grip", alignment="left")
-
-
-def _steps(step: float) -> Any:
-    from matplotlib.ticker import MultipleLocator
-
-    return MultipleLocator(step)
-
-
-def _decibels(magnitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(20.0 * np.log10(np.maximum(magnitude, 1e-6)))
 
 
 def _degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -129,10 +121,10 @@ MISFIT_MAX: Final = 2.0
 def describe_lines(handle: Identification) -> list[str]:
     """The handle for a reader: a line for each parameter, with its interval or why there is none."""
     said = [f"{handle.name}: {handle.provenance}" if handle.provenance else handle.name]
-    said += [_line(handle.plant, row, handle.intervals, handle.absent) for row in _OWN]
+    said += [_line(handle, row) for row in _OWN]
     for grip in handle.grips:
         said.append(f"grip {grip.name}; coherence {grip.coherence:.3f}, least {grip.coherence_least:.2f}")
-        said += [_line(grip, row, grip.intervals, grip.absent) for row in _HAND]
+        said += [_line(grip, row) for row in _HAND]
     low, high = handle.asymptote_Hz
     said.append(f"first estimate of the mass: {1e3 * handle.asymptote_kg:.4g} g, from {low:.0f} to {high:.0f} Hz")
     said.append(
@@ -141,30 +133,24 @@ def describe_lines(handle: Identification) -> list[str]:
     )
     plant = handle.plant
     said.append(f"limits, as given: {plant.force_limit_N:g} N, {1e3 * plant.travel_limit_m:g} mm to either side")
-    if handle.misfit > MISFIT_MAX:
-        said.append(
-            f"the model leaves {handle.misfit:.1f} times what noise explains: the handle is not quite of this kind, or "
-            "the grip changed during a sweep. The intervals are wider by that, and still may be too narrow"
-        )
-    else:
-        said.append(f"the model leaves {handle.misfit:.2f} times what noise explains")
-    return said
+    if handle.misfit <= MISFIT_MAX:
+        return [*said, f"the model leaves {handle.misfit:.2f} times what noise explains"]
+    return [
+        *said,
+        f"the model leaves {handle.misfit:.1f} times what noise explains: the handle is not quite of this kind, or "
+        "the grip changed during a sweep. The intervals are wider by that, and still may be too narrow",
+    ]
 
 
-def _line(
-    holder: object,
-    row: tuple[str, str, float, str],
-    intervals: Mapping[str, Interval],
-    absent: Mapping[str, str],
-) -> str:
+def _line(known: Identification | IdentifiedGrip, row: tuple[str, str, float, str]) -> str:
     name, words, scale, unit = row
-    value = scale * getattr(holder, name)
-    if name in intervals:
-        low, high = (scale * edge for edge in intervals[name])
+    value = scale * getattr(known.plant if isinstance(known, Identification) else known, name)
+    if name in known.intervals:
+        low, high = (scale * edge for edge in known.intervals[name])
         # as many digits as tell the interval's ends apart
         digits = max(0, 1 - math.floor(math.log10(high - low))) if high > low else 6
         return f"  {words:<31} {value:>9.{digits}f} {unit:<6} between {low:.{digits}f} and {high:.{digits}f}"
-    return f"  {words:<31} {value:>9.4g} {unit:<6} not known: {absent.get(name, 'no interval')}"
+    return f"  {words:<31} {value:>9.4g} {unit:<6} not known: {known.absent.get(name, 'no interval')}"
 
 
 # What an identification leaves on disk: the handle's file, and on wish the plot, the responses and the recordings.
@@ -203,16 +189,9 @@ def _table(handle: Identification, responses: Sequence[Response]) -> str:
         "grip,frequency_Hz,magnitude_m_s2_N,low_m_s2_N,high_m_s2_N,phase_rad,coherence,model_m_s2_N,model_phase_rad"
     ]
     for grip, response in zip(handle.grips, responses, strict=True):
-        model = modelled(handle, grip, response.frequency_Hz)
-        columns = (
-            response.frequency_Hz,
-            np.abs(response.response),
-            *response.magnitude_interval(),
-            np.angle(response.response),
-            response.coherence,
-            np.abs(model),
-            np.angle(model),
-        )
+        at_Hz, measured, model = response.frequency_Hz, response.response, modelled(handle, grip, response.frequency_Hz)
+        magnitudes = np.abs(measured), *response.magnitude_interval()
+        columns = (at_Hz, *magnitudes, np.angle(measured), response.coherence, np.abs(model), np.angle(model))
         name = '"' + grip.name.replace('"', '""') + '"'
         rows += [",".join([name, *(f"{value:.6g}" for value in row)]) for row in zip(*columns, strict=True)]
     return "\n".join(rows) + "\n"

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
 from hapscene.files import refusing, whole_file
 from hapscene.handle.force_source import ForceSource
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Plant
 from hapscene.handle.response import Response, estimate_response
 from hapscene.handle.sweep import Sweep
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

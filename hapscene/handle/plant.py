@@ -65,19 +65,17 @@ class Plant:
     amplifier_Hz: float = 5000.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            given = getattr(self, field.name)
+        for name in (field.name for field in fields(self)):
+            given = getattr(self, name)
             try:
                 value = float(given)
             except (TypeError, ValueError):
-                raise HandleError(f"plant: {field.name} must be a number, is {given!r:.60}") from None
-            object.__setattr__(self, field.name, value)
-            may_be_zero = field.name in ("b_s_Ns_m", "k_u_N_m", "b_u_Ns_m")
+                raise HandleError(f"plant: {name} must be a number, is {given!r:.60}") from None
+            object.__setattr__(self, name, value)
+            may_be_zero = name in ("b_s_Ns_m", "k_u_N_m", "b_u_Ns_m")
             if not (0.0 if may_be_zero else NUMBER_MIN) <= value <= NUMBER_MAX:
                 least = "0 or more" if may_be_zero else f"above 0, {NUMBER_MIN:g} or more"
-                raise HandleError(
-                    f"plant: {field.name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}"
-                )
+                raise HandleError(f"plant: {name} must be finite and {least}, at most {NUMBER_MAX:g}; is {value!r}")
 
     def denominator(self) -> Array:
         """Coefficients (5,) of the denominator of eq. 8, of s⁴ first; over m_c they are those of the inverse."""

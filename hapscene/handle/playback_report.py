@@ -4,12 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.dsp.spectrogram import SPECTROGRAM_S, spectrogram
+from hapscene.dsp.spectrogram import SPECTROGRAM_S, decibels, spectrogram
 from hapscene.files import whole_file
-from hapscene.handle.plant import Plant
+from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import Played
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO
@@ -19,7 +18,6 @@ from hapscene.view.sound import PEAK_DBFS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 SHOWN_S: Final = 0.05
 """How much of the signals is shown over time, around the strongest moment [s]: in more, no single wave can be seen."""
@@ -81,11 +79,11 @@ def _draw_moment(ax: "Axes", desired: Array, rendered: Array, rate_Hz: float) ->
 def _draw_spectrograms(axes: list["Axes"], bar: "Axes", both: tuple[Array, Array], rate_Hz: float) -> None:
     """Both on one scale of colours."""
     levels = [spectrogram(signal, rate_Hz) for signal in both]
-    top = max(float(_decibels(magnitude).max()) for _, _, magnitude in levels)
+    top = max(float(decibels(magnitude).max()) for _, _, magnitude in levels)
     for ax, label, (time_s, frequency_Hz, magnitude) in zip(axes, ("desired", "rendered"), levels, strict=True):
         step_s, shown = 0.25 * SPECTROGRAM_S, frequency_Hz <= 1.02 * ACCELERATION_BAND_HZ[1]
         image = ax.imshow(
-            _decibels(magnitude[:, shown]).T,
+            decibels(magnitude[:, shown]).T,
             origin="lower", aspect="auto", cmap="cividis", vmin=top - RANGE_DB, vmax=top, interpolation="nearest",
             extent=(time_s[0] - step_s, time_s[-1] + step_s, -0.5 * frequency_Hz[1], frequency_Hz[shown][-1]),
         )  # fmt: skip
@@ -104,7 +102,3 @@ def _draw_use(ax: "Axes", values: Array, limit: float, rate_Hz: float, label: st
         ax.axhline(sign * limit, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.set_ylim(-1.12 * limit, 1.12 * limit)
     ax.set_ylabel(label)
-
-
-def _decibels(magnitude: Array) -> Array:
-    return np.asarray(20.0 * np.log10(np.maximum(magnitude, 1e-9)))

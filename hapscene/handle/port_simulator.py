@@ -4,12 +4,12 @@ It prints the port's name; `hapscene handle identify --port NAME` in another ter
 a sweep begins, the simulated hand holds it otherwise.
 """
 
-import argparse
 import os
 import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -18,6 +18,7 @@ import numpy as np
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.serial_handle import BUFFER, START
+from hapscene.wire.port import simulated_port, simulator_parser
 from hapscene.wire.protocol import WRAP, Column, Header, checksum, header_line, sample_line
 
 COLUMNS: Final = (Column("force", "N", 1e-4), Column("acceleration", "m/s2", 1e-3), Column("played", "1", 1.0))
@@ -66,12 +67,9 @@ class Peer:
         """The lines of the next `count` samples; without force in the buffer it puts out none."""
         assert len(self.queue) <= BUFFER, "the host sent more than the buffer holds"
         force = [self.queue.popleft() if self.queue else None for _ in range(count)]
-        put_out = np.array([0 if value is None else value for value in force])
-        acceleration, _ = self.source.advance(put_out * COLUMNS[0].scale)
-        lines = (
-            [header_line(Header(self.source.rate_Hz, COLUMNS))] if self._announce or self._number % 1000 < count else []
-        )
-        self._announce = False
+        acceleration, _ = self.source.advance(np.array([value or 0 for value in force]) * COLUMNS[0].scale)
+        announce, self._announce = self._announce or self._number % 1000 < count, False
+        lines = [header_line(Header(self.source.rate_Hz, COLUMNS))] if announce else []
         for value, reading in zip(force, np.rint(acceleration / COLUMNS[1].scale).astype(int).tolist(), strict=True):
             self._played = (self._played + (value is not None)) % WRAP
             lines.append(sample_line(self._number, (value or 0, reading, self._played)))
@@ -117,28 +115,16 @@ def _write(wire: int, data: bytes, over: Callable[[], bool], patience_s: float) 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the simulator until its time is over or Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m hapscene.handle.port_simulator", description=__doc__)
-    parser.add_argument("--rate", type=float, default=5000.0, metavar="HZ", help="of the samples (default 5000)")
+    parser = simulator_parser("hapscene.handle.port_simulator", __doc__, 5000.0)
     parser.add_argument("--grips", type=int, default=5, metavar="N", help="how many ways to hold it (default 5)")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="how long it runs (default: until Ctrl-C)")
     parser.add_argument("--hurry", action="store_true", help="play as fast as force comes, not at the rate")
-    parser.add_argument("--seed", type=int, default=0, help="of noise and grips (default 0)")
     options = parser.parse_args(arguments)
-    if not hasattr(os, "openpty"):
-        parser.error("the simulated handle needs pseudo-terminals: Linux or macOS")
-    import tty
-
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    os.set_blocking(ours, False)
     peer = Peer(SimulatedSource(Plant(), options.rate, seed=options.seed), options.grips, options.seed)
     peer.give(1)  # compiled before anybody waits
-    print(os.ttyname(theirs), flush=True)
-    try:
+    wire = simulated_port(parser)
+    with suppress(KeyboardInterrupt):
         until_s = time.monotonic() + options.seconds
-        serve(peer, ours, lambda: time.monotonic() >= until_s, options.hurry)
-    except KeyboardInterrupt:
-        return 0
+        serve(peer, wire, lambda: time.monotonic() >= until_s, options.hurry)
     return 0
 
 

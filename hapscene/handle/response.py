@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from hapscene.handle.plant import Array, Complex
 
 BAND_PER_OCTAVE: Final = 24
 """Bands an octave [count]: each 3 % wide, a fifth of the half-power width of the assumed coil's resonance. With wider
@@ -97,10 +95,8 @@ def estimate_response(
             f"{len(force) / rate_Hz:.3g} s are too short to see {band_Hz[0]:g} to {band_Hz[1]:g} Hz; "
             f"{20 / band_Hz[0]:.2g} s or more are needed"
         )
-    f = np.fft.rfft(force)[low:high]
-    a = np.fft.rfft(acceleration)[low:high]
-    frequency = np.arange(low, high) * rate_Hz / len(force)
-    return _banded(frequency, f, a)
+    f, a = (np.fft.rfft(signal)[low:high] for signal in (force, acceleration))
+    return _banded(np.arange(low, high) * rate_Hz / len(force), f, a)
 
 
 def _banded(frequency: Array, f: Complex, a: Complex) -> Response:
@@ -123,22 +119,15 @@ def _banded(frequency: Array, f: Complex, a: Complex) -> Response:
     s_xx, s_xa = total(off**2 * power).real, total(off * f.conj() * a)
     explained = np.abs(s_fa) ** 2 / s_ff + np.abs(s_xa) ** 2 / np.where(s_xx > 0.0, s_xx, np.inf)
     noise = np.maximum(s_aa - explained, 1e-24 * s_aa) / (count - 2)
-    return Response(
-        mean[played],
-        np.sqrt(s_xx / s_ff)[played],
-        (s_fa / s_ff)[played],
-        (explained / np.where(s_aa > 0.0, s_aa, 1.0))[played],
-        np.sqrt(0.5 * noise / s_ff)[played],
-        2.0 * (count - 2.0)[played],
-        s_ff[played],
-    )
+    spread, coherence = np.sqrt(s_xx / s_ff), explained / np.where(s_aa > 0.0, s_aa, 1.0)
+    columns = mean, spread, s_fa / s_ff, coherence, np.sqrt(0.5 * noise / s_ff), 2.0 * (count - 2.0), s_ff
+    return Response(*(column[played] for column in columns))
 
 
 def _starts(frequency: Array) -> NDArray[np.intp]:
     """Index of the first line of each band."""
-    edges = frequency[0] * 2.0 ** (
-        np.arange(0.0, BAND_PER_OCTAVE * np.log2(frequency[-1] / frequency[0])) / BAND_PER_OCTAVE
-    )
+    bands = np.arange(0.0, BAND_PER_OCTAVE * np.log2(frequency[-1] / frequency[0]))
+    edges = frequency[0] * 2.0 ** (bands / BAND_PER_OCTAVE)
     starts = [0]
     for index in np.searchsorted(frequency, edges):
         if starts[-1] + LINE_MIN <= index <= len(frequency) - LINE_MIN:

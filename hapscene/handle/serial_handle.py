@@ -6,18 +6,17 @@ all the clock there is, so a busy computer costs no samples until that buffer is
 
 import time
 from collections.abc import Callable
+from contextlib import closing, suppress
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
 from hapscene.files import refusing
+from hapscene.handle.plant import Array
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import WRAP, Column, Decoder, Run, sample_line, sealed
 from hapscene.wire.unit import UNITS
-
-Array = NDArray[np.float64]
 
 START: Final = b"#hapscene-handle 1 start"
 """The line that empties the handle's buffer and sets force and count to 0."""
@@ -79,12 +78,8 @@ class SerialSource:
 
     def close(self) -> None:
         """Has the handle put out no more force, and closes the port."""
-        try:
+        with closing(self._wire), suppress(HandleError):  # it is gone: a handle whose buffer is empty puts out none
             self._wire.write(sealed(START))
-        except HandleError:
-            pass  # it is gone: a handle whose buffer is empty puts out none
-        finally:
-            self._wire.close()
 
     def play(self, force_N: Array) -> tuple[Array, Array]:
         """Play force (n,) [N]; gives what was put out, and the acceleration [m/s²], (m,) each, m ≥ n.
@@ -157,11 +152,9 @@ class SerialSource:
                 f"{self.name}: {100 * lost:.1f} % of the samples were lost on the way, at most {100 * MISSING_MAX:g} % "
                 "may be: a faster port or a lower rate is needed"
             )
-        streams = []
-        for name in ("force", "acceleration"):
-            index, scale = self.columns[name]
-            streams.append(np.interp(np.arange(length), at, counts[:, index] * scale))
-        return streams[0], streams[1]
+        columns = (self.columns[name] for name in ("force", "acceleration"))
+        force, acceleration = (np.interp(np.arange(length), at, counts[:, i] * scale) for i, scale in columns)
+        return force, acceleration
 
 
 def _columns(port: str, announced: tuple[Column, ...]) -> dict[str, tuple[int, float]]:

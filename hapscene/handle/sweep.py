@@ -4,13 +4,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import HandleError
-from hapscene.handle.plant import Plant
-
-Array = NDArray[np.float64]
+from hapscene.handle.plant import Array, Plant
 
 BAND_HZ: Final = (10.0, ACCELERATION_BAND_HZ[1])
 """Band of the sweep [Hz]: from where the paper's begins, 10 Hz, to the end of the acceleration channel. The paper's
@@ -76,10 +73,8 @@ class Sweep:
             HandleError: a rate that is too low for the band.
         """
         if not rate_Hz >= RATE_MIN * self.high_Hz:
-            raise HandleError(
-                f"sweep: at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz, "
-                f"not to {self.high_Hz:g} Hz"
-            )
+            most = f"at {rate_Hz:g} samples a second it can go to {rate_Hz / RATE_MIN:g} Hz"
+            raise HandleError(f"sweep: {most}, not to {self.high_Hz:g} Hz")
         first, last = self.low_Hz / OVERSHOOT, min(self.high_Hz * OVERSHOOT, 0.49 * rate_Hz)
         octaves = np.log(last / first)
         t_s = np.arange(round(self.sweep_s * rate_Hz)) / rate_Hz

@@ -1,9 +1,12 @@
 """A serial port, drained by a thread that does nothing else: a slow disk or terminal costs no samples."""
 
+import argparse
+import math
 import os
 import queue
 import threading
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.errors import CaptureError
@@ -30,10 +33,9 @@ class Port:
         """
         import serial
 
+        alone = True if os.name == "posix" else None
         try:
-            self._serial: Any = serial.Serial(
-                name, baud, timeout=POLL_S, exclusive=True if os.name == "posix" else None
-            )
+            self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=alone)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
@@ -54,10 +56,9 @@ class Port:
 
     def next(self) -> tuple[bytes, float] | str | None:
         """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
-        try:
+        with suppress(queue.Empty):
             return self._pieces.get(timeout=POLL_S)
-        except queue.Empty:
-            return None
+        return None
 
     def close(self) -> None:
         """Stops the thread, then closes the port."""
@@ -79,3 +80,28 @@ def _ports() -> str:
 
     names = sorted(port.device for port in comports())
     return f"; there are: {', '.join(names)}" if names else "; no serial port is there"
+
+
+# A port without hardware: the two simulators' own, a pseudo-terminal.
+
+
+def simulator_parser(module: str, description: str | None, rate_Hz: float) -> argparse.ArgumentParser:
+    """The options of a simulated board, `python -m module`: --rate, --seconds, --seed."""
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
+    parser.add_argument("--rate", type=float, default=rate_Hz, metavar="HZ", help="samples a second (%(default)g)")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="how long it runs (default: until Ctrl-C)")
+    parser.add_argument("--seed", type=int, default=0, help="of what is random (default 0)")
+    return parser
+
+
+def simulated_port(parser: argparse.ArgumentParser) -> int:
+    """A board's end of a new port, not blocking; the name of the other end is printed."""
+    if not hasattr(os, "openpty"):
+        parser.error("a simulated port needs pseudo-terminals: Linux or macOS")
+    import tty
+
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    print(os.ttyname(theirs), flush=True)
+    return ours

@@ -8,6 +8,7 @@ import binascii
 import math
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -114,24 +115,26 @@ def read_header(line: bytes) -> Header | None:
             "use firmware and hapscene that fit"
         )
     fields = dict(word.partition("=")[::2] for word in words[2:])
-    try:
-        rate_Hz = float(fields.get("rate", ""))
-    except ValueError:
-        rate_Hz = math.nan
+    rate_Hz = _number(fields.get("rate", ""))
     if not 1.0 <= rate_Hz <= 1e6:
         raise CaptureError(f"the probe's header must say rate=HZ, 1 to 1e6; it is {words[2:]}")
     return Header(rate_Hz, _columns(fields.get("columns", "")))
+
+
+def _number(text: str) -> float:
+    """The number that a text says, NaN where it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _columns(text: str) -> tuple[Column, ...]:
     columns = []
     for part in text.split(","):
         match = _COLUMN.fullmatch(part)
-        try:
-            scale = float(match[3]) if match else 0.0
-        except ValueError:
-            scale = 0.0
-        if match is None or not (math.isfinite(scale) and scale != 0.0):
+        scale = _number(match[3]) if match else math.nan
+        if match is None or not math.isfinite(scale) or scale == 0.0:
             raise CaptureError(
                 f"the probe's header must say columns=NAME:UNIT:SCALE,…, as acceleration:m/s2:0.001; it has {part!r}"
             )
@@ -142,7 +145,7 @@ def _columns(text: str) -> tuple[Column, ...]:
 
 
 def _matches(body: bytes, crc: bytes) -> bool:
-    return crc == b"%04X" % checksum(body) or crc == b"%04x" % checksum(body)
+    return crc in (b"%04X" % checksum(body), b"%04x" % checksum(body))
 
 
 @dataclass
@@ -171,9 +174,7 @@ class Decoder:
         if len(self._rest) > LINE_MAX:
             self._rest = b""
             self._spoilt(b"?")
-        runs: list[Run] = []
-        rows: list[list[int]] = []
-        start = self.position
+        runs: list[tuple[int, list[list[int]]]] = []
         for line in lines:
             line = line.removesuffix(b"\r")
             if line.startswith(b"#"):
@@ -183,17 +184,12 @@ class Decoder:
             if row is None:
                 continue
             step = self._step(row[0], t_s)
-            if step > 1 and rows:
-                runs.append(Run(start, np.array(rows, dtype=np.int64)))
-                rows = []
-            if not rows:
-                start = self.position + step - 1
             self.position += step
-            rows.append(row[1:])
+            if step > 1 or not runs:
+                runs.append((self.position - 1, []))
+            runs[-1][1].append(row[1:])
             self._number, self._t_s = row[0], t_s
-        if rows:
-            runs.append(Run(start, np.array(rows, dtype=np.int64)))
-        return runs
+        return [Run(first, np.array(rows, dtype=np.int64)) for first, rows in runs]
 
     def _head(self, line: bytes) -> None:
         """The first header is taken; later ones, which a probe repeats, must say the same."""
@@ -210,11 +206,8 @@ class Decoder:
         if self.header is None or not line:
             return None  # what comes before the header cannot be understood: the tail of a line, a boot message
         body, _, crc = line.rpartition(b"*")
-        if _matches(body, crc):
-            try:
-                row = [int(part) for part in body.split(b",")]
-            except ValueError:
-                row = []
+        with suppress(ValueError):
+            row = [int(part) for part in body.split(b",")] if _matches(body, crc) else []
             fits = len(row) == 1 + len(self.header.columns) and 0 <= row[0] < WRAP
             if fits and all(-(1 << 31) < value < 1 << 31 for value in row):
                 return row
@@ -240,7 +233,6 @@ class Decoder:
     def _spoilt(self, line: bytes) -> None:
         if self.header is None:
             return
-        if _TORN.fullmatch(line) or line.startswith(b"#"):
-            self.count.torn += 1
-        else:
-            self.count.garbage += 1
+        torn = bool(_TORN.fullmatch(line)) or line.startswith(b"#")
+        self.count.torn += torn
+        self.count.garbage += not torn
