@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.scene.topology import normals_of
+
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
 
@@ -59,7 +61,7 @@ def look_from_above(scene: "Scene") -> Look:
             at_m, ray, face = casters[id(body.mesh)].intersects_location(
                 (start_m - p_WB) @ R_WB, down_B, multiple_hits=False
             )
-            up = body.mesh.normals[face] @ R_WB[2]
+            up = normals_of(body.mesh.vertices_m[body.mesh.faces[face]]) @ R_WB[2]
             height_m = at_m @ R_WB[2] + p_WB[2]
             better = ((up > 0.05) | body.two_sided) & ~(height_m <= z_m[ray])
             ray = ray[better]
