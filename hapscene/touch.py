@@ -149,8 +149,16 @@ MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
 """What a touch in closed loop writes."""
 
 
+LARGE_B: Final = 10_000_000
+"""Size of a mesh file from which its loading is told stage by stage [bytes]: it takes a second or more."""
+
+
 def open_scene(
-    path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
+    path: str | Path,
+    unit: str | None = None,
+    swatch: str | None = None,
+    two_sided: bool = False,
+    say: Callable[[str], None] = lambda text: None,
 ) -> "Scene":
     """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
@@ -159,6 +167,7 @@ def open_scene(
         unit: of the mesh, where its file carries none.
         swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
         two_sided: whether the mesh's inner side is felt as well.
+        say: is given the stages of a large mesh file: "reading 66 MB … ", "checking 1,310,720 faces … ".
 
     Raises:
         HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
@@ -176,10 +185,16 @@ def open_scene(
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
+    size_B = Path(path).stat().st_size if Path(path).is_file() else 0
+    if size_B >= LARGE_B:
+        say(f"reading {size_B / 1e6:.0f} MB … ")
     scene = None if swatch or two_sided else painted_scene(path, unit)
     if scene is None:
         scene = Scene()
-        scene.add(path, unit=unit, swatch=swatch, two_sided=two_sided)
+        mesh = scene.mesh_of(path, unit)
+        if size_B >= LARGE_B:
+            say(f"checking {len(mesh.faces):,} faces … ")
+        scene.add(mesh, swatch=swatch, two_sided=two_sided)
     return scene
 
 

@@ -82,7 +82,7 @@ class Scene:
             MeshWarning: no face has an area; or, with `two_sided` off, some are wound against their neighbours, or all
                 of a closed mesh inward.
         """
-        shape = self._mesh(mesh, unit)
+        shape = self.mesh_of(mesh, unit)
         name = self._name(name, shape)
         body = Body(
             name,
@@ -187,7 +187,12 @@ class Scene:
 
         save_scene(self, Path(path))
 
-    def _mesh(self, mesh: Any, unit: str | None) -> Mesh:
+    def mesh_of(self, mesh: Any, unit: str | None = None) -> Mesh:
+        """The mesh of what `add` takes, with no body made of it yet; a file is loaded once.
+
+        Raises:
+            MeshError: the mesh cannot be loaded.
+        """
         if isinstance(mesh, Mesh):
             return mesh
         if not isinstance(mesh, str | os.PathLike):
