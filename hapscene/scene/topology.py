@@ -34,7 +34,7 @@ def first_of(rows: NDArray[np.uint64]) -> Index:
 
 def _like_the_one_before(rows: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Whether each row (n, 3) but the first equals the one before, (n - 1,): column by column, which is fastest."""
-    return np.logical_and.reduce([column[1:] == column[:-1] for column in rows.T])
+    return np.asarray(np.logical_and.reduce([column[1:] == column[:-1] for column in rows.T]))
 
 
 def _mix(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
