@@ -278,7 +278,8 @@ def _warn_of_winding(body: Body) -> None:
     edges = edges_of(mesh.faces, weld(mesh.vertices_m))
     turned, what = 0, ""
     if winding_is_mixed(edges):
-        turned = np.count_nonzero(mesh_structure(mesh).winding.turned)  # none, if they are copies or have no area
+        # none, where they are copies, or have no area
+        turned = int(np.count_nonzero(mesh_structure(mesh).winding.turned))
         what = "wound against their neighbours, so they are felt from inside alone"
     elif edges.closed and volume_of(mesh.triangles_m) < 0:
         turned = len(mesh.faces)

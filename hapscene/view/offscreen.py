@@ -102,7 +102,7 @@ PLATFORMS: Final = {"osmesa": "libosmesa6", "egl": "libegl1 libgl1"}
 LIBRARIES: Final = {"osmesa": ("OSMesa",), "egl": ("EGL", "GL")}
 """The libraries in them."""
 
-DRAWING: Final = "drawing.npz"
+DRAWING: Final = "drawing.pickle"
 """What the process is handed."""
 
 TIMEOUT_S: Final = 120.0

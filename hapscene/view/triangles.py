@@ -1,10 +1,11 @@
 """Triangles to draw: bodies in the colours of their swatches, and lines as tubes."""
 
+import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,7 @@ LATHE_SIDES: Final = 24
 """Sides of what is turned on a lathe: tool, proxy, arrows."""
 
 
-@dataclass(frozen=True)
-class Triangles:
+class Triangles(NamedTuple):
     """k triangles in W, corner by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64."""
 
     corner_m: NDArray[np.float64]
@@ -48,11 +48,7 @@ def joined(solids: list[Triangles]) -> Triangles:
     """All the triangles as one."""
     if not solids:
         return NOTHING
-    return Triangles(
-        np.concatenate([s.corner_m for s in solids]),
-        np.concatenate([s.normal for s in solids]),
-        np.concatenate([s.colour for s in solids]),
-    )
+    return Triangles(*map(np.concatenate, zip(*solids, strict=True)))
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
@@ -66,7 +62,7 @@ def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
 def cut(solid: Triangles, chosen: NDArray[np.bool_]) -> Triangles:
     """The triangles that are chosen (k,)."""
     corner = np.repeat(chosen, 3)
-    return Triangles(solid.corner_m[corner], solid.normal[corner], solid.colour[corner])
+    return Triangles(*(values[corner] for values in solid))
 
 
 def used_swatches(scene: "Scene") -> list[int]:
@@ -127,11 +123,8 @@ def _body_solid(body: "Body", colours: NDArray[np.float64], face_swatch: NDArray
         grey = mesh.colour_rgb.mean(axis=1, keepdims=True) + 1.0
         shade = 1.0 + SHADE_SHARE * np.clip(grey / grey.mean() - 1.0, -0.5, 0.5)
         colour[~plain] = np.clip(colour * shade, 0.0, 1.0)[~plain]
-    return Triangles(
-        vertices_m[mesh.faces.ravel()],
-        _corner_normals(mesh) @ X_WB[:3, :3].T,
-        np.repeat(_linear(colour), 3, axis=0),
-    )
+    normal = _corner_normals(mesh) @ X_WB[:3, :3].T
+    return Triangles(vertices_m[mesh.faces.ravel()], normal, np.repeat(_linear(colour), 3, axis=0))
 
 
 def _corner_normals(mesh: "Mesh") -> NDArray[np.float64]:
@@ -196,8 +189,27 @@ class Frame:
     shown: Shown
 
 
+class Handed:
+    """What is handed to a process of ours, in a folder that no one else reads: pickled, its parts in float32 as GL."""
+
+    def save(self, path: Path) -> None:
+        """Write it, for the process that draws."""
+        this: Any = self
+        parts = [Triangles(*(values.astype(np.float32) for values in part)) for part in this.parts]
+        with path.open("wb") as file:
+            pickle.dump(replace(this, parts=parts), file)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote."""
+        with path.open("rb") as file:
+            found = pickle.load(file)
+        assert isinstance(found, cls)
+        return found
+
+
 @dataclass(frozen=True)
-class Drawing:
+class Drawing(Handed):
     """Parts and frames. Frame S is W moved to the scene's middle, since GL counts in float32."""
 
     parts: Sequence[Triangles]
@@ -213,57 +225,7 @@ class Drawing:
     oversampling: int
     """Pixels drawn for each pixel of `size`, along each side."""
 
-    def save(self, path: Path) -> None:
-        """Write as npz, for the process that draws."""
-        shown = [(k, part, X_SP) for k, frame in enumerate(self.frames) for part, X_SP in frame.shown]
-        with path.open("wb") as file:
-            np.savez(
-                file,
-                **packed(self.parts),
-                X_SC=np.array([frame.X_SC for frame in self.frames]),
-                shown=np.array([(k, part) for k, part, _ in shown]),
-                X_SP=np.array([X_SP for *_, X_SP in shown]),
-                extent_m=self.extent_m,
-                size=self.size,
-                background=self.background,
-                oversampling=self.oversampling,
-            )
-
-    @classmethod
-    def load(cls, path: Path) -> "Drawing":
-        """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as archive:
-            shown: list[Shown] = [[] for _ in archive["X_SC"]]
-            for (k, part), X_SP in zip(archive["shown"], archive["X_SP"], strict=True):
-                shown[k].append((int(part), X_SP))
-            x_m, y_m, far_m = (float(m) for m in archive["extent_m"])
-            width, height = (int(n) for n in archive["size"])
-            return cls(
-                unpacked(archive),
-                [Frame(X_SC, parts) for X_SC, parts in zip(archive["X_SC"], shown, strict=True)],
-                (x_m, y_m, far_m),
-                (width, height),
-                str(archive["background"]),
-                int(archive["oversampling"]),
-            )
-
 
 def same(a: Shown, b: Shown) -> bool:
     """Whether the same parts are seen at the same places."""
     return len(a) == len(b) and all(i == j and np.array_equal(X, Y) for (i, X), (j, Y) in zip(a, b, strict=True))
-
-
-def packed(parts: Sequence[Triangles]) -> dict[str, Any]:
-    """Arrays that hold all the parts, in float32 as GL takes them."""
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts]).astype(np.float32)
-        for name in ("corner_m", "normal", "colour")
-    }
-    return arrays | {"part_end": np.cumsum([len(part.corner_m) for part in parts])}
-
-
-def unpacked(archive: Any) -> list[Triangles]:
-    """The parts from those arrays."""
-    names = ("corner_m", "normal", "colour")
-    pieces = [np.split(archive[name], archive["part_end"][:-1]) for name in names]
-    return [Triangles(*arrays) for arrays in zip(*pieces, strict=True)]
