@@ -4,7 +4,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import copy
@@ -41,10 +41,7 @@ _PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh",
 def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
     """The content of summary.json: how long, how much contact, how fast, what went wrong, which versions."""
     touching = recording.touching
-    names = {
-        "bodies": (recording.body, recording.body_names),
-        "swatches": (recording.swatch, recording.swatch_names),
-    }
+    body, swatch = (recording.body, recording.body_names), (recording.swatch, recording.swatch_names)
     return {
         "format_version": SUMMARY_VERSION,
         "scene": title,
@@ -52,16 +49,13 @@ def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
         "ticks_in_contact": int(np.count_nonzero(touching)),
         **{
             f"ticks_on_{what}": {name: int(np.count_nonzero(touching & (index == i))) for i, name in enumerate(known)}
-            for what, (index, known) in names.items()
+            for what, (index, known) in (("bodies", body), ("swatches", swatch))
         },
         "a_rate_Hz": recording.a_rate_Hz,
         "a_samples_per_tick": recording.a_m_s2.shape[1],
         "effects": list(recording.effects),
         "seed": recording.seed,
-        "time_per_tick_us": {
-            "whole": _spread_us(recording.tick_ns),
-            "contact": _spread_us(recording.contact_ns),
-        },
+        "time_per_tick_us": {"whole": _spread_us(recording.tick_ns), "contact": _spread_us(recording.contact_ns)},
         "flags": {str(flag.name): int(np.count_nonzero(recording.flags & flag)) for flag in Flag},
         "depth_max_m": float(recording.depth_m.max(initial=0.0)),
         "force_max_N": float(np.linalg.norm(recording.f_W_N, axis=1).max(initial=0.0)),
@@ -249,10 +243,7 @@ def touch(
         if t_s is not None:
             recording = replace(recording, t_s=t_s)
         missing = write_touch(scene, recording, folder, title, with_picture, say, dark=dark)
-        made = sorted((file.name for file in folder.iterdir()), key=MADE.index)
-    for name, reason in missing.items():
-        say(f"without {name}: {reason}\n")
-    return [Path(out) / name for name in made]
+    return _made(out, MADE, missing, say)
 
 
 def touch_by_hand(
@@ -299,10 +290,14 @@ def touch_by_hand(
         with step(say, "writing hand.npz, hand.png"):
             feel.save(folder / "hand.npz")
             write_hand_plot(feel, folder / "hand.png", title, dark)
-        made = sorted((file.name for file in folder.iterdir()), key=MADE_BY_HAND.index)
+    return _made(out, MADE_BY_HAND, missing, say)
+
+
+def _made(out: str | Path, names: Sequence[str], missing: Mapping[str, str], say: Callable[[str], None]) -> list[Path]:
+    """The files that were written; why the others were not is said."""
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
-    return [Path(out) / name for name in made]
+    return [file for name in names if (file := Path(out) / name).exists()]
 
 
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:

@@ -19,7 +19,7 @@ from hapscene.scene.mesh import FACE_MAX
 from hapscene.scene.topology import weld
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch
-from hapscene.surface.swatch_file import SUFFIX, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
 
 VERSION: Final = 1
 """Version of what is written into other programs' formats. Raised when a reader of the old one would misread it."""
@@ -108,7 +108,7 @@ def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) ->
     values = {key: numbers.get(key) for key in OWN_PARAMETERS}
     colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
     for value in (*values.values(), *colour):
-        if type(value) not in (int, float) or not -1e300 < value < 1e300:
+        if not is_number(value):
             raise SceneError(f"{path}: swatch {name[:60]!r}: expected numbers for {', '.join(values)} and its colour")
     with refusing(SwatchError, path):
         return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
