@@ -4,7 +4,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import copy
@@ -41,10 +41,7 @@ _PACKAGES: Final = ("hapscene", "embreex", "numba", "numpy", "scipy", "trimesh",
 def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
     """The content of summary.json: how long, how much contact, how fast, what went wrong, which versions."""
     touching = recording.touching
-    names = {
-        "bodies": (recording.body, recording.body_names),
-        "swatches": (recording.swatch, recording.swatch_names),
-    }
+    body, swatch = (recording.body, recording.body_names), (recording.swatch, recording.swatch_names)
     return {
         "format_version": SUMMARY_VERSION,
         "scene": title,
@@ -52,16 +49,13 @@ def summarise(recording: Recording, title: str, **more: Any) -> dict[str, Any]:
         "ticks_in_contact": int(np.count_nonzero(touching)),
         **{
             f"ticks_on_{what}": {name: int(np.count_nonzero(touching & (index == i))) for i, name in enumerate(known)}
-            for what, (index, known) in names.items()
+            for what, (index, known) in (("bodies", body), ("swatches", swatch))
         },
         "a_rate_Hz": recording.a_rate_Hz,
         "a_samples_per_tick": recording.a_m_s2.shape[1],
         "effects": list(recording.effects),
         "seed": recording.seed,
-        "time_per_tick_us": {
-            "whole": _spread_us(recording.tick_ns),
-            "contact": _spread_us(recording.contact_ns),
-        },
+        "time_per_tick_us": {"whole": _spread_us(recording.tick_ns), "contact": _spread_us(recording.contact_ns)},
         "flags": {str(flag.name): int(np.count_nonzero(recording.flags & flag)) for flag in Flag},
         "depth_max_m": float(recording.depth_m.max(initial=0.0)),
         "force_max_N": float(np.linalg.norm(recording.f_W_N, axis=1).max(initial=0.0)),
@@ -149,8 +143,16 @@ MADE_BY_HAND: Final = (*MADE, "hand.npz", "hand.png")
 """What a touch in closed loop writes."""
 
 
+LARGE_B: Final = 10_000_000
+"""Size of a mesh file from which its loading is told stage by stage [bytes]: it takes a second or more."""
+
+
 def open_scene(
-    path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
+    path: str | Path,
+    unit: str | None = None,
+    swatch: str | None = None,
+    two_sided: bool = False,
+    say: Callable[[str], None] = lambda text: None,
 ) -> "Scene":
     """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
@@ -159,6 +161,7 @@ def open_scene(
         unit: of the mesh, where its file carries none.
         swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
         two_sided: whether the mesh's inner side is felt as well.
+        say: is given the stages of a large mesh file: "reading 66 MB … ", "checking 1,310,720 faces … ".
 
     Raises:
         HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
@@ -176,10 +179,16 @@ def open_scene(
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
+    size_B = Path(path).stat().st_size if Path(path).is_file() else 0
+    if size_B >= LARGE_B:
+        say(f"reading {size_B / 1e6:.0f} MB … ")
     scene = None if swatch or two_sided else painted_scene(path, unit)
     if scene is None:
         scene = Scene()
-        scene.add(path, unit=unit, swatch=swatch, two_sided=two_sided)
+        mesh = scene.mesh_of(path, unit)
+        if size_B >= LARGE_B:
+            say(f"checking {len(mesh.faces):,} faces … ")
+        scene.add(mesh, swatch=swatch, two_sided=two_sided)
     return scene
 
 
@@ -234,10 +243,7 @@ def touch(
         if t_s is not None:
             recording = replace(recording, t_s=t_s)
         missing = write_touch(scene, recording, folder, title, with_picture, say, dark=dark)
-        made = sorted((file.name for file in folder.iterdir()), key=MADE.index)
-    for name, reason in missing.items():
-        say(f"without {name}: {reason}\n")
-    return [Path(out) / name for name in made]
+    return _made(out, MADE, missing, say)
 
 
 def touch_by_hand(
@@ -284,10 +290,14 @@ def touch_by_hand(
         with step(say, "writing hand.npz, hand.png"):
             feel.save(folder / "hand.npz")
             write_hand_plot(feel, folder / "hand.png", title, dark)
-        made = sorted((file.name for file in folder.iterdir()), key=MADE_BY_HAND.index)
+    return _made(out, MADE_BY_HAND, missing, say)
+
+
+def _made(out: str | Path, names: Sequence[str], missing: Mapping[str, str], say: Callable[[str], None]) -> list[Path]:
+    """The files that were written; why the others were not is said."""
     for name, reason in missing.items():
         say(f"without {name}: {reason}\n")
-    return [Path(out) / name for name in made]
+    return [file for name in names if (file := Path(out) / name).exists()]
 
 
 def why_nothing(scene: "Scene", p_WT: NDArray[np.float64]) -> str:

@@ -164,7 +164,7 @@ def load_input(path: str, unit: str | None = None, swatch: str | None = None, tw
     from hapscene.touch import open_scene, step
 
     with step(say, loading(path)):
-        return open_scene(path, unit, swatch, two_sided)
+        return open_scene(path, unit, swatch, two_sided, say)
 
 
 def loading(path: str | Path) -> str:

@@ -8,8 +8,13 @@ from types import MappingProxyType
 from typing import Final
 
 from hapscene.errors import SaveConflict, SceneError, no_such
-from hapscene.exchange.gltf_read import OWN, mark_of
+from hapscene.exchange.gltf import write_gltf
+from hapscene.exchange.gltf_read import OWN, mark_of, read_gltf
+from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import lose
+from hapscene.exchange.unpainted import read_named, write_obj, write_stl
+from hapscene.exchange.x3d import write_x3d
+from hapscene.exchange.x3d_read import read_x3d
 from hapscene.files import check_file
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
@@ -37,40 +42,8 @@ class Export:
     beside: tuple[str, ...] = ()
 
 
-def _gltf(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.gltf import write_gltf
-
-    return write_gltf(scene, path)
-
-
-def _gltf_draft(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.gltf import write_gltf
-
+def _write_draft(scene: Scene, path: Path) -> list[Path]:
     return write_gltf(scene, path, draft=True)
-
-
-def _ply(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.painted_ply import write_ply
-
-    return write_ply(scene, path)
-
-
-def _x3d(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.x3d import write_x3d
-
-    return write_x3d(scene, path)
-
-
-def _obj(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.unpainted import write_obj
-
-    return write_obj(scene, path)
-
-
-def _stl(scene: Scene, path: Path) -> list[Path]:
-    from hapscene.exchange.unpainted import write_stl
-
-    return write_stl(scene, path)
 
 
 _ALWAYS = ("names and colours of the mesh's file", "what bodies were made of before they were painted")
@@ -90,22 +63,28 @@ _STL_LOSES = (
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
     {
-        "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", _gltf, _GLTF_LOSES),
-        "gltf": Export(".gltf", "glTF in one text file", _gltf, _GLTF_LOSES),
+        "glb": Export(".glb", "glTF in one binary file: viewers, game engines, Blender", write_gltf, _GLTF_LOSES),
+        "gltf": Export(".gltf", "glTF in one text file", write_gltf, _GLTF_LOSES),
         "gltf-haptics": Export(
             ".gltf",
             "glTF with MPEG_material_haptic, a draft extension that may still change",
-            _gltf_draft,
+            _write_draft,
             _GLTF_LOSES,
             draft=True,
         ),
-        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", _ply, _PLY_LOSES),
-        "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", _x3d, _X3D_LOSES),
-        "obj": Export(".obj", "OBJ with a material for each swatch, by name", _obj, _OBJ_LOSES, beside=(".mtl",)),
-        "stl": Export(".stl", "STL: the shape alone", _stl, _STL_LOSES),
+        "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLY_LOSES),
+        "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", write_x3d, _X3D_LOSES),
+        "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
+        "stl": Export(".stl", "STL: the shape alone", write_stl, _STL_LOSES),
     }
 )
 """The formats by name, in the order to offer them."""
+
+
+_READERS: Final[Mapping[str, Callable[[Path], Scene | None]]] = MappingProxyType(
+    {".glb": read_gltf, ".gltf": read_gltf, ".ply": read_ply, ".x3d": read_x3d}
+)
+"""What reads a painted scene, by suffix; None of a file of no such scene."""
 
 
 def is_mesh_of(scene: Scene, path: str | os.PathLike[str]) -> bool:
@@ -197,22 +176,6 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene
         SwatchError: a swatch in it is broken.
     """
     path = Path(path)
-    scene = None
-    suffix = path.suffix.lower()
-    if suffix in (".glb", ".gltf"):
-        from hapscene.exchange.gltf_read import read_gltf
-
-        scene = read_gltf(path)
-    elif suffix == ".ply":
-        from hapscene.exchange.painted_ply import read_ply
-
-        scene = read_ply(path)
-    elif suffix == ".x3d":
-        from hapscene.exchange.x3d_read import read_x3d
-
-        return read_x3d(path)
-    if scene is None:
-        from hapscene.exchange.unpainted import read_named
-
-        return read_named(path, unit)
-    return scene
+    reader = _READERS.get(path.suffix.lower())
+    scene = None if reader is None else reader(path)
+    return read_named(path, unit) if scene is None else scene

@@ -12,7 +12,6 @@ glTF has no float64: positions are rounded to float32.
 import base64
 import io
 import json
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -50,65 +49,41 @@ DRAFT_NAMES: Final = ("MPEG_material_haptic", "MPEG_haptic_material")
 _PIXEL_MAX: Final = 65535
 
 
-def add_haptics(
-    tree: dict[str, Any],
-    swatch_of_mesh: Sequence[int],
-    swatches: Sequence[Swatch],
-    add_view: Callable[[bytes], int],
-) -> None:
-    """Add the draft extension to a glTF tree.
+def add_haptics(writer: "_Writer") -> None:
+    """Add the draft extension to the glTF tree of a writer that has all its meshes."""
+    tree, worn = writer.tree, writer.swatch_of_mesh
+    used = sorted(set(worn))
+    stiffest_N_m = max(writer.scene.swatches[i].stiffness_N_m for i in used) or 1.0
+    tree |= {"images": [], "textures": []}
+    texture_of: dict[int, int] = {}  # pictures of one pixel, each grey once
 
-    Args:
-        tree: of glTF, with its meshes.
-        swatch_of_mesh: index into `swatches` for each of them.
-        swatches: of the scene.
-        add_view: puts bytes into the buffer and gives the index of their view.
-    """
-    used = sorted(set(swatch_of_mesh))
-    stiffest_N_m = max(swatches[i].stiffness_N_m for i in used) or 1.0
-    pictures = _Pictures(tree, add_view)
-    materials = []
-    for i in used:
-        swatch = swatches[i]
-        stiffness = pictures.pixel("stiffness_N_m", swatch.stiffness_N_m, stiffest_N_m)
-        friction = [
-            pictures.pixel(quantity, getattr(swatch, quantity), FRICTION_MAX)
-            for quantity in ("friction_static", "friction_dynamic")
-        ]
-        materials.append({"name": swatch.name, "stiffness": [stiffness], "friction": friction})
-    note = "draft extension of ISO/IEC 23090-14, which may still change; 65535 stands for full_scale, in the unit named"
-    for name in DRAFT_NAMES:
-        tree.setdefault("extensions", {})[name] = {"materials": materials, "extras": {"note": note}}
-    tree["extensionsUsed"] = list(DRAFT_NAMES)
-    for mesh, swatch_index in zip(tree["meshes"], swatch_of_mesh, strict=True):
-        index = used.index(swatch_index)
-        mesh["extensions"] = {name: {"hapticMaterialIndex": index} for name in DRAFT_NAMES}
-        for primitive in mesh["primitives"]:
-            count = tree["accessors"][primitive["attributes"]["POSITION"]]["count"]
-            tree["accessors"].append({"componentType": 5126, "count": count, "type": "VEC2"})  # no data: all zero
-            primitive["attributes"]["TEXCOORD_0"] = len(tree["accessors"]) - 1
-
-
-class _Pictures:
-    """Textures of one pixel, each value once."""
-
-    def __init__(self, tree: dict[str, Any], add_view: Callable[[bytes], int]) -> None:
-        self.tree, self.add_view = tree, add_view
-        tree |= {"images": [], "textures": []}
-        self.texture_of: dict[int, int] = {}
-
-    def pixel(self, quantity: str, value: float, full_scale: float) -> dict[str, Any]:
+    def pixel(swatch: Swatch, quantity: str, full_scale: float) -> dict[str, Any]:
+        value = getattr(swatch, quantity)
         grey = round(min(value / full_scale, 1.0) * _PIXEL_MAX)
-        if grey not in self.texture_of:
-            view = self.add_view(_png(grey))
-            self.tree["images"].append({"bufferView": view, "mimeType": "image/png"})
-            self.tree["textures"].append({"source": len(self.tree["images"]) - 1})
-            self.texture_of[grey] = len(self.tree["textures"]) - 1
+        if grey not in texture_of:
+            view = writer.add_view(_png(grey))
+            image = writer.add("images", {"bufferView": view, "mimeType": "image/png"})
+            texture_of[grey] = writer.add("textures", {"source": image})
         return {
-            "texture": {"index": self.texture_of[grey]},
+            "texture": {"index": texture_of[grey]},
             "type": "Low_Resolution",
             "extras": {"quantity": quantity, "value": value, "full_scale": full_scale},
         }
+
+    materials = []
+    for swatch in (writer.scene.swatches[i] for i in used):
+        stiffness = [pixel(swatch, "stiffness_N_m", stiffest_N_m)]
+        friction = [pixel(swatch, quantity, FRICTION_MAX) for quantity in ("friction_static", "friction_dynamic")]
+        materials.append({"name": swatch.name, "stiffness": stiffness, "friction": friction})
+    note = "draft extension of ISO/IEC 23090-14, which may still change; 65535 stands for full_scale, in the unit named"
+    tree["extensions"] = {name: {"materials": materials, "extras": {"note": note}} for name in DRAFT_NAMES}
+    tree["extensionsUsed"] = list(DRAFT_NAMES)
+    for mesh, swatch_index in zip(tree["meshes"], worn, strict=True):
+        mesh["extensions"] = {name: {"hapticMaterialIndex": used.index(swatch_index)} for name in DRAFT_NAMES}
+        for primitive in mesh["primitives"]:
+            count = tree["accessors"][primitive["attributes"]["POSITION"]]["count"]
+            accessor = {"componentType": FLOAT, "count": count, "type": "VEC2"}  # no data: all zero
+            primitive["attributes"]["TEXCOORD_0"] = writer.add("accessors", accessor)
 
 
 def _png(grey: int) -> bytes:
@@ -148,7 +123,7 @@ def write_gltf(scene: Scene, path: Path, draft: bool = False) -> list[Path]:
         writer.add_body(body)
     writer.add_unworn()
     if draft:
-        add_haptics(writer.tree, writer.swatch_of_mesh, scene.swatches, writer.add_view)
+        add_haptics(writer)
     blob = b"".join(writer.chunks)
     if path.suffix.lower() == ".glb":
         content = _glb(writer.tree, blob, path)
@@ -187,15 +162,11 @@ class _Writer:
         key = (*cut_alike(body), body.two_sided)
         if key not in self.meshes:
             self.meshes[key] = [self.add_mesh(body, piece) for piece in pieces_of(body)]
-        children = [
-            self.add("nodes", {"name": f"{body.name}/{swatch}", "mesh": mesh}) for mesh, swatch in self.meshes[key]
-        ]
-        node = {
-            "name": body.name,
-            "matrix": body.X_WB.T.ravel().tolist(),
-            "children": children,
-            "extras": {"hapscene_body": body.name, "two_sided": body.two_sided},
-        }
+        worn = [{"name": f"{body.name}/{swatch}", "mesh": mesh} for mesh, swatch in self.meshes[key]]
+        children = [self.add("nodes", node) for node in worn]
+        extras = {"hapscene_body": body.name, "two_sided": body.two_sided}
+        matrix = body.X_WB.T.ravel().tolist()
+        node = {"name": body.name, "matrix": matrix, "children": children, "extras": extras}
         self.tree["nodes"][0]["children"].append(self.add("nodes", node))
 
     def add_mesh(self, body: Body, piece: Piece) -> tuple[int, str]:
@@ -230,12 +201,10 @@ class _Writer:
 
     def add_positions(self, vertices_m: NDArray[np.float64]) -> int:
         rounded = vertices_m.astype("<f4")
-        accessor = {
-            "bufferView": self.add_view(rounded.tobytes(), ARRAY_BUFFER),
-            **{"componentType": FLOAT, "count": len(rounded), "type": "VEC3"},
-            **{"min": rounded.min(axis=0).tolist(), "max": rounded.max(axis=0).tolist()},
-        }
-        return self.add("accessors", accessor)
+        view = self.add_view(rounded.tobytes(), ARRAY_BUFFER)
+        accessor = {"bufferView": view, "componentType": FLOAT, "count": len(rounded), "type": "VEC3"}
+        extent = {"min": rounded.min(axis=0).tolist(), "max": rounded.max(axis=0).tolist()}
+        return self.add("accessors", accessor | extent)
 
     def add_indices(self, faces: NDArray[np.int64]) -> int:
         view = self.add_view(faces.astype("<u4").tobytes(), ELEMENT_ARRAY_BUFFER)

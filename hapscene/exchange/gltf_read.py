@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
 from hapscene.exchange.gltf import DRAFT_NAMES
-from hapscene.exchange.swatch_payload import Piece, check_version, is_digest, join, known_swatch, lose, restore
+from hapscene.exchange.swatch_payload import Piece, Reader, check_version, is_digest, join, known_swatch, lose, restore
 from hapscene.files import read_bytes, refusing
 from hapscene.geometry import RIGID_TOLERANCE
-from hapscene.scene.gltf_check import parse_gltf
-from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.gltf_check import items_of, parse_gltf
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
 from hapscene.scene.resource_resolver import FolderResources
 from hapscene.scene.scene import Scene
@@ -39,21 +39,14 @@ def read_bounded(path: Path) -> bytes:
 
 
 def parts_of(path: Path, content: bytes) -> tuple[dict[str, Any], list[bytes]]:
-    """JSON tree and buffers, those in files beside it among them.
+    """JSON tree and the content of each buffer; empty for one without a URI that is not the chunk of a GLB.
 
     Raises:
         SceneError: damaged, truncated, more than is read, or without a file that it needs.
     """
     with refusing(SceneError):
         tree, chunk = parse_gltf(content, path.suffix.lower() == ".glb", str(path))
-    return tree, _buffers(path, tree, chunk)
-
-
-def _buffers(path: Path, tree: dict[str, Any], chunk: bytes) -> list[bytes]:
-    """The content of each buffer; empty for one without a URI that is not the chunk of a GLB."""
-    found = tree.get("buffers", [])
-    if not isinstance(found, list) or not all(isinstance(buffer, dict) for buffer in found):
-        raise SceneError(f"{path}: buffers must be a list of objects")
+        found = items_of(tree, "buffers", str(path))
     files = FolderResources(path, FILE_MAX_B, SceneError)
     read: dict[Any, bytes] = {}  # by its name: a small file can name a large one over and over
     blobs = []
@@ -67,7 +60,7 @@ def _buffers(path: Path, tree: dict[str, Any], chunk: bytes) -> list[bytes]:
         if uri not in read:
             read[uri] = _embedded(path, uri) if uri.startswith("data:") else files.get(uri)
         blobs.append(read[uri])
-    return blobs
+    return tree, blobs
 
 
 def _embedded(path: Path, uri: str) -> bytes:
@@ -88,14 +81,12 @@ _WIDTHS: Final = {"SCALAR": 1, "VEC3": 3}
 _PACKED: Final = ("KHR_draco_mesh_compression", "KHR_meshopt_compression", "EXT_meshopt_compression")
 
 
-class Tree:
+class Tree(Reader):
     """A glTF file's parts. What cannot be had of them is a `SceneError` that says why."""
 
     def __init__(self, path: Path, tree: dict[str, Any], blobs: list[bytes]) -> None:
-        self.path, self.tree, self.blobs = path, tree, blobs
-
-    def fail(self, problem: str) -> SceneError:
-        return SceneError(f"{self.path}: {problem}")
+        super().__init__(path)
+        self.tree, self.blobs = tree, blobs
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         items = self.tree.get(kind, [])
@@ -254,7 +245,6 @@ class _Reader(Tree):
         self.shapes: dict[tuple[int, ...], tuple[Mesh, NDArray[np.int64]]] = {}
         self.swatches: dict[int, Swatch | str] = {}
         self.names: set[str] = set()
-        self.made = 0  # faces and vertices so far
 
     def bodies(self) -> list[_Node]:
         """Every node that is marked as a body, with all meshes below it, and every other that has a mesh.
@@ -388,12 +378,6 @@ class _Reader(Tree):
             self.count(len(flat) // 3 + len(corners))
             pieces.append(Piece(material, corners.astype(np.float64), flat.reshape(-1, 3)))
         return pieces
-
-    def count(self, more: int) -> None:
-        """A small file can name the same numbers over and over."""
-        self.made += more
-        if self.made > 2 * FACE_MAX:
-            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
     def swatches_named(self) -> list[Swatch | str]:
         """The swatches that hapscene wrote, those that no face wears among them."""

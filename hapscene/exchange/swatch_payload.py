@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError, SwatchError, warn
 from hapscene.files import refusing
 from hapscene.scene.body import Body
+from hapscene.scene.mesh import FACE_MAX
 from hapscene.scene.topology import weld
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch
-from hapscene.surface.swatch_file import SUFFIX, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
 
 VERSION: Final = 1
 """Version of what is written into other programs' formats. Raised when a reader of the old one would misread it."""
@@ -66,12 +67,7 @@ def known_swatch(name: str) -> Swatch | None:
 
 
 def restore(
-    path: Path,
-    name: str,
-    numbers: Mapping[str, Any],
-    albedo_rgb: Any,
-    sha256: str,
-    text: str | None = None,
+    path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any, sha256: str, text: str | None = None
 ) -> Swatch | str:
     """The swatch that a file speaks of: a name where the library has the very same, else the swatch itself.
 
@@ -112,10 +108,27 @@ def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) ->
     values = {key: numbers.get(key) for key in OWN_PARAMETERS}
     colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
     for value in (*values.values(), *colour):
-        if type(value) not in (int, float) or not -1e300 < value < 1e300:
+        if not is_number(value):
             raise SceneError(f"{path}: swatch {name[:60]!r}: expected numbers for {', '.join(values)} and its colour")
     with refusing(SwatchError, path):
         return Swatch(name, **{k: float(v) for k, v in values.items()}, albedo_rgb=colour)  # type: ignore[arg-type]
+
+
+class Reader:
+    """What readers of a stranger's file have in common: errors that name it, and a count of what was made of it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.made = 0  # faces and vertices so far
+
+    def fail(self, problem: str) -> SceneError:
+        return SceneError(f"{self.path}: {problem}")
+
+    def count(self, more: int) -> None:
+        """A small file can use the same numbers over and over."""
+        self.made += more
+        if self.made > 2 * FACE_MAX:
+            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
 
 def check_version(path: Path, version: Any) -> None:

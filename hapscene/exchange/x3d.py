@@ -69,17 +69,9 @@ def write_x3d(scene: Scene, path: Path) -> list[Path]:
 def _add_body(world: Any, scene: Scene, body: Body, seen: dict[Any, str]) -> None:
     from lxml import etree
 
-    place = etree.SubElement(
-        world,
-        "Transform",
-        translation=_text(body.X_WB[:3, 3]),
-        rotation=_text(np.array(axis_angle(body.X_WB[:3, :3]))),
-    )
-    about = etree.SubElement(place, "MetadataSet", name=BODY)
-    etree.SubElement(about, "MetadataString", containerField="value", name="name", value=quoted(body.name))
-    etree.SubElement(
-        about, "MetadataBoolean", containerField="value", name="two_sided", value=str(body.two_sided).lower()
-    )
+    translation, rotation = _text(body.X_WB[:3, 3]), _text(np.array(axis_angle(body.X_WB[:3, :3])))
+    place = etree.SubElement(world, "Transform", translation=translation, rotation=rotation)
+    _add_metadata(place, BODY, String={"name": quoted(body.name)}, Boolean={"two_sided": str(body.two_sided).lower()})
     for index in np.unique(body.face_swatch):
         key = (*cut_alike(body), body.two_sided, index)
         if key in seen:
@@ -88,14 +80,8 @@ def _add_body(world: Any, scene: Scene, body: Body, seen: dict[Any, str]) -> Non
         seen[key] = f"P{len(seen)}"
         shape = etree.SubElement(place, "Shape", DEF=seen[key])
         _add_appearance(shape, scene, int(index), seen)
-        corners = body.mesh.faces[body.face_swatch == index]
-        faces = etree.SubElement(
-            shape,
-            "IndexedTriangleSet",
-            index=_text(corners.ravel()),
-            normalPerVertex="false",
-            solid=str(not body.two_sided).lower(),
-        )
+        corners, solid = _text(body.mesh.faces[body.face_swatch == index].ravel()), str(not body.two_sided).lower()
+        faces = etree.SubElement(shape, "IndexedTriangleSet", index=corners, normalPerVertex="false", solid=solid)
         if id(body.mesh) in seen:
             etree.SubElement(faces, "Coordinate", USE=seen[id(body.mesh)])
         else:
@@ -113,16 +99,24 @@ def _add_appearance(shape: Any, scene: Scene, index: int, seen: dict[Any, str]) 
     seen[key] = f"S{index}"
     swatch = scene.swatches[index]
     look = etree.SubElement(shape, "Appearance", DEF=seen[key])
-    about = etree.SubElement(look, "MetadataSet", name=SWATCH)
-    etree.SubElement(about, "MetadataString", containerField="value", name="name", value=quoted(swatch.name))
-    etree.SubElement(about, "MetadataString", containerField="value", name="sha256", value=quoted(digest_of(swatch)))
+    _add_metadata(look, SWATCH, String={"name": quoted(swatch.name), "sha256": quoted(digest_of(swatch))})
     etree.SubElement(look, "Material", diffuseColor=_text(np.array(swatch.albedo_rgb)))
     numbers = numbers_of(swatch)
-    kind = "FrictionalSurface" if swatch.friction_static > 0.0 else "SmoothSurface"
     fields = {field: repr(numbers[name]) for field, name in FIELDS.items()}
-    if kind == "SmoothSurface":
-        fields = {field: fields[field] for field in ("stiffness", "damping")}
+    kind = "FrictionalSurface"
+    if swatch.friction_static == 0.0:
+        kind, fields = "SmoothSurface", {field: fields[field] for field in ("stiffness", "damping")}
     etree.SubElement(look, kind, **fields, useRelativeValues="false")
+
+
+def _add_metadata(element: Any, name: str, **values: dict[str, str]) -> None:
+    """A MetadataSet with values by their kind and name."""
+    from lxml import etree
+
+    about = etree.SubElement(element, "MetadataSet", name=name)
+    for kind, told in values.items():
+        for key, value in told.items():
+            etree.SubElement(about, f"Metadata{kind}", containerField="value", name=key, value=value)
 
 
 def _text(values: NDArray[Any]) -> str:

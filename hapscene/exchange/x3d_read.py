@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
 from hapscene.exchange.gltf_read import read_bounded
-from hapscene.exchange.swatch_payload import check_version, finite, is_digest, restore
+from hapscene.exchange.swatch_payload import Reader, check_version, finite, is_digest, restore
 from hapscene.exchange.x3d import BODY, FIELDS, SWATCH, WORLD
-from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
 from hapscene.surface.swatch import Swatch
@@ -89,19 +89,15 @@ def _parsed(path: Path) -> Any:
     return root
 
 
-class _Reader:
+class _Reader(Reader):
     """Elements by their DEF, and what was made of them."""
 
     def __init__(self, path: Path, root: Any) -> None:
-        self.path = path
+        super().__init__(path)
         self.defined = {e.get("DEF"): e for e in root.iter() if e.get("DEF")}
         self.points: dict[Any, NDArray[np.float64]] = {}
         self.swatches: dict[Any, Swatch | str] = {}
         self.shapes: dict[tuple[Any, ...], tuple[Mesh, list[tuple[Any, int]]]] = {}
-        self.made = 0
-
-    def fail(self, problem: str) -> SceneError:
-        return SceneError(f"{self.path}: {problem}")
 
     def child(self, element: Any, *kinds: str) -> Any:
         """The first child of one of these kinds, or what it says to USE."""
@@ -139,12 +135,6 @@ class _Reader:
         if values.size % 3 or not values.size:
             raise self.fail(f"{where} must be triples of numbers, has {values.size}")
         return values.reshape(-1, 3)
-
-    def count(self, more: int) -> None:
-        """A small file can USE the same numbers over and over."""
-        self.made += more
-        if self.made > 2 * FACE_MAX:
-            raise self.fail(f"more than {2 * FACE_MAX:,} faces and vertices")
 
     def metadata(self, element: Any, name: str) -> dict[str, str]:
         """The values in a MetadataSet of that name by their own names."""

@@ -53,17 +53,26 @@ def act(name: str, scene: "Scene", tick_s: float, grip: str = "light") -> Intent
     held = grip_named(grip)
     if held.k_N_m == 0.0:
         raise PathError(f"a hand with grip {grip!r} does not hold the tool; choose light, medium or firm")
-    return GESTURES[name](scene, tick_s, held)
+    if name == "explore":
+        return Intent.along(explore(scene, tick_s, STROKE_N / held.k_N_m), held)
+    place = _Place(scene, tick_s)
+    rows = _AT_A_PLACE[name](place, held)
+    place.hand.rest(0.5)  # in which what buzzes is seen
+    path = place.hand.p_WT_m
+    if rows is None:
+        return Intent.along(path, held)
+    return Intent.along(path, np.concatenate((rows, np.tile(rows[-1], (len(path) - len(rows), 1)))))
 
 
 class _Place:
     """Where a gesture is made: the best lines on the first body that can be seen, and a hand above them."""
 
     def __init__(self, scene: "Scene", tick_s: float) -> None:
-        self.look = look_from_above(scene)
+        self.tick_s = tick_s
+        look = look_from_above(scene)
         for index, body in enumerate(scene.bodies):
             window_m = window_of(bounds_of(body))
-            lines = lines_of(self.look, index, window_m)
+            lines = lines_of(look, index, window_m)
             if len(lines) == 2:
                 break
         else:
@@ -73,78 +82,56 @@ class _Place:
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
         size_m = float(np.min(window_m[1] - window_m[0]))
         hover_m = min(HOVER_M, 0.2 * size_m)
-        z_m = float(self.look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
-        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, self.look, hover_m)
+        z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
+        self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m)
         self.hand.rest(0.05)
 
-    def intent(self, grip: Grip | NDArray[np.float64]) -> Intent:
-        """What was built, and half a second of rest after it, in which what buzzes is seen."""
-        self.hand.rest(0.5)
-        path = self.hand.p_WT_m
-        if isinstance(grip, Grip):
-            return Intent.along(path, grip)
-        return Intent.along(path, np.concatenate((grip, np.tile(grip[-1], (len(path) - len(grip), 1)))))
 
-
-def _tap(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _tap(place: _Place, grip: Grip) -> None:
     for share in (0.3, 0.5, 0.7):
         place.hand.tap(*between(*place.line, share), STROKE_N / grip.k_N_m)
-    return place.intent(grip)
 
 
-def _press(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _press(place: _Place, grip: Grip) -> None:
     place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=1.0)
-    return place.intent(grip)
 
 
-def _stroke(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _stroke(place: _Place, grip: Grip) -> None:
     place.hand.stroke(*place.line, STROKE_N / grip.k_N_m)
     place.hand.stroke(*place.line[::-1], STROKE_N / grip.k_N_m)
-    return place.intent(grip)
 
 
-def _circle(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _circle(place: _Place, grip: Grip) -> None:
     place.hand.circle(place.middle_m, place.reach_m, STROKE_N / grip.k_N_m)
-    return place.intent(grip)
 
 
-def _scrub(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _scrub(place: _Place, grip: Grip) -> None:
     place.hand.scrub(between(*place.line, 0.3), between(*place.line, 0.7), 2 * STROKE_N / grip.k_N_m)
-    return place.intent(grip)
 
 
-def _hesitate(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    place = _Place(scene, tick_s)
+def _hesitate(place: _Place, grip: Grip) -> None:
     place.hand.hesitate(*place.line, STROKE_N / grip.k_N_m)
-    return place.intent(grip)
 
 
-def _let_go(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+def _let_go(place: _Place, grip: Grip) -> NDArray[np.float64]:
     """Press, let go while pressed in, and take the tool again a little above."""
-    place = _Place(scene, tick_s)
     place.hand.press(*place.middle_m, PRESS_N / grip.k_N_m, hold_s=0.0, lift=False)
     place.hand.rest(0.3)
     pressed = np.tile(grip.row(), (place.hand.tick_count, 1))
     place.hand.rest(FREE_S)
     free = np.zeros((place.hand.tick_count - len(pressed), 3))
-    return place.intent(np.concatenate((pressed, free, _ramp(Grip(0.0, 0.0), grip, tick_s))))
+    return np.concatenate((pressed, free, _ramp(Grip(0.0, 0.0), grip, place.tick_s)))
 
 
-def _grip_firmly(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
+def _grip_firmly(place: _Place, grip: Grip) -> NDArray[np.float64]:
     """A stroke in the middle of which the hand takes a firm grip; the force it presses with stays."""
-    place = _Place(scene, tick_s)
     way = place.hand.line(*place.line, STROKE_M_S)
-    ramp = _ramp(grip, GRIPS["firm"], tick_s)
+    ramp = _ramp(grip, GRIPS["firm"], place.tick_s)
     before = max((len(way) - len(ramp)) // 2, 0)
     rows = np.concatenate((np.tile(grip.row(), (before, 1)), ramp))[: len(way)]
     rows = np.concatenate((rows, np.tile(GRIPS["firm"].row(), (len(way) - len(rows), 1))))
     start = place.hand.trace(way, STROKE_N / rows[:, 0])
-    return place.intent(np.concatenate((np.tile(grip.row(), (start, 1)), rows)))
+    return np.concatenate((np.tile(grip.row(), (start, 1)), rows))
 
 
 def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
@@ -153,19 +140,11 @@ def _ramp(grip: Grip, to: Grip, tick_s: float) -> NDArray[np.float64]:
     return np.asarray(grip.row() + share * (to.row() - grip.row()))
 
 
-def _explore(scene: "Scene", tick_s: float, grip: Grip) -> Intent:
-    return Intent.along(explore(scene, tick_s, STROKE_N / grip.k_N_m), grip)
-
-
-GESTURES: Final[dict[str, Callable[["Scene", float, Grip], Intent]]] = {
-    "tap": _tap,
-    "press": _press,
-    "stroke": _stroke,
-    "circle": _circle,
-    "scrub": _scrub,
-    "hesitate": _hesitate,
-    "let-go": _let_go,
-    "grip-firmly": _grip_firmly,
-    "explore": _explore,
+_AT_A_PLACE: Final[dict[str, Callable[[_Place, Grip], NDArray[np.float64] | None]]] = {
+    **{"tap": _tap, "press": _press, "stroke": _stroke, "circle": _circle, "scrub": _scrub},
+    **{"hesitate": _hesitate, "let-go": _let_go, "grip-firmly": _grip_firmly},
 }
-"""Gestures by name."""
+"""What the hand does at a place; its grip (n, 3) from the first tick on, where it is not the same all the time."""
+
+GESTURES: Final = (*_AT_A_PLACE, "explore")
+"""Names of the gestures."""

@@ -2,10 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -59,7 +62,7 @@ def look_from_above(scene: "Scene") -> Look:
             at_m, ray, face = casters[id(body.mesh)].intersects_location(
                 (start_m - p_WB) @ R_WB, down_B, multiple_hits=False
             )
-            up = body.mesh.normals[face] @ R_WB[2]
+            up = normals_of(body.mesh.vertices_m[body.mesh.faces[face]]) @ R_WB[2]
             height_m = at_m @ R_WB[2] + p_WB[2]
             better = ((up > 0.05) | body.two_sided) & ~(height_m <= z_m[ray])
             ray = ray[better]
@@ -79,10 +82,7 @@ def _caster(mesh: Any) -> Any:
 
 def bounds_of(body: Any) -> NDArray[np.float64]:
     """Lowest and highest corner of the body in W (2, 3) [m]."""
-    low_m, high_m = body.mesh.bounds_m
-    corners_m = np.array(
-        [[x, y, z] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1]) for z in (low_m[2], high_m[2])]
-    )
+    corners_m = np.array(list(product(*zip(*body.mesh.bounds_m, strict=True))))
     corners_m = corners_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
     return np.array([corners_m.min(axis=0), corners_m.max(axis=0)])
 
@@ -111,8 +111,8 @@ def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]
         a, b = runs[best]
         inset = 1 if b - a > 6 else 0  # not from the very edge
         ends = (a + inset, b - 1 - inset)
-        place = [(X_m[best, k], Y_m[best, k]) if along_x else (X_m[k, best], Y_m[k, best]) for k in ends]
-        lines.append(((float(place[0][0]), float(place[0][1])), (float(place[1][0]), float(place[1][1]))))
+        start, end = [(float(x_m[k]), float(y_m[best])) if along_x else (float(x_m[best]), float(y_m[k])) for k in ends]
+        lines.append((start, end))
     return lines
 
 

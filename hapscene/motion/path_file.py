@@ -99,21 +99,15 @@ def _places(path: Path, header: list[str] | None) -> list[int]:
 
 def _numbers(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
     """The four numbers of one row."""
-    try:
-        return [float(row[place]) for place in places]
-    except IndexError:
-        raise PathError(f"{path}, line {line}: has {len(row)} cells; expected {max(places) + 1} or more") from None
-    except ValueError:
-        name, cell = next((n, row[p]) for n, p in zip(COLUMNS, places, strict=True) if not _is_number(row[p]))
-        raise PathError(f"{path}, line {line}: {name} is {cell[:40]!r}; expected a number") from None
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    numbers = []
+    for name, place in zip(COLUMNS, places, strict=True):
+        try:
+            numbers.append(float(row[place]))
+        except IndexError:
+            raise PathError(f"{path}, line {line}: has {len(row)} cells; expected {max(places) + 1} or more") from None
+        except ValueError:
+            raise PathError(f"{path}, line {line}: {name} is {row[place][:40]!r}; expected a number") from None
+    return numbers
 
 
 def _check(path: Path, lines: NDArray[np.int64], table: NDArray[np.float64]) -> None:

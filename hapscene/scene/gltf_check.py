@@ -33,11 +33,11 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     """
     with refusing(MeshError):
         tree, _ = parse_gltf(content, binary, where)
-    views = [_view(view, i, where) for i, view in enumerate(_items(tree, "bufferViews", where))]
+    views = [_view(view, i, where) for i, view in enumerate(items_of(tree, "bufferViews", where))]
     ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
     for view in views:
         ends[view["buffer"]] = max(ends.get(view["buffer"], 0), view["byteOffset"] + view["byteLength"])
-    accessors = _items(tree, "accessors", where)
+    accessors = items_of(tree, "accessors", where)
     sizes_B = [_size_B(accessor, i, views, sum(ends.values()), where) for i, accessor in enumerate(accessors)]
     used_B = sum(sizes_B[i] for i in _used(tree, where) if type(i) is int and 0 <= i < len(sizes_B))
     for total_B in (sum(view["byteLength"] for view in views), sum(sizes_B), used_B):
@@ -108,8 +108,8 @@ def _view(view: dict[str, Any], index: int, where: str) -> dict[str, int]:
 
 def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
     """The accessors that the meshes name, as often as they do: trimesh makes each anew."""
-    for mesh in _items(tree, "meshes", where):
-        for primitive in _items(mesh, "primitives", where):
+    for mesh in items_of(tree, "meshes", where):
+        for primitive in items_of(mesh, "primitives", where):
             attributes = primitive.get("attributes", {})
             if not isinstance(attributes, dict):
                 raise MeshError(f"{where}: the attributes of a mesh must be an object")
@@ -117,7 +117,12 @@ def _used(tree: dict[str, Any], where: str) -> Iterator[Any]:
             yield primitive.get("indices")
 
 
-def _items(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+def items_of(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    """The objects in a list of a glTF file; none where it is not there.
+
+    Raises:
+        MeshError: it is no list of objects.
+    """
     items = parent.get(key, [])
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
         raise MeshError(f"{where}: {key} must be a list of objects")

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.scene.topology import Index, unit
+from hapscene.scene.topology import Index, normals_of
 
 Points = NDArray[np.float64]
 
@@ -35,19 +35,18 @@ def crossings(triangles_m: Points, tolerance_m: float) -> Crossing:
     they share more than a point of the line in which the planes meet.
     """
     crossing, lying = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
-    a, b, c = np.moveaxis(triangles_m, 1, 0)
-    normal = unit(np.cross(b - a, c - a))
+    corner, normal = triangles_m[:, 0], normals_of(triangles_m)
     has_area = (normal != 0.0).any(axis=1)
     for pairs in overlapping(triangles_m.min(axis=1), triangles_m.max(axis=1)):
         pairs = pairs[has_area[pairs].all(axis=1)]
         first, second = pairs.T
-        above = _heights(triangles_m[second], a[first], normal[first])
+        above = _heights(triangles_m[second], corner[first], normal[first])
         flat = pairs[(np.abs(above) <= tolerance_m).all(axis=1)]
         lying.append(flat[_overlap(triangles_m, normal, flat, tolerance_m)])
         through = _on_both_sides(above, tolerance_m)
         pairs, above = pairs[through], above[through]
         first, second = pairs.T
-        below = _heights(triangles_m[first], a[second], normal[second])
+        below = _heights(triangles_m[first], corner[second], normal[second])
         through = _on_both_sides(below, tolerance_m)
         pairs, above, below = pairs[through], above[through], below[through]
         common_m = _common(triangles_m[pairs], above, below, normal[pairs])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
-from hapscene.scene.topology import unit
+from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -75,7 +75,7 @@ class Mesh:
         where = f"{self.path}: " if self.path else "mesh: "
         vertices, faces = np.asarray(self.vertices_m), np.asarray(self.faces)
         _check_shape(vertices, faces, where)
-        _check_values(vertices, faces, where)
+        _check_indices(vertices, faces, where)
         group = np.asarray(self.group) if len(self.group) else np.zeros(len(faces), np.int16)
         if group.shape != (len(faces),) or group.min() < 0 or group.max() >= len(self.group_names):
             raise MeshError(f"{where}group must give every face an index into its {len(self.group_names)} names")
@@ -86,6 +86,7 @@ class Mesh:
             if np.shape(self.colour_rgb) != (len(faces), 3):
                 raise MeshError(f"{where}colour_rgb must have shape ({len(faces)}, 3)")
             _freeze(self, "colour_rgb", self.colour_rgb, np.uint8)
+        _check_extent(self, where)
 
     def __repr__(self) -> str:
         where = f" of {self.path}" if self.path else ""
@@ -102,8 +103,8 @@ class Mesh:
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
-        used = self.vertices_m[self.faces.ravel()]
-        return np.array([used.min(axis=0), used.max(axis=0)])
+        columns = self.vertices_m[self.faces.ravel()].T  # one by one, ten times as fast as together
+        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @property
     def diagonal_m(self) -> float:
@@ -118,8 +119,7 @@ class Mesh:
     @property
     def normals(self) -> NDArray[np.float64]:
         """Unit normal of every face (M, 3), outward by winding; zero where a face has no area."""
-        a, b, c = np.moveaxis(self.triangles_m, 1, 0)
-        return unit(np.cross(b - a, c - a))
+        return normals_of(self.triangles_m)
 
     def faces_of(self, name: str) -> NDArray[np.bool_]:
         """Faces of a group, material or object (M,) bool.
@@ -145,8 +145,6 @@ class Mesh:
         Raises:
             MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
         """
-        pass
-
         known = unit if unit is not None else getattr(mesh, "units", None)
         if known is None:
             raise MeshError(
@@ -180,10 +178,9 @@ def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> Non
         raise MeshError(f"{where}{len(faces):,} faces; at most {FACE_MAX:,} are taken: reduce the mesh first")
 
 
-def _check_values(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
-    outside = (faces < 0) | (faces >= len(vertices))
-    if outside.any():
-        face, corner = np.argwhere(outside)[0]
+def _check_indices(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        face, corner = np.argwhere((faces < 0) | (faces >= len(vertices)))[0]
         raise MeshError(
             f"{where}face {face} names vertex {faces[face, corner]}, but there are only vertices "
             f"0 to {len(vertices) - 1}"
@@ -191,18 +188,18 @@ def _check_values(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> No
     if not np.isfinite(vertices).all():
         vertex = int(np.argwhere(~np.isfinite(vertices))[0, 0])
         raise MeshError(f"{where}vertex {vertex} is not finite: {vertices[vertex].tolist()}")
-    used = vertices[faces.ravel()]
-    diagonal = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
-    if not SIZE_M[0] <= diagonal <= SIZE_M[1]:
+
+
+def _check_extent(mesh: Mesh, where: str) -> None:
+    size_m = mesh.diagonal_m
+    if not SIZE_M[0] <= size_m <= SIZE_M[1]:
+        raise MeshError(f"{where}{size_m:.3g} m across; expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: is the unit right?")
+    if np.abs(mesh.bounds_m).max() > REACH_MAX_M:
+        corners = mesh.faces.ravel()
+        at, axis = np.argwhere(np.abs(mesh.vertices_m[corners]) > REACH_MAX_M)[0]
         raise MeshError(
-            f"{where}{diagonal:.3g} m across; expected {SIZE_M[0]:g} to {SIZE_M[1]:g} m: is the unit right?"
-        )
-    far = np.abs(used) > REACH_MAX_M
-    if far.any():
-        at, axis = np.argwhere(far)[0]
-        raise MeshError(
-            f"{where}vertex {faces.ravel()[at]} is at {'xyz'[axis]} = {used[at, axis]:g} m; expected at most "
-            f"{REACH_MAX_M:g} m: is the unit right? If it is, move the mesh nearer to its origin"
+            f"{where}vertex {corners[at]} is at {'xyz'[axis]} = {mesh.vertices_m[corners[at], axis]:g} m; expected at "
+            f"most {REACH_MAX_M:g} m: is the unit right? If it is, move the mesh nearer to its origin"
         )
 
 

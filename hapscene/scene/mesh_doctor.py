@@ -49,18 +49,14 @@ def cracks(mesh: Mesh, body: MeshStructure, tolerance_m: float) -> Cracks:
         return Cracks(none, np.zeros(0), none.reshape(0, 2), np.zeros(0))
     place = mesh.vertices_m[rim]
     tree = cKDTree(place)
-    near = tree.query_pairs(tolerance_m, output_type="ndarray")
-    near = rim[near]
+    near = rim[tree.query_pairs(tolerance_m, output_type="ndarray")]
     size = np.int64(len(mesh.vertices_m))
     side = ends.min(axis=1) * size + ends.max(axis=1)
     near = near[~np.isin(near.min(axis=1) * size + near.max(axis=1), side)]  # not the two ends of one short edge
     gap = np.linalg.norm(mesh.vertices_m[near[:, 0]] - mesh.vertices_m[near[:, 1]], axis=1)
-    vertex, off = [np.zeros(0, np.int64)], [np.zeros(0)]
-    for at in range(0, len(ends), CHUNK):
-        found = _on_edges(mesh.vertices_m, ends[at : at + CHUNK], rim, tree, tolerance_m)
-        vertex.append(found[0])
-        off.append(found[1])
-    which, distance = np.concatenate(vertex), np.concatenate(off)
+    chunks = (ends[at : at + CHUNK] for at in range(0, len(ends), CHUNK))
+    found = [_on_edges(mesh.vertices_m, chunk, rim, tree, tolerance_m) for chunk in chunks]
+    which, distance = map(np.concatenate, zip(*found, strict=True))
     order = np.lexsort((distance, which))  # of several edges that a vertex lies on, the nearest
     unique, first = np.unique(which[order], return_index=True)
     return Cracks(unique, distance[order][first], near, gap)
@@ -113,94 +109,50 @@ class _Text(NamedTuple):
 
 _INSIDE = "from outside both are felt, as where two bodies touch; inside, the tool meets walls that are not seen"
 _UNITE = "nothing, if only the outside is touched; else unite the parts in a mesh editor (boolean union)"
+_BRIDGED = "not at all: contact reaches over cracks narrower than its skin"
+_TWO_SIDED = "add the body with two_sided=True (--two-sided)"
 
+# fmt: off
 _TEXT: Final = {
     "mixed_winding": _Text(
-        "fault",
-        "face",
-        "wound against the rest of the shell",
+        "fault", "face", "wound against the rest of the shell",
         "outward-only contact holds these from inside alone: the tool sinks through them",
-        "turn them, or add the body with two_sided=True (--two-sided)",
-        True,
-    ),
+        f"turn them, or {_TWO_SIDED}", fixable=True),
     "inside_out": _Text(
-        "fault",
-        "face",
-        "in closed shells that are wound inward as a whole",
+        "fault", "face", "in closed shells that are wound inward as a whole",
         "outward-only contact lets the tool in everywhere, and holds it inside",
-        "turn the shells, or add the body with two_sided=True (--two-sided)",
-        True,
-    ),
+        f"turn the shells, or {_TWO_SIDED}", fixable=True),
     "one_sided": _Text(
-        "fault",
-        "face",
-        "in shells that have no inside and outside, as a Möbius strip",
-        "somewhere two neighbours hold from opposite sides, and the tool slips through between them",
-        "add the body with two_sided=True (--two-sided)",
-    ),
+        "fault", "face", "in shells that have no inside and outside, as a Möbius strip",
+        "somewhere two neighbours hold from opposite sides, and the tool slips through between them", _TWO_SIDED),
     "open_edges": _Text(
-        "note",
-        "edge",
-        "with a face on one side alone: the mesh is open",
+        "note", "edge", "with a face on one side alone: the mesh is open",
         "the tool can pass over the rim; from behind, outward-only contact lets it through",
-        "nothing, if the opening is meant; else fill it, or add the body with two_sided=True (--two-sided)",
-    ),
+        f"nothing, if the opening is meant; else fill it, or {_TWO_SIDED}"),
     "cracks": _Text(
-        "fault",
-        "vertex",
-        "on a crack that is wider than the skin of contact",
-        "the tool may fall in",
-        "join the vertices in a mesh editor (merge by distance)",
-    ),
-    "t_junctions": _Text(
-        "note",
-        "vertex",
-        "on another face's open edge: T-junctions",
-        "not at all: contact reaches over cracks narrower than its skin",
-        "nothing",
-    ),
+        "fault", "vertex", "on a crack that is wider than the skin of contact",
+        "the tool may fall in", "join the vertices in a mesh editor (merge by distance)"),
+    "t_junctions": _Text("note", "vertex", "on another face's open edge: T-junctions", _BRIDGED, "nothing"),
     "near_vertices": _Text(
-        "note",
-        "vertex",
-        "on a rim, closer to another than the skin of contact",
-        "not at all: contact reaches over cracks narrower than its skin",
-        "nothing",
-    ),
+        "note", "vertex", "on a rim, closer to another than the skin of contact", _BRIDGED, "nothing"),
     "nonmanifold_edges": _Text(
-        "note",
-        "edge",
-        "where more than two faces meet",
+        "note", "edge", "where more than two faces meet",
         "each face is felt by its own winding; which side is out cannot be checked across such an edge",
-        "nothing, if the outside feels right; else take out what lies inside, in a mesh editor",
-    ),
-    "zero_area": _Text("note", "face", "without area, of no use", "never", "drop them", True),
+        "nothing, if the outside feels right; else take out what lies inside, in a mesh editor"),
+    "zero_area": _Text("note", "face", "without area, of no use", "never", "drop them", fixable=True),
     "needles": _Text(
-        "note",
-        "face",
-        "without area that fill a T-junction",
-        "never; without them the mesh would open",
-        "nothing",
-    ),
+        "note", "face", "without area that fill a T-junction", "never; without them the mesh would open", "nothing"),
     "slivers": _Text("note", "face", "narrower than the skin of contact", "as part of their neighbours", "nothing"),
-    "doubled_faces": _Text("note", "face", "there twice", "once", "drop the copies", True),
+    "doubled_faces": _Text("note", "face", "there twice", "once", "drop the copies", fixable=True),
     "opposed_faces": _Text(
-        "note",
-        "face",
-        "back to back with another",
-        "as a sheet without thickness, from both sides",
-        "nothing",
-    ),
+        "note", "face", "back to back with another", "as a sheet without thickness, from both sides", "nothing"),
     "duplicate_vertices": _Text(
-        "note",
-        "vertex",
-        "at exactly the place of another",
-        "not at all: what counts is the place",
-        "merge them, to save memory",
-        True,
-    ),
+        "note", "vertex", "at exactly the place of another", "not at all: what counts is the place",
+        "merge them, to save memory", fixable=True),
     "self_intersections": _Text("note", "pair", "of faces that go through each other", _INSIDE, _UNITE),
     "overlapping_faces": _Text("note", "pair", "of faces that overlap in one plane", _INSIDE, _UNITE),
 }
+# fmt: on
 
 
 def examine(mesh: Mesh) -> Report:

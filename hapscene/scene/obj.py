@@ -5,6 +5,7 @@ the end for one counted from the back. Here positions stay shared, faces stay in
 line. Its materials are read by trimesh.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -63,36 +64,34 @@ class _Reader:
                 self.material_of.append(self.material or None)
         return self.current
 
+    def numbers(self, words: list[str], start: int, end: int, expected: str) -> list[float]:
+        """The numbers in some words of a line."""
+        try:
+            found = [float(word) for word in words[start:end]]
+            if len(found) == end - start:
+                return found
+        except ValueError:
+            pass
+        raise self.fail(f"expected {expected}, found {' '.join(words)[:60]!r}")
+
     def fail(self, problem: str) -> MeshError:
         return MeshError(f"{self.where}, line {self.line}: {problem}")
 
 
 def _vertex(reader: _Reader, words: list[str]) -> None:
-    try:
-        x, y, z = map(float, words[:3])
-    except ValueError:
-        raise reader.fail(f"expected three numbers after 'v', found {' '.join(words)[:60]!r}") from None
-    reader.v.append([x, y, z])
+    reader.v.append(reader.numbers(words, 0, 3, "three numbers after 'v'"))
     if len(words) >= 6:
-        try:
-            reader.rgb.append([float(word) for word in words[3:6]])
-        except ValueError:
-            raise reader.fail(f"expected a colour after the position, found {' '.join(words)[:60]!r}") from None
+        reader.rgb.append(reader.numbers(words, 3, 6, "a colour after the position"))
 
 
 def _texture(reader: _Reader, words: list[str]) -> None:
-    try:
-        reader.vt.append([float(words[0]), float(words[1]) if len(words) > 1 else 0.0])
-    except (ValueError, IndexError):
-        raise reader.fail(f"expected two numbers after 'vt', found {' '.join(words)[:60]!r}") from None
+    u, *v = reader.numbers(words, 0, 2 if len(words) > 1 else 1, "two numbers after 'vt'")
+    reader.vt.append([u, *v] if v else [u, 0.0])
 
 
 def _normal(reader: _Reader, words: list[str]) -> None:
     """Checked, not kept: the faces' own normals are felt. A file that was cut may end inside such a line."""
-    try:
-        _, _, _ = map(float, words[:3])
-    except ValueError:
-        raise reader.fail(f"expected three numbers after 'vn', found {' '.join(words)[:60]!r}") from None
+    reader.numbers(words, 0, 3, "three numbers after 'vn'")
 
 
 def _face(reader: _Reader, words: list[str]) -> None:
@@ -176,9 +175,7 @@ def _materials(reader: _Reader, resolver: Any) -> dict[str | None, Any]:
     make: Any = material.SimpleMaterial
     materials: dict[str | None, Any] = {}
     for library in reader.mtllib:
-        try:
+        with suppress(Exception):  # a missing or broken library costs the colours, which are for the eye alone
             parsed = read(resolver[library], resolver=resolver)
             materials.update({name: make(**values) for name, values in parsed.items()})
-        except Exception:  # a missing or broken library costs the colours, which are for the eye alone
-            continue
     return materials

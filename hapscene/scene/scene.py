@@ -82,15 +82,10 @@ class Scene:
             MeshWarning: no face has an area; or, with `two_sided` off, some are wound against their neighbours, or all
                 of a closed mesh inward.
         """
-        shape = self._mesh(mesh, unit)
+        shape = self.mesh_of(mesh, unit)
         name = self._name(name, shape)
-        body = Body(
-            name,
-            shape,
-            np.eye(4) if pose is None else rigid(pose, f"body {name!r}"),
-            bool(two_sided),
-            np.zeros(len(shape.faces), np.int16),
-        )
+        X_WB = np.eye(4) if pose is None else rigid(pose, f"body {name!r}")
+        body = Body(name, shape, X_WB, bool(two_sided), np.zeros(len(shape.faces), np.int16))
         if swatch is not None:
             body.made_of = self.swatch_index(swatch)
             body.face_swatch[:] = body.made_of
@@ -111,10 +106,10 @@ class Scene:
         Raises:
             SceneError: there is none.
         """
-        for body in self.bodies:
-            if body.name == name:
-                return body
-        raise SceneError(no_such("body", name, (b.name for b in self.bodies)))
+        found = next((body for body in self.bodies if body.name == name), None)
+        if found is None:
+            raise SceneError(no_such("body", name, (body.name for body in self.bodies)))
+        return found
 
     def pose(self, body: str, X_WB: ArrayLike) -> None:
         """Put a body at a pose X_WB (4, 4).
@@ -125,10 +120,7 @@ class Scene:
         self.body(body).X_WB = rigid(X_WB, f"body {body!r}")
 
     def paint(
-        self,
-        body: str,
-        swatch: SwatchLike,
-        where: "str | Region | Sequence[int] | NDArray[Any] | None" = None,
+        self, body: str, swatch: SwatchLike, where: "str | Region | Sequence[int] | NDArray[Any] | None" = None
     ) -> int:
         """Paint a swatch onto faces of a body; returns how many faces.
 
@@ -187,7 +179,12 @@ class Scene:
 
         save_scene(self, Path(path))
 
-    def _mesh(self, mesh: Any, unit: str | None) -> Mesh:
+    def mesh_of(self, mesh: Any, unit: str | None = None) -> Mesh:
+        """The mesh of what `add` takes, with no body made of it yet; a file is loaded once.
+
+        Raises:
+            MeshError: the mesh cannot be loaded.
+        """
         if isinstance(mesh, Mesh):
             return mesh
         if not isinstance(mesh, str | os.PathLike):
@@ -281,9 +278,8 @@ def _warn_of_winding(body: Body) -> None:
     edges = edges_of(mesh.faces, weld(mesh.vertices_m))
     turned, what = 0, ""
     if winding_is_mixed(edges):
-        turned = int(
-            np.count_nonzero(mesh_structure(mesh).winding.turned)
-        )  # none, where they are copies, or have no area
+        # none, where they are copies, or have no area
+        turned = int(np.count_nonzero(mesh_structure(mesh).winding.turned))
         what = "wound against their neighbours, so they are felt from inside alone"
     elif edges.closed and volume_of(mesh.triangles_m) < 0:
         turned = len(mesh.faces)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 # name. So none is ever written over, neither ours nor anybody's; a scene file names what it was saved with, or nothing.
 
 
-SCENE_SUFFIX: Final = ".scene.json"
+SUFFIX: Final = ".scene.json"
 
 PIECE_MIN: Final = 8
 """Shortest piece of the hash in a name [hexadecimal digits]."""
@@ -73,7 +73,7 @@ class SidecarFiles:
 
     def __init__(self, path: Path) -> None:
         self._path, self._folder = path, path.parent.resolve()
-        self._stem = path.name.removesuffix(SCENE_SUFFIX)
+        self._stem = path.name.removesuffix(SUFFIX)
         self._named: set[str] = set()
         self._made: list[Path] = []
 
@@ -111,7 +111,7 @@ class SidecarFiles:
             if file.name in self._named or name not in before or not file.name.startswith(f"{self._stem}."):
                 continue
             with suppress(OSError):
-                others = (f.read_bytes() for f in self._folder.glob(f"*{SCENE_SUFFIX}") if f.name != self._path.name)
+                others = (f.read_bytes() for f in self._folder.glob(f"*{SUFFIX}") if f.name != self._path.name)
                 if _is_whole(file) and not any(name in other for other in others):
                     file.unlink()
 
@@ -210,7 +210,6 @@ def _unpack(text: str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
     return painting
 
 
-SUFFIX: Final = SCENE_SUFFIX
 FORMAT: Final = "hapscene scene"
 VERSION: Final = 2
 """Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings. A file
@@ -247,7 +246,8 @@ def check_place(path: Path) -> None:
         SceneError: it has another suffix, or is in no folder.
     """
     if not path.name.endswith(SUFFIX) or path.name == SUFFIX:
-        raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {path.stem.split('.')[0]}{SUFFIX}")
+        example = path.stem.split(".")[0] + SUFFIX
+        raise SceneError(f"{path}: a scene's file name ends in {SUFFIX}, as in {example}")
     check_file(path.resolve() if path.is_symlink() else path, SceneError)
 
 
@@ -325,13 +325,7 @@ class _Place:
         return places
 
 
-_KIND: Final = {
-    str: "a text",
-    int: "a whole number",
-    bool: "true or false",
-    list: "a list",
-    dict: "an object",
-}
+_KIND: Final = {str: "a text", int: "a whole number", bool: "true or false", list: "a list", dict: "an object"}
 
 
 def _parse(path: Path) -> Any:

@@ -62,14 +62,7 @@ def _compile(effect: Effect) -> Any:
 
 def _reason(error: NumbaError) -> str:
     """Numba's message without its banner, its advice and its blank lines."""
-    skipped = (
-        "Failed in nopython mode",
-        "During:",
-        "Pass nopython",
-        "For more information",
-        "http",
-        "This error may",
-    )
+    skipped = ("Failed in nopython mode", "During:", "Pass nopython", "For more information", "http", "This error may")
     lines = [line.strip() for line in str(error).splitlines()]
     return "; ".join(line for line in lines if line and not line.startswith(skipped))[:600]
 

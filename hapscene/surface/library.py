@@ -18,15 +18,9 @@ from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, did_you_mean, no_such
-from hapscene.files import parse_format, read_bytes, refusing, whole_file
+from hapscene.files import parse_format, read_bytes, refusing, write_whole
 from hapscene.surface.swatch import NAME_MAX, Swatch
-from hapscene.surface.swatch_file import (
-    BYTES_MAX,
-    SUFFIX,
-    read_swatch,
-    swatch_from_json,
-    swatch_to_json,
-)
+from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
 
 INDEX: Final = "index.json"
@@ -123,10 +117,7 @@ def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEnt
 def find(name: str, folder: str | os.PathLike[str] | None = None) -> Path | None:
     """The file of the library's swatch of that name, or None."""
     home = library_folder(folder)
-    for entry in own_entries(home):
-        if entry.name == name:
-            return home / entry.file
-    return None
+    return next((home / entry.file for entry in own_entries(home) if entry.name == name), None)
 
 
 def add(swatch: Swatch, folder: str | os.PathLike[str] | None = None, replace: bool = False) -> LibraryEntry:
@@ -149,10 +140,9 @@ def add(swatch: Swatch, folder: str | os.PathLike[str] | None = None, replace: b
     entry = entry_of(swatch, text, taken - ({old.file.casefold()} if old else set()))
     try:
         home.mkdir(parents=True, exist_ok=True)
-        with whole_file(home / entry.file) as part:
-            part.write_bytes(text)
     except OSError as error:
         raise SwatchError(f"{home / entry.file}: cannot be written: {error.strerror or error}") from None
+    write_whole(home / entry.file, text, SwatchError)
     if old is not None and old.file != entry.file:
         (home / old.file).unlink(missing_ok=True)
     write_index(home, (entries | {entry.name: entry}).values())
@@ -184,11 +174,7 @@ def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
     """Writes a library's index, whole or not at all."""
     rows = [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]
     text = json.dumps({"format": FORMAT, "version": VERSION, "swatches": rows}, indent=1, ensure_ascii=False)
-    try:
-        with whole_file(folder / INDEX) as part:
-            part.write_text(text + "\n", encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise SwatchError(f"{folder / INDEX}: cannot be written: {error.strerror or error}") from None
+    write_whole(folder / INDEX, f"{text}\n".encode(), SwatchError)
 
 
 def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> LibraryEntry:
@@ -230,9 +216,8 @@ def parse_index(data: bytes, where: str) -> list[LibraryEntry]:
         if not isinstance(rows, list):
             raise SwatchError('"swatches" must be a list')
         entries = [_entry(row, f"swatches[{i}]") for i, row in enumerate(rows)]
-        for key in ("name", "file"):
-            values = [getattr(entry, key).casefold() if key == "file" else getattr(entry, key) for entry in entries]
-            if len(set(values)) < len(values):
+        for key, values in (("name", {e.name for e in entries}), ("file", {e.file.casefold() for e in entries})):
+            if len(values) < len(entries):
                 raise SwatchError(f"two swatches have one {key}")
     return entries
 
@@ -255,9 +240,7 @@ def _entry(row: Any, place: str) -> LibraryEntry:
     if type(size) is not int or not 0 < size <= BYTES_MAX:
         raise SwatchError(f"{place}.bytes must be a whole number from 1 to {BYTES_MAX}")
     numbers = row.get("figures", {})
-    if not isinstance(numbers, dict) or not all(
-        type(v) in (int, float) and -1e300 < v < 1e300 for v in numbers.values()
-    ):
+    if not isinstance(numbers, dict) or not all(map(is_number, numbers.values())):
         raise SwatchError(f"{place}.figures must be an object of numbers")
     return LibraryEntry(**texts, bytes=size, figures={key: float(value) for key, value in numbers.items()})
 
@@ -266,12 +249,7 @@ def _entry(row: Any, place: str) -> LibraryEntry:
 
 
 _BOUND: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*(<=|>=|<|>)\s*(\S+)")
-_COMPARE: Final[dict[str, Callable[[float, float], bool]]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
+_COMPARE: Final = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 _SHORT: Final = {"stiffness": "stiffness_N_m", "roughness": "roughness_m_s2", "friction": "friction_dynamic"}
 
 

@@ -128,13 +128,9 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
     fields["effects"] = _effects(content.get("effects", {}))
-    fields["intervals"] = {
-        name: tuple(_array(f"intervals.{name}", pair, 1))
-        for name, pair in _measured("intervals", content.get("intervals", {})).items()
-    }
-    fields["absent"] = {
-        name: _text(f"absent.{name}", reason) for name, reason in _measured("absent", content.get("absent", {})).items()
-    }
+    intervals, absent = (_measured(key, content.get(key, {})) for key in ("intervals", "absent"))
+    fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
+    fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
     fields["taps"] = _taps(content.get("taps"))
     fields["texture"] = _texture(content.get("texture"))
     return Swatch(**fields)
@@ -193,8 +189,13 @@ def _text(where: str, value: Any) -> str:
     return value
 
 
+def is_number(value: Any) -> bool:
+    """Whether a value of JSON is a finite number: true is none, and an int can be any size."""
+    return type(value) in (int, float) and -1e300 < value < 1e300
+
+
 def _number(where: str, value: Any) -> float:
-    if type(value) not in (int, float) or not -1e300 < value < 1e300:  # false for NaN; an int can be any size
+    if not is_number(value):
         raise SwatchError(f"{where} must be a finite number, is {short(value)}")
     return float(value)
 
@@ -210,7 +211,7 @@ def _array(where: str, value: Any, dimensions: int, whole: bool = False) -> NDAr
         raise SwatchError(f"{where} has more than {NUMBER_MAX} numbers")
     for i, row in enumerate(rows):
         for j, number in enumerate(row):
-            if type(number) not in (int, float) or not -1e300 < number < 1e300:
+            if not is_number(number):
                 place = f"{where}[{i}][{j}]" if dimensions == 2 else f"{where}[{j}]"
                 raise SwatchError(f"{place} must be a finite number, is {short(number)}")
             if whole and (type(number) is not int or not 0 <= number < 1 << 31):

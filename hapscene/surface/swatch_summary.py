@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 from hapscene.surface.texture import Texture
 
 FORCE_N: Final = 1.0
@@ -21,11 +21,8 @@ _WORDS: Final = {
     # al. 2006), 11 % in friction (Gueorguiev et al. 2017); several of them to a word
     "stiffness_N_m": ((150.0, "very soft"), (400.0, "soft"), (800.0, "firm"), (1600.0, "stiff"), (np.inf, "rigid")),
     "roughness_m_s2": (
-        (0.05, "smooth"),
-        (0.5, "fine-grained"),
-        (1.5, "slightly rough"),
-        (5.0, "rough"),
-        (np.inf, "very rough"),
+        *((0.05, "smooth"), (0.5, "fine-grained"), (1.5, "slightly rough")),
+        *((5.0, "rough"), (np.inf, "very rough")),
     ),
     "friction_dynamic": ((0.15, "slippery"), (0.35, "sliding easily"), (0.7, "grippy"), (np.inf, "very grippy")),
 }
@@ -37,12 +34,7 @@ def figures(swatch: Swatch) -> dict[str, float]:
     `roughness_m_s2` is the root mean square of the acceleration at 1 N and 0.1 m/s (a texture that reaches less far is
     asked at its maximum), `tap_m_s2` and `tap_Hz` the tap at 0.1 m/s.
     """
-    found = {
-        "stiffness_N_m": swatch.stiffness_N_m,
-        "damping_Ns_m": swatch.damping_Ns_m,
-        "friction_static": swatch.friction_static,
-        "friction_dynamic": swatch.friction_dynamic,
-    }
+    found = {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
     texture = swatch.texture
     if texture is not None:
         found["roughness_m_s2"] = float(np.sqrt(texture.power([FORCE_N], [SPEED_M_S])[0]))
@@ -61,11 +53,8 @@ def sounding(texture: Texture) -> int:
 
 def words(numbers: dict[str, float]) -> list[str]:
     """The same in words, as ["firm", "rough", "grippy"]; a figure that is missing says nothing."""
-    said = []
-    for key, steps in _WORDS.items():
-        if key in numbers:
-            said.append(next(word for bound, word in steps if numbers[key] < bound))
-    return said
+    told = {key: steps for key, steps in _WORDS.items() if key in numbers}
+    return [next(word for bound, word in steps if numbers[key] < bound) for key, steps in told.items()]
 
 
 def lines(swatch: Swatch) -> list[str]:

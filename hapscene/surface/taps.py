@@ -5,10 +5,10 @@ Virtual Environments", IEEE/ASME Trans. Mechatronics 6(3)).
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from hapscene.errors import SwatchError
 
@@ -24,6 +24,13 @@ RING_TIMES: Final = 7.0
 """Time constants after which a ringing tap is over [1]: it is below a thousandth."""
 
 TAP_ROWS: Final = ("approach_m_s", "amplitude_m_s2", "frequency_Hz", "decay_1_s")
+
+
+def freeze(owner: Any, name: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> None:
+    """Set a field of a frozen dataclass to a copy of an array, read-only."""
+    array = np.array(values, dtype)
+    array.setflags(write=False)
+    object.__setattr__(owner, name, array)
 
 
 class Tap(NamedTuple):
@@ -59,9 +66,7 @@ class Taps:
 
     def __post_init__(self) -> None:
         for name in TAP_ROWS:
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            freeze(self, name, getattr(self, name))
         shape = self.approach_m_s.shape
         if len(shape) != 1 or not 1 <= shape[0] <= TAP_MAX:
             raise SwatchError(f"taps: approach_m_s must list 1 to {TAP_MAX} speeds, its shape is {shape}")
@@ -87,10 +92,8 @@ class Taps:
             if self.wave_rate_Hz != 0.0:
                 raise SwatchError("taps: wave_rate_Hz is given, but no wave_m_s2")
             return
-        waves = np.array(self.wave_m_s2, dtype=np.float64)
-        waves.setflags(write=False)
-        object.__setattr__(self, "wave_m_s2", waves)
-        count = len(self.approach_m_s)
+        freeze(self, "wave_m_s2", self.wave_m_s2)
+        waves, count = self.wave_m_s2, len(self.approach_m_s)
         if waves.ndim != 2 or len(waves) != count or not 1 <= waves.shape[1] <= WAVE_MAX:
             raise SwatchError(f"taps: wave_m_s2 must have shape ({count}, 1 to {WAVE_MAX}), has {waves.shape}")
         if not np.all(np.isfinite(waves)):
@@ -107,10 +110,8 @@ class Taps:
         """
         speed = approach_m_s if approach_m_s > 0.0 else 0.0
         lowest = float(self.approach_m_s[0])
-        amplitude, frequency, decay = (
-            float(np.interp(speed, self.approach_m_s, column))
-            for column in (self.amplitude_m_s2, self.frequency_Hz, self.decay_1_s)
-        )
+        columns = (self.amplitude_m_s2, self.frequency_Hz, self.decay_1_s)
+        amplitude, frequency, decay = (float(np.interp(speed, self.approach_m_s, column)) for column in columns)
         return Tap(amplitude * min(1.0, speed / lowest), frequency, decay)
 
     def transient(self, approach_m_s: float, rate_Hz: float) -> Array:

@@ -7,7 +7,7 @@ normal force and slip speed; what is asked for lies in a triangle, and its three
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN, ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.old_spellings import old_spellings
+from hapscene.surface.taps import freeze
 
 # The plane of normal force and slip speed, closed and cut into triangles around a texture's models.
 
@@ -152,9 +153,8 @@ def stabilised(a: Array) -> Array:
         a[wild] = original * (1.0 - 0.5**n) ** k
         still = ~(power_gain(a[wild]) < GAIN_MAX)
         wild, original = wild[still], original[still]
-    a[wild, 1:] = (
-        0.0  # at γ = 1/2 nothing blended from stable filters is left; coefficients of a stranger's file may be
-    )
+    # at γ = 1/2 nothing blended from stable filters is left; coefficients of a stranger's file may be
+    a[wild, 1:] = 0.0
     return a
 
 
@@ -205,12 +205,12 @@ class Texture:
 
     def __post_init__(self) -> None:
         for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "excitation"):
-            _put(self, name, np.array(getattr(self, name), dtype=np.float64))
-        _put(self, "triangles", np.array(self.triangles, dtype=np.int32))
+            freeze(self, name, getattr(self, name))
+        freeze(self, "triangles", self.triangles, np.int32)
         _check_shapes(self)
-        _put(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad))
-        _put(self, "_form", form(self.interpolation, self.lsf_rad))
-        _put(self, "_inverse", _checked_inverse(self))
+        freeze(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad))
+        freeze(self, "_form", form(self.interpolation, self.lsf_rad))
+        freeze(self, "_inverse", _checked_inverse(self))
 
     def __repr__(self) -> str:
         return (
@@ -333,11 +333,23 @@ class Texture:
     def resampled(self, rate_Hz: float) -> "Texture":
         """The same texture for another sample rate, the power in the kept band the same.
 
-        See `hapscene.surface.texture` for how, and for the error.
-        """
-        pass
+        The order grows with the rate, and stays when the rate falls. See `hapscene.surface.texture` for how, and for
+        the error.
 
-        return resample(self, rate_Hz)
+        Raises:
+            SwatchError: the rate is not above 0, or beyond 1/64 to 64 times the texture's own.
+        """
+        ratio = rate_Hz / self.rate_Hz
+        if not 1 / 64 <= ratio <= 64:
+            raise SwatchError(f"a texture made for {self.rate_Hz:g} Hz cannot be resampled to {rate_Hz} Hz")
+        if ratio == 1.0:
+            return self
+        order = min(ORDER_MAX, max(self.order, math.ceil(self.order * ratio)))
+        rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
+        refitted = [_refit(a, ratio, order) for a in ar_from_lsf(rows)]
+        lsf = np.stack([lsf_from_ar(a) for a, _ in refitted])[row]
+        variance = self.variance_m2_s4 * np.array([share for _, share in refitted])[row]
+        return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
@@ -350,20 +362,14 @@ class Texture:
         return hash((self.rate_Hz, self.interpolation, self.lsf_rad.tobytes()))
 
 
-def _put(texture: Texture, name: str, array: NDArray[np.generic]) -> None:
-    """Sets a field of the frozen texture, read-only."""
-    array.setflags(write=False)
-    object.__setattr__(texture, name, array)
-
-
 def _check_shapes(texture: Texture) -> None:
     """Everything that can be told without arithmetic on the filters."""
     count = len(texture.force_N) if texture.force_N.ndim == 1 else -1
     if not 3 <= count <= MODEL_MAX:
         raise SwatchError(f"texture: force_N must list 3 to {MODEL_MAX} models, its shape is {texture.force_N.shape}")
-    for name, shape in (("speed_m_s", (count,)), ("variance_m2_s4", (count,))):
-        if getattr(texture, name).shape != shape:
-            raise SwatchError(f"texture: {name} must have shape {shape}, has {getattr(texture, name).shape}")
+    for name in ("speed_m_s", "variance_m2_s4"):
+        if getattr(texture, name).shape != (count,):
+            raise SwatchError(f"texture: {name} must have shape ({count},), has {getattr(texture, name).shape}")
     lsf, triangles = texture.lsf_rad, texture.triangles
     if lsf.ndim != 2 or len(lsf) != count or not 1 <= lsf.shape[1] <= ORDER_MAX:
         raise SwatchError(f"texture: lsf_rad must have shape ({count}, 1 to {ORDER_MAX}), has {lsf.shape}")
@@ -451,29 +457,7 @@ def _checked_inverse(texture: Texture) -> Array:
 # (0.4 dB at 20 kHz) on epoxy, whose recording is noise above 1 kHz.
 
 
-if TYPE_CHECKING:
-    pass
-
 _BINS: Final = 1 << 16  # of the spectrum at the old rate: 0.15 Hz at 10 kHz, less than any resonance that lasts
-
-
-def resample(texture: "Texture", rate_Hz: float) -> "Texture":
-    """The texture for `rate_Hz`. The order grows with the rate, and stays when the rate falls.
-
-    Raises:
-        SwatchError: the rate is not above 0, or beyond 1/64 to 64 times the texture's own.
-    """
-    ratio = rate_Hz / texture.rate_Hz
-    if not 1 / 64 <= ratio <= 64:
-        raise SwatchError(f"a texture made for {texture.rate_Hz:g} Hz cannot be resampled to {rate_Hz} Hz")
-    if ratio == 1.0:
-        return texture
-    order = min(ORDER_MAX, max(texture.order, math.ceil(texture.order * ratio)))
-    rows, row = np.unique(texture.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
-    refitted = [_refit(a, ratio, order) for a in ar_from_lsf(rows)]
-    lsf = np.stack([lsf_from_ar(a) for a, _ in refitted])[row]
-    variance = texture.variance_m2_s4 * np.array([share for _, share in refitted])[row]
-    return replace(texture, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance)
 
 
 def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 VIEW_FROM: Final = (0.35, -1.0, 0.75)
 """Direction from the scene to the camera: from the front, above, a little from the right."""
@@ -17,10 +17,7 @@ Extent = tuple[float, float, float]
 
 def looks(turns_rad: Sequence[float]) -> list[NDArray[np.float64]]:
     """Rotations R_SC (3, 3) of a camera that has gone around z by each of these angles."""
-    z = np.array(VIEW_FROM) / np.linalg.norm(VIEW_FROM)
-    x = np.cross((0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
-    R = np.column_stack((x, np.cross(z, x), z))
+    R = facing(np.array(VIEW_FROM), (0.0, 0.0, 1.0))
     return [_about_z(angle) @ R for angle in turns_rad]
 
 
@@ -44,12 +41,7 @@ def place(
     pixel_m = MARGIN * float(max(span_m[0] / size[0], span_m[1] / size[1]))
     far_m = 2.0 * float(span_m.max())
     middle_m = (low_m + high_m) / 2
-    poses = []
-    for R in R_SC:
-        X_SC = np.eye(4)
-        X_SC[:3, :3] = R
-        X_SC[:3, 3] = R @ (middle_m + np.array([0.0, 0.0, far_m / 2]))
-        poses.append(X_SC)
+    poses = [pose_of(R, R @ (middle_m + np.array([0.0, 0.0, far_m / 2]))) for R in R_SC]
     return poses, (pixel_m * size[0] / 2, pixel_m * size[1] / 2, far_m), pixel_m
 
 
@@ -59,6 +51,21 @@ def _seen(
     """Lowest and highest of the points in the cameras' axes (3,), over all looks."""
     seen_m = [points_m @ R for R in R_SC]
     return np.min([s.min(axis=0) for s in seen_m], axis=0), np.max([s.max(axis=0) for s in seen_m], axis=0)
+
+
+def facing(direction: NDArray[np.float64], up: tuple[float, float, float] | None = None) -> NDArray[np.float64]:
+    """A rotation (3, 3) that turns z to `direction` (3,), and y as near as it gets to `up`: else to the axis across."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))] if up is None else np.array(up), z)
+    x /= np.linalg.norm(x)
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+def pose_of(R: NDArray[np.float64], p_m: ArrayLike = 0.0) -> NDArray[np.float64]:
+    """The pose (4, 4) of a rotation (3, 3), which may stretch too, and a place (3,) [m]."""
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R, p_m
+    return X
 
 
 def _about_z(angle_rad: float) -> NDArray[np.float64]:

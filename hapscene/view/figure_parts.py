@@ -8,20 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.recording import Recording
+from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import (
-    NOTHING,
-    Shown,
-    Triangles,
-    cut,
-    joined,
-    lathe,
-    moved,
-    packed,
-    scene_solid,
-    tube,
-    unpacked,
-)
+from hapscene.view.triangles import Shown, Triangles, cut, joined, lathe, moved, packed, scene_solid, tube, unpacked
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -86,8 +75,13 @@ class FigureParts:
             return shown
         first = len(self.parts) - len(self.piece_tick)
         shown += [(first + int(k), here) for k in np.flatnonzero(self.piece_tick <= tick)]
-        shown += [(TOOL, _at(self.p_ST_m[tick])), (PROXY, _at(self.p_SP_m[tick]))]
+        shown += [(part, pose_of(np.eye(3), p_m[tick])) for part, p_m in ((TOOL, self.p_ST_m), (PROXY, self.p_SP_m))]
         return shown + self._arrow(tick)
+
+    @property
+    def f_max_N(self) -> float:
+        """The largest force."""
+        return float(np.linalg.norm(self.f_N, axis=1).max(initial=0.0))
 
     def arrows(self, ticks: NDArray[np.int64]) -> Triangles:
         """The forces of some ticks, as one."""
@@ -122,12 +116,9 @@ class FigureParts:
             return []
         whole_m = ARROW_HEAD * ARROW_LENGTH * self.size_m
         head_m = min(whole_m, length_m)
-        R, thin = _along(f_N), head_m / whole_m
-        shaft, head = np.eye(4), np.eye(4)
-        shaft[:3, :3] = R @ np.diag([thin, thin, max(length_m - head_m, head_m * 1e-3)])
-        shaft[:3, 3] = self.p_SP_m[tick]
-        head[:3, :3] = R @ np.diag([thin, thin, head_m])
-        head[:3, 3] = self.p_SP_m[tick] + _unit(f_N) * (length_m - head_m)
+        R, thin, start_m = facing(f_N), head_m / whole_m, self.p_SP_m[tick]
+        shaft = pose_of(R @ np.diag([thin, thin, max(length_m - head_m, head_m * 1e-3)]), start_m)
+        head = pose_of(R @ np.diag([thin, thin, head_m]), start_m + _unit(f_N) * (length_m - head_m))
         return [(SHAFT, shaft), (HEAD, head)]
 
 
@@ -146,7 +137,8 @@ def make_figure_parts(
     solid = scene_solid(scene)
     low_m, high_m = solid.corner_m.min(axis=0), solid.corner_m.max(axis=0)
     p_WS_m, size_m = (low_m + high_m) / 2, max(float(np.linalg.norm(high_m - low_m)), 1e-9)
-    bodies = [_shifted(piece, p_WS_m) for piece in (_slices(scene, solid) if painting else [solid])]
+    pieces_W = _slices(scene, solid) if painting else [solid]
+    bodies = [piece._replace(corner_m=piece.corner_m - p_WS_m) for piece in pieces_W]
     p_ST_m = p_SP_m = f_N = np.zeros((0, 3))
     pieces: list[Triangles] = []
     if recording is not None:
@@ -221,33 +213,13 @@ def _props(size_m: float, theme: Theme) -> list[Triangles]:
     """Tool, proxy, an arrow's shaft and head of length 1 m: each at the origin, along z."""
     tool_m, arrow_m, ball_m = TOOL_LENGTH * size_m, ARROW_LENGTH * size_m, 3 * PATH_RADIUS * size_m
     pen = [(0.0, 0.0), (0.03, 0.2), (0.037, 0.3), (0.037, 0.97), (0.025, 1.0), (0.0, 1.0001)]
-    X = np.eye(4)
-    X[:3, :3] = _along(np.array(TOOL_ALONG))
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
     return [
-        moved(lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool), X),
+        moved(lathe([(r * tool_m, z * tool_m) for r, z in pen], theme.tool), pose_of(facing(np.array(TOOL_ALONG)))),
         lathe([(ball_m * float(np.cos(a)), ball_m * float(np.sin(a))) for a in angle], PROXY_COLOUR),
         lathe([(0.016 * arrow_m, 0.0), (0.016 * arrow_m, 1.0)], FORCE),
         lathe([(0.0, 0.0), (0.05 * arrow_m, 1e-3), (0.0, 1.0)], FORCE),
     ]
-
-
-def _shifted(solid: Triangles, p_m: NDArray[np.float64]) -> Triangles:
-    return Triangles(solid.corner_m - p_m, solid.normal, solid.colour) if len(solid.corner_m) else NOTHING
-
-
-def _at(p_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    X = np.eye(4)
-    X[:3, 3] = p_m
-    return X
-
-
-def _along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A rotation (3, 3) that turns z to `direction`."""
-    z = _unit(direction)
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x = _unit(x)
-    return np.column_stack((x, np.cross(z, x), z))
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

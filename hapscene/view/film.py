@@ -137,8 +137,7 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
         tick = int(ticks[min(k - painting_count, len(ticks) - 1)]) if k >= painting_count and len(ticks) else None
         share = min((k + 1) / (0.85 * painting_count), 1.0) if painting_count else 1.0
         frames.append(Frame(poses[k % len(poses)], stage.shown(tick, round(share * stage.slice_count))))
-    f_max_N = float(np.linalg.norm(stage.f_N, axis=1).max(initial=0.0))
-    placed, _ = lay_out(entries, measures_of(pixel_m, area[0], film.theme, stage.arrow_m_N, f_max_N), area[0])
+    placed, _ = lay_out(entries, measures_of(pixel_m, area[0], film.theme, stage.arrow_m_N, stage.f_max_N), area[0])
     drawing = Drawing(stage.parts, frames, extent_m, area, film.theme.background, OVERSAMPLING)
     return drawing, draw_strip(placed, area[0], strip_px, film.theme)
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import EDGE, rgb
 from hapscene.view.triangles import Drawing, Shown, Triangles, joined, moved, same
 
@@ -37,10 +38,10 @@ def render(drawing: Drawing) -> Iterator[NDArray[np.uint8]]:
     scene = _empty(pyrender, drawing.background)
     x_m, y_m, far_m = drawing.extent_m
     camera = scene.add(pyrender.OrthographicCamera(x_m, y_m, znear=far_m * 1e-4, zfar=far_m))
-    lights = [
-        (scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=strength)), _looking_from(direction_C))
-        for direction_C, strength in LIGHTS
-    ]
+    lights = []
+    for direction_C, strength in LIGHTS:  # one shines from +z to the origin
+        light = scene.add(pyrender.DirectionalLight(color=np.ones(3), intensity=strength))
+        lights.append((light, pose_of(facing(np.array(direction_C), (0.0, 1.0, 0.0)))))
     renderer = pyrender.OffscreenRenderer(*(n * drawing.oversampling for n in drawing.size))
     seen, node = None, None
     for frame in drawing.frames:
@@ -161,13 +162,3 @@ def _arrange(scene: Any, nodes: Sequence[Any], shown: Shown) -> None:
         node.mesh.is_visible = index in poses
         if index in poses and not np.array_equal(node.matrix, poses[index]):
             scene.set_pose(node, poses[index])
-
-
-def _looking_from(direction: tuple[float, float, float]) -> NDArray[np.float64]:
-    """A rotation (4, 4) whose +z points along `direction`: a light there shines to the origin."""
-    z = np.array(direction) / np.linalg.norm(direction)
-    x = np.cross((0.0, 1.0, 0.0), z)
-    x /= np.linalg.norm(x)
-    X = np.eye(4)
-    X[:3, :3] = np.column_stack((x, np.cross(z, x), z))
-    return X

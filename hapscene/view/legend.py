@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.scene.mesh_report import length as length_text
 from hapscene.view.figure_parts import PROXY_COLOUR
 from hapscene.view.palette import AIR, EDGE, FORCE, PATH, Theme, distinct_colours
 from hapscene.view.triangles import used_swatches
@@ -178,14 +179,6 @@ def round_down(value: float) -> float:
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))
 
 
-def length_text(length_m: float) -> str:
-    """A length with the unit that makes it readable."""
-    for unit, scale in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if length_m >= scale * 0.999:
-            return f"{length_m / scale:g} {unit}"
-    return f"{length_m:g} m"
-
-
 def force_text(force_N: float) -> str:
-    """A force likewise."""
+    """A force with the unit that makes it readable."""
     return f"{force_N:g} N" if force_N >= 0.00999 else f"{force_N * 1e3:g} mN"

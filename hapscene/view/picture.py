@@ -72,8 +72,7 @@ def write_picture(
     area = area_over(strip, size)
     (X_SC,), extent_m, pixel_m = place(points_m, R_SC, area)
     drawing = Drawing(parts, [Frame(X_SC, shown)], extent_m, area, theme.background, OVERSAMPLING)
-    f_max_N = float(np.linalg.norm(stage.f_N, axis=1).max(initial=0.0))
-    placed, _ = lay_out(entries, measures_of(pixel_m, size[0], theme, stage.arrow_m_N, f_max_N), size[0])
+    placed, _ = lay_out(entries, measures_of(pixel_m, size[0], theme, stage.arrow_m_N, stage.f_max_N), size[0])
     picture = Image.new("RGB", size, theme.page)
     for pixels in draw(drawing):
         picture.paste(Image.fromarray(pixels), (0, 0))

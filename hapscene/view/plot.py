@@ -35,11 +35,7 @@ FREQUENCY_MAX_HZ: Final = 1000.0
 
 
 def write_plot(
-    recording: Recording,
-    path: str | Path,
-    title: str = "",
-    colours: Sequence[str] | None = None,
-    dark: bool = False,
+    recording: Recording, path: str | Path, title: str = "", colours: Sequence[str] | None = None, dark: bool = False
 ) -> None:
     """Draw swatch, force, depth, acceleration and its spectrogram over time as PNG.
 
@@ -116,9 +112,15 @@ def _draw_depth(ax: "Axes", recording: Recording) -> None:
 
 def _draw_acceleration(ax: "Axes", recording: Recording) -> None:
     """The acceleration samples, every peak kept."""
-    t_s, low, high = envelope(recording.a_t_s, recording.a_m_s2.ravel())
-    colour = OKABE_ITO["vermilion"]
-    ax.fill_between(t_s, low, high, facecolor=colour, edgecolor=colour, linewidth=0.5)
+    _fill_accelerations(ax, recording, (None, recording.a_m_s2, recording.a_t_s, "vermilion"))
+
+
+def _fill_accelerations(ax: "Axes", recording: Recording, *parts: tuple[str | None, Any, Any, str]) -> None:
+    """Accelerations (n, block), each with its label, times (n block,) and colour; every peak kept."""
+    for label, a_m_s2, at_s, colour in parts:
+        t_s, low, high = envelope(at_s, a_m_s2.ravel())
+        rgb = OKABE_ITO[colour]
+        ax.fill_between(t_s, low, high, facecolor=rgb, edgecolor=rgb, linewidth=0.5, label=label)
     if not recording.a_m_s2.any():
         ax.set_ylim(-1, 1)
     ax.set_ylabel("acceleration\n[m/s²]")
@@ -147,13 +149,7 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     top_dB = float(np.ceil(level_dB.max()))
     extent = (recording.t_s[0] + t_s[0], recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
     image = ax.imshow(
-        level_dB,
-        origin="lower",
-        aspect="auto",
-        cmap="magma",
-        vmin=top_dB - RANGE_DB,
-        vmax=top_dB,
-        extent=extent,
+        level_dB, origin="lower", aspect="auto", cmap="magma", vmin=top_dB - RANGE_DB, vmax=top_dB, extent=extent
     )
     bar.set_visible(True)
     ax.figure.colorbar(image, cax=bar, label="dB re 1 (m/s²)²/Hz")
@@ -163,15 +159,7 @@ def legend_above(ax: "Axes") -> None:
     """The legend in one line over the plot."""
     handles, names = ax.get_legend_handles_labels()
     if handles:
-        ax.legend(
-            handles,
-            names,
-            bbox_to_anchor=(0, 1.0),
-            loc="lower left",
-            ncols=8,
-            borderpad=0.2,
-            handlelength=1.2,
-        )
+        ax.legend(handles, names, bbox_to_anchor=(0, 1.0), loc="lower left", ncols=8, borderpad=0.2, handlelength=1.2)
 
 
 def shade(ax: "Axes", recording: Recording) -> None:
@@ -249,18 +237,9 @@ def _draw_hand_force(ax: "Axes", feel: "Feel") -> None:
 def _draw_hand_acceleration(ax: "Axes", feel: "Feel") -> None:
     """What the textures ask for, and what the handle makes of it."""
     recording = feel.recording
-    parts = (
-        ("asked for", recording.a_m_s2.ravel(), recording.a_t_s, "sky"),
-        ("of the handle", feel.a_handle_m_s2.ravel(), recording.a_t_s - feel.latency_s, "vermilion"),
-    )
-    for name, a_m_s2, at_s, colour in parts:
-        t_s, low, high = envelope(at_s, a_m_s2)
-        ax.fill_between(
-            t_s, low, high, facecolor=OKABE_ITO[colour], edgecolor=OKABE_ITO[colour], linewidth=0.5, label=name
-        )
-    if not recording.a_m_s2.any():
-        ax.set_ylim(-1, 1)
-    ax.set_ylabel("acceleration\n[m/s²]")
+    asked = ("asked for", recording.a_m_s2, recording.a_t_s, "sky")
+    moved = ("of the handle", feel.a_handle_m_s2, recording.a_t_s - feel.latency_s, "vermilion")
+    _fill_accelerations(ax, recording, asked, moved)
 
 
 def _draw_work(ax: "Axes", feel: "Feel") -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,7 @@ LATHE_SIDES: Final = 24
 """Sides of what is turned on a lathe: tool, proxy, arrows."""
 
 
-@dataclass(frozen=True)
-class Triangles:
+class Triangles(NamedTuple):
     """k triangles in W, corner by corner: position [m], unit normal, linear RGB; each (3 k, 3) float64."""
 
     corner_m: NDArray[np.float64]
@@ -48,11 +47,7 @@ def joined(solids: list[Triangles]) -> Triangles:
     """All the triangles as one."""
     if not solids:
         return NOTHING
-    return Triangles(
-        np.concatenate([s.corner_m for s in solids]),
-        np.concatenate([s.normal for s in solids]),
-        np.concatenate([s.colour for s in solids]),
-    )
+    return Triangles(*map(np.concatenate, zip(*solids, strict=True)))
 
 
 def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
@@ -66,7 +61,7 @@ def moved(solid: Triangles, X: NDArray[np.float64]) -> Triangles:
 def cut(solid: Triangles, chosen: NDArray[np.bool_]) -> Triangles:
     """The triangles that are chosen (k,)."""
     corner = np.repeat(chosen, 3)
-    return Triangles(solid.corner_m[corner], solid.normal[corner], solid.colour[corner])
+    return Triangles(*(values[corner] for values in solid))
 
 
 def used_swatches(scene: "Scene") -> list[int]:
@@ -127,11 +122,8 @@ def _body_solid(body: "Body", colours: NDArray[np.float64], face_swatch: NDArray
         grey = mesh.colour_rgb.mean(axis=1, keepdims=True) + 1.0
         shade = 1.0 + SHADE_SHARE * np.clip(grey / grey.mean() - 1.0, -0.5, 0.5)
         colour[~plain] = np.clip(colour * shade, 0.0, 1.0)[~plain]
-    return Triangles(
-        vertices_m[mesh.faces.ravel()],
-        _corner_normals(mesh) @ X_WB[:3, :3].T,
-        np.repeat(_linear(colour), 3, axis=0),
-    )
+    normal = _corner_normals(mesh) @ X_WB[:3, :3].T
+    return Triangles(vertices_m[mesh.faces.ravel()], normal, np.repeat(_linear(colour), 3, axis=0))
 
 
 def _corner_normals(mesh: "Mesh") -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
 from hapscene.recording import Recording
-from hapscene.view.camera import looks
+from hapscene.view.camera import looks, pose_of
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
 from hapscene.view.legend import entries_of
 from hapscene.view.offscreen import go_with_the_other, job_folder, start_drawer
@@ -129,10 +129,8 @@ def _view_of(stage: FigureParts) -> tuple[NDArray[np.float64], float, float]:
     points_m = stage.points_m(tool=True)
     radius_m = float(np.linalg.norm(points_m, axis=1).max())
     distance_m = 0.85 * radius_m / np.sin(VIEW_RAD / 2)
-    X_SC = np.eye(4)
-    X_SC[:3, :3] = looks([0.0])[0]
-    X_SC[:3, 3] = X_SC[:3, 2] * distance_m
-    return X_SC, VIEW_RAD, 10.0 * distance_m
+    (R_SC,) = looks([0.0])
+    return pose_of(R_SC, R_SC[:, 2] * distance_m), VIEW_RAD, 10.0 * distance_m
 
 
 def _main(folder: Path) -> None:
@@ -141,16 +139,7 @@ def _main(folder: Path) -> None:
 
     stage, recording = FigureParts.load(folder / "stage.npz"), Recording.load(folder / "touch.npz")
     words = json.loads((folder / "words.json").read_text(encoding="utf-8"))
-    watch(
-        stage.parts,
-        _view_of(stage),
-        words["background"],
-        words["ink"],
-        words["legend"],
-        words["title"],
-        SIZE,
-        Player(stage, recording).now,
-    )
+    watch(stage.parts, _view_of(stage), **words, size=SIZE, now=Player(stage, recording).now)
 
 
 if __name__ == "__main__":

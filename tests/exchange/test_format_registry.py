@@ -6,7 +6,7 @@ import pytest
 
 from hapscene.errors import SaveConflict, SceneError
 from hapscene.exchange import EXPORTS, export_scene, import_scene, is_mesh_of
-from hapscene.scene.ply import write_mesh
+from hapscene.scene.ply import save_mesh
 from hapscene.scene.scene import Scene
 
 
@@ -66,7 +66,7 @@ def test_what_is_there_is_replaced_when_asked_for(name: str, there: str, scene: 
 
 def test_what_the_scene_is_made_of_stays(scene: Scene, tmp_path: Path) -> None:
     mesh, same = tmp_path / "ball.ply", tmp_path / "link.ply"
-    write_mesh(scene.bodies[0].mesh, mesh)
+    save_mesh(scene.bodies[0].mesh, mesh)
     same.symlink_to(mesh)
     before = mesh.read_bytes()
     made = Scene()

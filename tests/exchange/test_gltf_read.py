@@ -262,7 +262,7 @@ def test_data_in_files_beside_it_are_read(tree: dict, read: Callable, tmp_path: 
 
 
 def test_a_small_file_cannot_ask_for_much(tree: dict, read: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapscene.exchange.gltf_read.FACE_MAX", 10_000)
+    monkeypatch.setattr("hapscene.exchange.swatch_payload.FACE_MAX", 10_000)
     tree["meshes"][0]["primitives"] *= 2_000
     with pytest.raises(SceneError, match="more than 20,000 faces"):
         read(tree)

@@ -36,9 +36,9 @@ def test_others_read_shape_colour_body_and_swatch(scene: Scene, tmp_path: Path) 
 
 
 def test_a_mesh_of_no_scene_is_a_mesh(scene: Scene, tmp_path: Path) -> None:
-    from hapscene.scene.ply import write_mesh
+    from hapscene.scene.ply import save_mesh
 
-    write_mesh(scene.bodies[0].mesh, tmp_path / "ball.ply")
+    save_mesh(scene.bodies[0].mesh, tmp_path / "ball.ply")
     back = import_scene(tmp_path / "ball.ply", "m")
     assert [body.name for body in back.bodies] == ["ball"] and not back.bodies[0].face_swatch.any()
 

@@ -78,7 +78,7 @@ def test_a_file_of_tags_alone_is_not_built(file: Path, monkeypatch: pytest.Monke
 
 
 def test_a_small_file_cannot_ask_for_much(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapscene.exchange.x3d_read.FACE_MAX", 5000)
+    monkeypatch.setattr("hapscene.exchange.swatch_payload.FACE_MAX", 5000)
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace('<Shape USE="P0"/>', '<Shape USE="P0"/>' * 2000), encoding="utf-8")
     with pytest.raises(SceneError, match="more than 10,000 faces"):
