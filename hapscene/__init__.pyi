@@ -10,6 +10,7 @@ from . import servo as servo
 from . import stability as stability
 from . import surface as surface
 from . import teleoperation as teleoperation
+from . import touch as touch
 from . import twin as twin
 from . import view as view
 from .errors import HapsceneError as HapsceneError

@@ -6,7 +6,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -90,8 +90,9 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
     finally:
         shutil.rmtree(part, ignore_errors=True)
         if not path.exists():
-            for parent in made:
-                parent.rmdir()
+            with suppress(OSError):  # somebody else has put something there meanwhile
+                for parent in made:
+                    parent.rmdir()
 
 
 def _mode(path: Path) -> int:

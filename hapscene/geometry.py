@@ -56,7 +56,7 @@ def numbers(values: ArrayLike) -> NDArray[np.float64]:
     """An array of float64, or a readable error."""
     try:
         return np.array(values, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise PathError(f"positions and poses are arrays of numbers, not {type(values).__name__}") from None
 
 
@@ -77,43 +77,47 @@ def positions(p_WT: NDArray[np.float64]) -> NDArray[np.float64]:
     return p_WT
 
 
-def rigid(poses: ArrayLike, what: str) -> NDArray[np.float64]:
-    """A pose (4, 4), or one a tick (n, 4, 4), checked and copied: rotations and translations, nothing else.
+def rigid(poses: ArrayLike, what: str, count: int | None = None) -> NDArray[np.float64]:
+    """A pose (4, 4), or `count` of them, one a tick (count, 4, 4), checked and copied: rotations and translations.
 
     Args:
         poses: X, homogeneous matrices [1, m].
         what: whose they are, for messages.
+        count: how many; None for a single one.
 
     Raises:
-        SceneError: a matrix is not finite, or scales, shears, mirrors, or moves by more than `REACH_MAX_M`.
+        SceneError: another shape; a matrix is not finite, or scales, shears, mirrors, or moves by more than
+            `REACH_MAX_M`.
     """
+    shape = (4, 4) if count is None else (count, 4, 4)
     try:
         X = np.array(poses, np.float64)
     except (TypeError, ValueError, OverflowError):
         raise SceneError(f"{what}: a pose is a matrix (4, 4) of numbers") from None
-    if X.shape[-2:] != (4, 4) or X.ndim > 3:
-        raise SceneError(f"{what}: a pose is a matrix (4, 4), not {X.shape}")
+    if X.shape != shape:
+        each = "" if count is None else ", one for each tick"
+        raise SceneError(f"{what}: a pose is a matrix (4, 4){each}: expected {shape}, not {X.shape}")
     flat = X.reshape(-1, 4, 4)
     R, p = flat[:, :3, :3], flat[:, :3, 3]
-    with np.errstate(invalid="ignore"):
-        faults = {
-            "has a number that is not finite": ~np.isfinite(flat).all(axis=(1, 2)),
-            "has another last row than 0 0 0 1": np.abs(flat[:, 3] - _LAST_ROW).max(axis=1) > RIGID_TOLERANCE,
-            "scales or shears; give a rotation, and scale the mesh by its unit": (
-                np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > RIGID_TOLERANCE
-            ),
-            "mirrors (determinant -1); give a rotation": np.linalg.det(R) < 0.0,
-        }
-        far = np.abs(p).max(axis=1) > REACH_MAX_M
-
-    def pose(found: NDArray[np.bool_]) -> str:
-        return f"{what}: the pose of tick {found.argmax()}" if X.ndim == 3 else f"{what}: the pose"
-
-    for fault, found in faults.items():
-        if found.any():
-            raise SceneError(f"{pose(found)} is not a rotation and a translation: it {fault}")
-    if far.any():
-        place = ", ".join(f"{v:g}" for v in p[far.argmax()])
-        raise SceneError(f"{pose(far)} is at ({place}) m; expected at most {REACH_MAX_M:g} m (is it in mm?)")
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        row = np.abs(flat[:, 3] - _LAST_ROW).max(axis=1)
+        mirrored, reach = np.linalg.det(R) < 0.0, np.abs(p).max(axis=1)
+        good = (off <= RIGID_TOLERANCE) & (row <= RIGID_TOLERANCE) & ~mirrored & (reach <= REACH_MAX_M)
+    if not good.all():  # false for what is not finite, too
+        k = int(good.argmin())
+        pose = f"{what}: the pose" + ("" if count is None else f" of tick {k}")
+        if not np.isfinite(flat[k]).all():
+            fault = "has a number that is not finite"
+        elif row[k] > RIGID_TOLERANCE:
+            fault = "has another last row than 0 0 0 1"
+        elif off[k] > RIGID_TOLERANCE:
+            fault = "scales or shears; give a rotation, and scale the mesh by its unit"
+        elif mirrored[k]:
+            fault = "mirrors (determinant -1); give a rotation"
+        else:
+            place = ", ".join(f"{v:g}" for v in p[k])
+            raise SceneError(f"{pose} is at ({place}) m; expected at most {REACH_MAX_M:g} m (is it in mm?)")
+        raise SceneError(f"{pose} is not a rotation and a translation: it {fault}")
     flat[:, 3] = _LAST_ROW
     return X

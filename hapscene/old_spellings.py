@@ -25,14 +25,16 @@ def old_spellings(**renamed: str) -> Callable[[Function], Function]:
 
         @functools.wraps(function)
         def call(*given: Any, **named: Any) -> Any:
-            if len(given) > placed or not renamed.keys().isdisjoint(named):
+            most = placed + len(by_name)  # more is nobody's spelling: Python says so
+            if placed < len(given) <= most or not renamed.keys().isdisjoint(named):
                 modern = dict(zip(by_name, given[placed:], strict=False))
-                modern |= {renamed[name]: named.pop(name) for name in renamed if name in named}
-                if double := modern.keys() & named.keys():
+                old = {renamed[name]: named.pop(name) for name in renamed if name in named}
+                if double := (modern.keys() & old.keys()) | ((modern.keys() | old.keys()) & named.keys()):
                     raise TypeError(f"{function.__qualname__}() got several values for {', '.join(sorted(double))}")
+                modern |= old
                 said = ", ".join(f"{name}=…" for name in modern)
                 warnings.warn(f"{function.__qualname__}: say {said}", DeprecationWarning, stacklevel=2)
-                given, named = given[:placed] + given[placed + len(by_name) :], {**named, **modern}
+                given, named = given[:placed], {**named, **modern}
             return function(*given, **named)
 
         return call  # type: ignore[return-value]

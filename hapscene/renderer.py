@@ -329,13 +329,8 @@ class Renderer:
         for m, (name, given) in enumerate(poses.items()):
             if name not in self._body_names:
                 raise SceneError(no_such("body", name, self._body_names))
-            X = numbers(given)
-            if X.shape != (count, 4, 4):
-                raise SceneError(
-                    f"poses of body {name!r} must be ({count}, 4, 4), one for each tick; they are {X.shape}"
-                )
             moving[m] = self._body_names.index(name)
-            X_WB[:, m] = rigid(X, f"body {name!r}")
+            X_WB[:, m] = rigid(given, f"poses of body {name!r}", count)
         return moving, X_WB
 
 

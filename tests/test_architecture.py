@@ -178,6 +178,14 @@ def test_library_has_one_importer(library: str, allowed: str) -> None:
     assert importers <= {allowed}
 
 
+def test_what_a_module_imports_can_be_read() -> None:
+    """By full names: relative ones, or those of the package itself, loaded when used, would be seen by no test."""
+    for source in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            assert not (isinstance(node, ast.ImportFrom) and node.level), source
+            assert not (isinstance(node, ast.Import) and any(alias.name == "hapscene" for alias in node.names)), source
+
+
 def test_import_loads_nothing_heavy() -> None:
     heavy = "{'numba', 'scipy', 'trimesh', 'matplotlib', 'pyrender', 'numpy'}"
     code = f"import sys, hapscene; print(sorted({heavy} & set(sys.modules)))"

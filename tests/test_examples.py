@@ -24,7 +24,9 @@ def test_no_path_is_deeper_than_two_dots(example: Path) -> None:
     tree = ast.parse(example.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
-            assert not (node.module or "").startswith("hapscene."), node.module
+            assert (node.module or "").partition(".")[0] != "hapscene", node.module
+        if isinstance(node, ast.Import):
+            assert not any(alias.name.startswith("hapscene.") for alias in node.names)
         if isinstance(node, ast.Attribute):
             path = ast.unparse(node)
             assert not re.fullmatch(r"hapscene(\.\w+){3,}", path), path

@@ -23,7 +23,8 @@ from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
@@ -152,7 +153,7 @@ def _texture(models: HattModels) -> tuple[Texture, str]:
 
 
 def export_hatt(
-    swatch: Swatch,
+    swatch: SwatchLike,
     models_xml: str | os.PathLike[str],
     taps_xml: str | os.PathLike[str] | None = None,
     rate_Hz: float | None = None,
@@ -171,6 +172,7 @@ def export_hatt(
     Raises:
         SwatchError: the swatch has no texture, or no taps where they are asked for; a file cannot be written.
     """
+    swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     if swatch.texture is None:
         raise SwatchError(f"swatch {swatch.name!r} has no texture: there are no models to write")
     if taps_xml is not None and swatch.taps is None:

@@ -26,7 +26,8 @@ from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.errors import SwatchError
 from hapscene.files import write_whole
 from hapscene.old_spellings import old_spellings
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.taps import Taps
 
 TIMESCALE_MAX: Final = 48_000
@@ -43,7 +44,7 @@ _HAND: Final = 0  # body part mask: unspecified
 
 @old_spellings(slip_m_s="speed_m_s")
 def export_hjif(
-    swatch: Swatch,
+    swatch: SwatchLike,
     path: str | os.PathLike[str],
     *,
     force_N: float,
@@ -66,6 +67,7 @@ def export_hjif(
     Raises:
         SwatchError: nothing to write, a number out of range, or the file cannot be written.
     """
+    swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     target = Path(path)
     if target.suffix != ".hjif":
         raise SwatchError(f"{target}: an MPEG haptics file's name must end in .hjif")

@@ -15,7 +15,8 @@ from hapscene.dsp.lattice import run_lattice
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch, SwatchLike
 
 BLOCK_S: Final = 0.01
 """How long one filter is kept [s]: force and speed are below 20 Hz, so they change little in that time. The level is
@@ -29,7 +30,7 @@ _PART: Final = 4096  # blocks whose filters are made at once: their memory is bo
 
 @old_spellings(slip_m_s="speed_m_s")
 def synthesize(
-    swatch: Swatch, force_N: ArrayLike, speed_m_s: ArrayLike, *, rate_Hz: float | None = None, seed: int = 0
+    swatch: SwatchLike, force_N: ArrayLike, speed_m_s: ArrayLike, *, rate_Hz: float | None = None, seed: int = 0
 ) -> Array:
     """Acceleration (n,) [m/s²] along normal forces (n,) [N] and slip speeds (n,) [m/s], sampled at `rate_Hz`.
 
@@ -39,6 +40,7 @@ def synthesize(
     Raises:
         CaptureError: the swatch has no texture, the two series differ in length, or the seed is none.
     """
+    swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     if not isinstance(seed, Integral) or seed < 0:
         raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
     if swatch.texture is None:

@@ -44,7 +44,7 @@ def simulated_device(device: "DeviceLike") -> PointMass | Omni:
     if isinstance(device, PointMass | Omni):
         return device
     known = device_of(device)
-    if known.name == "omni":
+    if known is DEVICES["omni"]:
         return Omni()
     if known.point is None:
         able = ", ".join(name for name, other in DEVICES.items() if other.point is not None)

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 
 DeviceLike: TypeAlias = "str | Device | PointMass | Omni"
-"""A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one."""
+"""A device wherever one is taken: by its name, as one of `DEVICES`, or as a simulated one. The first two bring limits
+along; a simulated one that a hand holds (`Twin`, `Servo`) has none unless they are given."""
 
 DELAY_MAX: Final = 63
 """Longest delay that the passivity controller reckons with [ticks]. Sets the size of its memory of forces sent."""
@@ -46,7 +47,7 @@ LIMIT: Final = np.dtype(
 class Limits:
     """Limits of a device, infinite where it has none, and the stabilisers that the tick has for it, 0 for none.
 
-    `hapscene.device.model.limits_of` finds those of a named device.
+    `hapscene.device.model.limits_of` finds those of a device.
 
     Attributes:
         force_N: largest force of the base motors. Over it the magnitude is cut, the direction kept.
@@ -209,7 +210,9 @@ def device_of(device: "DeviceLike") -> Device:
     from hapscene.device.omni import Omni  # itself heavy to import
 
     if isinstance(device, Omni):
-        return DEVICES["omni"]
+        known = DEVICES["omni"]
+        mass = PointMass(known.point.mass_kg, device.damping_Ns_m, device.friction_N, device.resolution_m)  # type: ignore[union-attr]
+        return known if mass == known.point else replace(known, point=mass)
     raise HapsceneError(
         f"a device is a name ({', '.join(DEVICES)}), one of hapscene.device.DEVICES, a PointMass or an Omni, "
         f"not {device!r:.60}"
@@ -279,8 +282,9 @@ def wall_limit(device: "DeviceLike", tick_s: float, delay_ticks: int = 0, damped
     return stiffness, float(B[np.flatnonzero(stiffness <= K)[-1]])
 
 
-def damping_for(device: Device, stiffness_N_m: float, tick_s: float, delay_ticks: int = 0) -> float:
+def damping_for(device: "DeviceLike", stiffness_N_m: float, tick_s: float, delay_ticks: int = 0) -> float:
     """Least damping [N·s/m] with which a device holds, with the margin, a wall no stiffer than its `wall_limit`."""
+    device = device_of(device)
     K, B = _border(device, tick_s, delay_ticks)
     rising = slice(0, int(np.argmax(K)) + 1)
     return max(0.0, float(np.interp(stiffness_N_m, K[rising], B[rising])))

@@ -41,6 +41,9 @@ class Export:
     draft: bool = False
     beside: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Export {self.suffix}: {self.summary}>"
+
 
 def _write_draft(scene: Scene, path: Path) -> list[Path]:
     return write_gltf(scene, path, draft=True)

@@ -31,9 +31,9 @@ from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre,
 from hapscene.paint.painting import ERASE, Painting
 from hapscene.paint.swatch_tuning import SwatchTuning
 from hapscene.scene.body import Body
-from hapscene.scene.scene import Scene, SwatchLike, load_scene
+from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import Swatch, SwatchLike
 
 __all__ = ["ERASE", "Hit", "Session"]
 

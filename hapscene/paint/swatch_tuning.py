@@ -13,10 +13,9 @@ from hapscene.errors import SceneError, SwatchError
 from hapscene.paint.history import SwatchDelta, SwatchState
 from hapscene.paint.painting import Painting
 from hapscene.paint.parameter import LABELS, Parameter, parameters_of, tuned
-from hapscene.scene.scene import SwatchLike
 from hapscene.surface.effect import Effect
 from hapscene.surface.library import add, find, library_folder
-from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.view.palette import distinct_colours, rgb
 

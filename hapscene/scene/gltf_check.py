@@ -32,7 +32,7 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
         MeshError: with the first of them; or it is no such file.
     """
     with refusing(MeshError):
-        tree, _ = parse_gltf(content, binary, where)
+        tree, _ = parse_gltf(content, binary, where, strict=False)
     views = [_view(view, i, where) for i, view in enumerate(items_of(tree, "bufferViews", where))]
     ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
     for view in views:
@@ -45,8 +45,10 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
             raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")
 
 
-def parse_gltf(content: bytes, binary: bool, where: str) -> tuple[dict[str, Any], bytes]:
+def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Any], bytes]:
     """The JSON tree of a .gltf or a (`binary`) .glb, bounded before it is made, and the latter's chunk of data.
+
+    What is not to be `strict` may have texts that are not UTF-8, and lists without number: trimesh reads it itself.
 
     Raises:
         FormatError: no such file, truncated, or with more JSON than is read.
@@ -65,10 +67,10 @@ def parse_gltf(content: bytes, binary: bool, where: str) -> tuple[dict[str, Any]
         if len(text) > JSON_MAX_B:
             raise FormatError(f"{where}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
     found = text.count(b"[") + text.count(b"{")
-    if found > CONTAINER_MAX:
+    if strict and found > CONTAINER_MAX:
         raise FormatError(f"{where}: {found:,} lists and objects; at most {CONTAINER_MAX:,} are read")
     try:
-        tree = json.loads(text.decode("utf-8-sig", errors="replace"))
+        tree = json.loads(text if strict or not binary else text.decode("utf-8-sig", errors="replace"))
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{where}: not a readable {kind} file, or truncated: {str(error)[:200]}") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):

@@ -19,7 +19,7 @@ class Finding:
         what: what was found.
         touch: what that means for touching the mesh.
         advice: what to do.
-        fixable: whether `hapscene.scene.mesh_doctor.mend` does it.
+        fixable: whether `hapscene.scene.mesh_doctor.repair` does it.
         examples: indices of the first faces or vertices concerned.
     """
 

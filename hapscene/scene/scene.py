@@ -17,12 +17,10 @@ from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
 from hapscene.scene.region import Region
 from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
-from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 
 if TYPE_CHECKING:
     import trimesh
-
-SwatchLike = Swatch | str | os.PathLike[str]
 
 SWATCH_MAX: Final = np.iinfo(np.int16).max
 """Most swatches of one scene [count], by the type of `Body.face_swatch`."""

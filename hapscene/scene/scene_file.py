@@ -416,6 +416,5 @@ def _write_swatch(scene: "Scene", index: int, files: SidecarFiles) -> str:
 def _layout(content: dict[str, Any]) -> str:
     """JSON with a line for each key, row of a pose and run of a painting: to read, and to compare."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-    # Lists of plain numbers on one line; then the runs of a body's painting, ten to a line at most.
     # Innermost lists go on one line. Only the layout has line breaks: in a text they are escaped.
     return re.sub(r"\[\n([^\[\]{}\"]+)\n\s*\]", lambda m: "[" + " ".join(m[1].split()) + "]", text) + "\n"

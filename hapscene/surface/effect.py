@@ -53,7 +53,7 @@ class Param:
 
 @dataclass(frozen=True)
 class State:
-    """Memory of an effect from tick to tick: float64 numbers, or, `seeded`, the state of `surface.random`."""
+    """Memory of an effect from tick to tick: float64 numbers, or, `seeded`, the state of `dsp.noise`."""
 
     name: str
     shape: tuple[int, ...] = ()

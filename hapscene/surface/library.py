@@ -1,7 +1,7 @@
 """A library of swatches: a folder of .swatch files with an index, beside the shipped ones, which are read-only.
 
 The index is a JSON text, `index.json`: name, file, sha256, size, figures, provenance and licence of each swatch. A
-library folder behind any web server is what `hapscene.surface.library` gets swatches from.
+library folder behind any web server is what `get` fetches swatches from.
 """
 
 import hashlib
@@ -22,6 +22,21 @@ from hapscene.files import parse_format, read_bytes, refusing, write_whole
 from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
+
+__all__ = [
+    "LibraryEntry",
+    "add",
+    "find",
+    "get",
+    "library_folder",
+    "load_swatch",
+    "own_entries",
+    "read_index",
+    "remove",
+    "search",
+    "shipped_entries",
+    "shipped_swatches",
+]
 
 INDEX: Final = "index.json"
 FORMAT: Final = "hapscene library"
@@ -48,6 +63,9 @@ class LibraryEntry:
     provenance: str = ""
     licence: str = ""
     figures: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<LibraryEntry {self.name!r}: {', '.join(self.words)}; {self.bytes:,} bytes>"
 
     @property
     def words(self) -> list[str]:

@@ -1,6 +1,7 @@
 """The haptographic swatch: all that is known of how one surface feels."""
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -139,3 +140,7 @@ class Swatch:
 
 PLAIN: Final = Swatch("plain")
 """The surface of bodies that nothing was painted on: stiff, smooth, silent."""
+
+
+SwatchLike = Swatch | str | os.PathLike[str]
+"""A swatch wherever one is taken: itself, by its name, or by the path of its file."""

@@ -1,4 +1,4 @@
-"""Swatches on disk: one JSON text per material, safe to open from anybody, and the library of shipped ones.
+"""Swatches on disk: one JSON text per material, safe to open from anybody.
 
 The numbers are written so that they come back to the bit. Reading runs no code, reads no more than `BYTES_MAX`, and
 checks every key, type, shape and number; what it hands out is a valid `Swatch` or a `SwatchError` naming the file,

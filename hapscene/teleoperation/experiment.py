@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ
+from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram, spectrogram_error
 from hapscene.files import whole_folder
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
@@ -58,7 +58,7 @@ class Rendering:
 
 
 def compare_handles(
-    swatch: "str | Swatch", compensators: tuple[str, ...], grip: str = "medium", seed: int = 0
+    swatch: "str | Swatch", compensators: tuple[str, ...], grip: str = DEFAULT_GRIP, seed: int = 0
 ) -> list[Rendering]:
     """The experiment once for each compensator: taps, a press, strokes, over a line without delay."""
     coupling = Coupling("position")
@@ -97,7 +97,7 @@ def write_experiment(
     out: str | Path,
     swatch: "str | Swatch" = "wood",
     compensator: str = "adaptive",
-    grip: str = "medium",
+    grip: str = DEFAULT_GRIP,
     seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:

@@ -1,8 +1,9 @@
 """What `hapscene teleoperate follower` and `leader` run, for a command is thin: a 1 kHz loop over UDP.
 
-What has arrived is checked (`datagram`) and handed, with the tick, to one call of compiled code (`loop`). When the peer
-has been silent for the coupling's `timeout_s` the motors let go (`port`). After `PATIENCE_S` of silence, when the peer
-says that it ends, or at Ctrl-C, the session ends: the device is no longer driven, and the peer is told.
+What has arrived is checked (`datagram`) and handed, with the tick, to one call of compiled code (`bilateral_loop`).
+When the peer has been silent for the coupling's `timeout_s` the motors let go (`endpoint`). After `PATIENCE_S` of
+silence, when the peer says that it ends, or at Ctrl-C, the session ends: the device is no longer driven, and the peer
+is told.
 """
 
 import gc

@@ -79,6 +79,7 @@ def test_poses_are_rigid():
         (np.diag([1.0, 1, -1, 1]), "mirrors"),
         (np.diag([1.0, 1, 1, 2]), "last row"),
         (turn() * np.nan, "not finite"),
+        (np.stack([turn()] * 3), r"expected \(4, 4\), not \(3, 4, 4\)"),
         ("here", r"matrix \(4, 4\) of numbers"),
         ([[1, 2], [3]], r"matrix \(4, 4\) of numbers"),
     ],

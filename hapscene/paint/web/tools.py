@@ -12,8 +12,7 @@ from hapscene.paint.paintable_mesh import Hit
 from hapscene.paint.session import ERASE, FACET_RAD, Session
 from hapscene.paint.web.scene_view import Pointer, SceneView
 from hapscene.paint.web.touch_hand import TouchHand
-from hapscene.scene.scene import SwatchLike
-from hapscene.surface.swatch import PLAIN
+from hapscene.surface.swatch import PLAIN, SwatchLike
 
 TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch")
 
