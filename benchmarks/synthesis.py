@@ -76,7 +76,7 @@ def _time_filtered(a: Array) -> float:
 
 def _texture(k: Array, force_N: Array, speed_m_s: Array) -> Texture:
     a = ar_from_reflection(k)
-    return Texture.from_models(RATE_HZ, force_N, speed_m_s, a, 1.0 / power_gain(a))
+    return Texture.from_models(RATE_HZ, force_N, speed_m_s, a=a, variance_m2_s4=1.0 / power_gain(a))
 
 
 def _best(job: Callable[[], Array]) -> float:

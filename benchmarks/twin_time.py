@@ -31,7 +31,7 @@ def measure_twin(sheet: Sheet) -> None:
     scene.add(box, name="plate", swatch=load_swatch("wood"))
     for device, model in DEVICES.items():
         for handle, plant in HANDLES.items():
-            intent = act("scrub", scene, 1e-3, "medium")
+            intent = act("scrub", scene, 1e-3, grip="medium")
             twin = Twin(scene, model, handle=plant)
             case, ticks = f"twin, {device}, {handle}", len(twin.run(intent))  # compiles, and places an Omni
             run, reset = partial(twin.run, intent), partial(twin.reset, intent.target_W_m[0])

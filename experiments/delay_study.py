@@ -138,7 +138,7 @@ def measure_stiffness(coupling: Coupling, delay_s: float) -> tuple[float, float]
     operation = Operation(scene, start, coupling=coupling, line=Impairment(delay_s), **bare)
     found = []
     for push_N in (-0.5, -1.0):
-        operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), (0.0, 0.0, push_N)))
+        operated = operation.run(Intent.hold(start, 6000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)))
         found.append((push_N, operated.leader_W_m[-1, 2]))
     queues = [end.queue[0] for end in (operation.leader.end, operation.follower.end)]
     lag_s = float(np.mean([int(queue.lag_ticks) for queue in queues])) * 1e-3

@@ -178,7 +178,7 @@ def slid(
     path = np.tile((*AT_M, -PRESS_N / STICK_N_M), (len(start), 1))
     path[:, 0] += speed_m_s * LEAD_S * (start**3 - 0.5 * start**4)  # from rest to that speed, without a kick
     path[:, 0] -= 0.5 * speed_m_s * LEAD_S
-    twin.run(Intent.hold(path[0], len(start), LEAD, (0.0, 0.0, -PRESS_N)))
+    twin.run(Intent.hold(path[0], len(start), LEAD, push_W_N=(0.0, 0.0, -PRESS_N)))
     path = np.vstack((path, 2.0 * path[-1] - path[-2]))  # where it lets go, still moving
     grip = np.tile(LEAD.row(), (len(path), 1))
     grip[-1] = 0.0
@@ -186,7 +186,7 @@ def slid(
     if isinstance(device, PointMass):
         twin.body.arm.point.v_m_s[0, 0] = speed_m_s  # to the last digit
     count = round(duration_s / tick_s)
-    felt = twin.run(Intent.hold(path[-1], count, "none", (0.0, 0.0, -PRESS_N)))
+    felt = twin.run(Intent.hold(path[-1], count, "none", push_W_N=(0.0, 0.0, -PRESS_N)))
     return felt, COULOMB * float(felt.recording.normal_force_N[0])
 
 
@@ -203,7 +203,7 @@ def rest_of_omni() -> list[Answer]:
         twin = _twin(device, 1e-3)
         _press(twin, 1e-3)
         half = 0.5 * COULOMB * PRESS_N
-        felt = twin.run(Intent.hold((*AT_M, 0.0), 20_000, "none", (half, 0.0, -PRESS_N)))
+        felt = twin.run(Intent.hold((*AT_M, 0.0), 20_000, "none", push_W_N=(half, 0.0, -PRESS_N)))
         drift_m = float(np.linalg.norm(felt.p_W_m[-1, :2] - felt.p_W_m[2000, :2]))
         answers.append(Answer(f"drift-{name}", "drift in 18 s at half the friction [µm]", 0.0, 1e6 * drift_m, 1.0))
     return answers
@@ -283,4 +283,4 @@ def _press(twin: Twin, tick_s: float, press_N: float = PRESS_N) -> None:
     """Bring the tool on to the surface and press, until it is at rest."""
     twin.reset((*AT_M, 1e-4))
     depth = (*AT_M, -press_N / STICK_N_M)
-    twin.run(Intent.hold(depth, round(SETTLE_S / tick_s), LEAD, (0.0, 0.0, -press_N)))
+    twin.run(Intent.hold(depth, round(SETTLE_S / tick_s), LEAD, push_W_N=(0.0, 0.0, -press_N)))

@@ -182,7 +182,7 @@ def _target(gesture: str) -> NDArray[np.float64]:
 def _felt_stiffness(twin: Twin, target_W_m: NDArray[np.float64]) -> float:
     """Force over depth while the hand pushes on [N/m]."""
     down = target_W_m / np.linalg.norm(target_W_m) if abs(target_W_m[2]) > 0.01 else np.array((0.0, 0.0, 1.0))
-    felt = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], tuple(-PUSH_N * down)))
+    felt = twin.run(Intent.hold(tuple(target_W_m), 1500, GRIPS["light"], push_W_N=tuple(-PUSH_N * down)))
     force = np.linalg.norm(felt.f_motor_W_N[-500:].mean(axis=0))
     depth = np.linalg.norm((felt.recording.p_WP_m - felt.p_W_m)[-500:].mean(axis=0))
     return float(force / depth)

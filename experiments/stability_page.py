@@ -149,7 +149,10 @@ def _limits() -> str:
     rows = []
     for name, device in DEVICES.items():
         if device.point is not None:
-            pairs = [[wall_limit(device, TICK_S / rate, d, damped)[0] for damped in (True, False)] for rate, d in loops]
+            pairs = [
+                [wall_limit(device, TICK_S / rate, d, damped=damped)[0] for damped in (True, False)]
+                for rate, d in loops
+            ]
             rows.append((name, *(f"{damped:.0f} / {undamped:.0f}" for damped, undamped in pairs)))
     head = ("device", *(f"{rate} kHz, d = {d}" for rate, d in loops))
     return f"""## Limits of a device, and the margin

@@ -288,7 +288,7 @@ def _line(speed_m_s: float, count: int, width_m: float, stripes: int) -> Array:
 def _swatch(name: str, a: Array, rate_Hz: float) -> Swatch:
     """A swatch whose texture is one model of variance 1, whatever force and speed."""
     gain = power_gain(a[None])
-    texture = Texture.from_models(rate_Hz, [0.5], [SPEED_M_S / 2.0], a[None], 1.0 / gain)
+    texture = Texture.from_models(rate_Hz, [0.5], [SPEED_M_S / 2.0], a=a[None], variance_m2_s4=1.0 / gain)
     return Swatch(name, texture=texture)
 
 

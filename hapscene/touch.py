@@ -92,7 +92,7 @@ def write_touch(
         picture = None
         if with_picture:
             theme = DARK if dark else LIGHT
-            picture = beside.submit(write_picture, scene, recording, folder / "scene.png", None, theme)
+            picture = beside.submit(write_picture, scene, recording, folder / "scene.png", size=None, theme=theme)
         with step(say, "writing touch.npz, touch.csv, feel.wav"):
             recording.save(folder / "touch.npz")
             recording.save_csv(folder / "touch.csv")
@@ -100,7 +100,7 @@ def write_touch(
             full_scale_m_s2 = write_sound(heard, folder / "feel.wav")
         with step(say, "plotting plots.png"):
             heading = f"{title}: {len(recording):,} ticks, {np.count_nonzero(recording.touching):,} in contact"
-            write_plot(recording, folder / "plots.png", heading, albedo_colours(scene.swatches), dark)
+            write_plot(recording, folder / "plots.png", heading, colours=albedo_colours(scene.swatches), dark=dark)
         if picture is not None:
             with step(say, "drawing scene.png"):
                 try:

@@ -431,7 +431,7 @@ def load_surface(
     path = Path(name_or_path)
     if path.suffix == SUFFIX or not path.is_file():
         return ComparedSurface(load_swatch(name_or_path))
-    recording = load_recording(path, rate_Hz, columns, units)
+    recording = load_recording(path, rate_Hz, columns=columns, units=units)
     with refusing(CaptureError, path):
         swatch = _fitted(recording, path.stem)
     try:

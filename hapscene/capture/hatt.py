@@ -23,6 +23,7 @@ from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
+from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
@@ -152,10 +153,12 @@ def _texture(models: HattModels) -> tuple[Texture, str]:
     )
 
 
+@old_spellings()
 def export_hatt(
     swatch: SwatchLike,
     models_xml: str | os.PathLike[str],
     taps_xml: str | os.PathLike[str] | None = None,
+    *,
     rate_Hz: float | None = None,
 ) -> None:
     """Writes a swatch's texture, and with `taps_xml` its taps, in the toolkit's layout, each file whole or not at all.

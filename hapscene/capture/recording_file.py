@@ -16,6 +16,7 @@ from hapscene.capture.recording_source import AXES, RecordingSource, read_record
 from hapscene.capture.streams import Array, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.files import refusing
+from hapscene.old_spellings import old_spellings
 from hapscene.wire.unit import UNITS
 
 # Three axes of acceleration made one: DFT321.
@@ -117,9 +118,11 @@ class SurfaceRecording:
         return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
 
 
+@old_spellings()
 def load_recording(
     path: str | os.PathLike[str],
     rate_Hz: float | None = None,
+    *,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> SurfaceRecording:

@@ -52,7 +52,9 @@ def fit_texture(
         force = np.array([group.force_N.mean() for group in groups])
         speed = np.array([group.speed_m_s.mean() for group in groups])
     level = fit_level(pieces)(force, speed)
-    texture = Texture.from_models(rate_Hz, force, speed, a, level / power_gain(a), interpolation)
+    texture = Texture.from_models(
+        rate_Hz, force, speed, a=a, variance_m2_s4=level / power_gain(a), interpolation=interpolation
+    )
     return _with_power(texture, pieces)
 
 

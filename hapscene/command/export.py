@@ -45,7 +45,7 @@ def _export(options: argparse.Namespace) -> int:
     with step(say, loading(options.scene)):
         scene: Scene = _open(options.scene, options.unit)
     try:
-        made = export_scene(scene, options.out, name, options.replace)
+        made = export_scene(scene, options.out, name, replace=options.replace)
     except SaveConflict as conflict:
         raise SaveConflict(f"{conflict} (--replace)") from None
     name_made(made)

@@ -176,7 +176,9 @@ def _identify(options: argparse.Namespace) -> int:
     responses = [recording.response((options.low, options.high)) for recording in recordings]
     names, rate_Hz = [recording.name for recording in recordings], recordings[0].rate_Hz
     bandwidth_Hz = ACCELEROMETER_HZ if options.accelerometer is None else options.accelerometer
-    handle = identify(responses, rate_Hz, names, guess, bandwidth_Hz, options.name, provenance)
+    handle = identify(
+        responses, rate_Hz, names, guess=guess, accelerometer_Hz=bandwidth_Hz, name=options.name, provenance=provenance
+    )
     print("\n".join(describe_lines(handle)))
     name_made(write_result(handle, responses, [] if options.files else recordings, Path(options.out)))
     return 0

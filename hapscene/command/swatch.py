@@ -218,7 +218,7 @@ def _get(options: argparse.Namespace) -> int:
     broken: list[str] = []
     for i, name in enumerate(names, 1):
         try:
-            entry = get(name, address, entries, options.library, options.replace)
+            entry = get(name, address, entries, folder=options.library, replace=options.replace)
         except SwatchError as error:
             broken.append(str(error))
             continue
@@ -291,7 +291,7 @@ def _export_hatt(options: argparse.Namespace) -> int:
     from hapscene.capture.hatt import export_hatt
     from hapscene.surface.library import load_swatch
 
-    export_hatt(load_swatch(options.swatch), options.out, options.taps, options.rate)
+    export_hatt(load_swatch(options.swatch), options.out, options.taps, rate_Hz=options.rate)
     name_made([Path(file) for file in (options.out, options.taps) if file is not None])
     return 0
 

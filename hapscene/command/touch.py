@@ -128,7 +128,7 @@ def _show(options: argparse.Namespace, scene: Any) -> None:
     if options.hand is not None:
         recording = felt(recording, out / "hand.npz")
     print("playing it in a window; close the window, or press Ctrl-C, to end", flush=True)
-    play_in_window(scene, recording, f"hapscene: {Path(options.scene).name}", DARK if options.dark else LIGHT)
+    play_in_window(scene, recording, f"hapscene: {Path(options.scene).name}", theme=DARK if options.dark else LIGHT)
 
 
 def _check_hand(options: argparse.Namespace) -> None:
@@ -180,7 +180,9 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     held = Omni() if device.name == "omni" else device.point
     assert held is not None  # as was checked
     with step(say, f"the hand: {options.hand}"):
-        intent = act(options.hand, scene, TICK_S, options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+        intent = (
+            act(options.hand, scene, TICK_S, grip=options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+        )
 
     def ready() -> Twin:
         return Twin(

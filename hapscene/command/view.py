@@ -88,7 +88,7 @@ def _view(options: argparse.Namespace) -> int:
     theme = DARK if options.dark else LIGHT
     with step(say, f"drawing {options.out}"):
         if kind == ".png":
-            write_picture(scene, recording, options.out, options.size, theme)
+            write_picture(scene, recording, options.out, size=options.size, theme=theme)
         else:
             film = Film(
                 size=options.size or Film.size,
@@ -98,7 +98,7 @@ def _view(options: argparse.Namespace) -> int:
                 painting=bool(options.painting),
                 theme=theme,
             )
-            write_film(scene, recording, options.out, film, say)
+            write_film(scene, recording, options.out, film=film, say=say)
     name_made([Path(options.out)])
     return 0
 

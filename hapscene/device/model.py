@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, no_such
+from hapscene.old_spellings import old_spellings
 
 if TYPE_CHECKING:
     from hapscene.device.omni import Omni
@@ -240,7 +241,7 @@ def limits_of(device: "DeviceLike", tick_s: float, delay_ticks: int = 0) -> Limi
         return replace(known, device=device.name, delay_ticks=delay_ticks)
     stiffness, damping = wall_limit(device, tick_s, delay_ticks)
     bare = wall_limit(device, tick_s, delay_ticks, damped=False)[0]
-    needed = damping_for(device, stiffness, tick_s, delay_ticks)
+    needed = damping_for(device, stiffness, tick_s, delay_ticks=delay_ticks)
     guard = GUARD_SHARE * damping_max(point.mass_kg, tick_s, delay_ticks)
     if point.c_N > 0.0 and point.quantum_m > 0.0:  # a count more or less must not be felt as a kick
         guard = min(guard, point.c_N * tick_s / point.quantum_m)
@@ -258,7 +259,10 @@ def limits_of(device: "DeviceLike", tick_s: float, delay_ticks: int = 0) -> Limi
     )
 
 
-def wall_limit(device: "DeviceLike", tick_s: float, delay_ticks: int = 0, damped: bool = True) -> tuple[float, float]:
+@old_spellings()
+def wall_limit(
+    device: "DeviceLike", tick_s: float, delay_ticks: int = 0, *, damped: bool = True
+) -> tuple[float, float]:
     """The stiffest wall [N/m] that a device holds with a margin, and the most damping [N·s/m] that it holds with it.
 
     `MARGIN` of the border of stability, with friction at `TOUCH_SPEED_M_S`, and of the step that friction holds; and
@@ -282,7 +286,8 @@ def wall_limit(device: "DeviceLike", tick_s: float, delay_ticks: int = 0, damped
     return stiffness, float(B[np.flatnonzero(stiffness <= K)[-1]])
 
 
-def damping_for(device: "DeviceLike", stiffness_N_m: float, tick_s: float, delay_ticks: int = 0) -> float:
+@old_spellings()
+def damping_for(device: "DeviceLike", stiffness_N_m: float, tick_s: float, *, delay_ticks: int = 0) -> float:
     """Least damping [N·s/m] with which a device holds, with the margin, a wall no stiffer than its `wall_limit`."""
     device = device_of(device)
     K, B = _border(device, tick_s, delay_ticks)

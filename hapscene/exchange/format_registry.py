@@ -16,6 +16,7 @@ from hapscene.exchange.unpainted import read_named, write_obj, write_stl
 from hapscene.exchange.x3d import write_x3d
 from hapscene.exchange.x3d_read import read_x3d
 from hapscene.files import check_file
+from hapscene.old_spellings import old_spellings
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import is_own
@@ -97,8 +98,9 @@ def is_mesh_of(scene: Scene, path: str | os.PathLike[str]) -> bool:
     return is_own(path) or (path.exists() and any(path.samefile(mesh) for mesh in meshes))
 
 
+@old_spellings()
 def export_scene(
-    scene: Scene, path: str | os.PathLike[str], name: str | None = None, replace: bool = False
+    scene: Scene, path: str | os.PathLike[str], name: str | None = None, *, replace: bool = False
 ) -> list[Path]:
     """Write a painted scene for other programs; the files made, each whole or not at all.
 

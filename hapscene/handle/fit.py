@@ -11,6 +11,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.handle_loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
+from hapscene.old_spellings import old_spellings
 
 Interval = tuple[float, float]
 
@@ -193,10 +194,12 @@ _STEP: Final = 1e-6
 """Step of the differences in the search [1], of logarithms and of time constants in their unit."""
 
 
+@old_spellings()
 def identify(
     responses: Sequence[Response],
     rate_Hz: float,
     names: Sequence[str],
+    *,
     guess: Plant | None = None,
     accelerometer_Hz: float = ACCELEROMETER_HZ,
     name: str = "handle",

@@ -31,7 +31,7 @@ class GripRecording:
         """
         band_Hz = (band_Hz[0], min(band_Hz[1], 0.45 * self.rate_Hz))
         with refusing(HandleError, self.name):
-            return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz)
+            return estimate_response(self.force_N, self.acceleration_m_s2, self.rate_Hz, band_Hz=band_Hz)
 
     def save(self, path: Path) -> None:
         """Write it as npz, whole or not at all: `hapscene handle identify --from` reads it.
@@ -113,7 +113,7 @@ def load_grip(
             f"{path}: one column must be the acceleration along the handle: --columns acceleration=COLUMN; "
             f"there are: {', '.join(read_recording_source(Path(path)).columns)}"
         )
-    recording = load_recording(path, rate_Hz, {"acceleration": named, **chosen}, units)
+    recording = load_recording(path, rate_Hz, columns={"acceleration": named, **chosen}, units=units)
     if recording.force_N is None:
         raise HandleError(f'{path}: no column "force": --columns force=COLUMN says which holds the actuator\'s force')
     return GripRecording(Path(path).stem, recording.force_N, recording.acceleration_m_s2, recording.rate_Hz)

@@ -14,6 +14,7 @@ from hapscene.device.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
 from hapscene.motion.look_from_above import UNSEEN, Line, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.old_spellings import old_spellings
 from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ REACH: Final = 0.35
 """Radius of a circle over the shorter of the two best lines [1]."""
 
 
-def act(name: str, scene: "Scene", tick_s: float, grip: str = "light") -> Intent:
+@old_spellings()
+def act(name: str, scene: "Scene", tick_s: float, *, grip: str = "light") -> Intent:
     """A gesture of `GESTURES` on the first body that can be seen from above.
 
     Args:

@@ -96,7 +96,7 @@ def painted_body(swatch: Swatch) -> Pixels | None:
         scene.add(mesh, name="toad", unit="m", swatch=swatch)
     with tempfile.TemporaryDirectory(prefix="hapscene-") as folder:
         try:
-            write_picture(scene, None, Path(folder) / "body.png", DRAWN_PX)
+            write_picture(scene, None, Path(folder) / "body.png", size=DRAWN_PX)
         except ViewError:
             return None
         with Image.open(Path(folder) / "body.png") as picture:

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike, Limits
 from hapscene.errors import SceneError, no_such
+from hapscene.old_spellings import old_spellings
 from hapscene.paint.document import Document, stamp_of
 from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre, faces_in_box, faces_in_sphere
 from hapscene.paint.painting import ERASE, Painting
@@ -73,8 +74,9 @@ class Session:
         HapsceneError: no such device.
     """
 
+    @old_spellings()
     def __init__(
-        self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", tick_s: float = TICK_S
+        self, scene: Scene, path: str | Path | None = None, device: DeviceLike = "omni", *, tick_s: float = TICK_S
     ) -> None:
         self.painting = painting = Painting(scene)
         self.document = Document(painting, Path(path) if path is not None else None)
@@ -240,8 +242,9 @@ class Session:
         index = self.painting.swatch_index(old)
         return self._fill("swatch for swatch", body, swatch, lambda found, shape: found.face_swatch == index)
 
+    @old_spellings()
     def fill_sphere(
-        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, body: int | str | None = None
+        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None
     ) -> int:
         """Paint the faces whose centroid is within a distance of a point in W: of one body, or (None) of all.
 
@@ -250,7 +253,8 @@ class Session:
         """
         return self._fill("sphere", body, swatch, partial(faces_in_sphere, centre_W_m, radius_m))
 
-    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, body: int | str | None = None) -> int:
+    @old_spellings()
+    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None) -> int:
         """Paint the faces whose centroid is in a box: of one body, or (None) of all.
 
         Args:

@@ -121,7 +121,7 @@ class Rig:
 
     def push_on(self, push_N: float, count: int) -> Feel:
         """The hand goes on pushing into the sheet, and nothing else, for `count` ticks."""
-        return self.twin.run(Intent.hold((*AT_M, 0.0), count, GRIPS["none"], (0.0, 0.0, -push_N)))
+        return self.twin.run(Intent.hold((*AT_M, 0.0), count, GRIPS["none"], push_W_N=(0.0, 0.0, -push_N)))
 
     def throw(self, height_m: float, speed_m_s: float, count: int) -> Feel:
         """A point mass flies at the sheet from above, held by nobody: `count` ticks of it."""

@@ -219,11 +219,13 @@ class Texture:
         )
 
     @classmethod
+    @old_spellings()
     def from_models(
         cls,
         rate_Hz: float,
         force_N: ArrayLike,
         speed_m_s: ArrayLike,
+        *,
         a: ArrayLike,
         variance_m2_s4: ArrayLike,
         interpolation: str = "lsf",

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import PathError
 from hapscene.geometry import numbers
+from hapscene.old_spellings import old_spellings
 
 NUMBER_MAX: Final = 1e12
 """Largest number of an intention, of whatever unit [1]: beyond any hand, and nothing made of it overflows."""
@@ -67,11 +68,13 @@ class Intent:
         return cls(path, _rows(rows, len(path)), _rows(numbers(push_W_N), len(path)))
 
     @classmethod
+    @old_spellings()
     def hold(
         cls,
         target_W_m: Sequence[float],
         count: int,
         grip: str | Grip = "light",
+        *,
         push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> "Intent":
         """Mean one place (3,) [m] for `count` ticks.

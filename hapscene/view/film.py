@@ -10,6 +10,7 @@ import numpy as np
 
 from hapscene.errors import ViewError
 from hapscene.files import whole_file
+from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, place
 from hapscene.view.figure_parts import make_figure_parts
@@ -69,10 +70,12 @@ class Film:
     theme: Theme = LIGHT
 
 
+@old_spellings()
 def write_film(
     scene: "Scene",
     recording: Recording | None,
     path: str | Path,
+    *,
     film: Film,
     say: Callable[[str], None] = lambda text: None,
 ) -> None:

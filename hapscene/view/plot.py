@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.chart import new_chart, save_chart
 from hapscene.view.palette import INK, OKABE_ITO, SHADE, swatch_colours
@@ -34,8 +35,9 @@ FREQUENCY_MAX_HZ: Final = 1000.0
 """Highest frequency drawn [Hz]: above it no one feels."""
 
 
+@old_spellings()
 def write_plot(
-    recording: Recording, path: str | Path, title: str = "", colours: Sequence[str] | None = None, dark: bool = False
+    recording: Recording, path: str | Path, title: str = "", *, colours: Sequence[str] | None = None, dark: bool = False
 ) -> None:
     """Draw swatch, force, depth, acceleration and its spectrogram over time as PNG.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
+from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, pose_of
 from hapscene.view.figure_parts import FigureParts, make_figure_parts
@@ -54,7 +55,8 @@ def check_display() -> None:
         )
 
 
-def play_in_window(scene: "Scene", recording: Recording, title: str = "", theme: Theme = LIGHT) -> None:
+@old_spellings()
+def play_in_window(scene: "Scene", recording: Recording, title: str = "", *, theme: Theme = LIGHT) -> None:
     """Open a window that plays a touch; return when it is closed, or by Ctrl-C.
 
     Args:
