@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from hapscene.device.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
-from hapscene.motion.look_from_above import UNSEEN, Line, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.motion.look_from_above import (
+    UNSEEN,
+    Line,
+    between,
+    look_from_above,
+    places_to_feel,
+)
 from hapscene.old_spellings import old_spellings
 from hapscene.twin.hand_intent import Intent
 
@@ -72,17 +78,12 @@ class _Place:
     def __init__(self, scene: "Scene", tick_s: float) -> None:
         self.tick_s = tick_s
         look = look_from_above(scene)
-        for index, body in enumerate(scene.bodies):
-            window_m = window_of(bounds_of(body))
-            lines = lines_of(look, index, window_m)
-            if len(lines) == 2:
-                break
-        else:
+        lines, size_m = next(places_to_feel(scene, look), ([], 0.0))
+        if not lines:
             raise PathError(f"{UNSEEN}; or follow a path: --hand follow --path hand.csv")
         self.line: Line = lines[0]
         self.middle_m = between(*lines[0], 0.5)
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
-        size_m = float(np.min(window_m[1] - window_m[0]))
         hover_m = min(HOVER_M, 0.2 * size_m)
         z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
         self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m)

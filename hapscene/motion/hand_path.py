@@ -3,13 +3,14 @@
 Every movement follows the minimum-jerk profile that free human movement follows (Flash & Hogan 1985).
 """
 
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import PathError
-from hapscene.motion.look_from_above import UNSEEN, Look, between, bounds_of, lines_of, look_from_above, window_of
+from hapscene.motion.look_from_above import UNSEEN, Look, between, look_from_above, places_to_feel
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -196,15 +197,7 @@ def explore(scene: "Scene", tick_s: float, depth_m: float | None = None) -> NDAr
     """
     look = look_from_above(scene)
     hand: Hand | None = None
-    felt_count = 0
-    for index, body in enumerate(scene.bodies):
-        window_m = window_of(bounds_of(body))
-        rows = lines_of(look, index, window_m)
-        if len(rows) < 2 or felt_count == BODY_MAX:
-            continue
-        felt_count += 1
-        first, second = rows
-        size_m = float(np.min(window_m[1] - window_m[0]))
+    for (first, second), size_m in islice(places_to_feel(scene, look), BODY_MAX):
         hover_m = min(HOVER_M, 0.2 * size_m)
         deep_m = min(DEPTH_M, 0.05 * size_m) if depth_m is None else depth_m
         x_m, y_m = between(*first, 0.2)

@@ -1,6 +1,6 @@
 """A scene as it is seen from above: where there is something to touch, and which lines are worth a stroke."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
@@ -114,6 +114,15 @@ def lines_of(look: Look, body: int, window_m: NDArray[np.float64]) -> list[Line]
         start, end = [(float(x_m[k]), float(y_m[best])) if along_x else (float(x_m[best]), float(y_m[k])) for k in ends]
         lines.append((start, end))
     return lines
+
+
+def places_to_feel(scene: "Scene", look: Look) -> Iterator[tuple[list[Line], float]]:
+    """Of each body that can be felt from above, its best lines along x and y, and the size of what is felt [m]."""
+    for index, body in enumerate(scene.bodies):
+        window_m = window_of(bounds_of(body))
+        lines = lines_of(look, index, window_m)
+        if len(lines) == 2:
+            yield lines, float(np.min(window_m[1] - window_m[0]))
 
 
 def _score(swatch: NDArray[np.int64], row: int) -> float:

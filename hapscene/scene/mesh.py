@@ -75,7 +75,10 @@ class Mesh:
         where = f"{self.path}: " if self.path else "mesh: "
         vertices, faces = np.asarray(self.vertices_m), np.asarray(self.faces)
         _check_shape(vertices, faces, where)
-        _check_indices(vertices, faces, where)
+        _check_indices(faces, len(vertices), where)
+        if not np.isfinite(vertices).all():
+            vertex = int(np.argwhere(~np.isfinite(vertices))[0, 0])
+            raise MeshError(f"{where}vertex {vertex} is not finite: {vertices[vertex].tolist()}")
         group = np.asarray(self.group) if len(self.group) else np.zeros(len(faces), np.int16)
         if group.shape != (len(faces),) or group.min() < 0 or group.max() >= len(self.group_names):
             raise MeshError(f"{where}group must give every face an index into its {len(self.group_names)} names")
@@ -178,16 +181,13 @@ def _check_shape(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> Non
         raise MeshError(f"{where}{len(faces):,} faces; at most {FACE_MAX:,} are taken: reduce the mesh first")
 
 
-def _check_indices(vertices: NDArray[Any], faces: NDArray[Any], where: str) -> None:
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        face, corner = np.argwhere((faces < 0) | (faces >= len(vertices)))[0]
+def _check_indices(faces: NDArray[Any], vertex_count: int, where: str, of: str = "") -> None:
+    if len(faces) and (faces.min() < 0 or faces.max() >= vertex_count):
+        face, corner = np.argwhere((faces < 0) | (faces >= vertex_count))[0]
         raise MeshError(
-            f"{where}face {face} names vertex {faces[face, corner]}, but there are only vertices "
-            f"0 to {len(vertices) - 1}"
+            f"{where}face {face}{of} names vertex {faces[face, corner]}, but there are only vertices "
+            f"0 to {vertex_count - 1}"
         )
-    if not np.isfinite(vertices).all():
-        vertex = int(np.argwhere(~np.isfinite(vertices))[0, 0])
-        raise MeshError(f"{where}vertex {vertex} is not finite: {vertices[vertex].tolist()}")
 
 
 def _check_extent(mesh: Mesh, where: str) -> None:
@@ -239,13 +239,7 @@ def join(parts: list[Part], unit: str, path: Path | None) -> Mesh:
     place = {name: i for i, name in enumerate(names)}
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     for part in parts:  # checked here too, since an index past its own part would name a vertex of the next
-        if len(part.faces) and (part.faces.min() < 0 or part.faces.max() >= len(part.vertices)):
-            bad = int(np.argmax(((part.faces < 0) | (part.faces >= len(part.vertices))).any(axis=1)))
-            of = f" of {part.names[0]!r}" if len(parts) > 1 else ""
-            raise MeshError(
-                f"{where}face {bad}{of} names vertices {part.faces[bad].tolist()}, "
-                f"but there are only vertices 0 to {len(part.vertices) - 1}"
-            )
+        _check_indices(part.faces, len(part.vertices), where, f" of {part.names[0]!r}" if len(parts) > 1 else "")
     return Mesh(
         vertices_m=np.concatenate([np.asarray(part.vertices, np.float64) for part in parts]) * UNIT_M[unit],
         faces=np.concatenate([part.faces.astype(np.int64) + at for part, at in zip(parts, start, strict=False)]),

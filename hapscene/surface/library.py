@@ -309,7 +309,7 @@ def _text(entry: LibraryEntry) -> str:
 # Swatches from a library on the web: any folder of swatches with its index behind a plain web server.
 #
 # Nothing is believed: names and sizes of the index are checked, what arrives is never more than the index says, its
-# hash must match (pooch), and it is opened as any stranger's swatch is before it enters the library. A transfer that
+# hash must match, and it is opened as any stranger's swatch is before it enters the library. A transfer that
 # breaks off is taken up where it stopped, if the server can, also by a later call; else it is begun again.
 
 
@@ -372,30 +372,10 @@ def get(
 
 
 def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:
-    """The content at `url`, of the size and hash that the entry says."""
-    import pooch
-
-    pooch.get_logger().setLevel("ERROR")
+    """The content at `url`, of the size that the entry says."""
     part = home / f".{entry.sha256}.part"  # kept when a transfer breaks off, for the next try
-    whole = home / f".{entry.sha256}.whole"
-
-    def download(address: str, output: Any, _: Any) -> None:
-        _resumed(address, entry.bytes, part)
-        part.replace(output)
-
     if part.is_symlink() or (part.exists() and (not part.is_file() or part.stat().st_size > entry.bytes)):
         part.unlink()
-    try:
-        pooch.retrieve(url, f"sha256:{entry.sha256}", whole.name, home, downloader=download)
-        return whole.read_bytes()
-    except ValueError:  # pooch's word for another hash
-        raise SwatchError(f"{url}: its content is not what the index says (sha256): not taken") from None
-    finally:
-        whole.unlink(missing_ok=True)
-
-
-def _resumed(url: str, size: int, part: Path) -> None:
-    """Fills `part` up to `size` bytes, from where it stands."""
     with part.open("ab") as file:
 
         def write(data: bytes) -> None:
@@ -406,10 +386,13 @@ def _resumed(url: str, size: int, part: Path) -> None:
             file.seek(0)
             file.truncate()
 
-        _retried(url, size, file.tell, write, clear)
-        if file.tell() != size:
+        _retried(url, entry.bytes, file.tell, write, clear)
+        if file.tell() != entry.bytes:
             clear()
-            raise SwatchError(f"{url}: is shorter than the {size} bytes that the index says: not taken")
+            raise SwatchError(f"{url}: is shorter than the {entry.bytes} bytes that the index says: not taken")
+    data = part.read_bytes()
+    part.unlink()
+    return data
 
 
 def _retried(

@@ -1,6 +1,6 @@
 """The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -69,32 +69,23 @@ def build_surface(
         EffectError: an effect that does not compile.
     """
     swatches = scene.swatches
-    param_start = np.zeros((len(swatches), len(effects)), np.int64)
-    table_start = np.zeros((len(swatches), len(effects) + 1), np.int64)
-    params: list[NDArray[np.uint8]] = []
-    tables: list[NDArray[np.float64]] = []
-    param_size = table_size = 0
-    for s, swatch in enumerate(swatches):
-        for e, effect in enumerate(effects):
-            param_start[s, e], table_start[s, e] = param_size, table_size
-            params.append(_params(effect, swatch))
-            tables.append(_table(effect, swatch, a_rate_Hz))
-            param_size += len(params[-1])
-            table_size += len(tables[-1])
-        table_start[s, len(effects)] = table_size
-    sizes = [effect.state_dtype.itemsize for effect in effects]
-    counts = [len(body.face_swatch) for body in scene.bodies]
+    params = [_params(effect, swatch) for swatch in swatches for effect in effects]
+    tables = [_table(effect, swatch, a_rate_Hz) for swatch in swatches for effect in effects]
+    shape = len(swatches), len(effects)
+    table_start = _starts(map(len, tables))
+    last = table_start[len(effects) * np.arange(1, len(swatches) + 1)]  # where each swatch's tables end
+    state_start = _starts(effect.state_dtype.itemsize for effect in effects)
     surface = Surface(
         stiffness_N_m=np.array([swatch.stiffness_N_m for swatch in swatches], np.float64),
         paint=np.concatenate([np.zeros(0, np.int16), *(body.face_swatch for body in scene.bodies)]),
-        paint_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        paint_start=_starts(len(body.face_swatch) for body in scene.bodies),
         effects=np.array([compile_effect(effect) for effect in effects], np.int64),
         params=np.concatenate([np.zeros(0, np.uint8), *params]),
-        param_start=param_start,
+        param_start=_starts(map(len, params))[:-1].reshape(shape),
         tables=np.concatenate([np.zeros(0), *tables]),
-        table_start=table_start,
-        states=np.zeros(sum(sizes), np.uint8),
-        state_start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        table_start=np.column_stack((table_start[:-1].reshape(shape), last)),
+        states=np.zeros(state_start[-1], np.uint8),
+        state_start=state_start,
         muted=np.zeros(len(effects), np.int64),
         touch=records(1, TOUCH),
         part=records(1, OUTPUT),
@@ -107,6 +98,11 @@ def build_surface(
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
     return surface
+
+
+def _starts(sizes: Iterable[int]) -> NDArray[np.int64]:
+    """Where pieces of these sizes (n,) begin when they lie one after another, and where the last ends (n + 1,)."""
+    return np.cumsum([0, *sizes], dtype=np.int64)
 
 
 def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Numbers) -> None:

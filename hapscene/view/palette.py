@@ -35,22 +35,15 @@ EDGE: Final = "#808080"
 """Around a swatch's own colour, which may be that of the ground; seen on light and on dark."""
 
 CHART_STYLE: Final[dict[str, Any]] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": INK,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
+    **dict.fromkeys(("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(("axes.axisbelow", "axes.grid"), True),
+    **dict.fromkeys(("axes.spines.right", "axes.spines.top", "legend.frameon"), False),
     "axes.titlelocation": "left",
     "axes.titlesize": 11,
     "figure.titlesize": 13,
     "font.size": 10,
     "grid.color": "#E2E2E2",
     "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
 }
 """How every chart is drawn, as matplotlib's rc parameters."""
 
