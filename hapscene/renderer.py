@@ -55,7 +55,7 @@ class Command(NamedTuple):
         )
 
 
-class Painting(NamedTuple):
+class PreparedPainting(NamedTuple):
     """The swatches of a scene and which face wears which, ready to be felt; `Renderer.repaint` in two halves."""
 
     surface: Surface
@@ -221,15 +221,15 @@ class Renderer:
         """
         self.take_painting(self.prepare_painting(scene))
 
-    def prepare_painting(self, scene: "Scene") -> Painting:
+    def prepare_painting(self, scene: "Scene") -> PreparedPainting:
         """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
         if shapes != [(name, len(mesh.faces)) for name, mesh in zip(self._body_names, self._meshes, strict=True)]:
             raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
         fit, surface, _ = self._fitted(scene)
-        return Painting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
+        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
 
-    def take_painting(self, painting: Painting) -> None:
+    def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
         surface, old = painting.surface, self.surface
         for name in ("touch", "memory", "states", "muted"):

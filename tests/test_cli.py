@@ -272,7 +272,7 @@ def test_debug_shows_the_traceback(folder: Path) -> None:
 def test_interrupt_is_one_line(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*arguments: object) -> None:
+    def interrupt(*arguments: object, **more: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("hapscene.view.plot.write_plot", interrupt)
@@ -335,7 +335,7 @@ def test_demo_feels_three_bodies_and_four_swatches(
     from hapscene.errors import ViewError
     from hapscene.recording import Recording
 
-    def write_picture(*arguments: object) -> None:
+    def write_picture(*arguments: object, **more: object) -> None:
         raise ViewError("not drawn in this test")
 
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
@@ -368,7 +368,7 @@ def test_real_meshes_are_touched(
 ) -> None:
     if name.endswith("STEP"):
         pytest.importorskip("cascadio", reason="cascadio, which reads STEP, is not installed")
-    monkeypatch.setattr("hapscene.view.plot.write_plot", lambda *arguments: None)  # slow, and tested elsewhere
+    monkeypatch.setattr("hapscene.view.plot.write_plot", lambda *arguments, **more: None)  # slow, and tested elsewhere
     mesh = shared / "data" / "meshes" / name
     words = ["touch", str(mesh), "--swatch", "wood", "--out", str(tmp_path / "out"), "--no-picture"]
     assert main([*words, *(["--unit", unit] if unit else [])]) == 0
@@ -394,6 +394,6 @@ def test_real_meshes_are_touched(
 def test_what_is_wrong_with_a_touch_is_told_before_the_mesh_is_loaded(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str], told: str
 ) -> None:
-    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments: pytest.fail("loaded"))
+    monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments, **more: pytest.fail("loaded"))
     assert main(["touch", "cube.ply", "--unit", "m", *words]) == 2
     assert told in capsys.readouterr().err

@@ -38,7 +38,7 @@ def p_WT() -> np.ndarray:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """No GL: what the job does then, and quick."""
 
-    def write_picture(*arguments: object) -> None:
+    def write_picture(*arguments: object, **more: object) -> None:
         raise ViewError("no picture, since no GL: osmesa (none) needs libosmesa6")
 
     monkeypatch.setattr("hapscene.view.picture.write_picture", write_picture)
@@ -99,7 +99,7 @@ def test_job_that_fails_midway_leaves_what_was_there(
     writer: str,
     error: BaseException,
 ) -> None:
-    def fail(*arguments: object) -> None:
+    def fail(*arguments: object, **more: object) -> None:
         raise error
 
     monkeypatch.setattr(writer, fail)
