@@ -34,7 +34,7 @@ def old_spellings(**renamed: str) -> Callable[[Function], Function]:
                 modern |= old
                 said = ", ".join(f"{name}=…" for name in modern)
                 warnings.warn(f"{function.__qualname__}: say {said}", DeprecationWarning, stacklevel=2)
-                given, named = given[:placed], {**named, **modern}
+                given, named = given[:placed] + given[most:], {**named, **modern}
             return function(*given, **named)
 
         return call  # type: ignore[return-value]

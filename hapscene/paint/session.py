@@ -109,8 +109,8 @@ class Session:
         if not path.is_symlink() or not real.name.endswith(SUFFIX):
             real = path
         stamp = stamp_of(path)  # before it is read: what changes meanwhile counts as changed
-        session = cls(load_scene(path, accept_changed), real)  # a painter of a link is one of the file
-        session.document = Document(session.painting, real, stamp, changed=accept_changed)
+        session = cls(load_scene(path, accept_changed))
+        session.document = Document(session.painting, real, stamp, changed=accept_changed)  # of the file, not of a link
         return session
 
     # --- what its parts do ---
