@@ -1,0 +1,87 @@
+"""A confined reader's crash, runaway, flood, chatter and refusal are each one error, and nothing else passes."""
+
+import ctypes
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pytest
+
+from hapscene.confined import confined
+from hapscene.errors import FormatError
+
+
+def give(file: BinaryIO, scale: float) -> dict[str, Any]:
+    """What a reader does that all goes well for."""
+    os.write(1, b"native words\n")
+    return {"numbers": scale * np.frombuffer(file.read(), np.uint8), "none": np.zeros((0, 3)), "word": np.array("mm")}
+
+
+def misbehave(file: BinaryIO, how: str) -> dict[str, Any]:
+    if how == "crash":
+        os.write(2, b"about to fall\n")
+        ctypes.string_at(0)
+    elif how == "run away":
+        while True:
+            time.sleep(1.0)
+    elif how == "fill":
+        return {"much": np.ones(100_000_000)}
+    elif how == "flood":
+        return {"much": np.ones(1_000_000)}
+    elif how == "refuse":
+        raise FormatError("line 3 is no good")
+    elif how == "objects":
+        return {"much": np.array([{}])}
+    elif how == "leave":
+        os._exit(0)
+    raise ZeroDivisionError
+
+
+def _run(reader: Any, *arguments: Any, **limits: Any) -> Any:
+    limits = {"by": "the test's reader", "memory_B": 200_000_000, "output_B": 1_000_000} | limits
+    with tempfile.TemporaryFile() as file:
+        file.write(b"\1\2\3")
+        file.seek(0)
+        return confined(reader, file, *arguments, **limits)
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process finds this file by its name."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    for reader in (give, misbehave):
+        monkeypatch.setattr(reader, "__module__", Path(__file__).stem)
+
+
+def test_gives_arrays_and_what_was_printed() -> None:
+    answer = _run(give, 0.5)
+    assert answer.arrays["numbers"].tolist() == [0.5, 1.0, 1.5]
+    assert answer.arrays["none"].shape == (0, 3)
+    assert answer.arrays["word"] == "mm"
+    assert answer.said == "native words"
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("crash", r"failed on it \(SIGSEGV\).*about to fall"),
+        ("refuse", r"^line 3 is no good$"),
+        ("flood", r"holds more than"),
+        ("objects", r"failed on it|holds more than"),
+        ("leave", r"failed on it"),
+        ("divide", r"ZeroDivisionError"),
+        pytest.param("fill", r"more than 190 MiB", marks=pytest.mark.skipif(sys.platform != "linux", reason="Linux")),
+    ],
+)
+def test_whatever_goes_wrong_is_one_error(how: str, told: str) -> None:
+    with pytest.raises(FormatError, match=told):
+        _run(misbehave, how)
+
+
+def test_a_runaway_is_ended() -> None:
+    with pytest.raises(FormatError, match=r"after 1 s"):
+        _run(misbehave, "run away", time_s=1.0)
