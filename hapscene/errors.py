@@ -115,3 +115,7 @@ def _number(sign: str) -> str:
     if sign < " ":
         return repr(sign)[1:-1]
     return sign if unicodedata.category(sign) == "Zs" else json.dumps(sign)[1:-1]
+
+
+class Codes(str):
+    """Signs that steer the terminal on purpose: written by themselves, they reach it as they are."""

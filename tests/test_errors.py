@@ -26,11 +26,9 @@ def test_what_steers_a_terminal_is_told_by_its_number(case: str) -> None:
 
 
 def test_every_sign_is_safe_and_what_is_none_of_these_stays() -> None:
-    for sign in map(chr, range(sys.maxunicode + 1)):
-        shown = printable(sign)
-        shown.encode()
-        assert shown == sign or unicodedata.category(sign)[0] in "CZ"
-        assert not {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
+    shown = printable("".join(map(chr, range(sys.maxunicode + 1))))
+    shown.encode()
+    assert not {unicodedata.category(sign) for sign in set(shown)} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
     assert printable("Eiche, geölt µ 木 🪵\u00a0½") == "Eiche, geölt µ 木 🪵\u00a0½"
 
 
