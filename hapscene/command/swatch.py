@@ -214,17 +214,16 @@ def _get(options: argparse.Namespace) -> int:
     if not names:
         _print_entries([], entries, False)
         return 0
-    broken: list[str] = []
+    code = 0
     for i, name in enumerate(names, 1):
         try:
             entry = get(name, address, entries, folder=options.library, replace=options.replace)
         except SwatchError as error:
-            broken.append(str(error))
+            complain(str(error))
+            code = 2
             continue
         tell([f"{i}/{len(names)}  {entry.name} → {library_folder(options.library) / entry.file}"])
-    for line in broken:
-        complain(line)
-    return 2 if broken else 0
+    return code
 
 
 # `hapscene swatch import` and `hapscene swatch export`.
