@@ -332,23 +332,22 @@ def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pyte
     server.publish("oak", DATA)
     server.bend["index.json"] = SLOW[where]
     start_s = time.monotonic()
-    with pytest.raises(SwatchError, match=r"index\.json: too slow: \d+ bytes in 0 s: given up"):
+    with pytest.raises(SwatchError, match=r"index\.json: too slow: \d+ bytes in \d+ s: given up"):
         read_index(server.url)
-    assert time.monotonic() - start_s < 2.0
+    assert time.monotonic() - start_s < 10.0
     server.bend = {"oak.swatch": SLOW[where]}
     refused(server, home, r"oak\.swatch: too slow")
 
 
 def test_a_slow_line_is_waited_for_as_long_as_bytes_come(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(library, "PATIENCE_S", 0.2)
-    monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA))
+    monkeypatch.setattr(library, "PATIENCE_S", 1.5)
+    monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA) / 100)
     monkeypatch.setattr(library, "_CHUNK", 2000)
 
     def slow(handler: Any, data: bytes) -> None:
-        send(handler, b"", length=len(data))
-        for k in range(0, len(data), 4000):
-            handler.wfile.write(data[k : k + 4000])
-            time.sleep(0.5 * 4000 / len(data))
+        send(handler, data[:10_000], length=len(data))
+        time.sleep(1.7)
+        handler.wfile.write(data[10_000:])
 
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = slow
@@ -439,7 +438,7 @@ def test_a_slow_server_is_left_at_once(server: Server) -> None:
         start_s = time.monotonic()
         _, said = process.communicate()
     assert (process.returncode, said) == (130, b"hapscene: interrupted; nothing was written\n")
-    assert time.monotonic() - start_s < 5.0
+    assert time.monotonic() - start_s < 10.0
 
 
 def test_the_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str]) -> None:
