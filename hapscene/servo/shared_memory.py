@@ -42,12 +42,12 @@ CHANNEL: Final = np.dtype(
 class Channel:
     """The shared block, and views of its parts. `length` ticks fit into the rings, then they are written over."""
 
-    memory: SharedMemory
     channel: Any  # (1,) CHANNEL
     rows: Any  # (length,) ROW
     felt: Any  # (length,) FELT
     a_m_s2: NDArray[np.float64]  # (length, block) asked for
     a_handle_m_s2: NDArray[np.float64]  # (length, block) of the handle
+    memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
         """Let go of the memory. The views must not be used afterwards."""
@@ -73,7 +73,7 @@ def open_channel(length: int, block: int, name: str | None = None) -> Channel:
         for dtype, size, start in zip(dtypes, sizes, starts[:-1], strict=True)
     ]
     records = [part.view(np.recarray) for part in parts[:3]]
-    return Channel(memory, *records, *(part.reshape(length, block) for part in parts[3:]))
+    return Channel(*records, *(part.reshape(length, block) for part in parts[3:]), memory)
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"

@@ -230,24 +230,49 @@ def test_where_shared_memory_is_short_a_line_says_so(mount: str, says: str, tmp_
 # Kills at any time.
 
 
-MANY = """
-import sys
+USED = """
+import os, sys
+from multiprocessing import shared_memory
 sys.path.insert(0, {folder!r})
 from test_ending import MASS, make_scene
 from hapscene.servo import Servo
-from hapscene.servo import servo as module
-open_channel = module.open_channel
-def noted(*given):
-    channel = open_channel(*given)
-    print(channel.memory.name, flush=True)
-    return channel
-module.open_channel = noted
 if __name__ == "__main__":
-    print("begun", flush=True)
-    with Servo(make_scene(), MASS) as servo:
+    shared_memory._make_filename = lambda: f"/of-{{os.getpid()}}"
+    servo = Servo(make_scene(), MASS)
+    print("made", flush=True)
+    with servo:
         print(servo._process.pid, flush=True)
         servo.start((0.0, 0.0, 0.05))
         while True:
             servo.aim((0.0, 0.0, 0.009)), servo.state(), servo.read()
-            servo.tune("wood") if servo.state().tick % 50 == 0 else None
+            if servo.state().tick % 50 == 0:
+                servo.repaint(make_scene())
 """
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="no folder to see the memory in")
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 20))])
+def test_killed_at_any_time_nothing_stays(seed: int, tmp_path: Path) -> None:
+    chance, running = random.Random(seed), seed % 3 > 0
+    application = begin(tmp_path, USED)
+    assert application.stdout is not None
+    said = [application.stdout.readline() for _ in range(1 + running)]
+    time.sleep(chance.uniform(0.0, 0.3))  # any moment after that
+    of_servo = seed % 3 == 1
+    os.kill(int(said[1]) if of_servo else application.pid, signal.SIGKILL)
+    errors = application.communicate(timeout=60.0)[1]  # its pipes end with the last process that has them
+    if of_servo:
+        assert "HapsceneError: the servo's process has ended (exit code -9)" in errors
+    elif running:  # before, Python's own resource tracker tells what it had to clean up
+        assert errors == ""
+    until(lambda: not alive(application.pid))
+    assert not Path("/dev/shm", f"of-{application.pid}").exists()
+
+
+def alive(group: int) -> bool:
+    """Whether a process of the group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
