@@ -86,7 +86,7 @@ def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
     for k in range(1, count + 1):
         await_tick(channel, clock, due + k * period_ns, period_ns)
     used_s = time.thread_time() - used_s
-    assert used_s < 0.2 * count * period_ns * 1e-9
+    assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
 
 
 # The whole loop, in a thread of this process.
@@ -129,7 +129,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
     assert channel.done >= 100 and ticks * tick_s <= wall_s  # none before its time
     assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # and none forgotten: done, counted as missed, or being made up
     assert channel.late.sum() == channel.busy.sum() == channel.done
-    assert used_s < 0.4 * wall_s
+    assert used_s < 3e-4 * ticks
 
 
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
