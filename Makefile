@@ -1,4 +1,5 @@
 # make demo: the main job on the shipped scene      make test: lint, types, tests      make docs: the web site
+# make mutants: would a test notice? MUTANTS="--room contact --count 40" says where and how many
 # Each makes the environment .venv the first time and reuses it later; PYTHON=python3.12 chooses the interpreter.
 # On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3
@@ -6,7 +7,7 @@ ENV := .venv
 BIN := $(ENV)/bin
 READY := $(ENV)/.ready
 
-.PHONY: demo test format bench docs system clean
+.PHONY: demo test mutants format bench docs system clean
 
 demo: $(READY)
 	$(BIN)/hapscene demo --out out/demo
@@ -16,6 +17,9 @@ test: $(READY) system
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest --numprocesses auto --dist loadfile
+
+mutants: $(READY)
+	$(BIN)/python tests/mutants.py $(MUTANTS)
 
 format: $(READY)
 	$(BIN)/ruff check --fix .
