@@ -124,7 +124,7 @@ def test_a_recording_that_kills_every_process_is_given_up_and_the_others_go_on(t
                 for child in children:
                     child.kill()
                 for child in children:
-                    child.join()
+                    child.join(30.0)
                 deaths.append(len(children))
 
     striker = threading.Thread(target=strike, daemon=True)
@@ -163,7 +163,7 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
                 time.sleep(0.005)
             child.send_signal(kind)
             if kind == signal.SIGKILL:
-                child.wait()
+                child.wait(30.0)
             else:
                 pipe.write(content)
         _, told = child.communicate(timeout=30.0)  # ends when the children, too, have closed their end
