@@ -92,6 +92,13 @@ def test_bursts_raise_the_price_of_a_change():
     assert _excess_kurtosis(rng.uniform(-1.0, 1.0, 40_000)) == 0.0
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_bursts_are_no_changes(seed):
+    """Noise of Student's t with 3 degrees of freedom: at the price for Gaussian noise each would have two or more."""
+    x = np.random.default_rng(seed).standard_t(3, 30_000)
+    assert change_points(x, RATE_HZ) == []
+
+
 def test_too_short_for_two_pieces_has_none():
     x = signal((300, 1.0, 320), (500, 5.0, 320))
     assert change_points(x[:570], RATE_HZ) == [] and len(change_points(x, RATE_HZ)) == 1
