@@ -159,5 +159,7 @@ def test_static_friction_waits_for_a_rest_and_a_force():
     pull[5200:5600] = 0.9 * 0.05
     streams = Streams(rate, np.zeros(6000), force, np.full(6000, 0.1), pull)
     found = fit_friction([(streams, Segmentation(rate, states, (), None, None))])
-    assert found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is that of 4 starts from rest."
+    assert (
+        found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is that of 4 starts from rest."
+    )
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)

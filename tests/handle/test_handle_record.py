@@ -57,7 +57,9 @@ def test_the_prior_is_the_covariance_of_the_weights_where_the_parameters_scatter
         drawn.append(weights(replace(nominal, **off), 9.0))
     found = np.cov(np.transpose(drawn)) / tenth**2
     deviation = np.sqrt(np.diag(found))
-    np.testing.assert_allclose(prior(nominal, 9.0) / np.outer(deviation, deviation), found / np.outer(deviation, deviation), atol=0.1)
+    np.testing.assert_allclose(
+        prior(nominal, 9.0) / np.outer(deviation, deviation), found / np.outer(deviation, deviation), atol=0.1
+    )
 
 
 def test_time_constants_are_seconds_at_every_rate() -> None:

@@ -49,7 +49,9 @@ def test_it_aims_as_deep_as_its_force_asks_for(scene: Scene, name: str, force_N:
 @pytest.mark.parametrize("name", GESTURES)
 def test_it_comes_from_above_and_leaves_without_a_leap(scene: Scene, name: str) -> None:
     intent = done(scene, name, "medium")
-    assert intent.target_W_m[0, 2] > 0.9 * HOVER_M and intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
+    assert (
+        intent.target_W_m[0, 2] > 0.9 * HOVER_M and intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
+    )
     assert np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1).max() < 1e-3  # 1 m/s
     assert len(intent.grip) == len(intent.target_W_m)
     if name != "explore":
@@ -98,6 +100,8 @@ def test_who_lets_go_holds_nothing_for_a_while_and_takes_it_again_gently(scene: 
     assert last - first == pytest.approx(FREE_S / TICK_S, abs=2)
     assert np.all(intent.grip[:first] == GRIPS["firm"].row()) and not intent.grip[first:last].any()
     assert intent.target_W_m[first, 2] == pytest.approx(-PRESS_N / GRIPS["firm"].k_N_m)
+    pressed = np.isclose(intent.target_W_m[:first, 2], -PRESS_N / GRIPS["firm"].k_N_m, atol=1e-9)
+    assert np.count_nonzero(pressed) * TICK_S == pytest.approx(0.3, abs=0.01)
     ramp = k[last : last + round(RAMP_S / TICK_S)]
     assert np.diff(ramp) == pytest.approx(500.0 / (RAMP_S / TICK_S - 1.0)) and np.all(k[last + len(ramp) :] == 500.0)
 

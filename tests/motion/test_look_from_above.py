@@ -44,13 +44,14 @@ def look(scene: Scene, *places: tuple[float, float]) -> TopView:
 
 def test_the_highest_body_is_seen_wherever_it_stands_in_the_list() -> None:
     for order in (1, -1):
+        bodies = [("low", posed()), ("high", posed(0.03, 0.04)), ("far up", posed(-0.03, 3.0))]
         scene = Scene()
-        for name, mesh, pose in (("low", box(0.1, 0.1, 0.02), posed()), ("high", box(0.02, 0.02, 0.02), posed(0.03, 0.04)))[::order]:
-            scene.add(mesh, name=name, pose=pose)
-        seen = look(scene, (0.0, 0.0), (0.03, 0.0), (0.2, 0.0))
-        assert seen.z_m == pytest.approx([0.01, 0.05, np.nan], abs=1e-6, nan_ok=True)
-        assert [scene.bodies[i].name if i >= 0 else "" for i in seen.body] == ["low", "high", ""]
-        assert seen.swatch[2] == -1
+        for name, pose in bodies[::order]:
+            scene.add(box(0.1 if name == "low" else 0.02, 0.02, 0.02), name=name, pose=pose)
+        seen = look(scene, (0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.2, 0.0))
+        assert seen.z_m == pytest.approx([0.01, 0.05, 3.01, np.nan], abs=1e-6, nan_ok=True)
+        assert [scene.bodies[i].name if i >= 0 else "" for i in seen.body] == ["low", "high", "far up", ""]
+        assert seen.swatch[3] == -1
 
 
 def test_a_turned_body_is_seen_where_it_lies() -> None:
@@ -59,8 +60,11 @@ def test_a_turned_body_is_seen_where_it_lies() -> None:
     scene.add(box(0.02, 0.1, 0.02), name="roof", pose=posed(0.01, 0.005, np.pi / 4))
     seen = look(scene, (0.01, 0.0), (0.013, 0.02), (0.006, 0.0))
     assert seen.z_m - 0.005 - 0.01 * np.sqrt(2.0) == pytest.approx([0.0, -0.003, -0.004], abs=1e-5)
-    np.testing.assert_allclose(bounds_of(scene.bodies[0]) - [0.01, 0.0, 0.005],
-                               np.array([[-1, 0, -1], [1, 0, 1]]) * 0.01 * np.sqrt(2.0) + [[0, -0.05, 0], [0, 0.05, 0]])  # fmt: skip
+    corner_m = 0.01 * np.sqrt(2.0) * np.array([(-1.0, 0.0, -1.0), (1.0, 0.0, 1.0)]) + [
+        (0.0, -0.05, 0.0),
+        (0.0, 0.05, 0.0),
+    ]
+    np.testing.assert_allclose(bounds_of(scene.bodies[0]), np.add(corner_m, (0.01, 0.0, 0.005)))
 
 
 @pytest.mark.parametrize(("up", "two_sided", "seen"), [(True, False, 0), (False, False, -1), (False, True, 0)])
@@ -118,13 +122,15 @@ def test_borders_of_paint_are_found_on_a_mesh() -> None:
     scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.06, 0.01)).subdivide().subdivide(), "m"), name="plate")
     centre = scene.bodies[0].mesh.triangles_m.mean(axis=1)
     scene.paint("plate", Swatch("rough"), np.flatnonzero(centre[:, 0] > 0))
-    ((first, second), size_m), = places_to_feel(scene, look_from_above(scene))
+    (((first, second), size_m),) = places_to_feel(scene, look_from_above(scene))
     at = look(scene, first[0], first[1])
     assert at.swatch[0] != at.swatch[1] and first[0][1] == first[1][1] and second[0][0] == second[1][0]
     assert size_m == pytest.approx(0.06 * 0.96)
 
 
-@pytest.mark.parametrize(("mask", "run"), [("", (0, 0)), ("000", (0, 0)), ("111", (0, 3)), ("0110111", (4, 7)), ("1101", (0, 2))])
+@pytest.mark.parametrize(
+    ("mask", "run"), [("", (0, 0)), ("000", (0, 0)), ("111", (0, 3)), ("0110111", (4, 7)), ("1101", (0, 2))]
+)
 def test_the_longest_run(mask: str, run: tuple[int, int]) -> None:
     assert _longest_run(np.array([c == "1" for c in mask], dtype=bool)) == run
 
