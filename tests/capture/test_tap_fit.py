@@ -5,7 +5,18 @@ import pytest
 
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.streams import Streams, clean
-from hapscene.capture.tap_fit import FITTED_MAX, OUTLIER, WAVE_S, MeasuredTap, _approach, _errors, _mean, _pooled, fit_taps, measure_tap
+from hapscene.capture.tap_fit import (
+    FITTED_MAX,
+    OUTLIER,
+    WAVE_S,
+    MeasuredTap,
+    _approach,
+    _errors,
+    _mean,
+    _pooled,
+    fit_taps,
+    measure_tap,
+)
 
 
 def parts(truth, *streams):
