@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 
@@ -54,6 +54,7 @@ def confined(
     memory_B: int,
     output_B: int,
     time_s: float = TIME_MAX_S,
+    imports: Sequence[str] = (),
 ) -> Answer:
     """Run a reader in a process of its own, and give what it found.
 
@@ -65,12 +66,13 @@ def confined(
         memory_B: most memory that it may take, beside what importing it takes [bytes]; held on Linux only.
         output_B: most that it may give [bytes].
         time_s: most time that it may take [s].
+        imports: modules that it imports itself, whose memory is not counted either.
 
     Raises:
         FormatError: what the reader refuses; or it crashed, took too long or too much, and then what it printed last.
     """
     name = f"{reader.__module__}:{reader.__qualname__}"
-    order = json.dumps([name, arguments, memory_B, math.ceil(time_s)])
+    order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
     # -P: a file of the working folder is not taken for a module; its own path has what is imported here
     path = os.pathsep.join([str(Path(__file__).parents[1]), *(place for place in sys.path if place)])
     environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -174,12 +176,14 @@ def _ending(code: int) -> str:
 
 
 def _main(order: str) -> None:
-    name, arguments, memory_B, time_s = json.loads(order)
+    name, arguments, memory_B, time_s, imports = json.loads(order)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for us hears it, and ends us
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints is no answer
     module, _, function = name.partition(":")
     reader: Reader = getattr(importlib.import_module(module), function)
+    for other in imports:
+        importlib.import_module(other)
     _limit(memory_B, time_s)
     refused: str | None = None
     arrays: Mapping[str, NDArray[Any]] = {}
