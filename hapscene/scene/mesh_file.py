@@ -181,7 +181,10 @@ def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool
         )
     if suffix in STEP:
         if given not in (None, "m"):
-            warn(f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used", MeshWarning)
+            warn(
+                f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used",
+                MeshWarning,
+            )
         return _step(path, content, accept_damaged)
     parts, own = _read(path, suffix, content, resolver)
     said = unit_name(own or "m")
@@ -199,7 +202,7 @@ def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
         found = sum(faces_in(np.asarray(part.faces)) for part in loaded.geometry.values())
         damage += said
         if found < promised.face_count:
-            damage.append(f"{promised.face_count - found:,} of its {promised.face_count:,} faces have no triangles")
+            damage.append(f"faces without triangles: {promised.face_count - found:,} of {promised.face_count:,}")
     told = f"{path}: the file is damaged: {'; '.join(damage)}"
     if damage and not accept_damaged:
         raise MeshError(f"{told}: export it anew, or take what is left with accept_damaged=True (--accept-damaged)")
@@ -209,8 +212,12 @@ def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
     mesh = join(parts, "m", path)
     if damage:
         warn(f"{told}; what is left is taken, {len(mesh.faces):,} triangles", MeshWarning)
-    elif promised.is_closed and not edges_of(mesh.faces, weld(mesh.vertices_m)).closed:
-        warn(f"{path}: says that its shells are closed, and they are open: damaged, or not well made", MeshWarning)
+        return mesh
+    doubts = list(promised.doubts)
+    if promised.is_closed and not edges_of(mesh.faces, weld(mesh.vertices_m)).closed:
+        doubts.append("its shells, which it says are closed, are open")
+    if doubts:
+        warn(f"{path}: may be damaged, and its shape another: {'; '.join(doubts)}", MeshWarning)
     return mesh
 
 

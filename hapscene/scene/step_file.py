@@ -28,12 +28,17 @@ SAID_MAX: Final = 200
 """How much of what it says is told [characters]."""
 
 
+TIME_S: Final = (10.0, 20e-6)
+"""Most time that it may take for any file [s], and for each byte more [s]: it takes a tenth of that."""
+
+
 class Promised(NamedTuple):
-    """What the text of a STEP file promises, and what is wrong with it, in words."""
+    """What the text of a STEP file promises, and, in words, what is wrong with it and what is odd."""
 
     face_count: int
     is_closed: bool
     damage: list[str]
+    doubts: list[str]
 
 
 def step_glb(content: bytes, where: str) -> tuple[bytes, list[str]]:
@@ -47,9 +52,15 @@ def step_glb(content: bytes, where: str) -> tuple[bytes, list[str]]:
     with refusing(MeshError, where), tempfile.TemporaryFile() as file:
         file.write(content)
         file.seek(0)
-        memory_B = MEMORY_FREE_B + MEMORY_RATIO * len(content)
-        limits = {"memory_B": memory_B, "output_B": GLB_MAX_B}
-        answer = confined(read_step, file, by="Open CASCADE", imports=["cascadio"], **limits)
+        answer = confined(
+            read_step,
+            file,
+            by="Open CASCADE",
+            memory_B=MEMORY_FREE_B + MEMORY_RATIO * len(content),
+            output_B=GLB_MAX_B,
+            time_s=TIME_S[0] + TIME_S[1] * len(content),
+            imports=["cascadio"],
+        )
     said = _complaints(answer.said)
     return answer.arrays["glb"].tobytes(), [f"Open CASCADE says {said!r}"] if said else []
 
@@ -74,8 +85,7 @@ def faces_in(triangles: NDArray[Any]) -> int:
 
 def _complaints(said: str) -> str:
     """The errors among what Open CASCADE prints: "Unresolved Reference : Fails Count : 5"."""
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", said)
-    errors = [line.partition("ERR")[2].strip(" *") for line in plain.splitlines() if "ERR" in line]
+    errors = [line.partition("ERR")[2].strip(" *") for line in said.splitlines() if "ERR" in line]
     return "; ".join(" ".join(line.split()) for line in errors)[:SAID_MAX]
 
 
@@ -91,6 +101,9 @@ _SHELL: Final = re.compile(
     rb"\b(?:CLOSED_SHELL|(OPEN_SHELL|CONNECTED_FACE_SET))\s*\(([^;]*)\)\s*;", re.DOTALL | re.IGNORECASE
 )
 _FACE: Final = re.compile(rb"#(\d+)\s*=\s*(?:ADVANCED_FACE|FACE_SURFACE)\b", re.IGNORECASE)
+_PIECE: Final = re.compile(
+    rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|VERTEX_POINT|EDGE_CURVE|ORIENTED_EDGE|EDGE_LOOP|FACE_\w*BOUND)\b", re.IGNORECASE
+)
 
 
 def promised_by(content: bytes, where: str) -> Promised:
@@ -105,24 +118,26 @@ def promised_by(content: bytes, where: str) -> Promised:
         raise MeshError(f"{where}: the file is truncated: a STEP file ends with END-ISO-10303-21")
     text = _NO_CODE.sub(b"''", content)
     sections = _SECTIONS.findall(text)
-    damage = []
+    damage, doubts = [], []
     odd = sum(
         not _WHOLE.fullmatch(statement) or statement.count(b"(") != statement.count(b")")
         for section in sections
         for statement in section.split(b";")[:-1]
     ) + sum(bool(section.rpartition(b";")[2].strip()) for section in sections)
     if odd:
-        damage.append(f"{odd:,} statements are not whole")
+        damage.append(f"statements that are not whole: {odd:,}")
     defined, named = (_numbers(pattern, text) for pattern in (_DEFINED, _NAMED))
     if twice := len(defined) - len(known := np.unique(defined)):
-        damage.append(f"{twice:,} statements are there twice")
+        damage.append(f"statements that are there twice: {twice:,}")
     if gone := np.count_nonzero(~np.isin(np.unique(named), known)):
-        damage.append(f"{gone:,} statements that others name are not there")
-    shells = [(open_, _numbers(_NAMED, body)) for open_, body in _SHELL.findall(text)]
+        damage.append(f"statements that others name, and are not there: {gone:,}")
+    shells = [(is_open, _numbers(_NAMED, body)) for is_open, body in _SHELL.findall(text)]
     faces = np.unique(np.concatenate([*(of_shell for _, of_shell in shells), np.zeros(0, np.uint64)]))
     if lost := np.count_nonzero(~np.isin(_numbers(_FACE, text), faces)):
-        damage.append(f"{lost:,} faces are of no shell")
-    return Promised(len(faces), bool(shells) and not any(open_ for open_, _ in shells), damage)
+        damage.append(f"faces of no shell: {lost:,}")
+    if loose := np.count_nonzero(~np.isin(_numbers(_PIECE, text), named)):
+        doubts.append(f"points, edges and bounds of nothing: {loose:,}")
+    return Promised(len(faces), bool(shells) and not any(is_open for is_open, _ in shells), damage, doubts)
 
 
 def _numbers(pattern: re.Pattern[bytes], text: bytes) -> NDArray[np.uint64]:
