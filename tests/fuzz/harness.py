@@ -107,7 +107,12 @@ class Worker:
         if not line:
             code = process.wait()
             self._end()
-            return {"kind": "crash", "what": signal.Signals(-code).name if code < 0 else f"exit {code}", "where": "", "text": ""}
+            return {
+                "kind": "crash",
+                "what": signal.Signals(-code).name if code < 0 else f"exit {code}",
+                "where": "",
+                "text": "",
+            }
         answer: dict[str, Any] = json.loads(line)
         return answer
 
@@ -127,7 +132,7 @@ def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole
     if told["kind"] not in ("loaded", "refused"):
         return told
     if cut and told["kind"] == "loaded" and not told["warned"]:
-        least = whole if entry.promised is None else entry.promised(content)
+        least = whole if entry.left is None else entry.left(content)
         if told["count"] < least:
             return told | {"kind": "smaller", "text": f"{told['count']} of {least} are read, and nothing is said"}
     return None

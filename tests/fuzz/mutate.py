@@ -16,8 +16,25 @@ from typing import Any
 
 Join = Callable[[list[bytes]], bytes]
 
-NUMBERS = ("nan", "inf", "-inf", "1e308", "-1", "0", "1e-320", str(2**31), str(2**63), "9" * 40, "", "x", "1e5000", "0x1")
-VALUES: tuple[Any, ...] = (None, True, -1, 0, 1e308, 2**31, 2**63, 10**400, float("nan"), "", "é\x1b[2J\n", [], {}, [[]], [1, 2], {"a": 1})
+NUMBERS = (
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "-1",
+    "0",
+    "1e-320",
+    str(2**31),
+    str(2**63),
+    "9" * 40,
+    "",
+    "x",
+    "1e5000",
+    "0x1",
+)
+VALUES: tuple[Any, ...] = (
+    None, True, -1, 0, 1e308, 2**31, 2**63, 10**400, float("nan"), "", "é\x1b[2J\n", [], {}, [[]], [1, 2], {"a": 1},
+)  # fmt: skip
 MAGIC = (0, 1, 2, 3, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
 
 
@@ -119,6 +136,7 @@ def in_json(content: bytes, rng: Random) -> bytes:
                 todo.append(node[key])
     if not places:
         return in_bytes(content, rng)
+    texts = [json.loads(json.dumps(node[key])) for node, key in rng.choices(places, k=2)]
     node, key = rng.choice(places)
     what = rng.randrange(8)
     if what < 4:
@@ -126,8 +144,7 @@ def in_json(content: bytes, rng: Random) -> bytes:
     elif what == 4:
         del node[key]
     elif what == 5:
-        other, there = rng.choice(places)
-        node[key] = json.loads(json.dumps(other[there])) if there in other or isinstance(other, list) and there < len(other) else 0
+        node[key] = rng.choice(texts)
     elif what == 6 and isinstance(node, dict):
         node[rng.choice((f"{key}x", "", "é\x1b[2J", "A" * 300))] = node[key]
     else:

@@ -13,6 +13,10 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from formats import FORMATS
+
+from hapscene.errors import HapsceneError
+
 MEMORY_FREE_B = 200_000_000
 """Memory that any file may take [bytes]; beside it, four times its size."""
 
@@ -39,8 +43,9 @@ def note(event: str, arguments: tuple[Any, ...]) -> None:
         if not (path.startswith(WRITABLE) or "__pycache__" in path if writes else known):
             _deeds.append(f"{'writes' if writes else 'reads'} {path}")
     elif event in ("os.remove", "os.rename", "os.mkdir", "os.system", "pickle.find_class", "socket.connect"):
-        within = os.readlink(f"/proc/self/fd/{arguments[-1]}") if isinstance(arguments[-1], int) and arguments[-1] > 0 else ""
-        if not os.path.join(within, str(arguments[0])).startswith(WRITABLE) and "__pycache__" not in str(arguments):
+        folder = arguments[-1]  # a descriptor, or -1
+        within = Path(f"/proc/self/fd/{folder}").resolve() if isinstance(folder, int) and folder > 0 else Path()
+        if not str(within / str(arguments[0])).startswith(WRITABLE) and "__pycache__" not in str(arguments):
             _deeds.append(f"{event} {arguments}"[:200])
 
 
@@ -65,10 +70,6 @@ def raised_in(error: BaseException) -> str:
 
 def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
     """What became of a file: `kind` is loaded, refused, or a fault."""
-    from formats import FORMATS
-
-    from hapscene.errors import HapsceneError
-
     entry = FORMATS[name]
     told: dict[str, Any] = {"kind": "loaded", "what": "", "where": "", "text": "", "count": 0}
     size_B = sum(file.stat().st_size for file in path.parent.iterdir())
@@ -83,7 +84,7 @@ def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
         try:
             _watch.update(folder=str(path.parent) if limited else None, roams=entry.roams)
             resource.setrlimit(resource.RLIMIT_AS, (address_space_B() + allowed_B if limited else hard, hard))
-            told["count"] = entry.read(path)
+            told["count"] = count if isinstance(count := entry.read(path), int) else 0
         except HapsceneError as error:
             told |= {"kind": "refused", "text": str(error), "what": type(error).__name__, "where": raised_in(error)}
             if not str(error).isprintable():
@@ -91,7 +92,12 @@ def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
             elif entry.file and str(path.parent) not in str(error):
                 told["kind"] = "unnamed"  # which file, of a thousand?
         except BaseException as error:
-            told |= {"kind": "traceback", "what": type(error).__name__, "where": raised_in(error), "text": str(error)[:200]}
+            told |= {
+                "kind": "traceback",
+                "what": type(error).__name__,
+                "where": raised_in(error),
+                "text": str(error)[:200],
+            }
         finally:
             resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
             _watch["folder"] = None
@@ -108,7 +114,7 @@ def read(name: str, path: Path, limited: bool) -> dict[str, Any]:
 def main() -> None:
     TEMPORARY.mkdir(exist_ok=True)
     answers = os.fdopen(os.dup(1), "w")
-    said = open(Path.cwd() / "said", "w+b")  # noqa: SIM115
+    said = Path("said").open("w+b")  # noqa: SIM115
     os.dup2(said.fileno(), 1)  # whatever is printed is seen
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.addaudithook(note)
