@@ -116,10 +116,13 @@ def write_touch(
 @contextmanager
 def step(say: Callable[[str], None], what: str) -> Iterator[None]:
     """Say what is being done, and how long it took."""
+    from hapscene.native import compiling_told
+
     say(f"{what} … ")
     start_s = time.perf_counter()
     try:
-        yield
+        with compiling_told(say):
+            yield
     except BaseException:
         say("\n")
         raise

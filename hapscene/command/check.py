@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.console import name_made, say
+from hapscene.command.console import name_made, say, tell
 from hapscene.command.options import UNIT_HELP, add_command, check_scene, loading
 from hapscene.errors import MeshError
 
@@ -33,10 +33,10 @@ def _check(options: argparse.Namespace) -> int:
 
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)
-    tell = _say_nothing if options.json else say
-    with step(tell, loading(options.mesh)):
+    progress = _say_nothing if options.json else say
+    with step(progress, loading(options.mesh)):
         mesh = load_mesh(options.mesh, options.unit)
-    with step(tell, f"examining {len(mesh.faces):,} faces"):
+    with step(progress, f"examining {len(mesh.faces):,} faces"):
         report = examine(mesh)
     done: list[str] = []
     if options.fix is not None:
@@ -49,9 +49,9 @@ def _check(options: argparse.Namespace) -> int:
         fixed = {} if options.fix is None else {"fixed": done, "written": options.fix}
         print(json.dumps(json.loads(report.to_json()) | fixed, indent=2, ensure_ascii=False))
         return 0
-    print(report.text())
+    tell(report.text().split("\n"))
     if options.fix is not None:
-        print("", *(f"mended: {line}" for line in done or ["nothing needed it"]), sep="\n")
+        tell(["", *(f"mended: {line}" for line in done or ["nothing needed it"])])
         name_made([Path(options.fix)])
         print("it is in metres: --unit m")
     return 0
