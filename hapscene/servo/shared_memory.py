@@ -72,8 +72,9 @@ def open_channel(length: int, block: int, name: str | None = None) -> Channel:
         np.frombuffer(cast(memoryview, memory.buf), dtype, size // dtype.itemsize, int(start))
         for dtype, size, start in zip(dtypes, sizes, starts[:-1], strict=True)
     ]
-    records = [part.view(np.recarray) for part in parts[:3]]
-    return Channel(*records, *(part.reshape(length, block) for part in parts[3:]), memory)
+    channel, rows, felt = (part.view(np.recarray) for part in parts[:3])
+    a_m_s2, a_handle_m_s2 = (part.reshape(length, block) for part in parts[3:])
+    return Channel(channel, rows, felt, a_m_s2, a_handle_m_s2, memory)
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"
