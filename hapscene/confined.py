@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import FormatError
+from hapscene.files import MEMORY_FREE_B as MEMORY_FREE_B
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
@@ -29,9 +30,6 @@ What it refuses it raises as `FormatError`, whose text arrives here as it is."""
 
 TIME_MAX_S: Final = 120.0
 """Longest time that a file may take [s]; a STEP file of 8,000 faces takes two."""
-
-MEMORY_FREE_B: Final = 200_000_000
-"""Memory that any file may take, whatever its size [bytes]."""
 
 SAID_MAX_B: Final = 16_384
 """How much of what the native code prints is kept [bytes]."""
