@@ -216,9 +216,7 @@ def check_unpacked(packed_B: int, unpacked_B: int, most_B: int, advice: str) -> 
     """
     most_B = min(most_B, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
     if unpacked_B > most_B:
-        raise FormatError(
-            f"unpacks to {unpacked_B:,} bytes; of an archive this large {most_B:,} are read: {advice}"
-        )
+        raise FormatError(f"unpacks to {unpacked_B:,} bytes; of an archive this large {most_B:,} are read: {advice}")
 
 
 def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
@@ -250,7 +248,7 @@ def open_zip(file: BinaryIO, most_B: int, advice: str) -> "zipfile.ZipFile":
 
     packed_B = file.seek(0, os.SEEK_END)
     try:
-        archive = zipfile.ZipFile(_Listing(file))  # type: ignore[call-overload]  # has what of a file it calls
+        archive = zipfile.ZipFile(_Listing(file))  # has what it calls of a file
     except Exception as error:  # it raises of its own, struct's, and what is not implemented
         raise FormatError(f"not a readable zip archive, or truncated: {error}") from None
     archive.fp = file

@@ -107,8 +107,10 @@ def speed_of(position_m: Array, rate_Hz: float) -> Array:
             f"a speed cannot be made of {position_m.shape[1]} positions at {rate_Hz:g} Hz: 0.1 s or more at above "
             f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
         )
-    axes = [_low_passed(axis, rate_Hz) for axis in position_m]
-    return np.asarray(np.linalg.norm(np.gradient(np.stack(axes), 1.0 / rate_Hz, axis=1), axis=0))
+    square = np.zeros(position_m.shape[1])
+    for axis in position_m:
+        square += np.gradient(_low_passed(axis, rate_Hz), 1.0 / rate_Hz) ** 2
+    return np.asarray(np.sqrt(square, out=square))
 
 
 def high_pass_gain(size: int, rate_Hz: float) -> Array:

@@ -82,8 +82,8 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
     most = TICK_FREE + TICKS_PER_ROW_MAX * len(table)
     if count > most:
         raise PathError(
-            f"{path}: lasts {t_s[-1] - t_s[0]:,.0f} s in {len(table):,} rows; beyond {TICK_FREE * tick_s:,.0f} s at most "
-            f"{TICKS_PER_ROW_MAX * tick_s:g} s from row to row are expected: record it at a higher rate"
+            f"{path}: lasts {t_s[-1] - t_s[0]:,.0f} s in {len(table):,} rows; expected at most {most * tick_s:,.0f} s of so "
+            f"few: {TICK_FREE * tick_s:,.0f} s, and {TICKS_PER_ROW_MAX * tick_s:g} s for each row; record it at a higher rate"
         )
     with refusing(PathError, path):
         needed_B = (_ROW_B + _BETWEEN_B) * len(table) + _ROW_B * count
@@ -116,7 +116,9 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str], list[int]]]:
     def lines(file: IO[str]) -> Iterator[str]:
         for number, line in enumerate(lines_of(path, file, _ROW_B), 1):
             if number - read > ROW_LINES_MAX:
-                raise FormatError(f"line {read + 1}: a row of more than {ROW_LINES_MAX} lines: a quotation mark too many?")
+                raise FormatError(
+                    f"line {read + 1}: a row of more than {ROW_LINES_MAX} lines: a quotation mark too many?"
+                )
             yield line
 
     try:
