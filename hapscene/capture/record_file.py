@@ -165,7 +165,12 @@ def parse_record(data: bytes) -> Record:
         raise CaptureError("cut before its header was whole: nothing can be read")
     head = _json(payload)
     rate_Hz, columns = _head(head)
-    length = max((first + len(rows) for first, rows in _runs(data, len(columns))), default=0)
+    length, ended = 0, None
+    for kind, first, payload in _chunks(data):
+        if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
+            length = max(length, first + len(payload) // (4 * len(columns)))
+        elif kind == b"END.":
+            ended = str(_json(payload).get("ended"))
     if not length:
         raise CaptureError("holds no samples")
     if length * len(columns) > VALUE_MAX:
@@ -173,16 +178,13 @@ def parse_record(data: bytes) -> Record:
     needed_B = len(data) + 8 * length * len(columns)
     check_memory(needed_B, len(data), f"{length:,} samples, dropped ones among them,", "record it anew")
     table = np.full((len(columns), length), np.nan)
-    for first, rows in _runs(data, len(columns)):
-        table[:, first : first + len(rows)] = rows.T
-    ended = None
-    for kind, _, payload in _chunks(data):
-        ended = str(_json(payload).get("ended")) if kind == b"END." else ended
+    for kind, first, payload in _chunks(data):  # gone through twice rather than kept: there may be millions
+        if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
+            rows = np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))
+            table[:, first : first + len(rows)] = rows.T
     table *= np.array([c.scale for c in columns])[:, None]
     streams = {column.name: stream for column, stream in zip(columns, table, strict=True)}
-    return Record(
-        rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ends[-1] if ends else None
-    )
+    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
 
 
 def save_npz(record: Record, path: Path) -> None:
@@ -206,13 +208,6 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
             return
         yield kind, first, view[at + _CHUNK.size : end]
         at = end + _CHECK.size
-
-
-def _runs(data: bytes, columns: int) -> Iterator[tuple[int, NDArray[np.int32]]]:
-    """First sample and rows of each chunk of samples: looked up twice rather than kept, for they may be millions."""
-    for kind, first, payload in _chunks(data):
-        if kind == b"DATA" and len(payload) % (4 * columns) == 0:
-            yield first, np.frombuffer(payload, dtype="<i4").reshape(-1, columns)
 
 
 def _json(payload: memoryview) -> dict[str, Any]:

@@ -135,6 +135,7 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
 def _wav(file: Path) -> RecordingSource:
     from scipy.io import wavfile
 
+    _check_wav(file)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # chunks that it does not know
@@ -150,6 +151,27 @@ def _wav(file: Path) -> RecordingSource:
     scale = 1.0 if data.dtype.kind == "f" else 1.0 / (float(np.iinfo(data.dtype).max) + 1.0)
     columns = dict(zip(_numbered(data.shape[1]), data.T, strict=True))
     return RecordingSource(columns, float(rate), scale=scale, own_B=file.stat().st_size)
+
+
+def _check_wav(file: Path) -> None:
+    """Refuse a file that was cut, which SciPy takes for a shorter one, or has no end of chunks before its samples."""
+    with file.open("rb") as f:
+        if f.read(12)[:4] != b"RIFF":
+            return  # SciPy says what is wrong, or knows better
+        for _ in range(_CHUNK_MAX):
+            name, size_B = f.read(4), int.from_bytes(f.read(4), "little")
+            left_B = os.fstat(f.fileno()).st_size - f.tell()
+            if name == b"data" and size_B > left_B and size_B != _UNKNOWN_B:
+                said = f"its header says {size_B:,} bytes of samples, there are {left_B:,}"
+                raise CaptureError(f"not a WAV file that can be read: it is truncated: {said}")
+            if name == b"data" or left_B <= size_B:
+                return
+            f.seek(size_B + size_B % 2, os.SEEK_CUR)
+    raise CaptureError(f"not a WAV file that can be read: more than {_CHUNK_MAX} chunks before its samples")
+
+
+_CHUNK_MAX: Final = 1000
+_UNKNOWN_B: Final = 0xFFFFFFFF  # what is written into a pipe, where its length is not known
 
 
 def _npz(file: Path) -> RecordingSource:

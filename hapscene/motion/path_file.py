@@ -82,8 +82,8 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
     most = TICK_FREE + TICKS_PER_ROW_MAX * len(table)
     if count > most:
         raise PathError(
-            f"{path}: lasts {t_s[-1] - t_s[0]:,.0f} s in {len(table):,} rows; expected at most {most * tick_s:,.0f} s of so "
-            f"few: {TICK_FREE * tick_s:,.0f} s, and {TICKS_PER_ROW_MAX * tick_s:g} s for each row; record it at a higher rate"
+            f"{path}: lasts {count * tick_s:,.0f} s; of {len(table):,} rows at most {most * tick_s:,.0f} s are "
+            f"expected ({TICK_FREE * tick_s:g} s, and {TICKS_PER_ROW_MAX * tick_s:g} s a row): record it at a higher rate"
         )
     with refusing(PathError, path):
         needed_B = (_ROW_B + _BETWEEN_B) * len(table) + _ROW_B * count
