@@ -237,7 +237,7 @@ def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
 def memory_left_B() -> float:
     """Memory that this process may still take [bytes], as far as the system tells; else without end."""
     left_B = [math.inf]
-    numbers = {}
+    numbers: dict[str, int] = {}
     for place in ("/proc/meminfo", "/proc/self/status"):
         with suppress(OSError):
             lines = (line.partition(":") for line in Path(place).read_text().splitlines())

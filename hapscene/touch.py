@@ -192,8 +192,14 @@ def open_scene(
     return scene
 
 
-_TICK_B: Final = 1_200
-_SAMPLE_B: Final = 130
+_TICK_B: Final = 500
+"""What is felt in a tick takes this much memory until it is written and plotted [bytes], as measured."""
+
+_SAMPLE_B: Final = 50
+"""And each of its samples of acceleration [bytes]."""
+
+_FEEL_B: Final = 800
+"""And what a hand felt of it [bytes]."""
 
 
 def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) -> None:
@@ -202,7 +208,7 @@ def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) 
     each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
     if count * each_B > left_B:
         raise PathError(
-            f"the path lasts {count * tick_s:,.0f} s, for which {count * each_B / 1e6:,.0f} MB of memory are needed and "
+            f"the path lasts {count * tick_s:,.0f} s: what is felt takes {count * each_B / 1e6:,.0f} MB of memory, and "
             f"{left_B / 1e6:,.0f} are left, enough for {left_B / each_B * tick_s:,.0f} s: cut it into shorter ones"
         )
 

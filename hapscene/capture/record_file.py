@@ -177,13 +177,14 @@ def parse_record(data: bytes) -> Record:
         raise CaptureError(f"{length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
     needed_B = len(data) + 8 * length * len(columns)
     check_memory(needed_B, len(data), f"{length:,} samples, dropped ones among them,", "record it anew")
-    table = np.full((len(columns), length), np.nan)
+    streams = {column.name: np.full(length, np.nan) for column in columns}
     for kind, first, payload in _chunks(data):  # gone through twice rather than kept: there may be millions
         if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
             rows = np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))
-            table[:, first : first + len(rows)] = rows.T
-    table *= np.array([c.scale for c in columns])[:, None]
-    streams = {column.name: stream for column, stream in zip(columns, table, strict=True)}
+            for stream, counts in zip(streams.values(), rows.T, strict=True):
+                stream[first : first + len(rows)] = counts
+    for column in columns:
+        streams[column.name] *= column.scale
     return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
 
 

@@ -27,8 +27,8 @@ DURATION_MAX_S: Final = 3600.0
 GAP_MAX_S: Final = 10.0
 """Longest time between two rows [s]. What the hand did in a longer one, no interpolation can tell."""
 
-TICK_FREE: Final = 300_000
-"""Ticks that a path of any number of rows may last [count]: five minutes at 1 kHz."""
+TICK_FREE: Final = 200_000
+"""Ticks that a path of any number of rows may last [count]: 200 s at 1 kHz. What is felt takes 700 bytes a tick."""
 
 TICKS_PER_ROW_MAX: Final = 100
 """Most ticks for each row, in a path that lasts longer [1]: ten rows a second. All that is felt is made for each tick,
@@ -81,9 +81,10 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
         raise PathError(f"{path}: lasts {t_s[-1] - t_s[0]:.3g} s; expected more than one tick of {tick_s:g} s")
     most = TICK_FREE + TICKS_PER_ROW_MAX * len(table)
     if count > most:
+        most_s = f"{most * tick_s:,.0f} s ({TICK_FREE * tick_s:g} s, and {TICKS_PER_ROW_MAX * tick_s:g} s a row)"
         raise PathError(
-            f"{path}: lasts {count * tick_s:,.0f} s; of {len(table):,} rows at most {most * tick_s:,.0f} s are "
-            f"expected ({TICK_FREE * tick_s:g} s, and {TICKS_PER_ROW_MAX * tick_s:g} s a row): record it at a higher rate"
+            f"{path}: lasts {count * tick_s:,.0f} s; of {len(table):,} rows at most {most_s} are expected: record "
+            "it at a higher rate"
         )
     with refusing(PathError, path):
         needed_B = (_ROW_B + _BETWEEN_B) * len(table) + _ROW_B * count
