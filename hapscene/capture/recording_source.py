@@ -189,9 +189,16 @@ def _npz(file: Path) -> RecordingSource:
 def _mat(file: Path) -> RecordingSource:
     packed_B = file.stat().st_size
     most_B = min(BYTES_MAX, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
-    limits = {"memory_B": MEMORY_RATIO_MAX * most_B + MEMORY_FREE_B, "output_B": most_B}
     with file.open("rb") as f:
-        arrays = confined(read_mat, f, BYTES_MAX, by="SciPy's reader of MATLAB files", **limits).arrays
+        arrays = confined(
+            read_mat,
+            f,
+            BYTES_MAX,
+            by="SciPy's reader of MATLAB files",
+            memory_B=MEMORY_RATIO_MAX * most_B + MEMORY_FREE_B,
+            output_B=most_B,
+            imports=("scipy.io",),
+        ).arrays
     return _named(arrays)
 
 
