@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import FormatError, printable
+from hapscene.files import MEMORY_FREE_B as MEMORY_FREE_B
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
@@ -33,9 +34,6 @@ TIME_MAX_S: Final = 120.0
 
 CLOCK_RATIO: Final = 4.0
 """How much longer it may take by the clock than by the processor [1]: others work on this machine too."""
-
-MEMORY_FREE_B: Final = 200_000_000
-"""Memory that any file may take, whatever its size [bytes]."""
 
 SAID_MAX_B: Final = 16_384
 """How much of what the native code prints is kept [bytes]."""

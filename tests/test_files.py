@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.errors import ViewError
-from hapscene.files import check_file, whole_file, whole_folder
+from hapscene.files import check_file, memory_left_B, whole_file, whole_folder
 
 
 class Broken(Exception):
@@ -118,3 +118,24 @@ def test_where_a_link_is_counts_and_not_where_it_leads(tmp_path: Path, monkeypat
     check_file(tmp_path / "mine" / "a.png", ViewError)
     with pytest.raises(ViewError, match="nothing may be written into"):
         check_file(tmp_path / "theirs" / "b.png", ViewError)
+
+
+def test_what_cannot_be_written_is_said_of_what_was_asked_for(tmp_path: Path) -> None:
+    for place, writing in ((tmp_path / "none" / "a.txt", whole_file), (Path("/proc/a"), whole_folder)):
+        if place.parent.name == "proc" and not place.parent.is_dir():
+            continue
+        with pytest.raises(OSError) as caught, writing(place):
+            pass
+        assert caught.value.filename == str(place)
+
+
+def test_memory_that_is_left_is_within_what_is_allowed() -> None:
+    resource = pytest.importorskip("resource")
+    before = memory_left_B()
+    assert before > 0.0
+    allowed = resource.getrlimit(resource.RLIMIT_AS)
+    try:
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 40, allowed[1]))
+        assert memory_left_B() <= min(before, 1 << 40) * 1.5
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, allowed)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
-from hapscene.files import read_bytes, refusing, whole_file
+from hapscene.files import check_memory, read_bytes, refusing, whole_file
 from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 SUFFIX: Final = ".hsrec"
@@ -39,6 +39,9 @@ SYNC_S: Final = 1.0
 
 VALUE_MAX: Final = 1 << 28
 """Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
+
+JSON_MAX: Final = 65_536
+"""Longest header or end [bytes]; those of 16 columns have 2,000."""
 
 _CHUNK: Final = struct.Struct("<4sIQ")
 _CHECK: Final = struct.Struct("<I")
@@ -149,32 +152,39 @@ def load_record(path: str | os.PathLike[str]) -> Record:
 
 
 def parse_record(data: bytes) -> Record:
-    """The record of a file's content; as `load_record`, but its errors do not name the file."""
+    """The record of a file's content; as `load_record`, but its errors do not name the file.
+
+    Raises:
+        FormatError: as there.
+    """
     if not data.startswith(FIRST_LINE):
         later = data.startswith(FIRST_LINE.split(b"1")[0])
         raise CaptureError("a record of a later version: update hapscene" if later else "not a record of a probe")
-    chunks = _chunks(data)
-    kind, _, payload = next(chunks, (b"", 0, b""))
+    kind, _, payload = next(_chunks(data), (b"", 0, memoryview(b"")))
     if kind != b"HEAD":
         raise CaptureError("cut before its header was whole: nothing can be read")
     head = _json(payload)
     rate_Hz, columns = _head(head)
-    runs, ended = [], None
-    for kind, first, payload in chunks:
+    length, ended = 0, None
+    for kind, first, payload in _chunks(data):
         if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
-            runs.append((first, np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))))
+            length = max(length, first + len(payload) // (4 * len(columns)))
         elif kind == b"END.":
             ended = str(_json(payload).get("ended"))
-    if not runs:
+    if not length:
         raise CaptureError("holds no samples")
-    length = max(first + len(rows) for first, rows in runs)
     if length * len(columns) > VALUE_MAX:
         raise CaptureError(f"{length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
-    table = np.full((len(columns), length), np.nan)
-    for first, rows in runs:
-        table[:, first : first + len(rows)] = rows.T
-    table *= np.array([c.scale for c in columns])[:, None]
-    streams = {column.name: stream for column, stream in zip(columns, table, strict=True)}
+    needed_B = len(data) + 8 * length * len(columns)
+    check_memory(needed_B, len(data), f"{length:,} samples, dropped ones among them,", "record it anew")
+    streams = {column.name: np.full(length, np.nan) for column in columns}
+    for kind, first, payload in _chunks(data):  # gone through twice rather than kept: there may be millions
+        if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
+            rows = np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))
+            for stream, counts in zip(streams.values(), rows.T, strict=True):
+                stream[first : first + len(rows)] = counts
+    for column in columns:
+        streams[column.name] *= column.scale
     return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
 
 
@@ -189,21 +199,21 @@ def save_npz(record: Record, path: Path) -> None:
         raise CaptureError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
+def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
     """Kind, first sample and payload of each chunk, up to the first that is torn."""
-    at = len(FIRST_LINE)
+    view, at = memoryview(data), len(FIRST_LINE)
     while at + _CHUNK.size + _CHECK.size <= len(data):
         kind, length, first = _CHUNK.unpack_from(data, at)
         end = at + _CHUNK.size + length
-        if end + _CHECK.size > len(data) or zlib.crc32(data[at:end]) != _CHECK.unpack_from(data, end)[0]:
+        if end + _CHECK.size > len(data) or zlib.crc32(view[at:end]) != _CHECK.unpack_from(data, end)[0]:
             return
-        yield kind, first, data[at + _CHUNK.size : end]
+        yield kind, first, view[at + _CHUNK.size : end]
         at = end + _CHECK.size
 
 
-def _json(payload: bytes) -> dict[str, Any]:
+def _json(payload: memoryview) -> dict[str, Any]:
     try:
-        content = json.loads(payload)
+        content = json.loads(bytes(payload[:JSON_MAX]))
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):

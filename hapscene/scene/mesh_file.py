@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import MeshError, warn
-from hapscene.files import read_bytes, refusing
+from hapscene.files import open_zip, read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, parts_of, unit_name
 from hapscene.scene.ply import declared, ply_groups
@@ -25,13 +25,6 @@ FILE_MAX_B: Final = 4_000_000_000
 
 UNPACKED_MAX_B: Final = 250_000_000
 """Largest content of an archive that is read [bytes]. To read a mesh takes 9 (STL) to 60 times its size (text)."""
-
-UNPACKED_RATIO_MAX: Final = 100
-"""Most times its own size that an archive may unpack to [1]: meshes unpack to 2 to 20 times, what is made to fill the
-memory to a thousand times."""
-
-UNPACKED_FREE_B: Final = 5_000_000
-"""Content that an archive of any size may unpack to [bytes]."""
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
@@ -67,15 +60,8 @@ def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
     Raises:
         MeshError: it is no archive, or unpacks to more.
     """
-    try:
-        archive = zipfile.ZipFile(io.BytesIO(content))
-    except (zipfile.BadZipFile, OSError, ValueError) as error:
-        raise MeshError(f"{where}: not a readable zip archive, or truncated: {error}") from None
-    size = sum(member.file_size for member in archive.infolist())
-    most = min(UNPACKED_MAX_B, max(UNPACKED_RATIO_MAX * len(content), UNPACKED_FREE_B))
-    if size > most:
-        raise MeshError(f"{where}: unpacks to {size:,} bytes; of an archive this large {most:,} are read: {advice}")
-    return archive
+    with refusing(MeshError, where):
+        return open_zip(io.BytesIO(content), UNPACKED_MAX_B, advice)
 
 
 def _off(content: bytes, where: str) -> int:
