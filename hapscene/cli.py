@@ -63,6 +63,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt as interrupt:
         if options.debug:
             raise
+        eval("0")  # else Python ends by SIGINT where it came while a text was executed, as imports do
         print("hapscene: interrupted; nothing was written", file=sys.stderr)
         return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
     except BrokenPipeError:
@@ -163,13 +164,5 @@ def _speak_utf8() -> None:
             stream.reconfigure(encoding="utf-8", errors="replace")
 
 
-def run() -> NoReturn:
-    """A command as a process: once it is done, Ctrl-C changes nothing any more."""
-    code = main()
-    eval("0")  # else Python ends by SIGINT where Ctrl-C came while a text was executed, as imports do
-    signal.signal(signal.SIGINT, lambda kind, frame: None)
-    sys.exit(code)
-
-
 if __name__ == "__main__":
-    run()
+    sys.exit(main())
