@@ -6,7 +6,7 @@ from _signal import SIGINT, signal  # type: ignore[import-not-found]  # signal i
 
 
 def run() -> None:
-    """A command as a process: it ends with the command's exit code. Once it is done, Ctrl-C changes nothing any more."""
+    """A command as a process, which ends with its exit code. Once it is done, Ctrl-C changes nothing any more."""
     signal(SIGINT, _end)
     from hapscene.cli import main
 
