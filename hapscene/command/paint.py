@@ -52,8 +52,8 @@ def add_paint(commands: Any) -> None:
         default="127.0.0.1",
         metavar="ADDRESS",
         help="to serve at (default 127.0.0.1: this computer alone). At any other, whoever has the printed address "
-        "may do all that the page can, without a password: paint, touch, save and export to any file that you may write, over those "
-        "that are there too, and change your library of swatches",
+        "may do all that the page can, without a password: paint, touch, save and export to any file that you may "
+        "write, over those that are there too, and change your library of swatches",
     )
     command.add_argument(
         "--accept-changed",

@@ -126,8 +126,8 @@ def test_numbers_that_wait_become_one_order() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         for value in range(50):
             touch.tune("wood", {"stiffness_N_m": float(value)})
-        await done(made[0], 1)
-        await asyncio.sleep(0.05)
+        while touch._sending:
+            await asyncio.sleep(0.001)
         assert len(made[0].orders) <= 2
         assert made[0].orders[-1] == ("tune", "wood", {"stiffness_N_m": 49.0})
 
@@ -146,7 +146,8 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
         await asyncio.gather(*orders)
         assert touch.status == "ready" and made[-1].hold.device == list(HAND_DEVICES)[-1]
         assert all(notes.closed for notes in made[:-1])
-        await asyncio.sleep(0.05)
+        while touch._sending:
+            await asyncio.sleep(0.001)
         assert any(("repaint", scene) in notes.orders for notes in made)
 
     run(act)
@@ -210,6 +211,30 @@ def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(devic
         touch.press(np.add(PLACE, (0.5, 0.0, 0.0)), UP, 1.0, 500.0)  # the arm is placed anew
         await done(made[0], len(made[0].orders) + 2)
         assert made[0].orders[-1][1][0] == PLACE[0] + 0.5 and len(said) == ends
+
+    run(act)
+
+
+@pytest.mark.parametrize("first", ["move", "lift", "read"])
+def test_a_hand_whose_process_dies_is_told_once_whatever_is_asked_of_it(first: str) -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        def die(*arguments: object) -> None:
+            made[0].alive = False
+            raise HapsceneError("its process has ended")
+
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        for order in ("aim", "state", "read"):
+            setattr(made[0], order, die)
+        asks: dict[str, Callable[[], Any]] = {
+            "move": lambda: touch.move(PLACE, UP, 1.0, 500.0),
+            "lift": lambda: touch.lift(0.0),
+            "read": lambda: touch.read(0.0),
+        }
+        for ask in (asks[first], *asks.values()):
+            assert ask() is None
+        assert touch.status == "failed" and len(said) == 1 and "process has ended" in said[0]
+        assert not touch.press(PLACE, UP, 1.0, 500.0)
 
     run(act)
 
