@@ -1,17 +1,18 @@
 """The command line: reads the words, calls the room that does the work, prints what it gives. Thin."""
 
 import argparse
-import os
 import shutil
 import signal
 import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
 from hapscene import __version__
-from hapscene.errors import HapsceneError
+from hapscene.command.console import complain, note, ready_streams
+from hapscene.errors import HapsceneError, printable
 from hapscene.interrupt import insisting, interrupted_by_ends
 
 Add = Callable[[Any], object]
@@ -47,33 +48,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done, 2 bad input (one line on stderr), 128 and the signal's number where one ended it: 130 for Ctrl-C.
     """
     with interrupted_by_ends():
-        return _run(arguments)
+        return _told(arguments, argparse.Namespace(debug=False))
 
 
-def _run(arguments: Sequence[str] | None) -> int:
-    options = argparse.Namespace(debug=False)
+def _told(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
+    """The exit code of a command; whatever ends it is told in one line."""
+    ready_streams()
     try:
         with insisting():
-            _speak_utf8()
-            _parser().parse_args(arguments, options)
-            warnings.showwarning = _show_warning
-            code: int = options.command(options)
-            sys.stdout.flush()
-            return code
+            return _run(arguments, options)
     except KeyboardInterrupt as interrupt:
         if options.debug:
             raise
         eval("0")  # else Python ends by SIGINT where it came while a text was executed, as imports do
-        print("hapscene: interrupted; nothing was written", file=sys.stderr)
+        complain("interrupted; nothing was written")
         return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left: say no more
-        return 1
     except (HapsceneError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError) and error.filename == "standard output":
+            return 1  # the reader left: say no more
         if options.debug:
             raise
-        print(f"hapscene: {_sentence(error)}", file=sys.stderr)
+        complain(_sentence(error))
         return 2
+    finally:
+        with suppress(OSError):
+            sys.stdout.flush()
+
+
+def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
+    try:
+        _parser().parse_args(arguments, options)
+    except SystemExit:  # of help, which is printed
+        sys.stdout.flush()
+        raise
+    warnings.showwarning = _show_warning
+    code: int = options.command(options)
+    sys.stdout.flush()
+    return code
 
 
 class _Parser(argparse.ArgumentParser):
@@ -81,7 +92,11 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         see = " See" if message.endswith("?") else "; see"
-        self.exit(2, f"hapscene: {message}{see} `{self.prog} --help`\n")
+        self.exit(2, f"hapscene: {printable(message)}{see} `{self.prog} --help`\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """As its own, but what cannot be written is heard."""
+        (file or sys.stderr).write(message or "")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As its own, but what it does not know is refused here, where its options are known."""
@@ -142,26 +157,17 @@ def _listed(known: Mapping[str, argparse.ArgumentParser], first: int) -> str:
 
 
 def _sentence(error: BaseException) -> str:
-    """The error in one line."""
+    """What the error says."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error})" if str(error) else "not enough memory"
-    return " ".join(str(error).split())
+    return str(error)
 
 
 def _show_warning(message: Warning | str, category: Any, *place: Any, **more: Any) -> None:
     """A warning in one line, without the place in our code."""
-    from hapscene.command.console import note
-
-    note(" ".join(str(message).split()))
-
-
-def _speak_utf8() -> None:
-    """Units and dashes must not fail on a terminal or pipe of another encoding."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(encoding="utf-8", errors="replace")
+    note(str(message))
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -
 def test_a_command_says_so_and_tells_by_its_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def end(*arguments: object) -> None:
+    def end(*arguments: object, **more: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
