@@ -60,6 +60,7 @@ def _told(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
     except KeyboardInterrupt as interrupt:
         if options.debug:
             raise
+        eval("0")  # else Python ends by SIGINT where it came while a text was executed, as imports do
         complain("interrupted; nothing was written")
         return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
     except (HapsceneError, OSError, MemoryError) as error:
@@ -169,13 +170,5 @@ def _show_warning(message: Warning | str, category: Any, *place: Any, **more: An
     note(str(message))
 
 
-def run() -> NoReturn:
-    """A command as a process: once it is done, Ctrl-C changes nothing any more."""
-    code = main()
-    eval("0")  # else Python ends by SIGINT where Ctrl-C came while a text was executed, as imports do
-    signal.signal(signal.SIGINT, lambda kind, frame: None)
-    sys.exit(code)
-
-
 if __name__ == "__main__":
-    run()
+    sys.exit(main())
