@@ -17,6 +17,7 @@ from hapscene.command.check import add_check
 from hapscene.command.console import complain, note, ready_streams
 from hapscene.command.export import add_export, add_import
 from hapscene.command.handle import add_handle
+from hapscene.command.memory_limit import note_memory_limit
 from hapscene.command.options import nearest, print_help
 from hapscene.command.paint import add_paint
 from hapscene.command.plugins import add_plugins
@@ -71,6 +72,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
         sys.stdout.flush()
         raise
     warnings.showwarning = _show_warning
+    note_memory_limit()
     code: int = options.command(options)
     sys.stdout.flush()
     return code

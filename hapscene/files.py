@@ -119,7 +119,7 @@ _LEFT_S: Final = 24 * 3600.0
 def _temporary(path: Path) -> Path:
     """A name in the same folder that nobody has; chosen before it is made, so that whatever ends us can be tidied."""
     _tidy(path.parent.absolute())
-    return path.with_name(f".{path.name[:_NAME_KEPT]}.hapscene-{secrets.token_hex(8)}{path.suffix}")
+    return path.parent / f".{path.name[:_NAME_KEPT]}.hapscene-{secrets.token_hex(8)}{path.suffix}"
 
 
 def _make(part: Path, path: Path, make: Callable[[], object]) -> int | None:
