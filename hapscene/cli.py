@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from hapscene import __version__
 from hapscene.command.console import complain, note, ready_streams
+from hapscene.command.memory_limit import note_memory_limit
 from hapscene.errors import HapsceneError, printable
 from hapscene.interrupt import insisting, interrupted_by_ends
 
@@ -82,6 +83,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
         sys.stdout.flush()
         raise
     warnings.showwarning = _show_warning
+    note_memory_limit()
     code: int = options.command(options)
     sys.stdout.flush()
     return code

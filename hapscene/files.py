@@ -3,11 +3,15 @@
 import json
 import math
 import os
+import re
+import secrets
 import shutil
 import stat
-import tempfile
-from collections.abc import Collection, Iterable, Iterator
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -29,27 +33,16 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         OSError: the folder is missing or cannot be written.
     """
     path = Path(path)
-    with _said_of(path):
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        part = Path(name)
-        try:
-            yield part
-            part.chmod(_mode(path))
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-
-
-@contextmanager
-def _said_of(path: Path) -> Iterator[None]:
-    """What the system refuses of the hidden files beside `path` is said of it: nobody has asked for them."""
+    part = _temporary(path)
+    lock = None
     try:
-        yield
-    except OSError as error:
-        if f"{os.sep}.{path.name}." not in str(error.filename):
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        lock = _make(part, path, lambda: os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)))
+        yield part
+        part.chmod(_mode(path))
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+        _let_go(lock)
 
 
 def check_file(path: Path, error: type[Exception]) -> None:
@@ -88,10 +81,11 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
     if path.exists() and not path.is_dir():
         raise NotADirectoryError(20, "is a file; expected a folder, or a name that is free", str(path))
     made = [parent for parent in path.parents if not parent.exists()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with _said_of(path):
-        part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    part = _temporary(path)
+    lock = None
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = _make(part, path, lambda: part.mkdir(0o700))
         yield part
         if path.exists():
             for name in ours:
@@ -106,10 +100,98 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
             part.replace(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        _let_go(lock)
         if not path.exists():
             with suppress(OSError):  # somebody else has put something there meanwhile
                 for parent in made:
                     parent.rmdir()
+
+
+# What is written has a name of its own until it is whole: hidden, ours without doubt, locked by its writer for as long
+# as that lives. What writers that were killed have left is removed by the next process that writes into the folder.
+
+
+_TEMPORARY: Final = re.compile(r"\..*\.hapscene-[0-9a-f]{16}(\.[^.]*)?", re.DOTALL)
+
+_NAME_KEPT: Final = 40
+"""How much of the name is in the temporary one [characters], which may not be longer than 255 bytes."""
+
+_LEFT_S: Final = 24 * 3600.0
+"""Age from which a temporary file or folder has no writer any more [s], where nothing can be locked."""
+
+
+def _temporary(path: Path) -> Path:
+    """A name in the same folder that nobody has; chosen before it is made, so that whatever ends us can be tidied."""
+    _tidy(path.parent.absolute())
+    return path.parent / f".{path.name[:_NAME_KEPT]}.hapscene-{secrets.token_hex(8)}{path.suffix}"
+
+
+def _make(part: Path, path: Path, make: Callable[[], object]) -> int | None:
+    """Make the temporary file or folder, and lock it; what holds the lock, where there can be one.
+
+    Raises:
+        OSError: naming `path`.
+    """
+    try:
+        while True:
+            make()
+            lock = _open_locked(part)
+            if part.exists():
+                return lock
+            _let_go(lock)  # it was tidied away before it was locked
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from None
+
+
+def _open_locked(part: Path, wait: bool = True) -> int | None:
+    """What holds the lock, and None where nothing can be locked.
+
+    Raises:
+        BlockingIOError: another has it, and it is not waited for.
+    """
+    if sys.platform == "win32":  # where an open file could not be renamed
+        return None
+    import fcntl
+
+    number = None
+    try:
+        number = os.open(part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        fcntl.flock(number, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return number
+    except BlockingIOError:
+        _let_go(number)
+        raise
+    except OSError:
+        _let_go(number)
+        return None
+
+
+def _let_go(lock: int | None) -> None:
+    if lock is not None:
+        os.close(lock)
+
+
+@cache
+def _tidy(folder: Path) -> None:
+    """Remove what writers that are gone have left in a folder; once in a process."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _TEMPORARY.fullmatch(entry.name):
+                with suppress(OSError):  # another writes it, or it is another user's
+                    _remove_left(Path(entry.path), entry.stat(follow_symlinks=False))
+
+
+def _remove_left(part: Path, state: os.stat_result) -> None:
+    lock = _open_locked(part, wait=False)
+    try:
+        if lock is None and time.time() - state.st_mtime < _LEFT_S:
+            return
+        if stat.S_ISDIR(state.st_mode):
+            shutil.rmtree(part)
+        else:
+            part.unlink()
+    finally:
+        _let_go(lock)
 
 
 def _mode(path: Path) -> int:
