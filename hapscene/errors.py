@@ -5,7 +5,9 @@ The text names the file, the place in it, what was expected and what would have 
 """
 
 import difflib
+import json
 import sys
+import unicodedata
 import warnings
 from collections.abc import Iterable
 
@@ -89,3 +91,31 @@ def warn(message: str, category: type[Warning]) -> None:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "hapscene":
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def printable(text: str, most: int | None = None, *, lines: bool = False) -> str:
+    """Text from outside (a file's name, a name in a file, a server's word) as a terminal may be shown it.
+
+    Controls, escapes, what turns the direction of writing, other invisible signs and undecodable bytes of a file's
+    name are told by their numbers, as in Python's and JSON's texts: `\\x1b`, `\\u202e`. A JSON text stays one.
+
+    Args:
+        text: what is to be shown.
+        most: most signs of it that are shown; what is longer ends with "…".
+        lines: ends of lines are kept.
+    """
+    if most is not None and len(text) > most:
+        text = text[: most - 1] + "…"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or (lines and c == "\n") else _number(c) for c in text)
+
+
+def _number(sign: str) -> str:
+    if sign < " ":
+        return repr(sign)[1:-1]
+    return sign if unicodedata.category(sign) == "Zs" else json.dumps(sign)[1:-1]
+
+
+class Codes(str):
+    """Signs that steer the terminal on purpose: written by themselves, they reach it as they are."""

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -232,7 +233,7 @@ def test_the_unit_is_asked_for_before_anything_is_imported(folder: Path, command
 def test_results_go_into_a_folder_that_is_called_as_the_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["touch", "cube.ply", "--unit", "m", "--path", "path.csv", "--no-picture"]) == 0
     said = capsys.readouterr().out
-    assert re.search(r"loading cube.ply \(\d+ B\) … [\d.]+ s\n", said)
+    assert re.search(r"loading cube.ply \(\d+ B\) … (compiling, once; about half a minute … )?[\d.]+ s\n", said)
     assert f"  {Path('out/cube/touch.npz')}  (" in said and "\r" not in said and "\b" not in said
     assert (folder / "out" / "cube" / "summary.json").is_file()
 
@@ -397,3 +398,100 @@ def test_what_is_wrong_with_a_touch_is_told_before_the_mesh_is_loaded(
     monkeypatch.setattr("hapscene.touch.open_scene", lambda *arguments, **more: pytest.fail("loaded"))
     assert main(["touch", "cube.ply", "--unit", "m", *words]) == 2
     assert told in capsys.readouterr().err
+
+
+EVIL = "e\x1b]0;title\x07\x9b2J\u202e\nhapscene: forged"
+"""A name that sets a terminal's title, empties its screen, turns its writing and makes a line of its own."""
+
+
+def _evil_names(folder: Path) -> None:
+    mesh = (folder / "cube.ply").read_bytes()
+    for name in (f"{EVIL}.ply", "\udcff.ply", "none\x1b.ply"):
+        (folder / name).write_bytes(mesh)
+    (folder / "groups.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+        + "".join(f"o part{i}\x1b]0;t\x07\u202e\nusemtl m{i}\x1b[2J\nf {f}\n" for i, f in enumerate(("1 3 2", "1 2 4")))
+    )
+    shipped = Path(__file__).parents[1] / "swatches" / "wood.swatch"
+    content = json.loads(shipped.read_text(encoding="utf-8"))
+    content["provenance"] = content["licence"] = EVIL
+    (folder / f"{EVIL}.swatch").write_text(json.dumps(content), encoding="utf-8")
+    (folder / f"{EVIL}.csv").write_text("t,acceleration\n0,nan\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no file has such a name there")
+@pytest.mark.parametrize(
+    "words",
+    [
+        [EVIL],
+        ["check", f"--{EVIL}"],
+        ["check", EVIL],
+        ["check", "none.ply", "--unit", "m"],
+        ["check", f"{EVIL}.ply", "--unit", "m", "--fix", f"{EVIL}_mended.ply"],
+        ["check", "\udcff.ply", "--unit", "m"],
+        ["check", "groups.obj", "--unit", "m"],
+        ["check", "groups.obj", "--unit", EVIL],
+        ["import", "groups.obj", "--unit", "m"],
+        ["swatch", "show", f"{EVIL}.swatch"],
+        ["swatch", "show", f"{EVIL}.swatch", "--json"],
+        ["swatch", "add", f"{EVIL}.swatch", "--library", f"{EVIL}", "--name", "oak"],
+        ["swatch", "remove", EVIL, "--library", EVIL],
+        ["swatch", "search", f"friction<{EVIL}"],
+        ["swatch", "compare", f"{EVIL}.swatch", f"{EVIL}.csv"],
+        ["swatch", "get", "--from", f"http://127.0.0.1:9/{EVIL}"],
+        ["capture", "fit", f"{EVIL}.csv", "-o", "a.swatch"],
+        ["handle", "show", f"{EVIL}.ply"],
+    ],
+)
+def test_nothing_from_outside_steers_the_terminal(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    _evil_names(folder)
+    with suppress(SystemExit):
+        main(words)
+    said = capsys.readouterr()
+    assert said.out + said.err
+    assert all(line.isprintable() and line != "hapscene: forged" for line in (said.out + said.err).splitlines())
+    if "--json" in words:
+        assert json.loads(said.out)["provenance"] == EVIL
+
+
+CODE = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize(
+    ("words", "shell", "code", "said"),
+    [
+        ("swatch list", ">&-", 0, ""),
+        ("--help", ">&-", 0, ""),
+        ("--version", "<&- 2>&-", 0, f"hapscene {__version__}\n"),
+        ("check none.stl", "2>&-", 2, ""),
+        ("check none.stl", "2>/dev/full", 2, ""),
+        ("tuch", ">&- 2>&- <&-", 2, ""),
+        ("--version", ">/dev/full", 2, "hapscene: standard output: No space left on device\n"),
+        ("--help", ">/dev/full", 2, "hapscene: standard output: No space left on device\n"),
+        ("check none.stl", ">/dev/full", 2, "hapscene: none.stl: no such file\n"),
+        ("check cube.stl --unit mm --fix mended.ply", ">&-", 0, ""),
+    ],
+)
+def test_streams_that_are_closed_or_full(folder: Path, words: str, shell: str, code: int, said: str) -> None:
+    if "/dev/full" in shell and not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    command = f'exec "{sys.executable}" -c "{CODE}" {words} {shell}'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, encoding="utf-8", check=False)
+    assert done.returncode == code, done.stderr
+    assert done.stdout + done.stderr == said
+    if "--fix" in words:  # what is opened meanwhile does not become standard output
+        assert (folder / "mended.ply").read_bytes()[:4] == b"ply\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize("words", ["swatch list", "--help"])
+def test_a_reader_that_leaves_is_told_nothing(words: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", CODE, *words.split()], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b"" and process.wait() == 1

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter, load_record, save_npz, taken
-from hapscene.errors import CaptureError
+from hapscene.errors import CaptureError, Codes
 from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
 from hapscene.wire.protocol import VERSION, Column, Count, Decoder, Run
@@ -54,7 +54,8 @@ class Meter:
             return
         self._shown_s = now_s
         line, width = self.line(position, count), shutil.get_terminal_size().columns
-        self._stream.write(f"\r{line[: width - 1]}\x1b[K" if self._live else f"{line}\n")
+        for sign in (Codes("\r"), line[: width - 1], Codes("\x1b[K")) if self._live else (f"{line}\n",):
+            self._stream.write(sign)
         self._stream.flush()
 
     def line(self, position: int, count: Count) -> str:

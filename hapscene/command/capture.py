@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from hapscene.command.console import name_made, note, say
+from hapscene.command.console import complain, name_made, note, say, tell, tell_over
 from hapscene.command.options import (
     add_command,
     add_group,
@@ -149,7 +149,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
     save_swatch(swatch, options.out)
-    print("\n".join(_told(swatch)))
+    tell(_told(swatch))
     name_made([Path(options.out), *made])
     return 0
 
@@ -301,19 +301,22 @@ def _batch(options: argparse.Namespace) -> int:
             result = fit_batch(items, options.out, *how, asked, progress.show)
         except KeyboardInterrupt:
             progress.end()
-            print("hapscene: interrupted; run the same again to go on", file=sys.stderr)
+            complain("interrupted; run the same again to go on")
             return 130
         finally:
             progress.end()
-    print(f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed")
-    for entry in result.failed:
-        print(f"  {entry.reason}")
-    for line in result.notes:
-        print(f"note: {line}")
-    print(f"made:\n  {options.out}: swatches and manifest.json")
+    tell(
+        [
+            f"{len(result.fitted)} fitted, {len(result.skipped)} done before, {len(result.failed)} failed",
+            *(f"  {entry.reason}" for entry in result.failed),
+            *(f"note: {line}" for line in result.notes),
+            "made:",
+            f"  {options.out}: swatches and manifest.json",
+        ]
+    )
     if result.stopped:
         left = len(items) - result.count
-        print(f"hapscene: interrupted with {left} recordings left; run the same again to go on", file=sys.stderr)
+        complain(f"interrupted with {left} recordings left; run the same again to go on")
         return 130
     return 1 if result.failed else 0
 
@@ -340,7 +343,7 @@ class _Progress:
         if worked:
             left_s = (self._total - result.count) * (now_s - self._start_s) / worked
             line += f", {worked / (now_s - self._start_s):.2g} a second, about {duration(left_s)} left"
-        print(f"\r{line}\x1b[K" if self._live else line, end="" if self._live else "\n", flush=True)
+        tell_over(line) if self._live else tell([line])
         self._open = self._live
 
     def stopping(self) -> None:
@@ -402,7 +405,7 @@ def _record(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
-            print(f"hapscene: interrupted; what was recorded until then is in {place}", file=sys.stderr)
+            complain(f"interrupted; what was recorded until then is in {place}")
             return 130
     count = made.count
     lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"

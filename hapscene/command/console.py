@@ -1,11 +1,15 @@
 """What a command says while it works: what is being done and for how long, notes, and what was made."""
 
+import os
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from hapscene.errors import Codes, printable
 
 TICK_S: Final = 1.0
 """Time between two states of the seconds that a terminal shows [s]."""
@@ -30,8 +34,10 @@ class _OpenLine:
     def _count(self) -> None:
         while not self._ended.wait(TICK_S):
             text = f"{time.monotonic() - self.start_s:.0f} s"
-            sys.stdout.write(text + "\b" * len(text))  # what is said next stands in its place
-            sys.stdout.flush()
+            with suppress(OSError):
+                sys.stdout.write(text)
+                sys.stdout.write(Codes("\b" * len(text)))  # what is said next stands in its place
+                sys.stdout.flush()
 
 
 _open: _OpenLine | None = None
@@ -39,13 +45,17 @@ _notes: list[str] = []
 
 
 def say(text: str) -> None:
-    """Progress to standard output at once, also through a pipe; on a terminal, a line without end counts seconds."""
+    """Progress to standard output at once, also through a pipe; on a terminal, a line without end counts seconds.
+
+    A line at most: one that ends is `text` with "\\n" as its last sign.
+    """
     global _open
     start_s = time.monotonic()
     if _open is not None:
         _open.end()
         start_s, _open = _open.start_s, None
-    sys.stdout.write(text)
+    line = text.removesuffix("\n")
+    sys.stdout.write(printable(line) + text[len(line) :])
     sys.stdout.flush()
     if text.endswith("\n"):
         while _notes:
@@ -59,14 +69,30 @@ def note(text: str) -> None:
     if _open is not None:
         _notes.append(text)
         return
-    print(f"hapscene: note: {text}", file=sys.stderr)
+    complain(f"note: {text}")
+
+
+def complain(text: str) -> None:
+    """What is wrong, in one line to standard error."""
+    print(f"hapscene: {' '.join(text.split())}", file=sys.stderr)
+
+
+def tell(lines: Iterable[str]) -> None:
+    """A result in lines, each one line whatever the names in it are."""
+    print("\n".join(map(printable, lines)), flush=True)
+
+
+def tell_over(line: str) -> None:
+    """A line of a terminal that is told over and over, each in the place of the last."""
+    sys.stdout.write(Codes("\r"))
+    sys.stdout.write(printable(line))
+    sys.stdout.write(Codes("\x1b[K"))
+    sys.stdout.flush()
 
 
 def name_made(made: Sequence[Path]) -> None:
     """End a command by naming the files it made."""
-    print("made:")
-    for file in made:
-        print(f"  {file}  ({size_words(file.stat().st_size)})", flush=True)
+    tell(["made:", *(f"  {file}  ({size_words(file.stat().st_size)})" for file in made)])
 
 
 def size_words(size_B: float) -> str:
@@ -76,3 +102,61 @@ def size_words(size_B: float) -> str:
             return f"{size_B:.3g} {unit}"
         size_B /= 1000.0
     return f"{size_B:.3g} GB"
+
+
+# The streams that all this is written to.
+
+
+def ready_streams() -> None:
+    """Make standard output and error fit for whatever is printed, for as long as the process lives.
+
+    They are there (closed ones lead nowhere, and no file that is opened takes their place), in UTF-8, and what a
+    terminal would obey is shown by its number; but for `Codes`.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+    for name, place in (("stdout", "standard output"), ("stderr", None)):
+        stream: Any = getattr(sys, name)
+        if stream is None:
+            stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - until the process ends
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(encoding="utf-8", errors="replace")
+        if not isinstance(stream, _Printable):
+            setattr(sys, name, _Printable(stream, place))
+
+
+class _Printable:
+    """A standard stream to which text is written as it may be shown."""
+
+    def __init__(self, stream: Any, place: str | None) -> None:
+        self._stream = stream
+        self._place = place
+
+    def write(self, text: str) -> int:
+        self._try(self._stream.write, text if isinstance(text, Codes) else printable(text, lines=True))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _try(self, do: Callable[..., object], *arguments: str) -> None:
+        """What cannot be written is said once, where it can be; then, and when the process ends, it goes nowhere."""
+        try:
+            do(*arguments)
+        except OSError as error:
+            with suppress(OSError):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, self._stream.fileno())
+                os.close(nowhere)
+            if self._place is not None:
+                raise OSError(error.errno, error.strerror, self._place) from None

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from hapscene.command.console import name_made
+from hapscene.command.console import name_made, tell, tell_over
 from hapscene.command.options import (
     add_command,
     add_group,
@@ -78,7 +78,7 @@ def _play(options: argparse.Namespace) -> int:
     with whole_folder(options.out) as out:
         full_m_s2 = write_wave(played.acceleration_m_s2, rate_Hz, out / "felt.wav")
         write_playback(desired, played, rate_Hz, plant, told, out / "felt.png")
-    print(told)
+    tell([told])
     print(f"felt {1e3 * played.latency_s:.1f} ms late; full scale of felt.wav is {full_m_s2:.3g} m/s²")
     if played.hits or played.clips:
         print(f"the coil met a stop {played.hits} times; the force was cut {played.clips} times")
@@ -224,7 +224,9 @@ def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[
 
     def share(done: float) -> None:
         if sys.stdout.isatty():
-            print(f"\r{100 * done:3.0f} %", end="" if done < 1.0 else "\n", flush=True)
+            tell_over(f"{100 * done:3.0f} %")
+            if done >= 1.0:
+                tell([""])
 
     def hold(i: int) -> None:
         print(f"grip {names[i]}: hold the handle so, and keep still for {sweep.sweep_s + 1:.0f} s", flush=True)
@@ -253,5 +255,5 @@ def _show(options: argparse.Namespace) -> int:
     from hapscene.handle.identification_report import describe_lines
 
     handle = load_handle(options.file)
-    print(handle_to_json(handle).rstrip() if options.json else "\n".join(describe_lines(handle)))
+    tell(handle_to_json(handle).rstrip().splitlines() if options.json else describe_lines(handle))
     return 0

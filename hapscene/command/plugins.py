@@ -5,6 +5,7 @@ import json
 import math
 from typing import Any
 
+from hapscene.command.console import tell
 from hapscene.command.options import add_command
 
 
@@ -26,15 +27,17 @@ def _plugins(options: argparse.Namespace) -> int:
         print(json.dumps([_described(item) for item in effects.values()], indent=2, ensure_ascii=False))
         return 0
     for item in effects.values():
-        print(f"{item.name}  ({item.distribution} {item.version}, {item.module})")
+        lines = [f"{item.name}  ({item.distribution} {item.version}, {item.module})"]
         if item.effect is None:
-            print(f"  cannot be used: {item.error}")
+            tell([*lines, f"  cannot be used: {item.error}"])
             continue
-        print(f"  {item.effect.summary}")
+        lines.append(f"  {item.effect.summary}")
         if item.effect.params:
-            print(f"  {'parameter':<24} {'default':<8} {'unit':<8} meaning")
-        for param in item.effect.params:
-            print(f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}")
+            lines.append(f"  {'parameter':<24} {'default':<8} {'unit':<8} meaning")
+        rows = (
+            f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}" for param in item.effect.params
+        )
+        tell([*lines, *rows])
     if not effects:
         print("no effect is installed: is hapscene itself installed?")
         return 0

@@ -3,12 +3,11 @@
 import argparse
 import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.console import name_made, note, say
+from hapscene.command.console import complain, name_made, note, say, tell
 from hapscene.command.options import (
     add_command,
     add_group,
@@ -27,6 +26,7 @@ from hapscene.command.options import (
     seed,
 )
 from hapscene.errors import CaptureError, SwatchError
+from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
@@ -85,7 +85,7 @@ def _print_entries(shipped: list[Any], own: list[Any], as_json: bool) -> None:
         return
     width = max((len(entry.name) for entry, _ in rows), default=0)
     for entry, source in rows:
-        print(f"{entry.name:<{width}}  {source:<8}  {', '.join(entry.words)}")
+        tell([f"{entry.name:<{width}}  {source:<8}  {', '.join(entry.words)}"])
 
 
 def _add_show(commands: Any) -> None:
@@ -114,7 +114,7 @@ def _show(options: argparse.Namespace) -> int:
         told |= {"provenance": swatch.provenance, "licence": swatch.licence}
         print(json.dumps(told, indent=2, ensure_ascii=False))
         return 0
-    print("\n".join(lines(swatch)))
+    tell(lines(swatch))
     return 0
 
 
@@ -169,7 +169,7 @@ def _add(options: argparse.Namespace) -> int:
     for swatch in swatches:
         named = swatch if options.name is None else replace(swatch, name=options.name)
         entry = add(named, options.library, options.replace)
-        print(f"{entry.name} → {library_folder(options.library) / entry.file}")
+        tell([f"{entry.name} → {library_folder(options.library) / entry.file}"])
     return 0
 
 
@@ -188,7 +188,7 @@ def _remove(options: argparse.Namespace) -> int:
     from hapscene.surface.library import remove
 
     for name in options.names:
-        print(f"removed {remove(name, options.library)}")
+        tell([f"removed {remove(name, options.library)}"])
     return 0
 
 
@@ -215,17 +215,16 @@ def _get(options: argparse.Namespace) -> int:
     if not names:
         _print_entries([], entries, False)
         return 0
-    broken: list[str] = []
+    code = 0
     for i, name in enumerate(names, 1):
         try:
             entry = get(name, address, entries, folder=options.library, replace=options.replace)
         except SwatchError as error:
-            broken.append(str(error))
+            complain(str(error))
+            code = 2
             continue
-        print(f"{i}/{len(names)}  {entry.name} → {library_folder(options.library) / entry.file}", flush=True)
-    for line in broken:
-        print(f"hapscene: {line}", file=sys.stderr)
-    return 2 if broken else 0
+        tell([f"{i}/{len(names)}  {entry.name} → {library_folder(options.library) / entry.file}"])
+    return code
 
 
 # `hapscene swatch import` and `hapscene swatch export`.
@@ -256,11 +255,12 @@ def _import_hatt(options: argparse.Namespace) -> int:
     try:
         import_many(options.files, options.out, lambda line: say(f"{line}\n"), outcome)
     except KeyboardInterrupt:
-        print(f"hapscene: interrupted; the {len(outcome.made)} swatches named above are whole", file=sys.stderr)
+        heard()
+        complain(f"interrupted; the {len(outcome.made)} swatches named above are whole")
         return 130
     print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")
     for line in outcome.broken:
-        print(f"hapscene: {' '.join(line.split())}", file=sys.stderr)
+        complain(line)
     return 2 if outcome.broken else 0
 
 
@@ -388,7 +388,10 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _print(as_json: bool, content: dict[str, Any], lines: Sequence[str]) -> None:
-    print(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) if as_json else "\n".join(lines))
+    if as_json:
+        print(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        tell(lines)
 
 
 def _repeats(surfaces: Sequence["ComparedSurface"]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ Embree works in float32: it only names the face, everything else is computed in 
 import ctypes
 import importlib.util
 import weakref
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
-from hapscene.native import INTERPRETED, cache_folder, native
+from hapscene.native import INTERPRETED, kept, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
@@ -113,8 +113,7 @@ def _filter() -> Any:
         floats = ctypes.POINTER(ctypes.c_float)
         return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
     pointer: Any = types.CPointer
-    with cache_folder(_let_backs_pass):
-        return cfunc(types.void(pointer(pointer(types.float32))), cache=True)(_let_backs_pass)
+    return kept(_let_backs_pass, partial(cfunc, types.void(pointer(pointer(types.float32)))))
 
 
 def fronts_only() -> NDArray[np.uint64]:

@@ -4,8 +4,13 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Final
 
+from hapscene.errors import printable
+
 VERSION: Final = 1
 """Version of the report's JSON."""
+
+NAME_SHOWN: Final = 60
+"""Most of a group's name that is told [characters]."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +86,15 @@ class Report:
         x, y, z = map(length, self.size_m)
         held = "open" if self.volume_m3 is None else f"closed, {_volume(self.volume_m3)}"
         lines = [
-            f"{self.path or 'mesh'}: "
+            f"{printable(self.path or 'mesh')}: "
             f"{number(self.face_count, 'face')}, {number(self.vertex_count, 'vertex')}, "
             f"{number(self.shell_count, 'shell')}, {held}",
             f"size {x} × {y} × {z} (unit of the file: {self.unit})",
         ]
         if len(self.group_names) > 1:
             more = ", …" if len(self.group_names) > 8 else ""
-            lines.append(f"{len(self.group_names)} groups: {', '.join(self.group_names[:8])}{more}")
+            first = ", ".join(printable(name, NAME_SHOWN) for name in self.group_names[:8])
+            lines.append(f"{len(self.group_names)} groups: {first}{more}")
         if not self.examined_crossing:
             lines.append("not examined for faces that cross each other: too many faces")
         if not self.findings:

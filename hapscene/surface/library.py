@@ -9,15 +9,19 @@ import json
 import operator
 import os
 import re
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from importlib import resources
 from itertools import chain, count
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Event, Thread
 from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
-from hapscene.errors import SwatchError, did_you_mean, no_such
+from hapscene.errors import SwatchError, did_you_mean, no_such, printable
 from hapscene.files import parse_format, read_bytes, refusing, write_whole
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import NAME_MAX, Swatch
@@ -316,8 +320,24 @@ def _text(entry: LibraryEntry) -> str:
 TIMEOUT_S: Final = 20.0
 """Longest silence of a server [s]."""
 
+PATIENCE_S: Final = 60.0
+"""Time that a transfer may take beside that of its bytes [s]: for names, connections, redirections, further tries."""
+
+RATE_MIN_B_S: Final = 16_384
+"""Least rate of a transfer [bytes/s]: with less, beyond `PATIENCE_S`, it is given up. A slow telephone line has it; at
+one byte before each silence ends, a server would keep us for ever."""
+
 TRIES: Final = 4
 """Times a transfer is begun or taken up [count]."""
+
+REDIRECTIONS_MAX: Final = 5
+"""Most times that a server sends us elsewhere in one of them [count]; two or three are usual."""
+
+REASON_SHOWN: Final = 120
+"""Most of a server's words that is told [characters]."""
+
+WAIT_S: Final = 0.25
+"""Longest wait in which Ctrl-C is not heard, where the system does not break into it [s]."""
 
 _CHUNK: Final = 1 << 16  # bytes
 
@@ -399,36 +419,106 @@ def _retried(
     url: str, most: int, held: Callable[[], int], write: Callable[[bytes], object], clear: Callable[[], object]
 ) -> None:
     """Transfers `url` into a sink, taking it up again when it breaks off; never writes more than `most` bytes."""
-    import requests
+    from requests import RequestException
     from urllib3.exceptions import HTTPError
 
-    problem = ""
+    problem, start_s, first = "", time.monotonic(), held()
+
+    def left_s() -> float:
+        arrived_B = max(held() - first, 0)
+        took_s = time.monotonic() - start_s
+        if took_s > PATIENCE_S + arrived_B / RATE_MIN_B_S:
+            raise SwatchError(f"{url}: too slow: {arrived_B} bytes in {took_s:.0f} s: given up")
+        return PATIENCE_S + arrived_B / RATE_MIN_B_S - took_s
+
     for _ in range(TRIES):
         start = held()
         wanted = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
         try:
-            with requests.get(url, headers=wanted, stream=True, timeout=TIMEOUT_S) as answer:
+            with closing(_arriving(url, wanted, most, left_s)) as arriving:
+                answer = next(arriving)
                 if answer.status_code == 416 or (answer.status_code == 206 and not _continues(answer, start)):
                     clear()
                     problem = "cannot be taken up where it broke off"
                     continue
                 if answer.status_code not in (200, 206):
-                    raise SwatchError(f"{url}: the server says {answer.status_code} {answer.reason}")
+                    raise SwatchError(
+                        f"{url}: the server says {answer.status_code} {printable(str(answer.reason), REASON_SHOWN)}"
+                    )
                 if answer.headers.get("Content-Encoding", "identity").lower() != "identity":
                     raise SwatchError(f"{url}: the server sends it compressed, which was not asked for: not taken")
                 if answer.status_code == 200 and start:
                     clear()
-                while data := answer.raw.read(_CHUNK, decode_content=False):
+                for data in arriving:
                     if held() + len(data) > most:
                         clear()
                         raise SwatchError(f"{url}: is longer than {most} bytes: not taken")
                     write(data)
                 return
-        except (requests.RequestException, HTTPError) as error:
+        except (RequestException, HTTPError) as error:
             problem = _reason(error)
-            if isinstance(error, requests.exceptions.InvalidURL | requests.exceptions.InvalidSchema):
+            if isinstance(error, ValueError):  # no address, among others
                 break
-    raise SwatchError(f"{url}: cannot be fetched: {problem}")
+    raise SwatchError(f"{url}: cannot be fetched: {printable(problem)}")
+
+
+def _arriving(url: str, headers: dict[str, str], most: int, left_s: Callable[[], float]) -> Generator[Any, None, None]:
+    """The answer, then what arrives of its content, up to a little more than `most` bytes.
+
+    A thread waits for the server, since what is asked of sockets bounds each wait, and not their sum; it is left alone
+    when `left_s`, or Ctrl-C, says so.
+    """
+    found: SimpleQueue[Any] = SimpleQueue()
+    left = Event()
+    Thread(target=_ask, args=(url, headers, most, found.put, left.is_set), daemon=True).start()
+    try:
+        while True:
+            try:
+                item = found.get(timeout=min(left_s(), WAIT_S))
+            except Empty:
+                continue
+            if isinstance(item, BaseException):
+                raise item
+            if item is None:
+                return
+            yield item
+    finally:
+        left.set()
+
+
+def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None], left: Callable[[], bool]) -> None:
+    """Puts the answer, what arrives of its content, and None; or what went wrong."""
+    import requests
+
+    try:
+        with requests.Session() as session:
+            # it would follow them itself, and read what comes with each, however much
+            session.get_redirect_target = lambda resp: None  # type: ignore[method-assign]
+            place = url
+            for _ in range(REDIRECTIONS_MAX + 1):
+                with session.get(place, headers=headers, stream=True, timeout=TIMEOUT_S) as answer:
+                    if answer.is_redirect:
+                        place = _redirected(place, answer.headers["Location"])
+                        continue
+                    put(answer)
+                    size = 0
+                    while size <= most and not left() and (data := answer.raw.read(_CHUNK, decode_content=False)):
+                        size += len(data)
+                        put(data)
+                    put(None)
+                    return
+            raise SwatchError(f"{url}: is redirected more than {REDIRECTIONS_MAX} times")
+    except BaseException as error:
+        put(error)
+
+
+def _redirected(place: str, target: str) -> str:
+    """Where a redirection leads: to the web, and from https to https."""
+    found = urljoin(place, target)
+    schemes = ("https",) if urlsplit(place).scheme == "https" else ("http", "https")
+    if urlsplit(found).scheme not in schemes:
+        raise SwatchError(f"{place}: is redirected to {printable(found, REASON_SHOWN)}, not to {' or '.join(schemes)}")
+    return found
 
 
 def _continues(answer: Any, start: int) -> bool:

@@ -1,12 +1,13 @@
 """What a command says while it works, to a pipe and to a terminal."""
 
 import io
+import sys
 import time
 
 import pytest
 
 from hapscene.command import console
-from hapscene.command.console import note, say, size_words
+from hapscene.command.console import complain, note, ready_streams, say, size_words, tell, tell_over
 
 
 class Terminal(io.StringIO):
@@ -45,6 +46,25 @@ def test_a_terminal_sees_the_seconds_pass(monkeypatch: pytest.MonkeyPatch) -> No
     say("1.20 s\n")
     assert thread is not None and not thread.is_alive()
     assert terminal.getvalue().startswith("loading … 0 s\b\b\b") and terminal.getvalue().endswith("\b1.20 s\n")
+
+
+def test_one_line_is_one_line_whatever_is_in_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdout", sys.stdout)  # as they were, afterwards
+    monkeypatch.setattr("sys.stderr", sys.stderr)
+    ready_streams()
+    say("reading a\nb\x1b[2J … ")
+    say("1.20 s\n")
+    tell(["made:", "  a\nmade:\x9b"])
+    complain("a\nb\x1b")
+    print("a\x1b\u202e\nb", file=sys.stdout)
+    sys.stdout.writelines(["a\x07\n"])
+    said = capsys.readouterr()
+    told = "reading a\\nb\\x1b[2J … 1.20 s\nmade:\n  a\\nmade:\\u009b\na\\x1b\\u202e\nb\na\\x07\n"
+    assert (said.out, said.err) == (told, "hapscene: a b\\x1b\n")
+    tell_over("50\r %")
+    assert capsys.readouterr().out == "\r50\\r %\x1b[K"
 
 
 def test_a_note_waits_for_the_end_of_the_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,8 +3,13 @@
 import gzip
 import hashlib
 import json
+import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -281,6 +286,159 @@ def test_answers_that_are_none(server: Server, home: Path) -> None:
     server.http.server_close()
     with pytest.raises(SwatchError, match="cannot be fetched"):
         read_index(server.url)
+
+
+def drip(handler: Any, data: bytes, every_s: float = 0.02) -> None:
+    """Gives a byte now and then, so that no single silence is long."""
+    with suppress(OSError):
+        for k in range(1000):
+            handler.wfile.write(data[k : k + 1] or b" ")
+            time.sleep(every_s)
+
+
+def drip_content(handler: Any, data: bytes) -> None:
+    handler.send_response(200)
+    handler.send_header("Content-Length", str(len(data)))
+    handler.end_headers()
+    drip(handler, data)
+
+
+def repeat(part: bytes) -> Callable[[Any, bytes], None]:
+    """Gives the same again and again, fast."""
+
+    def bend(handler: Any, data: bytes) -> None:
+        with suppress(OSError):
+            while True:
+                handler.wfile.write(part * (1 + 10_000 // len(part)))
+
+    return bend
+
+
+SLOW: dict[str, Callable[[Any, bytes], None]] = {
+    "content": drip_content,
+    "status line": lambda handler, data: drip(handler, b"HTTP/1.1 200 OK" + b"K" * 1000),
+    "headers": lambda handler, data: drip(handler, b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 1000),
+    "silence": lambda handler, data: time.sleep(3),
+    "not yet": repeat(b"HTTP/1.1 100 Continue\r\n\r\n"),
+    "trailers": lambda handler, data: repeat(b"A: b\r\n")(
+        handler, handler.wfile.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n")
+    ),
+}
+
+
+@pytest.mark.parametrize("where", SLOW)
+def test_a_slow_server_is_given_up(server: Server, home: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    monkeypatch.setattr(library, "PATIENCE_S", 0.3)
+    server.publish("oak", DATA)
+    server.bend["index.json"] = SLOW[where]
+    start_s = time.monotonic()
+    with pytest.raises(SwatchError, match=r"index\.json: too slow: \d+ bytes in \d+ s: given up"):
+        read_index(server.url)
+    assert time.monotonic() - start_s < 10.0
+    server.bend = {"oak.swatch": SLOW[where]}
+    refused(server, home, r"oak\.swatch: too slow")
+
+
+def test_a_slow_line_is_waited_for_as_long_as_bytes_come(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "PATIENCE_S", 1.5)
+    monkeypatch.setattr(library, "RATE_MIN_B_S", len(DATA) / 100)
+    monkeypatch.setattr(library, "_CHUNK", 2000)
+
+    def slow(handler: Any, data: bytes) -> None:
+        send(handler, data[:10_000], length=len(data))
+        time.sleep(1.7)
+        handler.wfile.write(data[10_000:])
+
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = slow
+    assert fetched(server) == oak()
+
+
+def to(place: str) -> Callable[[Any, bytes], None]:
+    """Sends elsewhere."""
+    return lambda handler, data: send(handler, b"", 302, Location=place)
+
+
+def test_redirections_are_followed_some_times_and_only_on_the_web(server: Server, home: Path) -> None:
+    server.publish("oak", DATA)
+    server.bend["oak.swatch"] = to("/oak.swatch")
+    refused(server, home, "is redirected more than 5 times")
+    for place in ("file:///etc/passwd", "ftp://127.0.0.1/x", "gopher:x\x9b"):
+        server.bend["oak.swatch"] = to(place)
+        refused(server, home, r"is redirected to (?!.*\x9b).*, not to http or https")
+    with pytest.raises(SwatchError, match="not to https"):
+        library._redirected("https://example.org/a", "http://example.org/a")
+    server.bend["oak.swatch"] = to("/moved")
+    server.files["moved"] = DATA
+    assert fetched(server) == oak()
+
+
+def test_what_comes_with_a_redirection_is_not_read(server: Server) -> None:
+    server.publish("oak", DATA)
+    server.files["moved"] = DATA
+
+    def bend(handler: Any, data: bytes) -> None:
+        send(handler, b"", 302, length=10**12, Location="/moved")
+        repeat(b" ")(handler, data)
+
+    server.bend["oak.swatch"] = bend
+    assert fetched(server) == oak()
+
+
+LYING: dict[str, tuple[bytes, str]] = {
+    "longer": (b"Content-Length: 99999999\r\n\r\n" + DATA, "cannot be fetched: "),
+    "shorter": (b"Content-Length: 10\r\n\r\n" + DATA, "is shorter than"),
+    "negative": (b"Content-Length: -1\r\n\r\n" + DATA[:9], "is shorter than"),
+    "two": (b"Content-Length: 5, 7\r\n\r\n" + DATA, "cannot be fetched: .*Content-Length"),
+    "chunks of no size": (b"Transfer-Encoding: chunked\r\n\r\nxyz\r\n" + DATA, "cannot be fetched: "),
+    "a huge header": (b"A: " + b"b" * 1_000_000 + b"\r\n\r\n" + DATA, "cannot be fetched: .*header line"),
+    "many headers": (b"A: b\r\n" * 10_000 + b"\r\n" + DATA, "cannot be fetched: .*100 headers"),
+}
+
+
+@pytest.mark.parametrize("case", LYING)
+def test_answers_that_lie_about_themselves(server: Server, home: Path, case: str) -> None:
+    head, message = LYING[case]
+    server.publish("oak", DATA)
+
+    def bend(handler: Any, data: bytes) -> None:
+        handler.close_connection = True
+        with suppress(OSError):
+            handler.wfile.write(b"HTTP/1.1 200 OK\r\n" + head)
+
+    server.bend["oak.swatch"] = bend
+    refused(server, home, message)
+
+
+def test_what_a_server_says_does_not_steer_the_terminal(server: Server, capsys: pytest.CaptureFixture[str]) -> None:
+    server.files["index.json"] = b""
+    server.bend["index.json"] = lambda handler, data: handler.wfile.write(
+        b"HTTP/1.1 500 \x1b]0;title\x07\x9b" + b"x" * 5000 + b"\r\n\r\n"
+    )
+    assert cli.main(["swatch", "get", "--from", server.url]) == 2
+    said = capsys.readouterr().err
+    assert r"the server says 500 \x1b]0;title\x07\u009bxxx" in said and len(said) < 300 and said[:-1].isprintable()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signal there")
+def test_a_slow_server_is_left_at_once(server: Server) -> None:
+    asked = threading.Event()
+
+    def bend(handler: Any, data: bytes) -> None:
+        asked.set()
+        drip(handler, b"HTTP/1.1 200 O")
+
+    server.files["index.json"] = b""
+    server.bend["index.json"] = bend
+    code = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
+    words = [sys.executable, "-c", code, "swatch", "get", "--from", server.url]
+    with subprocess.Popen(words, stderr=subprocess.PIPE) as process:
+        assert asked.wait(60.0)
+        process.send_signal(signal.SIGINT)
+        start_s = time.monotonic()
+        _, said = process.communicate()
+    assert (process.returncode, said) == (130, b"hapscene: interrupted; nothing was written\n")
+    assert time.monotonic() - start_s < 10.0
 
 
 def test_the_command(server: Server, home: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,207 @@
+"""Feeds mutants to a worker, judges what became of each, and makes what it found small.
+
+By hand, to see one mutant again or to look for more than the soak does:
+
+    python tests/fuzz/harness.py npz --seed 7 --count 1000 --out findings
+"""
+
+import argparse
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+from formats import FORMATS, Format
+from mutate import mutant
+
+HANG_S = 10.0
+"""Longest time that a file may take [s]."""
+
+SHRINK_S = 5.0
+"""Longest time that a finding is made smaller [s]; a crash costs a new process each time."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A file that did what none may do."""
+
+    format: str
+    kind: str
+    what: str
+    where: str
+    text: str
+    seed: str
+    content: bytes
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Findings of one key are one."""
+        return self.format, self.kind, self.what, self.where
+
+    def __str__(self) -> str:
+        words = (self.kind, self.what, self.where, self.text, f"{len(self.content)} bytes", f"seed {self.seed}")
+        return f"{self.format}: " + "; ".join(filter(None, words))
+
+
+class Worker:
+    """The process that reads, begun anew after it died. To be used with `with`."""
+
+    def __enter__(self) -> "Worker":
+        self._place = tempfile.TemporaryDirectory()
+        self._process: subprocess.Popen[str] | None = None
+        self._warm: set[str] = set()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._end()
+        self._place.cleanup()
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+            self._warm.clear()
+
+    def read(self, name: str, content: bytes | None = None) -> dict[str, Any]:
+        """What became of a content of that format; of the good file where none is given."""
+        files = good(name)
+        if name not in self._warm:
+            for file, held in files.items():
+                self._folder(name).mkdir(exist_ok=True)
+                (self._folder(name) / file).write_bytes(held)
+            self._ask(name, limited=False, most_s=300.0)  # imports, and what is compiled, are no file's doing
+            self._warm.add(name)
+        (self._folder(name) / next(iter(files))).write_bytes(next(iter(files.values())) if content is None else content)
+        return self._ask(name, limited=True, most_s=HANG_S)
+
+    def _folder(self, name: str) -> Path:
+        return Path(self._place.name) / name
+
+    def _ask(self, name: str, limited: bool, most_s: float) -> dict[str, Any]:
+        if self._process is None:
+            threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+            pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+            worker = [sys.executable, str(Path(__file__).with_name("worker.py"))]
+            threads["TMPDIR"] = str(Path(self._place.name, "temporary"))
+            environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+            self._process = subprocess.Popen(worker, cwd=self._place.name, env=environment, text=True, **pipes)
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write(json.dumps([name, str(self._folder(name) / next(iter(good(name)))), limited]) + "\n")
+        process.stdin.flush()
+        if not select.select([process.stdout], [], [], most_s)[0]:
+            self._end()
+            return {"kind": "hang", "what": "", "where": "", "text": f"more than {most_s:g} s"}
+        line = process.stdout.readline()
+        if not line:
+            code = process.wait()
+            self._end()
+            return {
+                "kind": "crash",
+                "what": signal.Signals(-code).name if code < 0 else f"exit {code}",
+                "where": "",
+                "text": "",
+            }
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+
+_GOOD: dict[str, dict[str, bytes]] = {}
+
+
+def good(name: str) -> dict[str, bytes]:
+    """The good file of a format, and those beside it."""
+    if name not in _GOOD:
+        _GOOD[name] = dict(FORMATS[name].make())
+    return _GOOD[name]
+
+
+def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole: int) -> dict[str, Any] | None:
+    """What is wrong with what became of a file, or None. `whole`: how many elements the good one has."""
+    if told["kind"] not in ("loaded", "refused"):
+        return told
+    if cut and told["kind"] == "loaded" and not told["warned"]:
+        least = whole if entry.left is None else entry.left(content)
+        if told["count"] < least:
+            return told | {"kind": "smaller", "text": f"{told['count']} of {least} are read, and nothing is said"}
+    return None
+
+
+def campaign(worker: Worker, name: str, seed: str, count: int) -> Iterator[Finding]:
+    """Try so many mutants of a format; gives each finding once, the first of its key, made small."""
+    entry, found = FORMATS[name], set()
+    whole = worker.read(name)
+    assert whole["kind"] == "loaded", f"the good file of {name} is not read: {whole}"
+    first = next(iter(good(name).values()))
+    for i in range(count):
+        this = f"{seed}:{name}:{i}"
+        content, cut = mutant(first, Random(this))
+        wrong = judged(entry, worker.read(name, content), content, cut, whole["count"])
+        if wrong is None:
+            continue
+        finding = Finding(name, wrong["kind"], wrong["what"], wrong["where"], wrong["text"], this, content)
+        if finding.key not in found:
+            found.add(finding.key)
+            yield finding if cut else smaller(worker, finding)
+
+
+def smaller(worker: Worker, finding: Finding) -> Finding:
+    """The finding with a file from which pieces were taken as long as it stays one: halves first, then less."""
+    content, end_s = finding.content, time.monotonic() + SHRINK_S
+    piece = len(content) // 2
+    while piece and time.monotonic() < end_s and finding.kind != "hang":
+        at = 0
+        while at < len(content) and time.monotonic() < end_s:
+            less = content[:at] + content[at + piece :]
+            told = worker.read(finding.format, less)
+            if (finding.format, told["kind"], told["what"], told["where"]) == finding.key:
+                content = less
+            else:
+                at += piece
+        piece //= 2
+    return Finding(*(finding.__dict__ | {"content": content}).values())
+
+
+def keep(finding: Finding, folder: Path) -> Path:
+    """Write a finding's file and what is known of it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = "-".join(filter(None, (*finding.key[:3], finding.where.replace(":", "."))))
+    file = folder / f"{name.replace(' ', '_')}{''.join(Path(next(iter(good(finding.format)))).suffixes)}"
+    file.write_bytes(finding.content)
+    file.with_name(file.name + ".txt").write_text(f"{finding}\n", encoding="utf-8")
+    return file
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("format", nargs="*", help=f"all, unless told; there are: {', '.join(FORMATS)}")
+    parser.add_argument("--seed", default="0")
+    parser.add_argument("--count", type=int, help="mutants of each")
+    parser.add_argument("--seconds", type=float, default=1e9, help="longest time of each")
+    parser.add_argument("--out", type=Path, help="a folder for what is found")
+    options = parser.parse_args()
+    with Worker() as worker:
+        for name in options.format or FORMATS:
+            start_s, found = time.monotonic(), 0
+            count = options.count or FORMATS[name].soak
+            for finding in campaign(worker, name, options.seed, count):
+                found += 1
+                print(finding, flush=True)
+                if options.out:
+                    keep(finding, options.out)
+            print(f"{name}: {count} mutants, {found} findings, {time.monotonic() - start_s:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""Meshes that others made, through `hapscene check`: examined, or refused in a line; the exit code tells which."""
+
+from pathlib import Path
+
+import pytest
+
+from hapscene import cli
+from hapscene.scene.mesh_file import FORMATS, UNITLESS
+
+QUICK_MAX_B = 150_000
+"""Largest file in the short run [bytes]."""
+
+
+def checked(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unit = ["--unit", "mm"] if file.suffix.lower().lstrip(".") in (*UNITLESS, "zip") else []
+    code = cli.main(["check", str(file), *unit])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.out + said.err, file
+    assert (code == 0 and "faces" in said.out) or (code == 2 and file.name in said.err.splitlines()[-1]), (file, said)
+
+
+def meshes(shared: Path) -> list[Path]:
+    return [f for f in sorted((shared / "data/meshes").iterdir()) if f.suffix.lower().lstrip(".") in FORMATS]
+
+
+def test_small_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for file in (f for f in meshes(shared) if f.stat().st_size <= QUICK_MAX_B):
+        checked(file, capsys)
+
+
+@pytest.mark.soak
+def test_meshes_of_others_are_examined(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for file in meshes(shared):
+        checked(file, capsys)
