@@ -192,23 +192,22 @@ def _paths(name: str) -> Iterator[str]:
                 yield from _paths(".".join((package, *path.parent.parts[1:], line[1])) if line else "")
 
 
-def tests_for(file: str) -> list[str]:
-    """Test files that reach a module, the nearest first."""
-    near, away, wave = {file: 0}, 0, {file}
+def tests_for(mutant: Mutant) -> list[str]:
+    """Test files that reach a module, the nearest first: its mirror, those of its room, those of what imports it."""
+    away, wave, steps = {mutant.file: 0}, {mutant.file}, 0
     modules = [path for folder in PACKAGES for path in sorted((ROOT / folder).rglob("*.py"))]
     while wave:
-        away += 1
-        wave = {p for m in modules if (p := m.relative_to(ROOT).as_posix()) not in near and imports(m) & wave}
-        near |= dict.fromkeys(wave, away)
+        steps += 1
+        wave = {p for m in modules if (p := m.relative_to(ROOT).as_posix()) not in away and imports(m) & wave}
+        away |= dict.fromkeys(wave, steps)
     ranked = []
-    module, room = Path(file).stem, Path(file).parent.name
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
-        steps = min((near[i] for i in imports(test) if i in near), default=99)
-        at_home = test.parent.name == room
-        if test.stem == f"test_{module}" and (at_home or test.parent.name == "tests"):
+        steps, name = min((away[file] for file in imports(test) if file in away), default=99), test.relative_to(ROOT)
+        at_home = mutant.room in name.parts
+        if test.stem == f"test_{Path(mutant.file).stem}":
             steps = -1
         if steps < 99 or at_home:
-            ranked.append((min(steps, 1) if at_home else steps, steps, test.relative_to(ROOT).as_posix()))
+            ranked.append((min(steps, 1) if at_home else steps, steps, name.as_posix()))
     return [test for *_, test in sorted(ranked)]
 
 
@@ -292,7 +291,7 @@ class Worker:
         ran: list[str] = []
         file, spent_s = self.tree / mutant.file, 0.0
         text, times = file.read_bytes(), file.stat()
-        for test in tests_for(mutant.file):
+        for test in tests_for(mutant):
             took_s, options = self.unchanged(test)
             if spent_s + took_s > budget_s and ran:
                 continue
