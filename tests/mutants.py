@@ -200,14 +200,14 @@ def tests_for(mutant: Mutant) -> list[str]:
         steps += 1
         wave = {p for m in modules if (p := m.relative_to(ROOT).as_posix()) not in away and imports(m) & wave}
         away |= dict.fromkeys(wave, steps)
+    mirrors = {f"test_{Path(file).stem}": steps - 0.5 for file, steps in reversed(away.items())}
     ranked = []
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
-        steps, name = min((away[file] for file in imports(test) if file in away), default=99), test.relative_to(ROOT)
+        name = test.relative_to(ROOT)
+        far = min([away[file] for file in imports(test) if file in away] + [mirrors.get(test.stem, 99.0)])
         at_home = mutant.room in name.parts
-        if test.stem == f"test_{Path(mutant.file).stem}":
-            steps = -1
-        if steps < 99 or at_home:
-            ranked.append((min(steps, 1) if at_home else steps, steps, name.as_posix()))
+        if far < 99.0 or at_home:
+            ranked.append((far, not at_home, name.as_posix()))
     return [test for *_, test in sorted(ranked)]
 
 
@@ -370,6 +370,7 @@ def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, 
             print(f"    by {found['by']}" if "by" in found else f"  - {mutant.was}\n  + {mutant.now}", flush=True)
             (given.out / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
     for thread in threads:
         thread.start()
