@@ -274,13 +274,13 @@ class Worker:
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
-    def unchanged(self, test: str) -> tuple[float, list[str]]:
+    def unchanged(self, test: str, budget_s: float) -> tuple[float, list[str]]:
         """How long a test file takes without any change [s], and the options that leave out what fails even so."""
         while test not in self.clean:
             start = time.monotonic()
-            code, out = self.pytest(test, 900.0)
+            code, out = self.pytest(test, PATIENCE_S + 5.0 * budget_s)
             compiled = set(self.cache.glob("hapscene/*"))
-            if compiled == self.known:  # else once more: this time it compiles nothing
+            if compiled == self.known or code is None:  # else once more: this time it compiles nothing
                 options = [f"--deselect={name}" for name in FAILED.findall(out)]
                 self.clean[test] = time.monotonic() - start, options if code in (0, 1) else [f"--ignore={test}"]
             self.known = compiled
@@ -292,7 +292,7 @@ class Worker:
         file, spent_s = self.tree / mutant.file, 0.0
         text, times = file.read_bytes(), file.stat()
         for test in tests_for(mutant):
-            took_s, options = self.unchanged(test)
+            took_s, options = self.unchanged(test, budget_s) if spent_s < budget_s else (budget_s, [])
             if spent_s + took_s > budget_s and ran:
                 continue
             spent_s += took_s
