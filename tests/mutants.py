@@ -133,7 +133,7 @@ def _at(node: Any) -> Iterator[_Change]:
         was, now = OPERATORS[type(node.op)]
         yield "assignment", _end(node.target), _start(node.value), f"{was}=", f"{now}="
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
-        yield "not, minus", _start(node), _start(node.operand), "", ""
+        yield "not, minus", _start(node), _start(node.operand), "not" if isinstance(node.op, ast.Not) else "-", ""
     elif isinstance(node, ast.Constant) and type(node.value) in (bool, int, float):
         yield "constant", _start(node), _end(node), "", _other(node.value)
     elif isinstance(node, ast.Call) and _called(node) in EXTREMES:
