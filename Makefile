@@ -1,5 +1,6 @@
 # make demo: the main job on the shipped scene      make test: lint, types, tests      make docs: the web site
 # make floors: what depends most on other libraries, with the lowest versions of them that are allowed
+# make mutants: would a test notice? MUTANTS="--room contact --count 40" says where and how many
 # Each makes the environment .venv the first time and reuses it later; PYTHON=python3.12 chooses the interpreter.
 # On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3
@@ -7,7 +8,7 @@ ENV := .venv
 BIN := $(ENV)/bin
 READY := $(ENV)/.ready
 
-.PHONY: demo test floors format bench docs system clean
+.PHONY: demo test floors mutants format bench docs system clean
 
 demo: $(READY)
 	$(BIN)/hapscene demo --out out/demo
@@ -29,6 +30,9 @@ floors:
 	else \
 		echo "floors: tried with Python 3.11 alone, this is $$($(PYTHON) -V)"; \
 	fi
+
+mutants: $(READY)
+	$(BIN)/python tests/mutants.py $(MUTANTS)
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

@@ -6,35 +6,39 @@ import signal
 import sys
 import textwrap
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 from hapscene import __version__
-from hapscene.command.bench import add_bench
-from hapscene.command.capture import add_capture
-from hapscene.command.check import add_check
 from hapscene.command.console import complain, note, ready_streams
-from hapscene.command.export import add_export, add_import
-from hapscene.command.handle import add_handle
-from hapscene.command.options import nearest, print_help
-from hapscene.command.paint import add_paint
-from hapscene.command.plugins import add_plugins
-from hapscene.command.stability import add_stability
-from hapscene.command.swatch import add_swatch
-from hapscene.command.teleoperate import add_teleoperate
-from hapscene.command.touch import add_demo, add_touch
-from hapscene.command.view import add_view
 from hapscene.errors import HapsceneError, printable
-from hapscene.interrupt import interrupted_by_ends
+from hapscene.interrupt import insisting, interrupted_by_ends
 
-FIRST: Final = (add_demo, add_touch, add_paint, add_capture, add_swatch)
-"""What one starts with, in that order."""
+Add = Callable[[Any], object]
 
-FURTHER: Final = (
-    *(add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate),
-    *(add_plugins, add_bench),
-)
+
+def commands() -> tuple[Sequence[Add], Sequence[Add]]:
+    """What adds each command: those that one starts with, in that order, and the others.
+
+    They are imported once Ctrl-C is seen to: it takes most of the time until a command begins.
+    """
+    from hapscene.command.bench import add_bench
+    from hapscene.command.capture import add_capture
+    from hapscene.command.check import add_check
+    from hapscene.command.export import add_export, add_import
+    from hapscene.command.handle import add_handle
+    from hapscene.command.paint import add_paint
+    from hapscene.command.plugins import add_plugins
+    from hapscene.command.stability import add_stability
+    from hapscene.command.swatch import add_swatch
+    from hapscene.command.teleoperate import add_teleoperate
+    from hapscene.command.touch import add_demo, add_touch
+    from hapscene.command.view import add_view
+
+    first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
+    further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate)
+    return first, (*further, add_plugins, add_bench)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,25 +47,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 done, 2 bad input (one line on stderr), 128 and the signal's number where one ended it: 130 for Ctrl-C.
     """
-    ready_streams()
     with interrupted_by_ends():
-        try:
-            return _run(arguments, options := argparse.Namespace(debug=False))
-        except KeyboardInterrupt as interrupt:
-            if options.debug:
-                raise
-            complain("interrupted; nothing was written")
-            return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
-        except (HapsceneError, OSError, MemoryError) as error:
-            if isinstance(error, BrokenPipeError) and error.filename == "standard output":
-                return 1  # the reader left: say no more
-            if options.debug:
-                raise
-            complain(_sentence(error))
-            return 2
-        finally:
-            with suppress(OSError):
-                sys.stdout.flush()
+        return _told(arguments, argparse.Namespace(debug=False))
+
+
+def _told(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
+    """The exit code of a command; whatever ends it is told in one line."""
+    ready_streams()
+    try:
+        with insisting():
+            return _run(arguments, options)
+    except KeyboardInterrupt as interrupt:
+        if options.debug:
+            raise
+        complain("interrupted; nothing was written")
+        return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
+    except (HapsceneError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError) and error.filename == "standard output":
+            return 1  # the reader left: say no more
+        if options.debug:
+            raise
+        complain(_sentence(error))
+        return 2
+    finally:
+        with suppress(OSError):
+            sys.stdout.flush()
 
 
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
@@ -108,11 +118,15 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _meant(word: str, known: Iterable[str]) -> str:
+    from hapscene.command.options import nearest
+
     near = nearest(word, known)
     return f"; did you mean {near}?" if near else ""
 
 
 def _parser() -> argparse.ArgumentParser:
+    from hapscene.command.options import print_help
+
     parser = _Parser(
         prog="hapscene",
         usage=argparse.SUPPRESS,
@@ -122,22 +136,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hapscene {__version__}")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser.set_defaults(command=lambda options: print_help(parser))
-    commands = parser.add_subparsers(prog="hapscene", metavar="COMMAND", help=argparse.SUPPRESS)
-    for add in (*FIRST, *FURTHER):
-        add(commands)
-    parser.description = _listed(commands.choices)
+    known = parser.add_subparsers(prog="hapscene", metavar="COMMAND", help=argparse.SUPPRESS)
+    first, further = commands()
+    for add in (*first, *further):
+        add(known)
+    parser.description = _listed(known.choices, len(first))
     return parser
 
 
-def _listed(commands: Mapping[str, argparse.ArgumentParser]) -> str:
+def _listed(known: Mapping[str, argparse.ArgumentParser], first: int) -> str:
     """What the commands do, those to start with first."""
     width = max(shutil.get_terminal_size().columns - 2, 40)
     lines = [
         textwrap.fill(str(command.description), width, initial_indent=f"  {name:<13}", subsequent_indent=" " * 15)
-        for name, command in commands.items()
+        for name, command in known.items()
     ]
     about = "Touch a 3-D scene through a tool, and feel what its surfaces are made of."
-    return "\n".join([about, "", "start with:", *lines[: len(FIRST)], "", "then:", *lines[len(FIRST) :]])
+    return "\n".join([about, "", "start with:", *lines[:first], "", "then:", *lines[first:]])
 
 
 def _sentence(error: BaseException) -> str:
@@ -154,5 +169,13 @@ def _show_warning(message: Warning | str, category: Any, *place: Any, **more: An
     note(str(message))
 
 
+def run() -> NoReturn:
+    """A command as a process: once it is done, Ctrl-C changes nothing any more."""
+    code = main()
+    eval("0")  # else Python ends by SIGINT where Ctrl-C came while a text was executed, as imports do
+    signal.signal(signal.SIGINT, lambda kind, frame: None)
+    sys.exit(code)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

@@ -20,10 +20,16 @@ sleep_ns: Any
 """`sleep_ns(clock, span_ns)`: sleep for so long, without the GIL. It wakes late, never early by more than a scheduler's
 grain; who needs the instant looks at the clock again."""
 
+
+def now_here_ns() -> int:
+    """The same clock, read from Python: what another process has noted of it can be compared [ns]."""
+    return time.perf_counter_ns() if sys.platform == "win32" else time.clock_gettime_ns(_MONOTONIC)
+
+
 if INTERPRETED:
 
     def now_ns(clock: NDArray[np.int64]) -> int:
-        return time.perf_counter_ns()
+        return now_here_ns()
 
     def sleep_ns(clock: NDArray[np.int64], span_ns: int) -> None:
         time.sleep(span_ns * 1e-9)
@@ -34,7 +40,8 @@ elif sys.platform == "win32":
     @native
     def now_ns(clock: NDArray[np.int64]) -> int:
         _query(clock.ctypes.data)
-        return int(clock[0] * 1_000_000_000 // clock[2])
+        whole, part = clock[0] // clock[2], clock[0] % clock[2]  # as one product it would overflow within minutes
+        return int(whole * 1_000_000_000 + part * 1_000_000_000 // clock[2])
 
     _sleep: Any = types.ExternalFunction("Sleep", types.void(types.uint32))
 

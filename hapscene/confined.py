@@ -9,19 +9,20 @@ import importlib
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import FormatError
+from hapscene.errors import FormatError, printable
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
@@ -30,6 +31,9 @@ What it refuses it raises as `FormatError`, whose text arrives here as it is."""
 TIME_MAX_S: Final = 120.0
 """Longest time that a file may take [s]; a STEP file of 8,000 faces takes two."""
 
+CLOCK_RATIO: Final = 4.0
+"""How much longer it may take by the clock than by the processor [1]: others work on this machine too."""
+
 MEMORY_FREE_B: Final = 200_000_000
 """Memory that any file may take, whatever its size [bytes]."""
 
@@ -37,6 +41,7 @@ SAID_MAX_B: Final = 16_384
 """How much of what the native code prints is kept [bytes]."""
 
 _PR_SET_PDEATHSIG: Final = 1
+_SIGXCPU: Final = 24
 
 
 class Answer(NamedTuple):
@@ -54,6 +59,7 @@ def confined(
     memory_B: int,
     output_B: int,
     time_s: float = TIME_MAX_S,
+    imports: Sequence[str] = (),
 ) -> Answer:
     """Run a reader in a process of its own, and give what it found.
 
@@ -64,13 +70,15 @@ def confined(
         by: whose code it is, for messages: "SciPy's reader of MATLAB files".
         memory_B: most memory that it may take, beside what importing it takes [bytes]; held on Linux only.
         output_B: most that it may give [bytes].
-        time_s: most time that it may take [s].
+        time_s: most of the processor's time that it may take, counted on Linux only; by the clock `CLOCK_RATIO` times
+            as much [s].
+        imports: modules that it imports itself, whose memory is not counted either.
 
     Raises:
         FormatError: what the reader refuses; or it crashed, took too long or too much, and then what it printed last.
     """
     name = f"{reader.__module__}:{reader.__qualname__}"
-    order = json.dumps([name, arguments, memory_B, math.ceil(time_s)])
+    order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
     # -P: a file of the working folder is not taken for a module; its own path has what is imported here
     path = os.pathsep.join([str(Path(__file__).parents[1]), *(place for place in sys.path if place)])
     environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -83,8 +91,8 @@ def confined(
         bufsize=0,
     )
     assert process.stdout is not None and process.stderr is not None
-    start_s = time.monotonic()
-    watch = threading.Timer(time_s, process.kill)
+    start_s, most_s = time.monotonic(), CLOCK_RATIO * time_s
+    watch = threading.Timer(most_s, process.kill)
     said = _Tail(process.stderr)
     try:
         watch.start()
@@ -100,8 +108,8 @@ def confined(
     text = said.text()
     if refused is not None:
         raise FormatError(refused)
-    if code == -signal.SIGKILL and time.monotonic() - start_s >= time_s:
-        raise FormatError(f"{by} had not read it after {time_s:g} s, and was ended")
+    if code == -_SIGXCPU or (code == -signal.SIGKILL and time.monotonic() - start_s >= most_s):
+        raise FormatError(f"{by} had not read it after {time_s:.3g} s, and was ended")
     if code != 0 or arrays is None:
         last = f"; it said: {text.splitlines()[-1][:200]}" if text else ""
         raise FormatError(f"{by} failed on it ({_ending(code)}): the file is damaged{last}")
@@ -125,7 +133,8 @@ class _Tail:
         self._thread.join()
 
     def text(self) -> str:
-        return self._kept.decode("utf-8", errors="replace").strip()
+        plain = re.sub(rb"\x1b\[[0-9;]*m", b"", self._kept)  # colours, which it takes us for a terminal to show
+        return printable(plain.decode("utf-8", errors="replace").strip(), lines=True)
 
 
 def _answer(pipe: Any, most_B: int) -> tuple[str | None, dict[str, NDArray[Any]] | None]:
@@ -174,12 +183,14 @@ def _ending(code: int) -> str:
 
 
 def _main(order: str) -> None:
-    name, arguments, memory_B, time_s = json.loads(order)
+    name, arguments, memory_B, time_s, imports = json.loads(order)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for us hears it, and ends us
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints is no answer
     module, _, function = name.partition(":")
     reader: Reader = getattr(importlib.import_module(module), function)
+    for other in imports:
+        importlib.import_module(other)
     _limit(memory_B, time_s)
     refused: str | None = None
     arrays: Mapping[str, NDArray[Any]] = {}
@@ -209,7 +220,12 @@ def _limit(memory_B: int, time_s: int) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         most_B = pages * resource.getpagesize() + memory_B
-        for what, most in ((resource.RLIMIT_AS, most_B), (resource.RLIMIT_CPU, 4 * time_s), (resource.RLIMIT_CORE, 0)):
+        limits = (
+            (resource.RLIMIT_AS, most_B),
+            (resource.RLIMIT_CPU, time_s + math.ceil(time.process_time())),
+            (resource.RLIMIT_CORE, 0),
+        )
+        for what, most in limits:
             with contextlib.suppress(ValueError, OSError):  # less is allowed already
                 resource.setrlimit(what, (most, most))
 

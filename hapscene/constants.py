@@ -39,6 +39,15 @@ PASS_MAX: Final = 64
 straight through a body can send the proxy over more faces than this. Then it is left where it has got to, a skin off
 the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
 
+NEAR_MAX: Final = 256
+"""Most bodies that one tick casts against [count]: a ray each, 0.1 to 0.3 µs, for each move of the proxy. Where the
+balls around more of them meet the tool's, the first of the scene are asked, and those that hold the proxy; the tick is
+flagged `Flag.CROWDED`, the others are not felt there."""
+
+CAST_MAX: Final = 2048
+"""Most bodies that the proxy is cast against within one tick, over all its moves [count]: half a millisecond. With more
+than 32 bodies near, a tick has fewer than `PASS_MAX` moves, with `NEAR_MAX` 8. Below that strokes would not settle."""
+
 REACH_MAX_M: Final = 10_000.0
 """Farthest that a position may be from the origin of its frame [m]: of the tool, of a body, of a mesh's vertex. Beyond
 it a float32 ray misses by a millimetre: such numbers are in another unit."""

@@ -9,7 +9,7 @@ class Flag(IntFlag):
     TOOL_NOT_FINITE = 1
     """The tool's position was NaN or infinite: the last good one was used."""
     UNSETTLED = 2
-    """The proxy did not come to rest within `PASS_MAX` moves."""
+    """The proxy did not come to rest within `PASS_MAX` moves, or fewer among many bodies (`CAST_MAX`)."""
     EFFECT_MUTED = 4
     """An effect returned NaN or infinity: it is mute until the next `reset`, the others go on."""
     FORCE_LIMITED = 8
@@ -20,3 +20,5 @@ class Flag(IntFlag):
     """Acceleration samples were over the device's limit and were cut."""
     ENERGY_DAMPED = 64
     """The wall had given out energy that it never took in: the passivity controller held the tool back."""
+    CROWDED = 128
+    """More bodies overlap where the tool is than one tick asks (`NEAR_MAX`): some of them are not felt."""

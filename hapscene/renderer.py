@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, TICK_S
 from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, place_ball
+from hapscene.contact.world import build_world, crowd, place_ball
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
 from hapscene.flags import Flag
@@ -90,6 +90,7 @@ class Renderer:
 
     Warns:
         DeviceWarning: the device takes less of a swatch than it asks for, once, for the first one painted.
+        MeshWarning: more bodies overlap in one place than a tick asks.
     """
 
     @old_spellings()
@@ -128,6 +129,7 @@ class Renderer:
         self.world = build_world(scene.bodies, self._searches, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
         _warn(messages)
+        _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
         row = self._row.view(np.ndarray)
@@ -339,6 +341,20 @@ def _warn(messages: list[str]) -> None:
     if messages:
         more = f"; and {len(messages) - 1} more, see Renderer.clips" if len(messages) > 1 else ""
         warn(messages[0] + more, DeviceWarning)
+
+
+def _warn_of_crowd(scene: "Scene", world: Any) -> None:
+    """Say where more bodies overlap than a tick asks."""
+    count, index = crowd(world) if len(scene.bodies) > NEAR_MAX else (0, 0)
+    if count > NEAR_MAX:
+        from hapscene.scene.mesh import MeshWarning
+
+        place = ", ".join(f"{v:g}" for v in world.ball_W_m[index, :3])
+        warn(
+            f"{count:,} bodies overlap about ({place}) m, where body {scene.bodies[index].name!r} is; a tick asks "
+            f"{NEAR_MAX} of them, the others are not felt there (Flag.CROWDED): move them apart, or make them one mesh",
+            MeshWarning,
+        )
 
 
 def _entry(function: Any, *arguments: Any) -> Any:

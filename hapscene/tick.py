@@ -32,6 +32,7 @@ from hapscene.surface.mixer import limit, render
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
+_CROWDED = int(Flag.CROWDED)
 
 
 @native
@@ -44,6 +45,8 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
         p_WT = couple(surface, tool_W)
     if not move(world, p_WT):
         flags |= _UNSETTLED
+    if world.proxy[0].crowded == 1:
+        flags |= _CROWDED
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
     if world.proxy[0].crease_cos < NO_SHADE:

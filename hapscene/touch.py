@@ -156,6 +156,8 @@ def open_scene(
     swatch: str | None = None,
     two_sided: bool = False,
     say: Callable[[str], None] = lambda text: None,
+    *,
+    accept_damaged: bool = False,
 ) -> "Scene":
     """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
@@ -165,6 +167,7 @@ def open_scene(
         swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
         two_sided: whether the mesh's inner side is felt as well.
         say: is given the stages of a large mesh file: "reading 66 MB … ", "checking 1,310,720 faces … ".
+        accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
 
     Raises:
         HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
@@ -188,7 +191,7 @@ def open_scene(
     scene = None if swatch or two_sided else painted_scene(path, unit)
     if scene is None:
         scene = Scene()
-        mesh = scene.mesh_of(path, unit)
+        mesh = scene.mesh_of(path, unit, accept_damaged)
         if size_B >= LARGE_B:
             say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)

@@ -1,5 +1,8 @@
 """What tests share: the folder of reference data, where there is one."""
 
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -17,3 +20,17 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("no folder ../shared beside the checkout: reference data absent")
     return SHARED
+
+
+@pytest.fixture
+def end_in_time() -> Iterator[Callable[["subprocess.Popen[str]"], None]]:
+    """Kills a process a minute after it was given, so that whatever a test reads from it ends."""
+    watchdogs = []
+
+    def watch(process: "subprocess.Popen[str]") -> None:
+        watchdogs.append(threading.Timer(60.0, process.kill))
+        watchdogs[-1].start()
+
+    yield watch
+    for watchdog in watchdogs:
+        watchdog.cancel()

@@ -2,9 +2,9 @@
 
 import ctypes
 import os
+import signal
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -27,7 +27,12 @@ def misbehave(file: BinaryIO, how: str) -> dict[str, Any]:
         ctypes.string_at(0)
     elif how == "run away":
         while True:
-            time.sleep(1.0)
+            pass
+    elif how == "sleep":
+        signal.pause()
+    elif how == "colour":
+        os.write(2, b"\x1b[32;1mred\x1b[0m \7\n")
+        os._exit(1)
     elif how == "fill":
         return {"much": np.ones(100_000_000)}
     elif how == "flood":
@@ -85,3 +90,14 @@ def test_whatever_goes_wrong_is_one_error(how: str, told: str) -> None:
 def test_a_runaway_is_ended() -> None:
     with pytest.raises(FormatError, match=r"after 1 s"):
         _run(misbehave, "run away", time_s=1.0)
+
+
+def test_a_sleeper_is_ended() -> None:
+    with pytest.raises(FormatError, match=r"after 0\.5 s"):
+        _run(misbehave, "sleep", time_s=0.5)
+
+
+def test_what_it_prints_is_shown_without_escapes() -> None:
+    assert _run(give, 1.0).said == "native words"
+    with pytest.raises(FormatError, match=r"it said: red \\x07$"):
+        _run(misbehave, "colour")

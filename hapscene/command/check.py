@@ -2,30 +2,62 @@
 
 import argparse
 import json
+import warnings
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import name_made, say, tell
-from hapscene.command.options import UNIT_HELP, add_command, check_scene, loading
-from hapscene.errors import MeshError
+from hapscene.command.options import UNITLESS, add_command, add_reading_options, check_scene, check_there, loading
+from hapscene.errors import HapsceneError, MeshError
+
+if TYPE_CHECKING:
+    from hapscene.scene.mesh_report import Report
+
+VERDICTS: Final = ("felt", "felt with notes", "felt with faults", "not felt", "not readable")
+"""What is said of a mesh, from good to bad."""
+
+FELT, NOTES, FAULTS, NOT_FELT, UNREADABLE = VERDICTS
+
+CODES: Final = {FELT: 0, NOTES: 0, FAULTS: 1, NOT_FELT: 1, UNREADABLE: 2}
+"""Exit codes."""
 
 
 def add_check(commands: Any) -> None:
     command = add_command(commands, "check", _check)
-    command.add_argument("mesh", metavar="MESH", help="a mesh file")
-    command.add_argument("--unit", help=UNIT_HELP)
-    command.add_argument("--json", action="store_true", help="print JSON")
+    command.add_argument("mesh", nargs="+", metavar="MESH", help="a mesh file, several, or a folder of them")
+    add_reading_options(command)
+    command.add_argument("--json", action="store_true", help="print JSON; a list of several meshes, or a folder's")
     command.add_argument("--fix", metavar="OUT", help="mend what can be mended safely, and write it here")
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Examine a mesh: what is wrong with it, and what that means for touching it.
+    """Examine meshes: what is wrong with them, and what that means for touching them.
+
+    Of several, or a folder's, each is told in a line. Exit codes: 0 nothing is wrong; 1 a mesh has faults, or cannot
+    be felt; 2 a file cannot be read; of several the highest.
 
     for example:
       hapscene check part.stl --unit mm
       hapscene check part.stl --unit mm --fix part_mended.ply
+      hapscene check meshes --unit mm
     """
-    check_scene(options.mesh, options.unit)
+    if len(options.mesh) == 1 and not Path(options.mesh[0]).is_dir():
+        return _check_one(options.mesh[0], options)
+    if options.fix is not None:
+        raise MeshError("--fix mends one mesh; name one")
+    if options.unit is not None:
+        from hapscene.scene.mesh import unit_name
+
+        unit_name(options.unit)
+    files = [file for name in options.mesh for file in _files(Path(name))]
+    if not files:
+        raise MeshError(f"{options.mesh[0]}: no mesh file in this folder")
+    return _check_all(files, options)
+
+
+def _check_one(path: str, options: argparse.Namespace) -> int:
+    check_scene(path, options.unit)
     from hapscene.files import check_file
     from hapscene.scene.mesh_doctor import examine
     from hapscene.scene.mesh_file import load_mesh
@@ -34,8 +66,8 @@ def _check(options: argparse.Namespace) -> int:
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)
     progress = _say_nothing if options.json else say
-    with step(progress, loading(options.mesh)):
-        mesh = load_mesh(options.mesh, options.unit)
+    with step(progress, loading(path)):
+        mesh = load_mesh(path, options.unit, accept_damaged=options.accept_damaged)
     with step(progress, f"examining {len(mesh.faces):,} faces"):
         report = examine(mesh)
     done: list[str] = []
@@ -45,16 +77,76 @@ def _check(options: argparse.Namespace) -> int:
 
         mended, done = repair(mesh)
         save_mesh(mended, options.fix)
+    code = 0 if options.fix is not None else CODES[_verdict(report)]
     if options.json:
         fixed = {} if options.fix is None else {"fixed": done, "written": options.fix}
         print(json.dumps(json.loads(report.to_json()) | fixed, indent=2, ensure_ascii=False))
-        return 0
+        return code
     tell(report.text().split("\n"))
     if options.fix is not None:
         tell(["", *(f"mended: {line}" for line in done or ["nothing needed it"])])
         name_made([Path(options.fix)])
         print("it is in metres: --unit m")
-    return 0
+    return code
+
+
+def _files(path: Path) -> list[Path]:
+    """The mesh files of a folder, by their suffixes; or the one file."""
+    from hapscene.scene.mesh_file import FORMATS
+
+    if not path.is_dir():
+        check_there(path, MeshError, "file or folder")
+        return [path]
+    return sorted(
+        file for file in path.iterdir() if file.suffix.lower().lstrip(".") in FORMATS and not file.name.startswith(".")
+    )
+
+
+def _check_all(files: list[Path], options: argparse.Namespace) -> int:
+    progress = _say_nothing if options.json else say
+    told: list[dict[str, Any]] = []
+    for file in files:
+        progress(f"{file}: ")
+        told.append(_examined(file, options))
+        progress(f"{told[-1]['verdict']}{told[-1].pop('words')}\n")
+    count = Counter(one["verdict"] for one in told)
+    if options.json:
+        print(json.dumps(told, indent=2, ensure_ascii=False))
+    else:
+        print(f"{len(told)} meshes: " + ", ".join(f"{count[v]} {v}" for v in VERDICTS if count[v]))
+    return max(CODES[verdict] for verdict in count)
+
+
+def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """What is said of a mesh, as JSON, with its `verdict`, and more `words` for its line."""
+    from hapscene.scene.mesh_doctor import examine
+    from hapscene.scene.mesh_file import load_mesh
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            own = file.suffix.lower().lstrip(".") not in (*UNITLESS, "zip")
+            mesh = load_mesh(file, None if own else options.unit, accept_damaged=options.accept_damaged)
+            report = examine(mesh)
+        except (HapsceneError, OSError, MemoryError) as error:
+            reason = " ".join(str(error).removeprefix(f"{file}: ").split()) or "not enough memory"
+            return {"path": str(file), "verdict": UNREADABLE, "error": reason, "words": f": {reason}"}
+    verdict = _verdict(report)
+    warned = [str(warning.message).removeprefix(f"{file}: ") for warning in caught]
+    words = [*warned, *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault"))]
+    return {
+        **json.loads(report.to_json()),
+        "verdict": NOTES if warned and verdict == FELT else verdict,
+        "warnings": warned,
+        "words": ": " + "; ".join(words) if words else "",
+    }
+
+
+def _verdict(report: "Report") -> str:
+    flat = sum(finding.count for finding in report.findings if finding.kind in ("zero_area", "needles"))
+    if flat >= report.face_count:
+        return NOT_FELT
+    return FAULTS if report.fault_count else NOTES if report.findings else FELT
 
 
 def _say_nothing(text: str) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import name_made, say
-from hapscene.command.options import UNIT_HELP, add_command, add_out_file, base_name, check_scene, loading
+from hapscene.command.options import add_command, add_out_file, add_reading_options, base_name, check_scene, loading
 from hapscene.errors import SaveConflict, SceneError
 
 
@@ -13,7 +13,7 @@ def add_export(commands: Any) -> None:
     command = add_command(commands, "export", _export)
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
     add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj or .stl (default NAME.glb, as desk.glb)")
-    command.add_argument("--unit", help=UNIT_HELP)
+    add_reading_options(command)
     command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
     command.add_argument(
         "--haptics",
@@ -43,7 +43,7 @@ def _export(options: argparse.Namespace) -> int:
             raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
         name = "gltf-haptics"
     with step(say, loading(options.scene)):
-        scene: Scene = _open(options.scene, options.unit)
+        scene: Scene = _open(options.scene, options.unit, options.accept_damaged)
     try:
         made = export_scene(scene, options.out, name, replace=options.replace)
     except SaveConflict as conflict:
@@ -56,11 +56,11 @@ def _export(options: argparse.Namespace) -> int:
     return 0
 
 
-def _open(path: str, unit: str | None) -> Any:
+def _open(path: str, unit: str | None, accept_damaged: bool) -> Any:
     if not path.endswith(".scene.json"):
         from hapscene.exchange import import_scene
 
-        return import_scene(path, unit)
+        return import_scene(path, unit, accept_damaged=accept_damaged)
     if unit is not None:
         raise SceneError(f"{path}: is a scene file, which says this itself; leave --unit out")
     from hapscene.scene.scene import load_scene
@@ -73,7 +73,7 @@ def add_import(commands: Any) -> None:
     command.add_argument("file", metavar="FILE", help=".glb, .gltf, .ply, .x3d, or any mesh file")
     add_out_file(command, "SCENE", "scene file to write (default NAME.scene.json, as desk.scene.json)")
     command.add_argument("--replace", action="store_true", help="take the place of a scene that is there")
-    command.add_argument("--unit", help=UNIT_HELP)
+    add_reading_options(command)
 
 
 def _import(options: argparse.Namespace) -> int:
@@ -89,7 +89,7 @@ def _import(options: argparse.Namespace) -> int:
     from hapscene.touch import step
 
     with step(say, loading(options.file)):
-        scene = import_scene(options.file, options.unit)
+        scene = import_scene(options.file, options.unit, accept_damaged=options.accept_damaged)
     if Path(options.out).exists() and not options.replace:
         raise SaveConflict(f"{options.out}: is there already; take another name, or replace it (--replace)")
     scene.save(options.out)

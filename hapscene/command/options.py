@@ -71,9 +71,19 @@ NAME_MAX: Final = 10_000
 """Most files of a folder that are held against the name that was typed [count]."""
 
 
+def add_reading_options(command: Any) -> None:
+    """How a mesh file is read."""
+    command.add_argument("--unit", help=UNIT_HELP)
+    command.add_argument(
+        "--accept-damaged",
+        action="store_true",
+        help="take what can be read of a damaged STEP file; what is missing is told",
+    )
+
+
 def add_mesh_options(command: Any, two_sided: bool = True) -> None:
     """How a mesh on the command line is taken up."""
-    command.add_argument("--unit", help=UNIT_HELP)
+    add_reading_options(command)
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
     if two_sided:
         command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
@@ -104,6 +114,8 @@ def check_there(
         names = [name for name in islice(_names(place), NAME_MAX) if nearest(stem, [name.split(".")[0]], STEM_NEAR)]
         near = nearest(path.name, names)
         raise error(f"{prefix}{path}: no such {what}" + (f"; did you mean {path.with_name(near)}?" if near else ""))
+    elif not path.is_file():
+        raise error(f"{prefix}{path}: is no {what}: what is sent through it is not waited for")
     elif what == "folder":
         raise error(f"{prefix}{path}: is a file; expected a folder")
 
@@ -154,7 +166,14 @@ def _is_painted(path: str, suffix: str) -> bool:
         return b"comment hapscene" in file.read(4096)
 
 
-def load_input(path: str, unit: str | None = None, swatch: str | None = None, two_sided: bool = False) -> "Scene":
+def load_input(
+    path: str,
+    unit: str | None = None,
+    swatch: str | None = None,
+    two_sided: bool = False,
+    *,
+    accept_damaged: bool = False,
+) -> "Scene":
     """A scene from its file or around a mesh, told while it is loaded.
 
     Raises:
@@ -164,7 +183,7 @@ def load_input(path: str, unit: str | None = None, swatch: str | None = None, tw
     from hapscene.touch import open_scene, step
 
     with step(say, loading(path)):
-        return open_scene(path, unit, swatch, two_sided, say)
+        return open_scene(path, unit, swatch, two_sided, say, accept_damaged=accept_damaged)
 
 
 def loading(path: str | Path) -> str:

@@ -3,13 +3,13 @@
 import argparse
 import shutil
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
 from hapscene.command.options import add_command, add_mesh_options, base_name, check_scene, loading, port
 from hapscene.constants import DEFAULT_GRIP
+from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
@@ -83,7 +83,7 @@ def _paint(options: argparse.Namespace) -> int:
     hand = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, say)
     page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand)
-    with page, suppress(KeyboardInterrupt):
+    with page:
         print(f"{page.url}   (Ctrl-C ends)", flush=True)
         if session.document.problem:
             say(f"{session.document.problem}\n")
@@ -91,8 +91,11 @@ def _paint(options: argparse.Namespace) -> int:
             say("open to the network: whoever reaches this computer may paint here, and save over your files\n")
         if not options.no_browser:
             webbrowser.open(page.url)
-        while True:
-            time.sleep(NAP_S)
+        try:
+            while True:
+                time.sleep(NAP_S)
+        except KeyboardInterrupt:
+            heard()
     if page.kept:
         say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
     elif session.document.changed:
@@ -119,7 +122,8 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
         if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
             return Session.open(Path(name), options.accept_changed)
         # of a scene file, it refuses the options
-        return Session(open_scene(name, options.unit, options.swatch, options.two_sided), _free(Path(name)))
+        scene = open_scene(name, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged)
+        return Session(scene, _free(Path(name)))
 
 
 def _copy_demo(folder: Path) -> Path:

@@ -26,6 +26,7 @@ from hapscene.command.options import (
     seed,
 )
 from hapscene.errors import CaptureError, SwatchError
+from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
@@ -254,6 +255,7 @@ def _import_hatt(options: argparse.Namespace) -> int:
     try:
         import_many(options.files, options.out, lambda line: say(f"{line}\n"), outcome)
     except KeyboardInterrupt:
+        heard()
         complain(f"interrupted; the {len(outcome.made)} swatches named above are whole")
         return 130
     print(f"{len(outcome.made)} made, {len(outcome.broken)} broken")

@@ -89,7 +89,9 @@ def _touch(options: argparse.Namespace) -> int:
     from hapscene.touch import step, touch
 
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
-    scene = load_input(options.scene, options.unit, options.swatch, options.two_sided)
+    scene = load_input(
+        options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
+    )
     if options.hand is not None:
         return _touch_by_hand(options, scene, effects, p_WT)
     if p_WT is None:

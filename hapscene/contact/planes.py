@@ -25,7 +25,8 @@ def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
 
     Leaves the pushes of the planes in `proxy.push_m`, 0 for a plane that does not hold. Returns False and the tool
-    where no such point was found: the planes enclose nothing, or rounding hides the answer.
+    where no such point was found: the planes enclose nothing, or depend on each other to within `PARALLEL`, as two do
+    that face each other and would meet a kilometre off.
     """
     count = proxy.count
     behind = 0

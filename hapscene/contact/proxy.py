@@ -12,7 +12,7 @@ solution of the same planes without the skin, which lies on the surface itself.
 import math
 from typing import Any
 
-from hapscene.constants import PASS_MAX
+from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
 from hapscene.contact.planes import (
     copy_plane,
@@ -42,14 +42,13 @@ def put(world: Any, p_W: Vector) -> None:
     proxy = world.proxy[0]
     proxy.count = 0
     proxy.held = 0
-    for k in range(len(world.bodies)):
-        world.near[k] = k
-    proxy.near_count = len(world.bodies)
+    skin = world.bodies[0].skin_m  # one for all
+    _list(world, p_W, (LOOK_AHEAD + 4.0) * skin)
     proxy.near_room_m = 0.0
-    for k in range(len(world.bodies)):
-        skin = 2.0 * world.bodies[k].skin_m
+    for _ in range(min(len(world.bodies), PASS_MAX)):
+        before = p_W
         for axis in range(6):
-            step = skin if axis < 3 else -skin
+            step = 2.0 * skin if axis < 3 else -2.0 * skin
             x, y, z = p_W
             if axis % 3 == 0:
                 x += step
@@ -60,6 +59,8 @@ def put(world: Any, p_W: Vector) -> None:
             proxy.count = 0
             if cast(world, (x, y, z), p_W) <= 1.0:
                 _, p_W = nearest(proxy, p_W, 1.0)
+        if p_W == before:
+            break
     proxy.count = 0
     for i in range(3):
         proxy.p_W_m[i] = p_W[i]
@@ -71,7 +72,7 @@ def move(world: Any, tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
     Results are left in `world.proxy[0]`: `p_WP_m` [m], `held`, and the planes. Returns False where the proxy did not
-    come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`).
+    come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`), fewer where it is cast against many bodies.
     """
     proxy = world.proxy[0]
     carried_W = _ride(world)
@@ -132,22 +133,45 @@ def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
     ride = norm(sub(carried_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])))
     reach = norm(sub(carried_W, tool_W)) + ride
     gone = norm((at[0] - tool_W[0], at[1] - tool_W[1], at[2] - tool_W[2]))
-    if gone + reach < proxy.near_room_m:
-        return
+    if gone + reach >= proxy.near_room_m:
+        _list(world, tool_W, reach)
+
+
+@native
+def _list(world: Any, tool_W: Vector, reach_m: float) -> None:
+    """List the bodies whose ball comes within `reach_m` of the tool; of more than `NEAR_MAX` the first, and what holds.
+
+    So which they are does not change from tick to tick, and nothing lets go of the proxy that holds it.
+    """
+    proxy = world.proxy[0]
     found = 0
+    crowded = 0
     room = math.inf
     for k in range(len(world.bodies)):
         ball = world.ball_W_m[k]
         away = norm((ball[0] - tool_W[0], ball[1] - tool_W[1], ball[2] - tool_W[2])) - ball[3]
-        if away <= reach:
+        if away > reach_m:
+            room = min(room, away)
+        elif found < NEAR_MAX or _is_held_by(proxy, k):
             world.near[found] = k
             found += 1
         else:
-            room = min(room, away)
+            crowded = 1
+            room = 0.0
     proxy.near_count = found
     proxy.near_room_m = room
+    proxy.crowded = crowded
     for i in range(3):
-        at[i] = tool_W[i]
+        proxy.near_at_W_m[i] = tool_W[i]
+
+
+@native
+def _is_held_by(proxy: Any, index: int) -> bool:
+    """Whether a body is among those that hold the proxy."""
+    for i in range(proxy.count):
+        if proxy.body[i] == index:
+            return True
+    return False
 
 
 @native
@@ -189,7 +213,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     settled = False
     last_m = math.inf  # from the proxy to the tool, where it last came to a halt
     proxy.aside = 0
-    for _ in range(PASS_MAX):
+    for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
         found, goal = nearest(proxy, tool_W, 1.0)
         if not found:  # planes that moved apart enclose nothing: let the oldest go
             if proxy.count < 2:

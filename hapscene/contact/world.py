@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
+from hapscene.constants import NEAR_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.native import native
@@ -60,7 +60,8 @@ PROXY: Final = np.dtype(
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
-        ("near_count", "i8"),  # bodies close enough to be met in this tick
+        ("near_count", "i8"),  # bodies close enough to be met in this tick, as far as they are asked
+        ("crowded", "i8"),  # 1 where there were more
         ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (
@@ -82,6 +83,10 @@ HALF_TURN: Final = 0.01
 """Squared cosine of half the angle a body turns in a tick below which it is looked at wherever it is [1]."""
 
 
+CROWD_SAMPLE: Final = 1000
+"""Bodies in whose middle it is counted how many overlap [count]: 0.2 s among 10,000."""
+
+
 class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 
@@ -90,7 +95,7 @@ class World(NamedTuple):
     # the corners and their normals: in an array of their own they cost every tick 0.06 µs, asked for or not
     corners_m: NDArray[np.float64]
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
-    near: NDArray[np.int64]  # (b,)
+    near: NDArray[np.int64]  # (b,), at most NEAR_MAX and those that hold the proxy
     ray: NDArray[np.float32]
     fronts_only: NDArray[np.uint64]  # how to cast a ray that passes through faces from behind
     proxy: Any  # (1,) PROXY
@@ -157,11 +162,19 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_ra
         bodies=rows,
         corners_m=np.concatenate(corners),
         ball_W_m=balls,
-        near=np.zeros(len(rows), np.int64),
+        near=np.zeros(min(len(rows), NEAR_MAX + ASIDE), np.int64),
         ray=new_ray(),
         fronts_only=fronts_only(),
         proxy=proxy,
     )
+
+
+def crowd(world: World) -> tuple[int, int]:
+    """How many bodies overlap by their balls, where most do, and the body in whose middle that is."""
+    p, radius = world.ball_W_m[:, :3], world.ball_W_m[:, 3]
+    at = np.arange(0, len(p), math.ceil(len(p) / CROWD_SAMPLE))
+    counts = [int(np.count_nonzero(((p - p[k]) ** 2).sum(axis=1) <= radius**2)) for k in at]
+    return max(counts), int(at[np.argmax(counts)])
 
 
 def skin_of(*meshes: "Mesh") -> float:

@@ -69,7 +69,8 @@ class Limits:
         device: what messages call it.
 
     Raises:
-        HapsceneError: a limit that is negative or NaN, a delay that is not 0 to `DELAY_MAX`.
+        HapsceneError: a limit that is negative or NaN, a stabiliser or mass that is infinite, a delay that is not 0 to
+            `DELAY_MAX`.
     """
 
     force_N: float = math.inf
@@ -94,8 +95,9 @@ class Limits:
                 raise HapsceneError(f"limits: {name} must be at least 0, is {value}")
         if self.delay_ticks % 1 != 0 or self.delay_ticks > DELAY_MAX:
             raise HapsceneError(f"limits: delay_ticks must be a whole number up to {DELAY_MAX}, is {self.delay_ticks}")
-        if math.isinf(self.coupling_N_m) or math.isinf(self.coupling_Ns_m):
-            raise HapsceneError("limits: coupling_N_m and coupling_Ns_m must be finite; 0 is no coupling")
+        for name in ("fold_mass_kg", "damping_time_s", "quantum_m", "coupling_N_m", "coupling_Ns_m"):
+            if math.isinf(getattr(self, name)):
+                raise HapsceneError(f"limits: {name} must be finite; 0 is none")
 
     def __repr__(self) -> str:
         return (

@@ -165,7 +165,7 @@ def painted_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scen
     return import_scene(path)
 
 
-def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene:
+def import_scene(path: str | os.PathLike[str], unit: str | None = None, *, accept_damaged: bool = False) -> Scene:
     """Read a scene from a file that `export_scene` wrote, or from a mesh with swatches' names on its materials.
 
     Of a file of ours comes back what its format keeps. Any other mesh file becomes one body; faces whose material,
@@ -174,6 +174,7 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene
     Args:
         path: GLB, glTF, PLY, X3D, or any mesh file.
         unit: of the file's numbers, where it carries none: see `hapscene.load_mesh`. Files of ours are in metres.
+        accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
 
     Raises:
         SceneError: the file is missing or damaged, or no scene.
@@ -183,4 +184,4 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     scene = None if reader is None else reader(path)
-    return read_named(path, unit) if scene is None else scene
+    return read_named(path, unit, accept_damaged) if scene is None else scene

@@ -71,7 +71,7 @@ def _world(body: Body) -> NDArray[np.float64]:
     return np.asarray(body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
 
 
-def read_named(path: Path, unit: str | None) -> Scene:
+def read_named(path: Path, unit: str | None, accept_damaged: bool = False) -> Scene:
     """A scene of any mesh file, painted by the names in it that are names of swatches in the library.
 
     Raises:
@@ -79,7 +79,7 @@ def read_named(path: Path, unit: str | None) -> Scene:
         SwatchError: a swatch of the library is broken.
     """
     scene = Scene()
-    body = scene.add(path, unit=unit)
+    body = scene.add(scene.mesh_of(path, unit, accept_damaged))
     for index, full in enumerate(body.mesh.group_names):
         # The last part is the material's name, which wins over the object's.
         known = next((name for name in full.split("/")[::-1] if known_swatch(name) is not None), None)

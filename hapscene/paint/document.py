@@ -43,6 +43,8 @@ def stamp_of(path: Path) -> str:
         SceneError: it cannot be read.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise SceneError(f"{path}: cannot be read: is no file")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:

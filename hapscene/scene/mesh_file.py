@@ -1,9 +1,12 @@
 """Mesh files: what is read with trimesh, and everything that can be wrong with a file, said in a sentence."""
 
 import io
+import re
 import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
+
+import numpy as np
 
 from hapscene.errors import MeshError, warn
 from hapscene.files import read_bytes, refusing
@@ -11,6 +14,8 @@ from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, parts_of, unit_name
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
+from hapscene.scene.step_file import faces_in, promised_by, step_glb
+from hapscene.scene.topology import edges_of, weld
 
 # A first look at a mesh file's bytes, since trimesh takes some damaged files for smaller ones.
 
@@ -48,8 +53,6 @@ def check(suffix: str, content: bytes, where: str) -> int:
         check_gltf(content, suffix == "glb", where, FILE_MAX_B)
     elif suffix == "3mf":
         open_archive(content, where, "reduce the mesh, or export it as .stl or .ply")
-    elif suffix in ("step", "stp"):
-        _step(content, where)
     return 0
 
 
@@ -140,25 +143,16 @@ def _binary_end(content: bytes) -> int:
     return 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
-def _step(content: bytes, where: str) -> None:
-    if not content.lstrip().startswith(b"ISO-10303-21"):
-        raise MeshError(f"{where}: not a readable STEP file: it must begin with ISO-10303-21")
-    if b"END-ISO-10303-21" not in content[-1000:]:
-        raise MeshError(f"{where}: the file is truncated: a STEP file ends with END-ISO-10303-21")
-    try:
-        import cascadio  # noqa: F401
-    except ImportError as error:
-        raise MeshError(f"{where}: STEP files need one more package: pip install 'hapscene[step]' ({error})") from None
-
-
 UNITLESS: Final = ("stl", "obj", "ply", "off")
 """Formats that carry no unit of length."""
 
-FORMATS: Final = (*UNITLESS, "glb", "gltf", "3mf", "step", "stp", "zip")
+STEP: Final = ("step", "stp")
+
+FORMATS: Final = (*UNITLESS, "glb", "gltf", "3mf", *STEP, "zip")
 """Suffixes of the files that can be loaded."""
 
 
-def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
+def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool = False) -> Mesh:
     """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF, 3MF or STEP, or a zip archive that holds one of them.
 
     All geometries of a file become one mesh, in their places; vertices and faces are neither merged, dropped
@@ -169,9 +163,13 @@ def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         unit: of the file's numbers, a key of `UNIT_M`. STL, OBJ, PLY and OFF carry none, so they need it.
             glTF is in metres and 3MF says its unit; one given here wins over that. STEP is always converted
             from the unit it says.
+        accept_damaged: take what can be read of a damaged STEP file.
 
     Raises:
         MeshError: the file is missing, damaged or no mesh, or its unit is not known.
+
+    Warns:
+        MeshWarning: the unit given is not that of the file; or what of a damaged file is missing.
     """
     path = Path(path)
     given = None if unit is None else unit_name(unit)
@@ -181,11 +179,46 @@ def load_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             f"{path}: {suffix.upper()} files carry no unit of length: say which one the numbers are in, with "
             f'unit="mm" in Python or --unit mm on the command line; known are {", ".join(UNIT_M)}'
         )
+    if suffix in STEP:
+        if given not in (None, "m"):
+            warn(
+                f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used",
+                MeshWarning,
+            )
+        return _step(path, content, accept_damaged)
     parts, own = _read(path, suffix, content, resolver)
-    if suffix in ("step", "stp") and given not in (None, "m"):
-        warn(f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used", MeshWarning)
-        given = None
-    return join(parts, given or unit_name(own or "m"), path)
+    said = unit_name(own or "m")
+    if suffix not in UNITLESS and given not in (None, said):
+        warn(f"{path}: says that it is in {said}; taken to be in {given}, as unit={unit!r} says", MeshWarning)
+    return join(parts, given or said, path)
+
+
+def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
+    promised = promised_by(content, str(path))
+    damage = list(promised.damage)
+    if not damage or accept_damaged:
+        glb, said = step_glb(content, str(path))
+        loaded = _load(path, "glb", glb, None)
+        found = sum(faces_in(np.asarray(part.faces)) for part in loaded.geometry.values())
+        damage += said
+        if found < promised.face_count:
+            damage.append(f"faces without triangles: {promised.face_count - found:,} of {promised.face_count:,}")
+    told = f"{path}: the file is damaged: {'; '.join(damage)}"
+    if damage and not accept_damaged:
+        raise MeshError(f"{told}: export it anew, or take what is left with accept_damaged=True (--accept-damaged)")
+    parts = parts_of(loaded, str(path))
+    for part in parts:  # trimesh numbers the pieces of a part by chance, one for each colour
+        part.names = [re.sub(r"_[0-9a-f]{6}(?=/|$)", "", name) for name in part.names] if len(parts) > 1 else part.names
+    mesh = join(parts, "m", path)
+    if damage:
+        warn(f"{told}; what is left is taken, {len(mesh.faces):,} triangles", MeshWarning)
+        return mesh
+    doubts = list(promised.doubts)
+    if promised.is_closed and not edges_of(mesh.faces, weld(mesh.vertices_m)).closed:
+        doubts.append("its shells, which it says are closed, are open")
+    if doubts:
+        warn(f"{path}: may be damaged, and its shape another: {'; '.join(doubts)}", MeshWarning)
+    return mesh
 
 
 def _open(path: Path) -> tuple[str, bytes, Any]:

@@ -177,7 +177,7 @@ class Scene:
 
         save_scene(self, Path(path))
 
-    def mesh_of(self, mesh: Any, unit: str | None = None) -> Mesh:
+    def mesh_of(self, mesh: Any, unit: str | None = None, accept_damaged: bool = False) -> Mesh:
         """The mesh of what `add` takes, with no body made of it yet; a file is loaded once.
 
         Raises:
@@ -189,7 +189,7 @@ class Scene:
             return Mesh.from_trimesh(mesh, unit)
         key = (Path(mesh).resolve(), unit)
         if key not in self._loaded:
-            self._loaded[key] = load_mesh(Path(mesh), unit)
+            self._loaded[key] = load_mesh(Path(mesh), unit, accept_damaged=accept_damaged)
         return self._loaded[key]
 
     def _name(self, name: str | None, mesh: Mesh) -> str:

@@ -111,7 +111,7 @@ class SidecarFiles:
             if file.name in self._named or name not in before or not file.name.startswith(f"{self._stem}."):
                 continue
             with suppress(OSError):
-                others = (f.read_bytes() for f in self._folder.glob(f"*{SUFFIX}") if f.name != self._path.name)
+                others = (_content_of(f) for f in self._folder.glob(f"*{SUFFIX}") if f.name != self._path.name)
                 if _is_whole(file) and not any(name in other for other in others):
                     file.unlink()
 
@@ -126,9 +126,7 @@ class SidecarFiles:
 @contextmanager
 def sidecar_files(path: Path) -> Iterator[SidecarFiles]:
     """While a scene file is written, the last of all: what goes wrong leaves the old one and its files as they were."""
-    before = b""
-    with suppress(OSError):
-        before = path.read_bytes()
+    before = _content_of(path)
     files = SidecarFiles(path)
     try:
         yield files
@@ -139,16 +137,22 @@ def sidecar_files(path: Path) -> Iterator[SidecarFiles]:
 
 
 def _holds(file: Path, content: bytes) -> bool:
-    try:
-        return file.stat().st_size == len(content) and file.read_bytes() == content
-    except OSError:
-        return False
+    with suppress(OSError):
+        return file.stat().st_size == len(content) and _content_of(file) == content
+    return False
+
+
+def _content_of(file: Path) -> bytes:
+    """What a file holds; nothing where it cannot be read, or is none: a pipe would be waited for."""
+    with suppress(OSError):
+        return file.read_bytes() if file.is_file() else b""
+    return b""
 
 
 def _is_whole(file: Path) -> bool:
     """Whether a file is a scene's own, and as it was written."""
     match = _OWN.fullmatch(file.name)
-    return match is not None and hashlib.sha256(file.read_bytes()).hexdigest().startswith(match[1])
+    return match is not None and hashlib.sha256(_content_of(file)).hexdigest().startswith(match[1])
 
 
 # How a body's painting stands in a scene file: runs to read and compare; packed, where they are too many.
@@ -356,7 +360,7 @@ def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
     file, unit = _named(path, place.get("path", str)), place.get("unit", str)
     if unit not in UNIT_M:
         raise place.fail(f"no unit of length {unit[:60]!r}; there are: {', '.join(UNIT_M)}")
-    mesh = load_mesh(file, unit)
+    mesh = load_mesh(file, unit, accept_damaged=True)  # if it was when the scene was saved, as its hash says
     if mesh.digest == place.get("sha256", str):
         return mesh
     was, now = place.get("face_count", int), len(mesh.faces)

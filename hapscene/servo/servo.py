@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.clock import now_here_ns
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError
@@ -47,6 +48,8 @@ class ServoState(NamedTuple):
         touching: whether the tool is inside a surface.
         body, face, swatch: what is touched; −1 in the air.
         flags: what went wrong or was limited.
+        age_s: how long ago the tick was complete, also at rest; infinite before the first. While the servo ticks, much
+            more than a tick says that its process hangs, or is stopped.
     """
 
     tick: int
@@ -61,6 +64,7 @@ class ServoState(NamedTuple):
     face: int
     swatch: int
     flags: Flag
+    age_s: float = 0.0
 
     def __repr__(self) -> str:
         place, force = (", ".join(f"{v:.4g}" for v in vector) for vector in (self.p_WT_m, self.f_W_N))
@@ -99,11 +103,13 @@ class Servo:
         tick_s, a_rate_Hz: as `Renderer` has them.
         made: more arguments of `Twin`: effects, seed, limits, handle, compensator, X_WD.
 
-    Use it as a context: the process starts on entry and ends on exit, and with the application, however that ends.
-    Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's affair.
+    Use it as a context: memory is taken and the process starts on entry; both end on exit, and with the application,
+    however that ends. Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's
+    affair.
 
     Raises:
-        HapsceneError: on entry, what `Twin` refuses; later, where the process has ended.
+        HapsceneError: on entry, what `Twin` refuses, or too little shared memory; from then on, by whatever is asked of
+            a servo whose process has ended.
     """
 
     @old_spellings()
@@ -118,27 +124,32 @@ class Servo:
     ) -> None:
         self.tick_s, self.a_rate_Hz = tick_s, a_rate_Hz
         self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
-        block = block_of(tick_s, a_rate_Hz)
+        self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
-        with _shielded():  # it starts Python's resource tracker
-            self._opened: Channel | None = open_channel(self._length, block)
+        self._opened: Channel | None = None
+        self._closed = False
         self._process: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         self._cancelled = False
 
     def __repr__(self) -> str:
-        state = "closed" if self._opened is None else "not begun" if self._process is None else "running"
+        begun = "not begun" if self._process is None else "running" if self.alive else "ended"
+        state = "closed" if self._closed else begun
         return f"<Servo: {state}; ticks of {1e3 * self.tick_s:g} ms, a_rate_Hz={self.a_rate_Hz:g}>"
 
     def __enter__(self) -> "Servo":
         from hapscene.servo.servo_process import run
 
+        if self._closed or self._opened is not None:
+            raise HapsceneError("a servo is entered once; make a new one")
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
-        self._wire, theirs = context.Pipe()
-        arguments = (theirs, self._channel.memory.name, self._length)
-        process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
         try:
+            with _shielded():  # it starts Python's resource tracker
+                self._opened = open_channel(self._length, self._block)
+            self._wire, theirs = context.Pipe()
+            arguments = (theirs, self._opened.memory.name, self._length)
+            process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
             made = ForkingPickler.dumps(self._made)
             with _shielded():
                 process.start()
@@ -149,7 +160,7 @@ class Servo:
             theirs.close()
             self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
             self._answer(START_S)
-            self._channel.memory.unlink()  # from now on it goes with the two processes, even if both are killed
+            self._opened.memory.unlink()  # from now on it goes with the two processes, even if both are killed
             self._shared = True
         except BaseException:
             self.close()
@@ -169,6 +180,7 @@ class Servo:
 
     def close(self) -> None:
         """End the process, kindly if it listens, and give its memory back. Once is enough; twice does no harm."""
+        self._closed = True
         if self._opened is None:
             return
         if self._process is not None:
@@ -187,8 +199,13 @@ class Servo:
 
     @property
     def _channel(self) -> Channel:
-        if self._opened is None:
+        """The memory of a process that runs: what is left of one that has ended would be taken for the present."""
+        if self._closed:
             raise HapsceneError("this servo is closed; make a new one")
+        if self._opened is None or self._process is None:
+            raise HapsceneError("this servo does not run; use it as a context: with Servo(…) as servo")
+        if not self._process.is_alive():
+            raise HapsceneError(self._gone())
         return self._opened
 
     @property
@@ -218,7 +235,7 @@ class Servo:
 
         Raises:
             PathError: not three finite numbers.
-            HapsceneError: no such grip.
+            HapsceneError: no such grip, or the process has ended.
         """
         p = positions(numbers(p_WT).reshape(1, -1))[0]
         push = positions(numbers(push_W_N).reshape(1, -1))[0]
@@ -242,11 +259,16 @@ class Servo:
         self._order("repaint", scene)
 
     def state(self) -> ServoState:
-        """The newest complete tick."""
-        channel = self._channel.channel[0]
+        """The newest complete tick.
+
+        Raises:
+            HapsceneError: the process has ended; one that only hangs is seen by the state's age.
+        """
+        shared = self._channel
+        channel = shared.channel[0]
         while True:
-            done = int(channel.done)
-            row = self._channel.rows[(done - 1) % self._length].copy()
+            done, done_ns = int(channel.done), int(channel.done_ns)
+            row = shared.rows[(done - 1) % self._length].copy()
             if int(channel.done) < done + self._length - 1:
                 break
         return ServoState(
@@ -262,26 +284,39 @@ class Servo:
             face=int(row["face"]),
             swatch=int(row["swatch"]),
             flags=Flag(int(row["flags"])),
+            age_s=max(now_here_ns() - done_ns, 0) * 1e-9 if done else math.inf,
         )
 
-    def read(self, since: int = 0) -> TickLog:
-        """What was felt from tick `since` on, or from as far back as the flight recorder reaches."""
-        done = int(self._channel.channel[0].done)
+    def read(self, since: int = 0, *, after_end: bool = False) -> TickLog:
+        """What was felt from tick `since` on, or from as far back as the flight recorder reaches.
+
+        Args:
+            since: number of a tick.
+            after_end: whether a process that has ended is asked too: for what it felt until then.
+
+        Raises:
+            HapsceneError: the process has ended, and `after_end` is not set; or the servo is closed.
+        """
+        shared = self._opened if after_end and self._opened is not None else self._channel
+        done = int(shared.channel[0].done)
         first = max(since, done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
-        taken = [part[slots] for part in (self._channel.rows, self._channel.a_m_s2, self._channel.a_handle_m_s2)]
-        over = max(int(self._channel.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
+        taken = [part[slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
+        over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
     def lateness(self) -> Lateness:
-        """How well the loop has kept time since the process started."""
+        """How well the loop has kept time since the process started.
+
+        Raises:
+            HapsceneError: the process has ended.
+        """
         channel = self._channel.channel[0]
         return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
         """Send an order; return its result."""
-        if self._opened is None or self._process is None:
-            raise HapsceneError("this servo does not run; use it as a context: with Servo(…) as servo")
+        _ = self._channel  # raises where none runs
         self._send(ForkingPickler.dumps((order, arguments)))
         return self._answer(ANSWER_S)
 

@@ -4,6 +4,9 @@ The application writes where the hand aims; the servo how many ticks are complet
 number (8 bytes) is written whole; what is longer carries a count that is odd while it is being written.
 """
 
+import errno
+import os
+import sys
 from dataclasses import dataclass
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final, cast
@@ -11,6 +14,7 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.errors import HapsceneError
 from hapscene.records import ROW
 from hapscene.servo.servo_loop import BIN_COUNT
 from hapscene.twin.twin_recording import FELT
@@ -25,6 +29,7 @@ CHANNEL: Final = np.dtype(
         ("pause", "i8"),  # 1: the loop shall return
         # by the servo
         ("done", "i8"),  # complete ticks
+        ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
         ("missed", "i8"),  # ticks that were left out since the loop was too late for them
         ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
         ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
@@ -37,12 +42,12 @@ CHANNEL: Final = np.dtype(
 class Channel:
     """The shared block, and views of its parts. `length` ticks fit into the rings, then they are written over."""
 
-    memory: SharedMemory
     channel: Any  # (1,) CHANNEL
     rows: Any  # (length,) ROW
     felt: Any  # (length,) FELT
     a_m_s2: NDArray[np.float64]  # (length, block) asked for
     a_handle_m_s2: NDArray[np.float64]  # (length, block) of the handle
+    memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
         """Let go of the memory. The views must not be used afterwards."""
@@ -54,17 +59,51 @@ class Channel:
 
 
 def open_channel(length: int, block: int, name: str | None = None) -> Channel:
-    """A new block, or, by its name, one that is there."""
+    """A new block, all 0, or, by its name, one that is there.
+
+    Raises:
+        HapsceneError: the system has no room for a new one, or no place.
+    """
     sizes = [CHANNEL.itemsize, length * ROW.itemsize, length * FELT.itemsize, *[length * block * 8] * 2]
     starts = np.concatenate(([0], np.cumsum(sizes)))
-    memory = SharedMemory(name=name, create=name is None, size=int(starts[-1]))
+    memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
     dtypes = (CHANNEL, ROW, FELT, np.dtype("f8"), np.dtype("f8"))
     parts = [
         np.frombuffer(cast(memoryview, memory.buf), dtype, size // dtype.itemsize, int(start))
         for dtype, size, start in zip(dtypes, sizes, starts[:-1], strict=True)
     ]
-    if name is None:
-        for part in parts:
-            part.view(np.uint8)[:] = 0
-    records = [part.view(np.recarray) for part in parts[:3]]
-    return Channel(memory, *records, *(part.reshape(length, block) for part in parts[3:]))
+    channel, rows, felt = (part.view(np.recarray) for part in parts[:3])
+    a_m_s2, a_handle_m_s2 = (part.reshape(length, block) for part in parts[3:])
+    return Channel(channel, rows, felt, a_m_s2, a_handle_m_s2, memory)
+
+
+SYSTEM_FOLDER: Final = "/dev/shm"
+"""Where Linux keeps shared memory."""
+
+
+def _reserved(size: int) -> SharedMemory:
+    """A new block whose pages are there: where they are only promised, touching one too many kills the process."""
+    memory = None
+    try:
+        memory = SharedMemory(create=True, size=size)
+        if sys.platform == "linux":
+            os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
+    except OSError as error:
+        if memory is not None:
+            memory.close()
+            memory.unlink()
+        raise HapsceneError(f"the servo needs {size:,} bytes of shared memory; {_lack(error)}") from None
+    return memory
+
+
+def _lack(error: OSError) -> str:
+    """Why there is none, and what would have worked."""
+    if sys.platform == "linux" and error.errno == errno.ENOSPC:
+        system = os.statvfs(SYSTEM_FOLDER)
+        return (
+            f"{SYSTEM_FOLDER} has {system.f_bavail * system.f_frsize:,} left: make it larger (docker run "
+            f"--shm-size=256m, mount -o remount,size=256m {SYSTEM_FOLDER}), or end what else uses it"
+        )
+    if sys.platform == "linux" and error.errno in (errno.EROFS, errno.ENOENT, errno.EACCES):
+        return f"{SYSTEM_FOLDER} must be there and be writable (mount -t tmpfs tmpfs {SYSTEM_FOLDER}): {error.strerror}"
+    return f"the system gives none: {error.strerror}"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import ViewError
+from hapscene.interrupt import heard
 from hapscene.old_spellings import old_spellings
 from hapscene.recording import Recording
 from hapscene.view.camera import looks, pose_of
@@ -99,6 +100,7 @@ def _run(folder: Path) -> str:
         try:
             return window.reason() if window.process.wait() else ""
         except KeyboardInterrupt:
+            heard()
             return ""
 
 

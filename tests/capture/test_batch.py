@@ -24,6 +24,9 @@ from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
 
+LIMIT_S = 60.0
+"""Longest that a test waits for another process [s]."""
+
 READING = {"rate_Hz": 1000.0, "units": {"acceleration": "m/s2"}}
 FITTING = {"order": 3}
 CHOSEN = {"interpolation": "lsf", "excitation": "auto"}  # by the command, where nothing is said
@@ -62,11 +65,12 @@ def check_swatch(item: Item, out: Path) -> None:
 
 def open_when_read(pipe: Path, going_on: Callable[[], bool]) -> BinaryIO:
     """A named pipe, opened for writing as soon as somebody reads it."""
+    end = time.monotonic() + LIMIT_S
     while True:
         try:
             handle = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
         except OSError as error:
-            assert error.errno == errno.ENXIO and going_on(), "nobody reads it"
+            assert error.errno == errno.ENXIO and going_on() and time.monotonic() < end, "nobody reads it"
             time.sleep(0.005)
         else:
             os.set_blocking(handle, True)
@@ -124,7 +128,7 @@ def test_a_recording_that_kills_every_process_is_given_up_and_the_others_go_on(t
                 for child in children:
                     child.kill()
                 for child in children:
-                    child.join()
+                    child.join(LIMIT_S)
                 deaths.append(len(children))
 
     striker = threading.Thread(target=strike, daemon=True)
@@ -158,15 +162,16 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
         os.mkfifo(items[place].path)
         child = subprocess.Popen(words, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         with open_when_read(items[place].path, lambda: child.poll() is None) as pipe:
+            end = time.monotonic() + LIMIT_S
             while len(list(out.glob("*.swatch"))) < place:
-                assert child.poll() is None
+                assert child.poll() is None and time.monotonic() < end
                 time.sleep(0.005)
             child.send_signal(kind)
             if kind == signal.SIGKILL:
-                child.wait()
+                child.wait(LIMIT_S)
             else:
                 pipe.write(content)
-        _, told = child.communicate(timeout=30.0)  # ends when the children, too, have closed their end
+        _, told = child.communicate(timeout=LIMIT_S)  # ends when the children, too, have closed their end
         items[place].path.unlink()
         items[place].path.write_bytes(content)
         return child.returncode, told

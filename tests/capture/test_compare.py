@@ -29,6 +29,15 @@ def textured(name: str = "a", frequency_Hz: float = 200.0, gain: float = 1.0, **
     return replace(base, **more)  # type: ignore[arg-type]
 
 
+def amplitude_of(frequency_Hz: float) -> float:
+    """The amplitude [m/s²] at which a tap of that frequency has the energy of `textured`'s own."""
+
+    def per_amplitude(f: float) -> float:
+        return (2.0 * math.pi * f) ** 2 / (60.0**2 + (2.0 * math.pi * f) ** 2)
+
+    return 10.0 * math.sqrt(per_amplitude(100.0) / per_amplitude(frequency_Hz))
+
+
 def test_the_same_surface_cannot_be_told_apart() -> None:
     comparison = compare(textured(), textured())
     assert comparison.distance_jnd == 0.0 and comparison.verdict == "cannot be told apart"
@@ -42,7 +51,8 @@ def test_the_same_surface_cannot_be_told_apart() -> None:
         ({"friction_static": 0.75}, "static friction", 40.0),
         ({"stiffness_N_m": 250.0}, "compliance", 100 * 2 / 3),
         ({"taps": Taps([0.1], [20.0], [100.0], [60.0])}, "tap level", 20 * math.log10(2)),
-        ({"taps": Taps([0.1], [10.0], [100.0], [60.0])}, "tap frequency", 0.0),
+        # of the same energy A² ω² / (4 β (β² + ω²)) at twice the frequency
+        ({"taps": Taps([0.1], [amplitude_of(200.0)], [200.0], [60.0])}, "tap frequency", 100 * 2 / 3),
     ],
 )
 def test_a_known_change_is_found_and_nothing_else(change: dict[str, object], quantity: str, amount: float) -> None:

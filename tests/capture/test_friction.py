@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hapscene.capture.friction import fit_friction
-from hapscene.capture.segment import segment
+from hapscene.capture.friction import EDGE_S, _curve, fit_friction
+from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import clean
+from hapscene.capture.streams import Streams, clean
 
 
 def part(acceleration, rate_Hz, *streams, **named):
@@ -89,3 +89,77 @@ def test_force_that_does_not_follow_depth_is_no_stiffness(handled_recording):
     truth.depth_m = np.random.default_rng(0).standard_normal(len(truth.depth_m)) * 1e-3
     found = fit_stiffness(handled(truth))
     assert found.slope_N_m is None and "no line" in found.reason
+
+
+def slides(tangential_N, speed_m_s, sliding, rate=1000.0):
+    """A recording of 1 N that slides where told, with no search for it."""
+    count = len(tangential_N)
+    states = np.where(sliding, InteractionState.SLIDING, InteractionState.AIR).astype(np.int8)
+    streams = Streams(rate, np.zeros(count), np.ones(count), speed_m_s, tangential_N)
+    return [(streams, Segmentation(rate, states, (), None, None))]
+
+
+def test_where_a_slide_begins_and_ends_nothing_is_taken():
+    """Slides of 0.15 s, which slip more easily in their first and last 50 ms: two thirds of all that slides."""
+    cycle, edge = np.arange(100, 20_100) % 500, round(1000.0 * EDGE_S)
+    sliding = (cycle >= 200) & (cycle < 350)
+    middle = (cycle >= 200 + edge) & (cycle < 350 - edge)
+    found = fit_friction(slides(np.where(middle, 0.3, 0.1) * sliding, np.full(len(cycle), 0.1), sliding))
+    assert found.dynamic == pytest.approx(0.3, abs=1e-9)
+    assert found.intervals["friction_dynamic"] == pytest.approx((0.3, 0.3), abs=1e-9)
+
+
+def test_the_ends_of_the_recording_are_no_ends_of_a_slide():
+    whole = slides(np.full(150, 0.3), np.full(150, 0.1), np.ones(150, bool))
+    assert fit_friction(whole).dynamic == pytest.approx(0.3)
+    inside = np.zeros(250, bool)
+    inside[50:200] = True
+    assert fit_friction(slides(np.full(250, 0.3), np.full(250, 0.1), inside)).dynamic == 0.0  # one block is left
+
+
+def test_a_tool_that_catches_now_and_then_bends_no_stribeck_curve():
+    """Each sixth of the slow blocks pulls three times as much."""
+    t = np.arange(20_000) / 1000.0
+    speed = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2
+    pull = 0.3 + 0.15 * np.exp(-((speed / 0.03) ** 2)) + 0.002 * np.random.default_rng(0).standard_normal(len(t))
+    caught = (speed < 0.03) & (t // 0.05 % 6 == 0)
+    found = fit_friction(slides(np.where(caught, 3.0, 1.0) * pull, speed, np.ones(len(t), bool)))
+    assert found.dynamic == pytest.approx(0.30, rel=0.02)
+    assert found.static == pytest.approx(0.45, rel=0.04)  # by least squares 0.6
+
+
+def test_the_curve_is_hubers():
+    """Against SciPy's own robust least squares, at the bound where the reweighting ends."""
+    from scipy.optimize import least_squares
+
+    rng = np.random.default_rng(0)
+    speed = rng.uniform(0.005, 0.2, 200)
+    ratio = 0.3 + 0.15 * np.exp(-((speed / 0.04) ** 2)) + 0.01 * rng.standard_normal(200)
+    ratio[::9] += 0.5
+    matrix = np.stack([np.ones(200), np.exp(-((speed / 0.04) ** 2))], axis=1)
+    error, _, weight = _curve(np.stack([2.0 * ratio, np.full(200, 2.0), speed]), 0.04)
+    found = np.linalg.lstsq(weight[:, None] * matrix, weight * ratio, rcond=None)[0]
+    away = np.abs(ratio - matrix @ found)
+    bound = 1.345 * 1.4826 * np.median(away)
+    huber = least_squares(lambda x: matrix @ x - ratio, [0.0, 0.0], loss="huber", f_scale=bound)
+    np.testing.assert_allclose(found, huber.x, atol=1e-4)
+    assert error == pytest.approx(np.sum(2.0 * away), rel=1e-3)
+    assert np.sum(weight**2 / 2.0 < 0.1) == len(ratio[::9])  # what is off counts for little, and nothing else
+
+
+def test_static_friction_waits_for_a_rest_and_a_force():
+    """Three starts from rest: one after a rest too brief to count, one of a tool that hardly touches."""
+    rate, cycle = 1000.0, np.arange(6000) % 1000
+    states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
+    start = (cycle >= 380) & (cycle < 420)
+    force, pull = np.ones(6000), np.where(start, 0.5, 0.3)
+    states[3000:3380] = InteractionState.SLIDING  # rests for 20 ms before it slides on: 0.8 then is none
+    pull[3380:3420] = 0.8
+    force[5200:5600] = 0.05
+    pull[5200:5600] = 0.9 * 0.05
+    streams = Streams(rate, np.zeros(6000), force, np.full(6000, 0.1), pull)
+    found = fit_friction([(streams, Segmentation(rate, states, (), None, None))])
+    assert (
+        found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is that of 4 starts from rest."
+    )
+    assert found.dynamic == pytest.approx(0.3, rel=1e-6)

@@ -179,6 +179,12 @@ def test_taps_as_transients() -> None:
     assert [e["position"] for e in effects] == [0, 5000]
 
 
+def test_the_noise_of_a_texture_is_that_of_its_seed_0_unless_another_is_given() -> None:
+    wood = load_swatch("wood")
+    default, zero, one = (as_hjif(wood, 1.0, 0.1, 0.1, **seed) for seed in ({}, {"seed": 0}, {"seed": 1}))
+    assert default == zero != one
+
+
 def test_a_silent_texture_is_valid() -> None:
     check(as_hjif(load_swatch("wood"), 0.0, 0.1, 0.1))
 

@@ -49,6 +49,15 @@ def test_goodness_of_fit_is_the_cosine_between_spectra() -> None:
     assert metric.goodness_of_fit(0 * low, low, frequency) == 0.0
 
 
+@pytest.mark.parametrize("scale", [1e-200, 1e-160, 1e200])
+def test_goodness_of_fit_does_not_know_the_level_however_small(scale: float) -> None:
+    frequency = np.arange(20.0, 1000.0, 10.0)
+    one, two = 1.0 + np.sin(frequency / 50.0) ** 2, 1.0 + np.cos(frequency / 70.0) ** 2
+    plain = metric.goodness_of_fit(one, two, frequency)
+    assert metric.goodness_of_fit(scale * one, two, frequency) == pytest.approx(plain)
+    assert metric.goodness_of_fit(scale * one, scale * two, frequency) == pytest.approx(plain)
+
+
 def test_spectrogram_error_of_nothing_of_a_gain_and_of_other_noise() -> None:
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(100_000)

@@ -25,6 +25,9 @@ from hapscene.wire.protocol import Column, Count, Header, header_line, sample_li
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
+LIMIT_S = 60.0
+"""Longest that a test waits for another process [s]."""
+
 COLUMNS = (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.01))
 HEADER = header_line(Header(2000.0, COLUMNS))
 
@@ -67,7 +70,7 @@ class Probe:
 
         def write() -> None:
             if not at_once:
-                self._opened.wait()
+                self._opened.wait(LIMIT_S)
             try:
                 for part in parts:
                     while part:
@@ -240,12 +243,16 @@ def test_a_port_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.Capture
 
 @contextmanager
 def process(*words: str, **more: object) -> Iterator[subprocess.Popen[str]]:
+    """A process that is killed after `LIMIT_S`, which ends whatever a test reads from it."""
     child = subprocess.Popen([sys.executable, *words], text=True, **more)
+    watchdog = threading.Timer(LIMIT_S, child.kill)
+    watchdog.start()
     try:
         yield child
     finally:
+        watchdog.cancel()
         child.kill()
-        child.wait()
+        child.wait(LIMIT_S)
         for stream in (child.stdout, child.stderr):
             if stream is not None:
                 stream.close()
@@ -261,7 +268,7 @@ def paced(stop: threading.Event, rate_Hz: float = 2000.0) -> Iterator[bytes]:
         sent = due
 
 
-def wait_for(done: Callable[[], bool], limit_s: float = 20.0) -> None:
+def wait_for(done: Callable[[], bool], limit_s: float = LIMIT_S) -> None:
     end = time.monotonic() + limit_s
     while not done():
         assert time.monotonic() < end, "waited in vain"
@@ -279,7 +286,7 @@ def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_
         assert "recording acceleration [m/s2], force [N] at 2000 Hz" in child.stdout.readline()
         shown = [child.stdout.readline() for _ in range(3)]  # a line of the meter each second
         child.send_signal(signal.SIGKILL)
-        child.wait()
+        child.wait(LIMIT_S)
     stop.set()
     seconds = float(shown[-1].split()[0])
     assert seconds > 2.0 and "rms/peak:  acceleration" in shown[-1]
@@ -302,8 +309,8 @@ def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, k
         child.stdout.readline()
         wait_for(lambda: path.stat().st_size > 5000)
         child.send_signal(kind)
-        said = child.stdout.read()
-        assert child.wait(20.0) == 0 and child.stderr.read() == ""
+        said, complained = child.communicate(timeout=20.0)
+        assert child.returncode == 0 and complained == ""
     stop.set()
     assert "torn 0, garbage 0: stopped" in said and f"made:\n  {path}  (" in said
     assert load_record(path).ended == "stopped"

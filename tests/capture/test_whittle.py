@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import freqz, lfilter
 
 from hapscene.capture import fit, metric
 from hapscene.capture.order_search import search_order
 from hapscene.capture.streams import clean
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import cut
-from hapscene.capture.whittle import NoisyModel, density, over_noise, refined
+from hapscene.capture.whittle import LOW_HZ, NoisyModel, _derivatives, density, judged, over_noise, refined
 from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import tapered
 
 RATE = 10_000.0
 
@@ -103,3 +104,85 @@ def test_scoring_never_gets_worse_and_stays_stable():
         assert end.loss <= np.sum(spectrum.ordinates * (np.log(whole) + spectrum.power / whole)) + 1e-6
         assert np.all(np.abs(np.roots(end.a)) < 1.0)
         assert np.exp(end.log_noise) <= spectrum.noise_max * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("count", "rate_Hz"), [(100, 500.0), (150, 2000.0), (4000, 2000.0)])
+def test_a_bin_holds_the_periodogram_between_its_borders_however_short_the_signal(count, rate_Hz):
+    """Against a Fourier transform a hundred times as fine."""
+    signal = np.random.default_rng(count).standard_normal(count)
+    found, size = density([signal], rate_Hz), 1 << 19
+    fine = np.abs(np.fft.rfft(tapered(signal, rate_Hz), size)) ** 2 / count
+    width = max(5.0, 20.0 * rate_Hz / count)
+    border = np.arange(LOW_HZ, 0.5 * rate_Hz, width)
+    exact = [fine[round(low * size / rate_Hz) : round((low + width) * size / rate_Hz)].mean() for low in border[:-1]]
+    np.testing.assert_allclose(found.frequency_Hz, border[:-1] + 0.5 * width, atol=0.05 * width)
+    np.testing.assert_allclose(found.ordinates, width * count / rate_Hz, rtol=0.05)
+    np.testing.assert_allclose(found.power, exact, rtol=0.01 if count < 1000 else 0.3)
+
+
+def test_stretches_are_pooled_by_their_length():
+    one, two = np.random.default_rng(0).standard_normal((2, 1000))
+    apart = [density([x], 2000.0) for x in (one, two)]
+    both = density([one, two], 2000.0)
+    assert both.ordinates.sum() == pytest.approx(2.0 * apart[0].ordinates.sum(), rel=0.01)
+    assert both.even == pytest.approx(0.5 * (apart[0].even + apart[1].even), rel=1e-3)
+    assert np.average(both.power, weights=both.ordinates) == pytest.approx(
+        np.mean([np.average(x.power, weights=x.ordinates) for x in apart]), rel=0.05
+    )
+
+
+def some_model(spectrum, seed=0):
+    rng = np.random.default_rng(seed)
+    radius, angle = rng.uniform(0.6, 0.95, 3), rng.uniform(0.1, 2.8, 3)
+    section = np.stack([-2 * radius * np.cos(angle), radius**2], axis=1)
+    return NoisyModel(section, 0.3, np.log(0.5 * spectrum.noise_max))
+
+
+def test_a_model_s_spectrum_and_loss_are_those_of_its_filter():
+    spectrum = density([noisy(resonant([300, 700], [60, 60]), 20_000, 20.0)], RATE)
+    model = judged(some_model(spectrum), spectrum)
+    _, response = freqz([1.0], model.a, worN=spectrum.frequency_Hz, fs=RATE)
+    _, clear, whole = model.parts(spectrum)
+    exact = np.exp(0.3) * np.abs(response) ** 2
+    np.testing.assert_allclose(clear, exact)
+    np.testing.assert_allclose(whole, exact + 0.5 * spectrum.noise_max)
+    assert model.loss == pytest.approx(np.sum(spectrum.ordinates * (np.log(whole) + spectrum.power / whole)))
+
+
+def test_the_gradient_is_that_of_the_loss_and_the_information_its_expected_curvature():
+    spectrum = density([noisy(resonant([300, 700], [60, 60]), 20_000, 20.0)], RATE)
+    model = some_model(spectrum)
+
+    def loss(x, power):
+        moved = NoisyModel(x[:-2].reshape(-1, 2), x[-2], x[-1])
+        whole = moved.parts(spectrum)[2]
+        return np.sum(spectrum.ordinates * (np.log(whole) + power / whole))
+
+    x, step = np.append(model.section.ravel(), [model.log_variance, model.log_noise]), 1e-4 * np.eye(8)
+    gradient, information = _derivatives(model, spectrum, np.inf)
+    slope = [(loss(x + h, spectrum.power) - loss(x - h, spectrum.power)) / 2e-4 for h in step]
+    np.testing.assert_allclose(gradient, slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+    true = model.parts(spectrum)[2]  # at the model's own spectrum the curvature is the information
+    curved = [[(loss(x + g + h, true) - loss(x + g - h, true) - loss(x - g + h, true) + loss(x - g - h, true)) / 4e-8
+               for h in step] for g in step]  # fmt: skip
+    np.testing.assert_allclose(information, curved, rtol=1e-2, atol=1e-3 * np.abs(information).max())
+
+
+def test_noise_that_would_grow_beyond_its_bound_is_held_there():
+    spectrum = density([np.random.default_rng(0).standard_normal(20_000)], RATE)
+    highest = np.log(spectrum.noise_max)
+    at_bound = NoisyModel(np.array([[0.0, 0.0]]), highest - 3.0, highest)
+    gradient, information = _derivatives(at_bound, spectrum, highest)
+    assert gradient[-1] == 0.0 and information[-1].tolist() == information[:, -1].tolist() == [0.0, 0.0, 0.0, 1.0]
+    assert _derivatives(at_bound, spectrum, highest + 1.0)[0][-1] < 0.0  # as it would
+
+
+def test_from_the_truth_and_from_afar_the_search_arrives_at_one_place():
+    truth = resonant([200, 600], [60, 80])
+    spectrum = density([noisy(truth, 60_000, 20.0)], RATE)
+    pole = np.roots(truth)
+    near = np.stack([[-2.0 * p.real, abs(p) ** 2] for p in pole[pole.imag > 0.0]])
+    far = near * [0.98, 0.97]
+    ends = [refined(NoisyModel(start, -5.0, np.log(0.5 * spectrum.noise_max)), spectrum) for start in (near, far)]
+    assert ends[0].loss == pytest.approx(ends[1].loss, abs=0.5)  # half of what is worth a further step
+    np.testing.assert_allclose(ends[0].a, truth, atol=0.03)

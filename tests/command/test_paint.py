@@ -27,7 +27,7 @@ from hapscene.scene.mesh import MeshWarning
 
 
 def options(scene: str | None = None, **given: object) -> argparse.Namespace:
-    usual = {"unit": None, "swatch": None, "two_sided": False, "accept_changed": False}
+    usual = {"unit": None, "swatch": None, "two_sided": False, "accept_changed": False, "accept_damaged": False}
     return argparse.Namespace(**{"scene": scene, **usual, **given})
 
 

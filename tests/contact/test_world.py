@@ -4,9 +4,11 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 import trimesh
 
-from hapscene.contact.world import BODY, build_world
+from hapscene.contact.triangle import to_body, to_body_before, to_world
+from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball
 from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -51,6 +53,45 @@ def test_balls_hold_their_bodies():
         assert distance <= ball[3] < 1.01 * distance
 
 
+@pytest.mark.parametrize("angle_rad", [0.0, 1e-3, 0.5, 2.0, 2.9, 3.1])
+def test_the_ball_of_a_moving_body_holds_all_that_can_meet_it(angle_rad):
+    """A point that stands still sweeps a chord in the body's frame: where that meets the body, it lies in the ball."""
+    rng = np.random.default_rng(int(10 * angle_rad))
+    body, ball = records(1, BODY)[0], np.zeros(4)
+    body.radius_m, body.skin_m, body.center_B_m = 0.05, 1e-6, rng.normal(size=3)
+    was, now = trimesh.transformations.random_rotation_matrix(rng.random(3)), np.eye(4)
+    turn = trimesh.transformations.rotation_matrix(angle_rad, rng.normal(size=3))
+    now[:3, :3], now[:3, 3] = turn[:3, :3] @ was[:3, :3], rng.normal(size=3)
+    before = rng.normal(size=3)
+    body.R_WB, body.p_WB_m = was[:3, :3], before
+    place_ball(body, ball)
+    still = ball.copy()
+    np.testing.assert_allclose(still, [*(was[:3, :3] @ body.center_B_m + before), 0.05 + 1e-6], rtol=1e-12)
+    body.was_R_WB, body.was_p_WB_m, body.moved = was[:3, :3], before, 1
+    body.R_WB, body.p_WB_m = now[:3, :3], now[:3, 3]
+    nearer = place_ball(body, ball)
+    way = np.linalg.norm(ball[:3] - still[:3])
+    if np.cos(angle_rad / 2) ** 2 <= HALF_TURN:
+        assert ball[3] == np.inf
+        return
+    assert nearer == pytest.approx(way + ball[3] - still[3])
+    largest = 0.0
+    for _ in range(2000):  # points whose chord touches the body: through a point on its sphere, at some time
+        at_B = rng.normal(size=3)
+        at_B = body.center_B_m + 0.05 * at_B / np.linalg.norm(at_B)
+        s = rng.random()
+        blend = (1 - s) * was[:3, :3].T + s * now[:3, :3].T
+        shift = (1 - s) * was[:3, :3].T @ before + s * now[:3, :3].T @ now[:3, 3]
+        p_W = np.linalg.solve(blend, at_B + shift)
+        a, b = (np.array(to(body, tuple(p_W))) for to in (to_body_before, to_body))
+        np.testing.assert_allclose(a + s * (b - a), at_B, atol=1e-9)
+        largest = max(largest, float(np.linalg.norm(p_W - ball[:3])))
+    assert largest <= ball[3] * (1 + 1e-9)
+    if angle_rad == 0.0:
+        assert ball[3] == pytest.approx(0.05 + 1e-6 + way)
+    assert tuple(np.round(to_world(body, to_body(body, (1.0, 2.0, 3.0))), 9)) == (1.0, 2.0, 3.0)
+
+
 def test_corners_are_kept_in_full_precision():
     mesh = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05), "m")
     scene = Scene()
@@ -69,7 +110,6 @@ def test_a_body_that_pushes_never_overfills_the_planes(world):
     """Four planes may be left by a tick that did not settle: a pushing body makes room before it adds its own."""
     from hapscene.contact.planes import copy_plane
     from hapscene.contact.proxy import _carry, move
-    from hapscene.contact.world import place_ball
 
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
     ball.apply_translation((0.1, 0.0, 0.02))

@@ -42,6 +42,19 @@ def held_N_m(m: float, b: float, T: float, d: int, B: float, count: int = BORDER
     return float(np.interp(B, damping, K))
 
 
+FINITE = ("fold_mass_kg", "damping_time_s", "quantum_m", "coupling_N_m", "coupling_Ns_m", "delay_ticks")
+
+
+@pytest.mark.parametrize("name", [name for name in vars(IDEAL) if name != "device"])
+def test_impossible_limits_are_refused_by_name(name: str) -> None:
+    for value in (-1.0, math.nan, *([math.inf] if name in FINITE else [])):
+        with pytest.raises(HapsceneError, match=f"limits: {name} must be "):
+            Limits(**{name: value})
+    if name not in FINITE:
+        assert getattr(Limits(**{name: math.inf}), name) == math.inf
+    assert getattr(Limits(**{name: 0}), name) == 0
+
+
 def test_border_meets_the_reference(shared):
     tried = 0
     for case in json.loads((shared / "reference" / "wall_cases.json").read_text()):

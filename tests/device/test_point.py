@@ -87,10 +87,27 @@ def test_encoders_count_whole_steps_from_their_zero() -> None:
     assert (y, z) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("numbers", [{"mass_kg": 0.0}, {"mass_kg": 0.1, "b_Ns_m": -1.0}, {"mass_kg": math.nan}])
-def test_impossible_numbers_are_refused_by_name(numbers: dict[str, float]) -> None:
-    with pytest.raises(HapsceneError, match=r"point mass: .* must be finite"):
-        PointMass(**numbers)
+IMPOSSIBLE = (-1e-9, math.nan, math.inf)
+
+
+@pytest.mark.parametrize("name", ["mass_kg", "b_Ns_m", "c_N", "quantum_m"])
+@pytest.mark.parametrize("value", IMPOSSIBLE)
+def test_impossible_numbers_of_a_point_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(HapsceneError, match=f"point mass: {name} must be finite and .* is {value}"):
+        PointMass(**{"mass_kg": 0.1, name: value})
+
+
+def test_a_point_may_be_without_friction_but_not_without_mass() -> None:
+    assert PointMass(0.1, 0.0, 0.0, 0.0).b_Ns_m == 0.0
+    with pytest.raises(HapsceneError, match="mass_kg must be finite and above 0, is 0"):
+        PointMass(0.0)
+
+
+@pytest.mark.parametrize("name", ["k_N_m", "b_Ns_m", "mass_kg"])
+@pytest.mark.parametrize("value", IMPOSSIBLE)
+def test_impossible_numbers_of_a_grip_are_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(HapsceneError, match=f"grip: {name} must be finite and at least 0, is {value}"):
+        Grip(**{"k_N_m": 0.0, "b_Ns_m": 0.0, name: value})
 
 
 def test_unknown_grip_is_answered_with_those_there_are() -> None:

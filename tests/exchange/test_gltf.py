@@ -67,6 +67,20 @@ def test_other_programs_find_the_numbers_in_extras(scene: Scene, tmp_path: Path)
     assert swatch_to_json(swatch_from_json(extras["swatch_file"])) == swatch_to_json(scene.swatches[1])
 
 
+def test_every_swatch_has_one_material_and_the_plain_one_only_where_it_is_worn(scene: Scene, tmp_path: Path) -> None:
+    """One more where both one- and two-sided bodies wear it; those that nobody wears are there to be painted with."""
+    for name in ("glb", "gltf-haptics"):
+        tree = tree_of(export_scene(scene, tmp_path / f"{name}.glb", name)[0])
+        found = sorted((m["name"], m["doubleSided"]) for m in tree["materials"])
+        worn = {(scene.swatches[i].name, b.two_sided) for b in scene.bodies for i in np.unique(b.face_swatch)}
+        unworn = {(s.name, False) for s in scene.swatches[1:] if s.name not in {name for name, _ in worn}}
+        assert found == sorted(worn | unworn)
+    bare = Scene()
+    bare.add(scene.bodies[0].mesh, name="all", swatch=scene.swatches[1])
+    names = [m["name"] for m in tree_of(export_scene(bare, tmp_path / "bare.glb")[0])["materials"]]
+    assert names == [scene.swatches[1].name]
+
+
 def test_why_bodies_are_split_by_swatch(tmp_path: Path) -> None:
     """What trimesh does to attributes, from which the shape of these files follows."""
     import trimesh

@@ -68,6 +68,7 @@ def test_axis_and_angle_are_the_rotation(axis: tuple[float, float, float], angle
         axis = (0.0, 0.0, 1.0)
     R = Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle_rad).as_matrix()
     x, y, z, turned = axis_angle(R)
+    assert x * x + y * y + z * z == pytest.approx(1.0)  # of no turn too
     np.testing.assert_allclose(Rotation.from_rotvec(turned * np.array([x, y, z])).as_matrix(), R, rtol=0, atol=3e-15)
     np.testing.assert_allclose(rotation(2 * x, 2 * y, 2 * z, turned), R, rtol=0, atol=3e-15)
 

@@ -214,13 +214,16 @@ def test_no_such_port() -> None:
         SerialSource("/dev/none")
 
 
-def test_the_simulator_is_identified_as_typed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_simulator_is_identified_as_typed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], end_in_time: Callable[["subprocess.Popen[str]"], None]
+) -> None:
     """Two processes: the simulated handle at its port, and the command."""
     from hapscene.cli import main
     from hapscene.handle.handle_file import load_handle
 
     command = [sys.executable, "-m", "hapscene.handle.port_simulator", "--rate", "2000", "--seconds", "60", "--hurry"]
     with subprocess.Popen([*command, "--grips", "2"], stdout=subprocess.PIPE, text=True) as simulator:
+        end_in_time(simulator)
         assert simulator.stdout is not None
         name = simulator.stdout.readline().strip()
         try:

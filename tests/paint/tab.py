@@ -35,7 +35,7 @@ class Tab:
 
     def __init__(self, page: Page) -> None:
         url = page.url.removeprefix("http://").rstrip("/")
-        origin: Any = f"http://{url}"
+        origin: Any = f"http://{url.partition('/')[0]}"
         protocol: Any = f"viser-v{viser.__version__}"
         self.page = page
         self.controls: dict[str, dict[str, Any]] = {}

@@ -208,13 +208,40 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     saved = load_scene(page.context.session.path)
     assert (saved.bodies[0].face_swatch == 2).all() and saved.swatches[2].stiffness_N_m == 222.0
 
-    tab.reload()
+    assert not window.troubles
+    tab.reload()  # without the token in the address: refused, and found again in the browser's storage
     window.wait("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool === 'touch'")
     window.see(BESIDE, "epoxy")
+    assert len(window.troubles) == 1 and "403" in window.troubles.pop()
 
-    assert not window.troubles
-    ours = ("blob:", "data:", page.url, page.url.replace("http", "ws"))
+    home = page.url.rsplit("/", 2)[0]
+    ours = ("blob:", "data:", home, home.replace("http", "ws"))
     assert not [url for url in window.requests if not url.startswith(ours)]
+
+
+def test_the_address_bar_hides_the_token_and_this_browser_alone_knows_it(window: Window) -> None:
+    page, tab = window.page, window.tab
+    before, home, token = len(window.troubles), page.url.rsplit("/", 2)[0] + "/", page.url.split("/")[-2]
+    tab.wait_for_url(home)
+    here = "window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool"
+    second = tab.context.new_page()
+    second.goto(home)
+    second.wait_for_function(here)
+    second.close()
+    stranger = tab.context.browser.new_context().new_page()
+    for url in (home, f"{home}of-another-start/"):
+        assert stranger.goto(url).status == 403
+        assert "terminal printed" in stranger.inner_text("body") and token not in stranger.content()
+    stranger.evaluate("localStorage.setItem('hapscene', location.pathname)")  # as a start before this one left it
+    stranger.goto(home)
+    stranger.wait_for_url(f"{home}of-another-start/")
+    assert "terminal printed" in stranger.inner_text("body")
+    stranger.context.close()
+
+    count = tab.evaluate("window.hapscene.client()")
+    page.server._websock_server.disconnect_all_clients()
+    window.wait(f"window.hapscene.client() > {count}")  # it finds its way back
+    del window.troubles[before:]
 
 
 def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:

@@ -103,6 +103,19 @@ def test_stick_slip_of_a_dragged_mass(bench, ticks):
     assert starts_s[-1] - starts_s[-2] == pytest.approx(want_s, rel=0.02)
 
 
+def test_damped_while_it_sticks_and_inside_the_limit(bench, ticks):
+    """f = −(k z + b Δx/T) while it sticks; the damper makes nothing harder to slide."""
+    x = np.concatenate([np.linspace(0.0, 3e-4, 31), np.linspace(3e-4, 3e-2, 31)])
+    slip = np.zeros((len(x), 3))
+    slip[1:, 0] = np.diff(x)
+    rows = ticks(len(x), slip_W_m=slip, normal_force_N=1.0)
+    rows["began"][0] = 1
+    params = dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=K_N_M)
+    f = bench(FRICTION, params=params | dict(tangential_damping_Ns_m=2.0)).run(rows)["f_W_N"][:, 0]
+    np.testing.assert_allclose(f[1:31], -(K_N_M * x[1:31] + 2.0 * 1e-5 / 1e-3), rtol=1e-12)
+    np.testing.assert_allclose(f[-29:], -0.3, rtol=1e-12)
+
+
 def test_frictionless_is_free(bench, ticks):
     assert not along_x(bench, ticks, np.linspace(0, 1e-2, 50), static=0.0, dynamic=0.0).any()
 

@@ -1,13 +1,12 @@
 """The servo as a real process."""
 
 import os
-import pickle
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +48,10 @@ def until(true: Callable[[], bool], patience_s: float = 20.0) -> None:
         time.sleep(0.005)
 
 
+def until_tick(servo: Servo, tick: int) -> None:
+    until(lambda: servo.state().tick >= tick)
+
+
 def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
     first, start_s = servo.state().tick, time.monotonic()
@@ -64,9 +67,9 @@ def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
 def test_a_stroke_is_heard_and_the_ring_holds_it_without_gaps(servo: Servo) -> None:
     servo.start((-0.03, 0.0, 0.002))
     since = servo.state().tick + 1
-    for x_m in np.linspace(-0.03, 0.03, 60):
+    for k, x_m in enumerate(np.linspace(-0.03, 0.03, 60)):
         servo.aim((x_m, 0.0, -0.004), "medium")
-        time.sleep(0.01)
+        until_tick(servo, since + 10 * k)
     felt = servo.read(since)
     assert felt.first == since and len(felt.rows) > 400
     assert np.abs(felt.a_m_s2).max() > 0.1
@@ -78,8 +81,8 @@ def test_a_stroke_is_heard_and_the_ring_holds_it_without_gaps(servo: Servo) -> N
 def test_a_change_is_felt_while_it_runs(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.0))
     servo.aim((0.0, 0.0, -0.006), "medium")
-    until(lambda: servo.state().depth_m > 1e-3)
-    time.sleep(0.5)
+    until(lambda: servo.state().touching)
+    until_tick(servo, servo.state().tick + 500)  # it rests on the spring
     before = servo.state()
     servo.tune("wood", stiffness_N_m=100.0)
     until(lambda: servo.state().depth_m > 1.2 * before.depth_m)
@@ -130,16 +133,85 @@ def test_what_the_twin_refuses_is_said_at_the_start() -> None:
         Servo(Scene(), MASS).__enter__()
 
 
-def test_a_killed_process_is_noticed_and_leaves_nothing() -> None:
+ASKED: dict[str, Callable[[Servo], object]] = {
+    "state": lambda servo: servo.state(),
+    "read": lambda servo: servo.read(),
+    "aim": lambda servo: servo.aim((0.0, 0.0, 0.0)),
+    "lateness": lambda servo: servo.lateness(),
+    "tune": lambda servo: servo.tune("wood", stiffness_N_m=100.0),
+    "rest": lambda servo: servo.rest(),
+}
+
+
+def test_whatever_is_asked_of_a_killed_process_is_refused_and_what_it_felt_can_be_read() -> None:
     with Servo(make_scene(), MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
+        until_tick(servo, 50)
         os.kill(servo._process.pid, signal.SIGKILL)
-        until(lambda: not servo.alive)
-        assert servo.state() is not None  # what was felt can still be read
-        with pytest.raises(HapsceneError, match="has ended"):
-            servo.tune("wood", stiffness_N_m=100.0)
-    with pytest.raises(HapsceneError, match="closed"):
-        servo.state()
+        os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # from here on its death can be known
+        known_s = time.monotonic()
+        for asked in ASKED.values():
+            with pytest.raises(HapsceneError, match=r"the servo's process has ended \(exit code -9\)"):
+                asked(servo)
+        assert time.monotonic() - known_s < 0.01 * len(ASKED)
+        assert "ended" in repr(servo)
+        felt = servo.read(10, after_end=True)
+        assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6
+    for asked in ASKED.values():
+        with pytest.raises(HapsceneError, match="this servo is closed"):
+            asked(servo)
+    with pytest.raises(HapsceneError, match="this servo is closed"):
+        servo.read(after_end=True)
+    with pytest.raises(HapsceneError, match="entered once"):
+        servo.__enter__()
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_whatever_is_asked_of_a_servo_that_was_not_entered_is_refused(name: str) -> None:
+    servo = Servo(make_scene(), MASS)
+    with pytest.raises(HapsceneError, match="use it as a context"):
+        ASKED[name](servo)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGSTOP there")
+def test_a_process_that_hangs_is_seen_by_the_age_of_its_state(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    tick = servo.state().tick
+    until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
+    os.kill(servo._process.pid, signal.SIGSTOP)
+    try:
+        until(lambda: servo.state().age_s > 0.2)
+        tick = servo.state().tick
+        before_s, first, again = time.monotonic(), servo.state(), servo.state()
+        assert first.tick == again.tick == tick  # it stands, and ages as the clock goes
+        assert 0.0 < again.age_s - first.age_s <= time.monotonic() - before_s
+    finally:
+        os.kill(servo._process.pid, signal.SIGCONT)
+    until(lambda: servo.state().tick > tick and servo.state().age_s < 0.01)
+    servo.rest()
+    rested = servo.state()
+    until(lambda: servo.state().age_s > rested.age_s + 0.05)  # at rest too
+    assert servo.state().tick == rested.tick
+    assert rested[:1] == (rested.tick,) and rested[-2:] == (rested.flags, rested.age_s)  # older places as they were
+
+
+def test_before_the_first_tick_the_age_is_without_end() -> None:
+    with Servo(make_scene(), MASS) as servo:
+        assert servo.state().tick == -1 and servo.state().age_s == np.inf
+        with pytest.raises(HapsceneError, match="entered once"):
+            servo.__enter__()
+        assert servo.alive
+
+
+def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
+    """Its process reads the script anew, as everywhere where processes are spawned."""
+    assert hapscene.servo.__doc__ is not None
+    script = tmp_path / "example.py"
+    script.write_text(re.split(r"```(?:python)?\n", hapscene.servo.__doc__)[1])
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, script], cwd=root, capture_output=True, text=True, timeout=100.0)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
 
 
 def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
@@ -194,15 +266,6 @@ def test_an_aim_that_was_interrupted_does_not_spoil_the_next(servo: Servo) -> No
 def test_a_period_that_is_none_is_refused(tick_s: float) -> None:
     with pytest.raises(HapsceneError, match="must be finite and above 0"):
         Servo(make_scene(), MASS, tick_s=tick_s)
-
-
-def test_what_cannot_be_sent_is_told_and_leaves_no_memory() -> None:
-    servo = Servo(make_scene(), lambda: None)
-    name = servo._channel.memory.name
-    with pytest.raises((AttributeError, TypeError, pickle.PicklingError)), servo:
-        pass
-    with pytest.raises(FileNotFoundError):
-        SharedMemory(name)
 
 
 def test_what_the_process_refuses_is_told_in_a_line(capfd: pytest.CaptureFixture[str]) -> None:

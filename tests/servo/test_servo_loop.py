@@ -3,29 +3,42 @@
 import ctypes
 import os
 import sys
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import trimesh
 
 from hapscene.clock import new_clock, now_ns
+from hapscene.device.point import PointMass
 from hapscene.native import INTERPRETED
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
 from hapscene.servo import servo_loop
 from hapscene.servo.servo_loop import (
     BIN_COUNT,
     BIN_NS,
     BINS_PER_OCTAVE,
+    FOLLOW_RAD_S,
     LATE_MAX,
     SLACK_NS,
     Lateness,
+    _follow,
+    _read_aim,
     await_tick,
     count_in_bin,
     percentile_us,
     request_realtime_priority,
+    serve,
 )
-from hapscene.servo.shared_memory import CHANNEL
+from hapscene.servo.servo_process import Desk
+from hapscene.servo.shared_memory import CHANNEL, open_channel
+from hapscene.twin import Twin
 
 TICK_NS = 1_000_000
+SECOND_NS = 1_000_000_000
 
 
 def test_a_tick_begins_when_it_is_due_or_later() -> None:
@@ -50,9 +63,129 @@ def test_what_it_is_much_too_late_for_is_left_out() -> None:
 
 def test_what_it_is_a_little_late_for_is_made_up() -> None:
     channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
-    due = now_ns(clock) - 3 * TICK_NS
-    told, _ = await_tick(channel, clock, due, TICK_NS)
-    assert told == due + channel.missed * TICK_NS
+    due = now_ns(clock) - 3 * SECOND_NS
+    told, _ = await_tick(channel, clock, due, SECOND_NS)
+    assert (told, channel.missed) == (due, 0)
+
+
+@pytest.mark.parametrize("tick_ns", [200_000, TICK_NS, SECOND_NS])
+def test_it_gives_up_after_so_many_ticks_whatever_their_length(tick_ns: int) -> None:
+    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
+    await_tick(channel, clock, now_ns(clock) - int((LATE_MAX - 0.9) * SECOND_NS), SECOND_NS)
+    assert channel.missed == 0
+    await_tick(channel, clock, now_ns(clock) - (LATE_MAX + 1) * tick_ns, tick_ns)
+    assert channel.missed >= LATE_MAX + 1
+
+
+def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
+    """The processor is left to others meanwhile: a wake costs some tens of microseconds, and 50 are spent on looking."""
+    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
+    period_ns, due, count = 20 * TICK_NS, now_ns(clock), 10
+    await_tick(channel, clock, due, period_ns)  # compiled
+    used_s, due = time.thread_time(), now_ns(clock)
+    for k in range(1, count + 1):
+        await_tick(channel, clock, due + k * period_ns, period_ns)
+    used_s = time.thread_time() - used_s
+    assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
+
+
+# The whole loop, in a thread of this process.
+
+
+def make_cube() -> Scene:
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.02, 0.02, 0.02)), "m"), name="cube")
+    return scene
+
+
+@pytest.fixture
+def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
+    twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
+    desk = Desk(twin, open_channel(2000, twin.renderer.block))
+    yield desk
+    desk.rest()
+    desk._channel.memory.unlink()  # whoever still looks at it may do so
+
+
+@pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
+@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
+def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:
+    channel, tick_s = desk._channel.channel[0], desk._twin.renderer.tick_s
+
+    def live() -> tuple[float, float]:
+        wall_s, used_s = time.monotonic(), time.thread_time()
+        serve(*desk._arguments())
+        return time.monotonic() - wall_s, time.thread_time() - used_s
+
+    channel.pause = 0
+    with ThreadPoolExecutor(1) as lane:
+        told = lane.submit(live)
+        end_s = time.monotonic() + 60.0
+        while channel.done < 100 and time.monotonic() < end_s:
+            time.sleep(0.001)
+        channel.pause = 1
+        wall_s, used_s = told.result()
+    ticks = channel.done + channel.missed
+    assert channel.done >= 100 and ticks * tick_s <= wall_s  # none before its time
+    assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # and none forgotten: done, counted as missed, or being made up
+    assert channel.late.sum() == channel.busy.sum() == channel.done
+    assert used_s < 3e-4 * ticks
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
+    channel, aim, clock = desk._channel.channel[0], np.full((5, 3), 7.0), new_clock()
+    channel.aim_W_m, channel.grip, channel.push_W_N = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)
+    channel.aim_count = 3
+    _read_aim(channel, aim, clock)
+    assert (aim == 7.0).all()
+    channel.aim_count = 4
+    _read_aim(channel, aim, clock)
+    assert aim.tolist() == [[1.0, 2.0, 3.0], [7.0] * 3, [7.0] * 3, [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
+
+
+@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
+def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
+    """From rest: target = aim − (1 + ωt) e^(−ωt) of the way; on each axis, and at rest there in the end."""
+    body, tick_s = desk._twin.body, desk._twin.renderer.tick_s
+    aim, hand, way = np.zeros((5, 3)), desk._twin.body.arm.hand[0], np.array([0.01, -0.02, 0.03])
+    aim[0], aim[3], aim[4] = way, (100.0, 2.0, 0.01), (0.1, 0.2, 0.3)
+    for k in range(1, 600):
+        _follow(body, aim, tick_s)
+        left = (1.0 + FOLLOW_RAD_S * k * tick_s) * np.exp(-FOLLOW_RAD_S * k * tick_s)
+        np.testing.assert_allclose(hand.target_m + tick_s * hand.target_m_s, (1.0 - left) * way, rtol=1e-9, atol=1e-12)
+    assert (hand.k_N_m, hand.b_Ns_m, hand.mass_kg) == (100.0, 2.0, 0.01) and hand.push_N.tolist() == [0.1, 0.2, 0.3]
+    for _ in range(int(1.0 / tick_s)):
+        _follow(body, aim, tick_s)
+    assert aim[1].tolist() == way.tolist() and not aim[2].any()
+
+
+# What may be ordered, and what both processes share.
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> None:
+    channel = desk._channel.channel[0]
+    assert not desk.rest()
+    desk.repaint(make_cube())
+    assert not desk.rest() and channel.done == 0
+    desk.start((0.0, 0.0, 0.05))
+    desk.repaint(make_cube())
+    assert desk.rest() and not desk.rest() and channel.pause == 1
+
+
+def test_both_see_the_same_memory_and_its_parts_do_not_overlap() -> None:
+    ours = open_channel(3, 10)
+    theirs = open_channel(3, 10, ours.memory.name)
+    names = ("channel", "rows", "felt", "a_m_s2", "a_handle_m_s2")
+    assert not any(getattr(theirs, name).view(np.uint8).any() for name in names)
+    for k, name in enumerate(names, 1):
+        getattr(ours, name).view(np.uint8)[...] = k
+    for k, name in enumerate(names, 1):
+        assert (getattr(theirs, name).view(np.uint8) == k).all(), name
+    assert theirs.rows.shape == theirs.felt.shape == (3,) and theirs.a_m_s2.shape == theirs.a_handle_m_s2.shape == (3, 10)
+    theirs.close(unlink=False)
+    ours.close(unlink=True)
 
 
 # What the system grants is told, and to the asking thread alone.

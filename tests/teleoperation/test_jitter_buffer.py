@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
-from hapscene.teleoperation.jitter_buffer import MARGIN_MAX, call, new_queue, next_wave, play_samples, store
+from hapscene.teleoperation.jitter_buffer import A_EXTRA_MAX, MARGIN_MAX, call, new_queue, next_wave, play_samples, store
 
 
 def message(tick: int) -> Any:
@@ -71,6 +71,48 @@ def test_silence_is_played_where_samples_are_lost() -> None:
     call(queue[0], 3)
     play_samples(queue[0], samples)
     assert not samples.any() and queue[0].missed == 1
+
+
+def play_late(late_ticks: int, count: int, queue: Any) -> list[float]:
+    """What is played of messages of which every tenth comes so late; −1 for silence."""
+    samples, played = np.zeros(SAMPLE_COUNT), []
+    arrivals: dict[int, list[int]] = {}
+    for tick in range(count):
+        arrivals.setdefault(tick + (late_ticks if tick % 10 == 5 else 0), []).append(tick)
+    for now in range(count):
+        for tick in arrivals.get(now, []):
+            store(queue[0], now, message(tick))
+        call(queue[0], now)
+        missed = queue[0].missed
+        play_samples(queue[0], samples)
+        played.append(-1.0 if queue[0].missed > missed else samples[0])
+    return played
+
+
+@pytest.mark.parametrize("late_ticks", [1, 7, A_EXTRA_MAX + 1])
+def test_samples_wait_as_much_longer_as_the_latest_come_late(late_ticks: int) -> None:
+    """Waves wait a tick, for they bridge what is late; samples come whole, once it is known how late they may be."""
+    queue = new_queue(0)
+    played = np.array(play_late(late_ticks, 600, queue))
+    assert (int(queue[0].lag_ticks), int(queue[0].a_extra_ticks)) == (1, late_ticks - 1)
+    assert played[200:].tolist() == list(range(200 - late_ticks, 600 - late_ticks))
+    assert queue[0].turn - queue[0].a_turn == late_ticks - 1
+
+
+def test_samples_wait_no_longer_than_is_not_yet_noticed() -> None:
+    queue = new_queue(0)
+    played = np.array(play_late(A_EXTRA_MAX + 20, 600, queue))
+    assert queue[0].a_extra_ticks == A_EXTRA_MAX
+    assert np.count_nonzero(played[200:] < 0.0) == 40  # each tenth is given up
+
+
+def test_samples_wait_no_longer_than_needed_once_the_line_is_good_again() -> None:
+    queue = new_queue(0)
+    play_late(20, 300, queue)
+    for tick in range(300, 900):
+        store(queue[0], tick, message(tick))
+        call(queue[0], tick)
+    assert queue[0].a_extra_ticks == 0
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.booleans()), min_size=30, max_size=80), st.integers(0, 10))

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,7 +113,9 @@ def test_osmesa_needs_no_other_library(tmp_path: Path, drawing: Drawing, monkeyp
         pytest.skip("libosmesa6 is not installed")
     monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
     drawing.save(tmp_path / "job.npz")
-    done = subprocess.run([sys.executable, "-c", ALONE, tmp_path / "job.npz"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE, tmp_path / "job.npz"], capture_output=True, text=True, timeout=120.0
+    )
     assert done.stdout.split() == ["3", "False"], done.stderr[-500:]
 
 
@@ -133,9 +135,10 @@ APPLICATION = """
 import os
 from hapscene.interrupt import interrupted_by_ends
 from hapscene.view.offscreen import start_drawer, job_folder
-with interrupted_by_ends(), job_folder() as job, start_drawer("drawer", job, os.environ) as drawer:
+with interrupted_by_ends(), job_folder() as job:
     (job / "stage.npz").touch()
-    drawer.process.wait()
+    with start_drawer("drawer", job, os.environ) as drawer:
+        drawer.process.wait()
 """
 
 FAILING = "import sys\nprint('GL is at fault', file=sys.stderr)\nsys.exit(3)\n"
@@ -151,7 +154,12 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
-def test_it_goes_with_the_one_that_started_it(tmp_path: Path, environment: dict[str, str], kind: str) -> None:
+def test_it_goes_with_the_one_that_started_it(
+    tmp_path: Path,
+    environment: dict[str, str],
+    kind: str,
+    end_in_time: Callable[["subprocess.Popen[str]"], None],
+) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", APPLICATION],
         env=environment,
@@ -159,6 +167,7 @@ def test_it_goes_with_the_one_that_started_it(tmp_path: Path, environment: dict[
         stderr=subprocess.DEVNULL,
         text=True,
     ) as application:
+        end_in_time(application)
         assert application.stdout is not None
         assert application.stdout.readline() == "drawing\n"
         assert len(list((tmp_path / "temporary").glob("hapscene-*/stage.npz"))) == 1

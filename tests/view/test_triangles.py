@@ -1,11 +1,12 @@
 """Triangles to draw."""
 
 import numpy as np
+import pytest
 import trimesh
 
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.view.triangles import scene_solid, tube
+from hapscene.view.triangles import LATHE_SIDES, NOTHING, Triangles, cut, joined, lathe, moved, scene_solid, tube
 
 
 def test_tube_lies_at_its_radius_and_ends_where_the_line_ends() -> None:
@@ -44,3 +45,42 @@ def test_bodies_stand_at_their_poses() -> None:
     scene.add(Mesh.from_trimesh(trimesh.creation.box((1, 1, 1)), "m"), name="box", pose=X_WB)
     corner_m = scene_solid(scene).corner_m
     np.testing.assert_allclose((corner_m.min(axis=0) + corner_m.max(axis=0)) / 2, X_WB[:3, 3])
+
+
+def volume_and_flux(solid: Triangles) -> tuple[float, np.ndarray]:
+    """What the triangles enclose, and how nearly the shading normals are those of the faces (k,)."""
+    a, b, c = (solid.corner_m[k::3] for k in range(3))
+    across = np.cross(b - a, c - a)
+    size = np.linalg.norm(across, axis=1)
+    there = size > 1e-12
+    away = np.einsum("kx,kx->k", across[there] / size[there, None], solid.normal.reshape(-1, 3, 3).mean(axis=1)[there])
+    return float(np.einsum("kx,kx->", a, across) / 6.0), away
+
+
+def test_what_is_turned_on_a_lathe_encloses_its_volume_and_looks_outwards() -> None:
+    """A cone on a cylinder on a cone: prisms and pyramids over a regular polygon."""
+    solid = lathe([(0.0, 0.0), (0.02, 0.03), (0.02, 0.05), (0.0, 0.06)], "#FF0000")
+    area = 0.5 * LATHE_SIDES * np.sin(2 * np.pi / LATHE_SIDES) * 0.02**2
+    volume, outwards = volume_and_flux(solid)
+    assert volume == pytest.approx(area * (0.03 / 3 + 0.02 + 0.01 / 3)) and outwards.min() > 0.98
+    np.testing.assert_allclose(np.linalg.norm(solid.normal, axis=1), 1.0)
+    assert np.all(solid.colour == [1.0, 0.0, 0.0])
+
+
+def test_what_is_stretched_and_moved_keeps_its_normals_square_to_it() -> None:
+    ball = lathe([(0.01 * np.sin(a), -0.01 * np.cos(a)) for a in np.linspace(0.0, np.pi, 13)], "#00FF00")
+    X = np.diag([1.0, 1.0, 5.0, 1.0])
+    X[:3, 3] = 1.0, 2.0, 3.0
+    long = moved(ball, X)
+    volume, outwards = volume_and_flux(long._replace(corner_m=long.corner_m - X[:3, 3]))
+    assert volume == pytest.approx(5.0 * volume_and_flux(ball)[0]) and outwards.min() > 0.95
+    assert moved(ball, np.eye(4)) is ball
+
+
+def test_triangles_are_chosen_and_joined_whole() -> None:
+    solid = lathe([(0.01, 0.0), (0.02, 0.03)], "#FF0000")
+    chosen = np.arange(len(solid.corner_m) // 3) % 2 == 0
+    parts = joined([cut(solid, chosen), cut(solid, ~chosen)])
+    for whole, part in zip(solid, parts, strict=True):
+        assert np.array_equal(part.reshape(-1, 9), np.concatenate([whole.reshape(-1, 9)[m] for m in (chosen, ~chosen)]))
+    assert joined([]) is NOTHING

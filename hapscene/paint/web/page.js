@@ -273,7 +273,14 @@ function start() {
   sound.label();
   sound.turn();
   fit();
-  link.postMessage({ url: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/hapscene` });
+  const home = location.href.split(/[?#]/)[0].replace(/\/*$/, "/");
+  link.postMessage({ url: `${home.replace(/^http/, "ws")}hapscene` });
+  localStorage.setItem("hapscene", new URL(home).pathname);  // for a reload and other tabs: see secure_server.py
+  const hide = setInterval(() => {  // the token, once viser has taken its own address from it
+    if (client() < 0) return;
+    clearInterval(hide);
+    history.replaceState(null, "", "/");
+  }, 100);
   new ResizeObserver(fit).observe(document.body);
   new MutationObserver(() => { hushViser(); askFirst(); }).observe(document.body, { childList: true, subtree: true });
   new MutationObserver(() => { trace.fresh = true; }).observe(document.documentElement, { attributes: true });

@@ -5,6 +5,7 @@ beside it. The scene is in the server alone: a tab that is closed loses nothing,
 """
 
 import asyncio
+import secrets
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack
@@ -16,14 +17,16 @@ import numpy as np
 
 from hapscene.errors import HapsceneError, SceneError
 from hapscene.paint.session import Session
+from hapscene.paint.web.counted_log import CountedLog
 from hapscene.paint.web.hand_config import HandConfig
 from hapscene.paint.web.page_context import PageContext
 from hapscene.paint.web.page_socket import PIXEL_MAX, PageSocket, number, pointer_of
 from hapscene.paint.web.panels import FilePanel, HandPanel, NumberPanel, ShelfPanel, ToolPanel
 from hapscene.paint.web.scene_view import SceneView
-from hapscene.paint.web.secure_server import LOOPBACK, NUMBER_MAX, serve, set_slider, stop
+from hapscene.paint.web.secure_server import LOOPBACK, serve, stop
 from hapscene.paint.web.tools import TOOLS, Tools
 from hapscene.paint.web.touch_hand import TouchHand
+from hapscene.paint.web.viser_inside import NUMBER_MAX, set_slider
 from hapscene.servo import State
 
 # The live monitor: what the hand feels, shown on the scene, told in a line, and sent to be plotted and heard.
@@ -97,6 +100,9 @@ class Monitor:
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
+TOKEN_BYTES: Final = 16
+"""Of the secret in the page's address [bytes]: 128 bits cannot be guessed."""
+
 
 class Page:
     """The page, served from entry to exit: `with Page(session) as page: print(page.url)`.
@@ -143,8 +149,11 @@ class Page:
         if self._with_autosave:
             session.document.start_autosave()
         self._ends.callback(self._keep, session)
-        self._socket = PageSocket(self._act, self._state)
-        self.server = serve(host, port, self._socket.serve)
+        log = CountedLog()
+        self._ends.callback(log.close)
+        self._socket = PageSocket(self._act, self._state, log.logger)
+        self._token = secrets.token_urlsafe(TOKEN_BYTES)
+        self.server = serve(host, port, self._token, self._socket.serve, log)
         self._ends.callback(stop, self.server)
         self._loop = self.server.get_event_loop()
         view = SceneView(self.server, session.painting)
@@ -159,10 +168,10 @@ class Page:
 
     @property
     def url(self) -> str:
-        """Where a browser finds it."""
+        """Where a browser finds it: the only key to it. Whoever has this address may do all that the page can."""
         host = self.server.get_host()
         name = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, host)
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/"
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/{self._token}/"
 
     @property
     def public(self) -> bool:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
@@ -28,10 +29,12 @@ class PageSocket:
     Args:
         act: does what a message says.
         state: what a page that comes is told first.
+        log: is told of messages that are none.
     """
 
-    def __init__(self, act: Act, state: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(self, act: Act, state: Callable[[], Mapping[str, Any]], log: logging.Logger) -> None:
         self._act = act
+        self._log = log
         self._state = state
         self._sockets: set[Any] = set()
         self._muted: set[Any] = set()
@@ -49,6 +52,7 @@ class PageSocket:
                 message = parse(raw)
                 if message is None:
                     self.refused += 1
+                    self._log.warning("malformed message refused: not of the page's own")
                 elif message["do"] == "listen":
                     (self._muted.discard if message.get("on") else self._muted.add)(connection)
                 else:
@@ -86,10 +90,14 @@ class PageSocket:
     def _send_to(self, connection: Any, content: str | bytes) -> None:
         from websockets.asyncio.server import broadcast
 
-        droppable = isinstance(content, bytes)  # a trace, a sound; a text is sent once
-        if not droppable or connection.transport.get_write_buffer_size() < BACKLOG_BYTES_MAX:
-            with contextlib.suppress(RuntimeError):  # it is closing
-                broadcast([connection], content)
+        waits = connection.transport.get_write_buffer_size()
+        if isinstance(content, bytes) and waits >= BACKLOG_BYTES_MAX:
+            return  # a trace, a sound; a text is sent once
+        if waits >= 10 * BACKLOG_BYTES_MAX:
+            connection.transport.abort()  # it reads nothing any more
+            return
+        with contextlib.suppress(RuntimeError):  # it is closing
+            broadcast([connection], content)
 
 
 def parse(raw: str | bytes) -> dict[str, Any] | None:

@@ -1,16 +1,21 @@
-"""The page's server, apart since it alone knows viser's inside: one port, with our own files and socket, for our own
-page alone.
+"""The page's server: one port, with our own files and socket beside viser's, for those who know the page's address.
 
 Whoever runs a web page can have a visitor's browser talk to a server on the visitor's machine: a WebSocket to a foreign
 origin is allowed by browsers, and a name whose address changes (DNS rebinding) makes even reading possible. So every
 request must name one of our hosts, and a WebSocket must come from a page of that same host.
+
+A program can name any host and origin, and on a computer of several users everybody reaches the port. So the address
+holds a token, drawn at each start: scene and sockets are below it. It is no cookie, since a browser would hand that to
+the servers on all other ports of the computer, too. The page keeps it in the browser's storage, which is of this port
+alone, and takes it out of the address bar; our own files, the same for everybody, need none.
 """
 
 import contextlib
+import hmac
 import http
 import io
 import ipaddress
-import math
+import logging
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
@@ -20,6 +25,8 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from hapscene.errors import ViewError
+from hapscene.paint.web.counted_log import CountedLog
+from hapscene.paint.web.viser_inside import CheckedConnection, harden
 
 PORT_MAX: Final = 65535
 
@@ -37,11 +44,20 @@ POLICY: Final = (
 )
 """What the page may load: what this server gives, and nothing from the net; no other page may show it in a frame."""
 
-TEXT_MAX: Final = 4096
-"""Longest text that a field takes [characters]: a path."""
+FRAME_BYTES_MAX: Final = 1 << 20
+"""Longest message that is received [bytes]; a page sends some hundred."""
 
-NUMBER_MAX: Final = 1e15
-"""Largest number of a field without bounds [1]: what is larger cannot be sent to the other pages."""
+CONNECTIONS_MAX: Final = 200
+"""How many connections there may be [count]: each takes one of the files that the process may open, 1024 or less."""
+
+DOOR: Final = b"""<!doctype html><meta charset="utf-8"><title>hapscene paint</title>
+<p>This page opens at the address that the terminal printed, with all its letters: use that one.</p>
+<script>
+const known = localStorage.getItem("hapscene");
+if (known && known !== location.pathname) location.replace(known);
+</script>
+"""
+"""What is answered without the token, to whomever; a browser that had it before finds it again."""
 
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 """Types of what is served, by suffix."""
@@ -91,9 +107,11 @@ def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: b
 @contextlib.contextmanager
 def guarded(
     host: str,
+    token: str,
     files: Mapping[str, StaticFile],
     index: Callable[[bytes], bytes],
     handler: Callable[[Any], Awaitable[None]],
+    log: logging.Logger,
 ) -> Iterator[None]:
     """While this lasts, a viser server that is made listens behind the gate, and says nothing on the terminal.
 
@@ -101,10 +119,13 @@ def guarded(
 
     Args:
         host: what the server is bound to.
+        token: what a path begins with, or gets nothing but `files`.
         files: what is served besides viser's client, by path.
         index: changes viser's page.
         handler: has the connections to `SOCKET_PATH`.
+        log: is told what goes wrong.
     """
+    import viser
     import websockets.asyncio.server as asyncio_server
     from websockets.datastructures import Headers
     from websockets.http11 import Response
@@ -116,7 +137,15 @@ def guarded(
         headers = Headers({"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"})
         headers["Content-Security-Policy"] = POLICY
         headers["X-Content-Type-Options"] = "nosniff"
+        headers["Referrer-Policy"] = "no-referrer"
         return Response(int(status), status.phrase, headers, content)
+
+    class Connection(asyncio_server.ServerConnection):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            if len(self.server.handlers) > CONNECTIONS_MAX:
+                log.warning("connection refused: too many are open")
+                transport.abort()
 
     def serve(viser_handler: Any, *place: Any, process_request: Any, **options: Any) -> Any:
         def check(connection: Any, request: Any) -> Any:
@@ -128,20 +157,32 @@ def guarded(
             if why is not None:
                 return answer(http.HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", why.encode())
             path = request.path.partition("?")[0]
+            if path in files and not upgrade:
+                return answer(http.HTTPStatus.OK, files[path].kind, files[path].content)
+            given, _, rest = path[1:].partition("/")
+            if not hmac.compare_digest(given.encode(), token.encode()):
+                return answer(http.HTTPStatus.FORBIDDEN, "text/html; charset=utf-8", DOOR)
+            request.path = path = f"/{rest}"
             if upgrade:
                 return None
-            if path in files:
-                return answer(http.HTTPStatus.OK, files[path].kind, files[path].content)
             if path in ("/", "/index.html"):
                 request.headers.pop("Accept-Encoding", None)
                 page = process_request(connection, request)
                 return answer(http.HTTPStatus.OK, "text/html; charset=utf-8", index(page.body))
-            return process_request(connection, request)
+            try:
+                return process_request(connection, request)
+            except OSError:  # of the system, such as a name that is too long
+                return answer(http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is no such file")
 
         async def route(connection: Any) -> None:
-            ours = connection.request.path.partition("?")[0] == SOCKET_PATH
-            await (handler if ours else viser_handler)(connection)
+            if connection.request.path == SOCKET_PATH:
+                await handler(connection)
+            elif connection.subprotocol == f"viser-v{viser.__version__}":
+                await viser_handler(CheckedConnection(connection, log))
+            else:  # viser would print what the other one calls itself
+                await connection.close(1002, f"this is viser {viser.__version__}; load the page anew")
 
+        options |= {"logger": log, "max_size": FRAME_BYTES_MAX, "create_connection": Connection}
         return real(route, *place, process_request=check, **options)
 
     with _building, contextlib.redirect_stdout(io.StringIO()):
@@ -184,8 +225,8 @@ def _bind(host: str, port: int) -> None:
         socket.create_server(address, family=family).close()
 
 
-def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> Any:
-    """viser's server behind the gate, with our page and socket.
+def serve(host: str, port: int, token: str, handler: Callable[[Any], Awaitable[None]], log: CountedLog) -> Any:
+    """viser's server behind the gate, with our page and socket, below a token: see `guarded`.
 
     Raises:
         ViewError: viser is missing, or the host or port cannot be had.
@@ -201,9 +242,10 @@ def serve(host: str, port: int, handler: Callable[[Any], Awaitable[None]]) -> An
         place: StaticFile(MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()
     }
     port = free_port(host, port)
-    with guarded(host, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler):
+    with guarded(host, token, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler, log.logger):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
-    harden(server)
+    server.get_event_loop().set_exception_handler(log.note_loop)
+    harden(server, log.logger)
     return server
 
 
@@ -211,78 +253,6 @@ def stop(server: Any) -> None:
     """Have it end, and say nothing on the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
-
-
-async def set_slider(server: Any, client: int, name: str, value: float) -> str | None:
-    """Give a slider a number, as its user would; what else was made of it, in a sentence, or None.
-
-    Args:
-        server: viser's.
-        client: who does.
-        name: viser's name of the slider; any other control is left alone.
-        value: the nearest that it can have counts.
-    """
-    from viser import GuiSliderHandle
-    from viser._messages import GuiUpdateMessage
-
-    slider = server.gui._gui_input_handle_from_uuid.get(name)
-    if not isinstance(slider, GuiSliderHandle):
-        return None
-    bounded = min(max(value, slider.min), slider.max)
-    await server.gui._handle_gui_updates(client, GuiUpdateMessage(name, {"value": bounded}))
-    if not slider._impl.removed:
-        told = GuiUpdateMessage(name, {"value": slider.value})
-        server.gui._websock_interface.queue_message(told)  # to all: viser spares the one who typed
-    if bounded == value:
-        return None
-    return f"{slider.label}: from {slider.min:g} to {slider.max:g}; {value:g} became {bounded:g}."
-
-
-def harden(server: Any) -> None:
-    """Take from a viser server what a page of ours needs not, and a page of others might use.
-
-    Its share button would open a tunnel to the net. Its updates of controls may name any attribute of them: only
-    values come through, of the type that the control has.
-    """
-    from viser import _messages
-
-    base = server._websock_server
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        base.unregister_handler(message)
-
-    def filtered(gui: Any) -> Callable[[Any, Any], Awaitable[None]]:
-        async def update(client_id: Any, message: Any) -> None:
-            handle = gui._gui_input_handle_from_uuid.get(message.uuid)
-            if handle is not None and _is_value(message.updates, handle):
-                await gui._handle_gui_updates(client_id, message)
-
-        return update
-
-    base.unregister_handler(_messages.GuiUpdateMessage)
-    base.register_handler(_messages.GuiUpdateMessage, filtered(server.gui))
-
-
-def _is_value(updates: Any, handle: Any) -> bool:
-    """Whether an update is a value that a control may have."""
-    if not isinstance(updates, dict) or set(updates) != {"value"}:
-        return False
-    value, known = updates["value"], handle._impl.value
-    if isinstance(known, bool) or isinstance(value, bool):
-        return isinstance(value, bool) and isinstance(known, bool)
-    if isinstance(known, int | float):
-        if not isinstance(value, int | float) or not math.isfinite(value):
-            return False
-        low, high = getattr(handle, "min", None), getattr(handle, "max", None)
-        return (-NUMBER_MAX if low is None else low) <= value <= (NUMBER_MAX if high is None else high)
-    if isinstance(known, tuple):  # a colour
-        return isinstance(value, list | tuple) and len(value) == len(known) and all(_is_byte(part) for part in value)
-    if isinstance(known, str):
-        return isinstance(value, str) and len(value) <= TEXT_MAX
-    return False
-
-
-def _is_byte(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255
 
 
 def _name(url: str) -> str | None:

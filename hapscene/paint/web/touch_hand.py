@@ -184,7 +184,8 @@ class TouchHand:
             self._say(ARM_ENDS, "error")
 
     def _aim(self) -> None:
-        if self.touching and self._contact is not None and self._servo is not None and not self._starting:
+        begun = self._servo is not None and not self._starting
+        if self.touching and self._contact is not None and begun and self._alive():
             aim = aim_point(*self._contact, self.config.grip) - self._deeper_m * self._contact.nhat_W
             self._servo.aim(aim, self.config.grip)
 
@@ -193,7 +194,7 @@ class TouchHand:
         if not self.touching:
             return
         self.touching, self._last_s = False, now_s
-        if self._servo is not None and not self._starting and self._running:
+        if self._servo is not None and not self._starting and self._running and self._alive():
             state = self._servo.state()
             self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 

@@ -1,6 +1,7 @@
 """What a page that reads slowly still gets."""
 
 import json
+import logging
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,13 @@ class Slow:
         self.waiting_bytes = waiting_bytes
         self.transport = self
         self.sent: list[str | bytes] = []
+        self.aborted = False
 
     def get_write_buffer_size(self) -> int:
         return self.waiting_bytes
+
+    def abort(self) -> None:
+        self.aborted = True
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +44,7 @@ async def nothing(message: Any) -> None:
 @pytest.mark.parametrize(("waiting_bytes", "count"), [(BACKLOG_BYTES_MAX - 1, 5), (BACKLOG_BYTES_MAX, 3)])
 def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) -> None:
     """A trace is old a moment later; a state is told once, and would stay wrong."""
-    live, page = PageSocket(nothing, dict), Slow(waiting_bytes)
+    live, page = PageSocket(nothing, dict, logging.getLogger()), Slow(waiting_bytes)
     live._sockets.add(page)
     live.send(state={"undo": "fill"})
     live.sound(np.zeros(9), 1e4)
@@ -52,3 +57,11 @@ def test_traces_are_dropped_and_words_are_not(waiting_bytes: int, count: int) ->
         "Saved.",
         "Not saved.",
     ]
+
+
+def test_who_reads_nothing_at_all_is_left() -> None:
+    """What waits for it would fill the memory."""
+    live, page = PageSocket(nothing, dict, logging.getLogger()), Slow(10 * BACKLOG_BYTES_MAX)
+    live._sockets.add(page)
+    live.say("Saved.")
+    assert page.aborted and not page.sent

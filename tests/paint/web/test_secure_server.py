@@ -14,6 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
+from hapscene.paint.web.counted_log import CountedLog
 from hapscene.paint.web.secure_server import (
     LOOPBACK,
     POLICY,
@@ -22,11 +23,13 @@ from hapscene.paint.web.secure_server import (
     StaticFile,
     free_port,
     guarded,
-    harden,
     host_names,
     refusal_reason,
     serve,
 )
+from hapscene.paint.web.viser_inside import harden
+
+TOKEN = "of-this-test"
 
 
 @pytest.mark.parametrize("host", ["localhost:80", "127.0.0.1:8080", "[::1]:1", "LOCALHOST:80", "localhost"])
@@ -64,7 +67,7 @@ async def nobody(connection: Any) -> None:
 def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
     with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
-        pool.submit(serve, host, 0, nobody).result(timeout=60)
+        pool.submit(serve, host, 0, TOKEN, nobody, CountedLog()).result(timeout=60)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "0.0.0.0"])
@@ -100,9 +103,10 @@ def server() -> Iterator[Any]:
             await connection.send(message)
 
     files = {"/ours.js": StaticFile("application/javascript", b"ours")}
-    with guarded("127.0.0.1", files, lambda page: page.replace(b"<head>", b"<head><!-- ours -->", 1), echo):
+    log = CountedLog().logger
+    with guarded("127.0.0.1", TOKEN, files, lambda p: p.replace(b"<head>", b"<head><!-- ours -->", 1), echo, log):
         made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    harden(made)
+    harden(made, log)
     yield made
     made.stop()
 
@@ -116,21 +120,21 @@ def ask(server: Any, path: str, host: str | None = None) -> tuple[int, bytes, An
 
 
 def test_the_page_is_visers_with_ours_in_it(server: Any) -> None:
-    status, content, headers = ask(server, "/")
+    status, content, headers = ask(server, f"/{TOKEN}/")
     assert status == 200 and b"<!-- ours -->" in content and len(content) > 500_000
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
     assert ask(server, "/ours.js?v=1")[:2] == (200, b"ours")
-    assert ask(server, "/nothing")[0] == 404
-    assert ask(server, "/../../etc/passwd")[0] == 404
+    assert ask(server, f"/{TOKEN}/nothing")[0] == 404
+    assert ask(server, f"/{TOKEN}/../../etc/passwd")[0] == 404
 
 
-@pytest.mark.parametrize("path", ["/", "/ours.js", "/nothing"])
+@pytest.mark.parametrize("path", [f"/{TOKEN}/", "/ours.js", "/nothing"])
 def test_another_host_name_gets_nothing_at_all(server: Any, path: str) -> None:
     status, content, _ = ask(server, path, host="rebound.example")
     assert status == 403 and b"ours" not in content and len(content) < 100
 
 
-@pytest.mark.parametrize("path", ["/", SOCKET_PATH])
+@pytest.mark.parametrize("path", [f"/{TOKEN}", f"/{TOKEN}{SOCKET_PATH}"])
 @pytest.mark.parametrize("origin", [None, "http://evil.example", "null"])
 def test_another_origin_gets_no_socket(server: Any, path: str, origin: str | None) -> None:
     with pytest.raises(InvalidStatus, match="403"):
@@ -139,13 +143,13 @@ def test_another_origin_gets_no_socket(server: Any, path: str, origin: str | Non
 
 def test_our_own_page_gets_both_sockets(server: Any) -> None:
     url = f"127.0.0.1:{server.get_port()}"
-    with connect(f"ws://{url}{SOCKET_PATH}", origin=f"http://{url}") as ours:  # type: ignore[arg-type]
+    with connect(f"ws://{url}/{TOKEN}{SOCKET_PATH}", origin=f"http://{url}") as ours:  # type: ignore[arg-type]
         ours.send("hello")
         assert ours.recv(timeout=20) == "hello"
     import viser
 
     protocol: Any = f"viser-v{viser.__version__}"
-    with connect(f"ws://{url}/", origin=f"http://{url}", subprotocols=[protocol]) as theirs:  # type: ignore[arg-type]
+    with connect(f"ws://{url}/{TOKEN}", origin=f"http://{url}", subprotocols=[protocol]) as theirs:  # type: ignore[arg-type]
         assert isinstance(theirs.recv(timeout=20), bytes)
 
 

@@ -86,9 +86,14 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
     assert all(notes.closed for notes in made)
 
 
+async def until(true: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20.0):
+        while not true():
+            await asyncio.sleep(0.001)
+
+
 async def done(notes: Notes, count: int) -> None:
-    while len(notes.orders) < count:
-        await asyncio.sleep(0.001)
+    await until(lambda: len(notes.orders) >= count)
 
 
 @pytest.mark.parametrize("stiffness_N_m", [100.0, 700.0])
@@ -126,10 +131,8 @@ def test_numbers_that_wait_become_one_order() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         for value in range(50):
             touch.tune("wood", {"stiffness_N_m": float(value)})
-        await done(made[0], 1)
-        await asyncio.sleep(0.05)
+        await until(lambda: ("tune", "wood", {"stiffness_N_m": 49.0}) in made[0].orders[-1:])
         assert len(made[0].orders) <= 2
-        assert made[0].orders[-1] == ("tune", "wood", {"stiffness_N_m": 49.0})
 
     run(act)
 
@@ -146,8 +149,7 @@ def test_of_many_devices_the_last_is_held_and_what_was_painted_meanwhile_is_felt
         await asyncio.gather(*orders)
         assert touch.status == "ready" and made[-1].hold.device == list(HAND_DEVICES)[-1]
         assert all(notes.closed for notes in made[:-1])
-        await asyncio.sleep(0.05)
-        assert any(("repaint", scene) in notes.orders for notes in made)
+        await until(lambda: any(("repaint", scene) in notes.orders for notes in made))
 
     run(act)
 
@@ -190,6 +192,18 @@ def test_a_process_that_died_is_noticed_once() -> None:
         made[0].alive = False
         assert not touch.press(PLACE, UP, 1.0, 500.0) and not touch.press(PLACE, UP, 1.0, 500.0)
         assert touch.status == "failed" and len(said) == 1
+
+    run(act)
+
+
+@pytest.mark.parametrize("stroke", [True, False])
+def test_a_process_that_died_under_the_stroking_hand_is_asked_nothing_more(stroke: bool) -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        made[0].alive = False  # a servo raises from now on
+        touch.move(PLACE, UP, 1.0, 500.0) if stroke else touch.lift(0.0)
+        assert len(made[0].orders) == 2 and touch.status == "failed" and len(said) == 1
 
     run(act)
 

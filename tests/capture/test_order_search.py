@@ -1,0 +1,83 @@
+"""The search for an order on models whose order and floor are known."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hapscene.capture import metric
+from hapscene.capture.order_search import DISTANCE_RATIO, MISFIT_DB, MISFIT_RATIO, _misfit, search_order
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
+
+RATE_HZ = 2000.0
+
+
+def resonant(*frequency_Hz, radius=0.9):
+    a = np.array([1.0])
+    for f in frequency_Hz:
+        a = np.convolve(a, [1.0, -2.0 * radius * np.cos(2 * np.pi * f / RATE_HZ), radius**2])
+    return a
+
+
+def played(a, count, seed=0):
+    return lfilter([1.0], a, np.random.default_rng(seed).standard_normal(count + 2000))[2000:]
+
+
+@pytest.mark.parametrize("frequency_Hz", [(300,), (200, 600), (150, 450, 800)])
+def test_the_order_of_an_ar_process_is_found(frequency_Hz):
+    truth = resonant(*frequency_Hz)
+    found = search_order(played(truth, 40_000), RATE_HZ)
+    order = len(truth) - 1
+    assert abs(found.chosen - order) <= 1
+    at = int(np.flatnonzero(found.orders == order)[0])
+    assert found.residual[at] == pytest.approx(1.0 / power_gain(truth), rel=0.03)  # what is new in each sample
+    assert found.misfit_dB[at] < MISFIT_DB < found.misfit_dB[at - 2 if at >= 2 else 0] or order == 2
+
+
+def test_what_was_found_is_what_the_words_say():
+    signal = np.concatenate([played(resonant(200, 600), 8000), 2.0 * played(resonant(260, 600), 8000, 1)])
+    found = search_order(signal, RATE_HZ)
+    spectra = [metric.spectrum(half, RATE_HZ) for half in np.split(signal, 2)]
+    (frequency, one), (_, two) = spectra
+    assert found.floor_dB == pytest.approx(metric.log_spectral_distance(one, two, frequency))
+    assert found.allowed_dB == max(MISFIT_RATIO * found.floor_dB, MISFIT_DB)
+    fits = found.misfit_dB <= found.allowed_dB
+    near = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
+    assert found.plain == found.orders[fits & near][0] and found.orders.tolist() == list(range(2, 161))
+
+
+@pytest.mark.parametrize("order", [4, 30])
+def test_each_half_is_judged_by_the_model_of_the_other(order):
+    from hapscene.dsp.linear_prediction import residual_power, smoothed
+
+    signal = np.concatenate([played(resonant(200, 600), 4000), played(resonant(300, 700), 4000, 1)])
+    found = search_order(signal, RATE_HZ)
+    lags = [autocorrelation(tapered(half, RATE_HZ), 160) for half in np.split(signal, 2)]
+    a = [solve(smoothed(r, RATE_HZ)[: order + 1]) for r in lags]
+    ratio = [residual_power(a[0], lags[1]) / lags[1][0], residual_power(a[1], lags[0]) / lags[0][0]]
+    assert found.residual[order - 2] == pytest.approx(np.sqrt(ratio[0] * ratio[1]))
+    distance = []
+    for i in (0, 1):
+        frequency, density = metric.spectrum(np.split(signal, 2)[1 - i], RATE_HZ)
+        model = metric.model_spectrum(a[i], 1.0, RATE_HZ, frequency)
+        distance.append(metric.log_spectral_distance(model, density, frequency))
+    assert found.distance_dB[order - 2] == pytest.approx(np.mean(distance))
+
+
+def test_a_short_recording_has_fewer_orders():
+    found = search_order(played(resonant(300), 1000), RATE_HZ)
+    assert found.orders[-1] == 124 and found.chosen <= 124
+
+
+def test_chance_alone_is_no_misfit():
+    """White noise: the highest order's spectrum is chance, and what lower ones miss of it is taken out."""
+    orders = np.array([2, 5, 20, 60, 100, 160])
+
+    def misfit_dB(count):
+        return np.array([_misfit(played(np.ones(1), count, seed), orders, RATE_HZ) for seed in range(10)])
+
+    of_chance = np.exp(-((2 * np.pi * 15 / RATE_HZ * np.arange(3, 161)) ** 2))  # squares of the window on the lags
+    for count in (4000, 40_000):
+        raw_dB = 10 / np.log(10) * np.sqrt(2 / count * of_chance.sum())
+        found = misfit_dB(count)
+        assert found[:, -1].tolist() == [0.0] * 10 and found[:, 0].mean() < 0.5 * raw_dB

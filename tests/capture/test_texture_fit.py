@@ -1,0 +1,112 @@
+"""Textures from pieces that are made: where their models stand, what power they have, how many there are."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hapscene.capture.texture_fit import PIECES_PER_MODEL, _cluster, _corners, choose_model_count, fit_texture
+from hapscene.capture.texture_pieces import Pieces
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
+
+RATE_HZ, LENGTH = 2000.0, 200
+
+
+def filter_of(frequency_Hz):
+    return np.array([1.0, -1.8 * np.cos(2 * np.pi * frequency_Hz / RATE_HZ), 0.81])
+
+
+def pieces(force_N, speed_m_s, frequency_Hz=300.0, power=1.0, seed=0):
+    """One piece for each force and speed, of that resonance and power."""
+    force, speed, frequency, power = np.broadcast_arrays(force_N, speed_m_s, frequency_Hz, power)
+    rng, rows = np.random.default_rng(seed), []
+    for f, p in zip(frequency, power, strict=True):
+        a = filter_of(f)
+        x = lfilter([1.0], a, rng.standard_normal(LENGTH + 200))[200:]
+        rows.append(x * np.sqrt(p / power_gain(a)))
+    return Pieces(np.array(rows), force.astype(float), speed.astype(float), np.arange(len(rows)))
+
+
+SLOW_AND_FAST = np.repeat([0.1, 0.3], 20)
+
+
+def test_clusters_are_those_that_are_there():
+    places = np.repeat([[1.0, 0.1], [2.0, 0.1], [1.5, 0.3]], 10, axis=0)
+    part = pieces(*places.T)
+    label = _cluster(part, 3)
+    assert [len(set(label[i : i + 10])) for i in (0, 10, 20)] == [1, 1, 1] and set(label) == {0, 1, 2}
+    assert set(_cluster(part, 8)) == {0, 1, 2}  # the recording has no more
+    assert set(_cluster(part, 1)) == {0}
+
+
+def test_a_cluster_of_too_few_pieces_is_joined_to_the_nearest():
+    few = PIECES_PER_MODEL - 1
+    part = pieces(np.ones(20 + few), np.array([0.1] * 10 + [0.3] * 10 + [0.27] * few))
+    label = _cluster(part, 3)
+    assert set(label) == {0, 1} and len(set(label[10:])) == 1 and label[0] != label[10]
+    enough = pieces(np.ones(21 + few), np.array([0.1] * 10 + [0.3] * 10 + [0.27] * (few + 1)))
+    assert set(_cluster(enough, 3)) == {0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    ("force", "speed", "corners"),
+    [
+        ([1.0, 2.0], [0.1, 0.3], [(1.0, 0.1), (2.0, 0.1), (1.0, 0.3), (2.0, 0.3)]),
+        ([1.0, 1.0005], [0.1, 0.3], [(1.0, 0.1), (1.0, 0.3)]),
+        ([1.0, 1.0], [0.1, 0.1], [(1.0, 0.1)]),
+        ([1.0, 1.01], [0.1, 0.1], [(1.0, 0.1), (1.01, 0.1)]),
+    ],
+)
+def test_one_filter_stands_at_the_corners_of_what_changed(force, speed, corners):
+    found = _corners(pieces(force, speed))
+    assert sorted(zip(*(axis.tolist() for axis in found), strict=True)) == sorted(corners)
+
+
+def test_one_filter_is_that_of_all_pieces_joined():
+    part = pieces(np.ones(30), np.full(30, 0.1))
+    texture = fit_texture(part, RATE_HZ, 2, 1)
+    joined = solve(smoothed(autocorrelation(tapered(part.acceleration_m_s2.ravel(), RATE_HZ), 2), RATE_HZ))
+    np.testing.assert_allclose(texture.model(1.0, 0.1)[0], joined, atol=1e-9)
+    cut = Pieces(part.acceleration_m_s2, part.force_N, part.speed_m_s, 2 * part.start)  # no two are neighbours
+    lags = [autocorrelation(tapered(row, RATE_HZ), 2) for row in part.acceleration_m_s2]
+    np.testing.assert_allclose(
+        fit_texture(cut, RATE_HZ, 2, 1).model(1.0, 0.1)[0], solve(smoothed(np.sum(lags, axis=0), RATE_HZ)), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_recording_keeps_its_power(count):
+    rng = np.random.default_rng(0)
+    force, speed = rng.uniform(0.5, 2.0, 60), rng.uniform(0.05, 0.3, 60)
+    part = pieces(force, speed, power=force * speed**2)
+    texture = fit_texture(part, RATE_HZ, 2, count)
+    assert texture.power(force, speed).mean() == pytest.approx(np.mean(part.acceleration_m_s2**2), rel=1e-9)
+
+
+def test_each_speed_has_its_own_filter_and_power():
+    frequency, power = np.where(SLOW_AND_FAST < 0.2, 200.0, 500.0), np.where(SLOW_AND_FAST < 0.2, 1.0, 25.0)
+    part = pieces(np.ones(40), SLOW_AND_FAST, frequency, power)
+    texture = fit_texture(part, RATE_HZ, 2, 2)
+    for speed, f, p in ((0.1, 200.0, 1.0), (0.3, 500.0, 25.0)):
+        a, variance = texture.model(1.0, speed)
+        np.testing.assert_allclose(a, filter_of(f), atol=0.06)
+        assert variance * power_gain(a) == pytest.approx(p, rel=0.15)
+
+
+def test_as_many_models_as_differ():
+    same = pieces(np.ones(40), np.tile([0.1, 0.3], 20), 300.0)
+    assert choose_model_count(same, RATE_HZ, 2) == 1
+    speed = np.tile([0.1, 0.3], 20)
+    other = pieces(np.ones(40), speed, np.where(speed < 0.2, 200.0, 500.0))
+    assert choose_model_count(other, RATE_HZ, 2) == 2
+    still = pieces(np.ones(40), np.full(40, 0.1), np.where(speed < 0.2, 200.0, 500.0))
+    assert choose_model_count(still, RATE_HZ, 2) == 1  # nothing tells where the second would stand
+    assert choose_model_count(other[:7], RATE_HZ, 2) == 1  # three pieces are too few for one model
+
+
+def test_no_model_is_silenced_by_the_others():
+    """Among loud pieces a quiet cluster keeps a tenth of the power that the level's law gives it, or more."""
+    power = np.where(SLOW_AND_FAST < 0.2, 1e-6, 100.0)
+    texture = fit_texture(pieces(np.ones(40), SLOW_AND_FAST, 300.0, power), RATE_HZ, 2, 2)
+    quiet, loud = texture.power(np.ones(2), np.array([0.1, 0.3]))
+    assert 1e-7 < quiet < 0.2 * loud and loud == pytest.approx(100.0, rel=0.15)

@@ -1,0 +1,88 @@
+"""What a handle's memory is filled with: the lead against the amplifier, the prior against its parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene.handle import COMPENSATORS, Plant, play
+from hapscene.handle.compensator import weights
+from hapscene.handle.governor import LOOK_AHEAD_S
+from hapscene.handle.handle_dynamics import amplify
+from hapscene.handle.handle_loop import _lead
+from hapscene.handle.handle_record import RATE_MAX_HZ, RATE_MIN_HZ, SPREAD, new_handle, prior
+
+RATE_HZ = 10_000.0
+LEADING = ("inverse", "flat", "adaptive")
+
+
+def through(compensator: str, amplifier_Hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Random commands, and the mean force of each sample that lead and amplifier make of them."""
+    plant = Plant(amplifier_Hz=amplifier_Hz)
+    h = new_handle(plant, plant, compensator, RATE_HZ)[0]
+    command = np.random.default_rng(0).standard_normal(200)
+    return command, np.array([amplify(h, _lead(h, a)) for a in command])
+
+
+@pytest.mark.parametrize("compensator", sorted(COMPENSATORS))
+def test_the_lead_undoes_the_amplifier_where_it_is_asked_for(compensator: str) -> None:
+    command, force = through(compensator, 5000.0)
+    assert (np.abs(force - command).max() < 1e-12) == (compensator in LEADING)
+
+
+@pytest.mark.parametrize("compensator", LEADING)
+def test_the_lead_of_a_slow_amplifier_is_bounded(compensator: str) -> None:
+    """Up to 1 kHz it is undone to a tenth; what lies beyond is not amplified without end."""
+    command, force = through(compensator, 1000.0)
+    ratio = np.abs(np.fft.rfft(force, 4096) / np.fft.rfft(command, 4096))
+    frequency = np.fft.rfftfreq(4096, 1.0 / RATE_HZ)
+    assert ratio[frequency < 1000.0] == pytest.approx(1.0, abs=0.1) and ratio.max() < 3.0
+
+
+def test_what_a_slow_amplifier_takes_from_900_Hz_is_given_back() -> None:
+    desired = np.sin(2.0 * np.pi * 900.0 / RATE_HZ * np.arange(3000))
+    for kind in ("inverse", "flat"):
+        slow, fast = (Plant(amplifier_Hz=f) for f in (1500.0, 1e6))
+        made, best = (play(desired, RATE_HZ, p, compensator=kind, nominal=p).acceleration_m_s2[1500:-100].std()
+                      for p in (slow, fast))  # fmt: skip
+        assert made == pytest.approx(best, rel=0.02)
+
+
+def test_the_prior_is_the_covariance_of_the_weights_where_the_parameters_scatter() -> None:
+    rng, nominal, tenth = np.random.default_rng(0), Plant(), 0.1
+    drawn = []
+    for _ in range(4000):
+        off = {name: getattr(nominal, name) * (1.0 + tenth * s * rng.standard_normal()) for name, s in SPREAD.items()}
+        drawn.append(weights(replace(nominal, **off), 9.0))
+    found = np.cov(np.transpose(drawn)) / tenth**2
+    deviation = np.sqrt(np.diag(found))
+    np.testing.assert_allclose(
+        prior(nominal, 9.0) / np.outer(deviation, deviation), found / np.outer(deviation, deviation), atol=0.1
+    )
+
+
+def test_time_constants_are_seconds_at_every_rate() -> None:
+    """After its time each exponential has gone on by 1 − 1/e; the look-ahead and the deafness are whole samples."""
+    for rate_Hz in (RATE_MIN_HZ, RATE_HZ, RATE_MAX_HZ):
+        h = new_handle(Plant(), Plant(), "adaptive", rate_Hz)[0]
+        assert h.delay == round(LOOK_AHEAD_S * rate_Hz) and h.deaf_count == round(0.2 * rate_Hz)
+        for share, seconds in ((h.forget, 0.5), (h.room_back, 5.0), (h.loud_share, 0.005)):
+            assert (1.0 - share) ** (seconds * rate_Hz) == pytest.approx(np.exp(-1.0))
+        assert h.sensor_pole == pytest.approx(np.exp(-2.0 * np.pi * 1600.0 / rate_Hz))
+        assert h.noise_m_s2 == pytest.approx(150e-6 * 9.80665 * np.sqrt(rate_Hz / 2))
+        assert h.first == h.last == h.count == h.hits == h.clips == 0 and h.gain.any() == np.False_
+
+
+def test_the_weaker_of_what_is_and_what_is_believed_limits() -> None:
+    strong, weak = Plant(force_limit_N=8.0, travel_limit_m=0.006), Plant(force_limit_N=2.0, travel_limit_m=0.002)
+    for plant, nominal in ((strong, weak), (weak, strong)):
+        h = new_handle(plant, nominal, "adaptive", RATE_HZ)[0]
+        assert h.force_limit_N == 2.0 and h.room_m < 0.002 and h.travel_limit_m == plant.travel_limit_m
+        assert h.m_h_kg == plant.m_h_kg and h.knock_N == 0.25 * nominal.force_limit_N
+
+
+@pytest.mark.parametrize("rate_Hz", [0.99 * RATE_MIN_HZ, 1.01 * RATE_MAX_HZ, np.nan])
+def test_rates_that_no_handle_has_are_refused(rate_Hz: float) -> None:
+    with pytest.raises(HandleError, match="rate_Hz of a handle must be"):
+        new_handle(Plant(), Plant(), "adaptive", rate_Hz)

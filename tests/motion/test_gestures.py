@@ -1,0 +1,124 @@
+"""Gestures as intentions: how deep they aim, where they go, and how the grip changes."""
+
+import numpy as np
+import pytest
+
+from hapscene.device.hand import GRIPS
+from hapscene.motion.gestures import FREE_S, GESTURES, PRESS_N, RAMP_S, REACH, STROKE_N, act
+from hapscene.motion.hand_path import HESITATION_S, HOVER_M, explore
+from hapscene.scene.scene import Scene
+from hapscene.stability.rig import sheet
+from hapscene.surface.swatch import Swatch
+from hapscene.twin.hand_intent import Intent
+
+TICK_S = 1e-3
+SPAN_M = 0.2 * 0.96 * 22 / 24
+"""Length of the best lines on the sheet: its window less one cell of the grid at each end."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return sheet(Swatch("plain"))
+
+
+def done(scene: Scene, name: str, grip: str = "light") -> Intent:
+    return act(name, scene, TICK_S, grip=grip)
+
+
+def dips(intent: Intent) -> list[tuple[int, int]]:
+    """From when to when the hand aims below the surface."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], intent.target_W_m[:, 2] < -1e-6, [0])).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+@pytest.mark.parametrize("grip", ["light", "firm"])
+@pytest.mark.parametrize(
+    ("name", "force_N", "count"),
+    [("tap", STROKE_N, 3), ("press", PRESS_N, 1), ("stroke", STROKE_N, 2), ("circle", STROKE_N, 1),
+     ("scrub", 2 * STROKE_N, 1), ("hesitate", STROKE_N, 1)],
+)  # fmt: skip
+def test_it_aims_as_deep_as_its_force_asks_for(scene: Scene, name: str, force_N: float, count: int, grip: str) -> None:
+    intent = done(scene, name, grip)
+    found = dips(intent)
+    assert len(found) == count
+    for start, end in found:
+        assert intent.target_W_m[start:end, 2].min() == pytest.approx(-force_N / GRIPS[grip].k_N_m, rel=1e-6)
+    assert np.all(intent.grip == GRIPS[grip].row()) and not intent.push_W_N.any()
+
+
+@pytest.mark.parametrize("name", GESTURES)
+def test_it_comes_from_above_and_leaves_without_a_leap(scene: Scene, name: str) -> None:
+    intent = done(scene, name, "medium")
+    assert (
+        intent.target_W_m[0, 2] > 0.9 * HOVER_M and intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
+    )
+    assert np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1).max() < 1e-3  # 1 m/s
+    assert len(intent.grip) == len(intent.target_W_m)
+    if name != "explore":
+        assert np.ptp(intent.target_W_m[-round(0.5 / TICK_S) :], axis=0).max() == 0.0  # what buzzes is seen
+
+
+def test_taps_lie_along_the_line_and_a_stroke_goes_there_and_back(scene: Scene) -> None:
+    taps = done(scene, "tap")
+    at = [taps.target_W_m[(a + b) // 2, 0] for a, b in dips(taps)]
+    assert at == pytest.approx(SPAN_M * np.array([-0.2, 0.0, 0.2]), abs=1e-6)
+    stroke = done(scene, "stroke")
+    ways = [stroke.target_W_m[b - 1, 0] - stroke.target_W_m[a, 0] for a, b in dips(stroke)]
+    assert ways == pytest.approx([SPAN_M, -SPAN_M], rel=0.01)
+
+
+def test_a_circle_has_its_radius_and_three_turns(scene: Scene) -> None:
+    intent = done(scene, "circle")
+    ((start, end),) = dips(intent)
+    x, y = intent.target_W_m[start:end, :2].T
+    assert np.hypot(x, y) == pytest.approx(REACH * SPAN_M, rel=1e-6)
+    assert np.ptp(np.unwrap(np.arctan2(y, x))) == pytest.approx(6.0 * np.pi, rel=1e-2)
+
+
+def test_scrubbing_goes_to_and_fro_between_two_places(scene: Scene) -> None:
+    intent = done(scene, "scrub")
+    ((start, end),) = dips(intent)
+    x = intent.target_W_m[start:end, 0]
+    assert (x.min(), x.max()) == pytest.approx((-0.2 * SPAN_M, 0.2 * SPAN_M), rel=1e-3)
+    assert np.count_nonzero(np.diff(np.sign(np.diff(x)[np.diff(x) != 0.0]))) == 7
+
+
+def test_a_hesitating_hand_stops_in_the_middle(scene: Scene) -> None:
+    intent = done(scene, "hesitate")
+    ((start, end),) = dips(intent)
+    still = np.all(np.diff(intent.target_W_m[start:end, :2], axis=0) == 0.0, axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], still, [0])).astype(int))).reshape(-1, 2)
+    waits = edges[np.argmax(np.diff(edges, axis=1))]  # the others are the ways down and up
+    assert np.ptp(waits) == pytest.approx(HESITATION_S / TICK_S, abs=2)
+    assert intent.target_W_m[start + waits[0], 0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_lets_go_holds_nothing_for_a_while_and_takes_it_again_gently(scene: Scene) -> None:
+    intent = done(scene, "let-go", "firm")
+    k = intent.grip[:, 0]
+    first, last = np.flatnonzero(k == 0.0)[[0, -1]]
+    assert last - first == pytest.approx(FREE_S / TICK_S, abs=2)
+    assert np.all(intent.grip[:first] == GRIPS["firm"].row()) and not intent.grip[first:last].any()
+    assert intent.target_W_m[first, 2] == pytest.approx(-PRESS_N / GRIPS["firm"].k_N_m)
+    pressed = np.isclose(intent.target_W_m[:first, 2], -PRESS_N / GRIPS["firm"].k_N_m, atol=1e-9)
+    assert np.count_nonzero(pressed) * TICK_S == pytest.approx(0.3, abs=0.01)
+    ramp = k[last : last + round(RAMP_S / TICK_S)]
+    assert np.diff(ramp) == pytest.approx(500.0 / (RAMP_S / TICK_S - 1.0)) and np.all(k[last + len(ramp) :] == 500.0)
+
+
+def test_a_firm_grip_is_taken_in_the_middle_of_a_stroke_and_the_force_stays(scene: Scene) -> None:
+    intent = done(scene, "grip-firmly")
+    ((start, end),) = dips(intent)
+    k, z = intent.grip[:, 0], intent.target_W_m[:, 2]
+    changing = np.flatnonzero(np.diff(k))
+    assert changing[-1] - changing[0] + 2 == pytest.approx(RAMP_S / TICK_S, abs=2)
+    assert abs(intent.target_W_m[int(np.median(changing)), 0]) < 0.02 * SPAN_M
+    assert np.all(intent.grip[: changing[0]] == GRIPS["light"].row())
+    assert np.all(intent.grip[changing[-1] + 2 :] == GRIPS["firm"].row())
+    sliding = slice(start + 300, end - 300)  # the height is smooth, and so lags the grip a little
+    assert (k * -z)[sliding] == pytest.approx(STROKE_N, rel=0.06)
+
+
+def test_exploring_is_the_hand_of_the_paths(scene: Scene) -> None:
+    intent = done(scene, "explore", "medium")
+    assert np.array_equal(intent.target_W_m, explore(scene, TICK_S, STROKE_N / GRIPS["medium"].k_N_m))

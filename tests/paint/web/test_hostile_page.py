@@ -1,0 +1,285 @@
+"""What a page must not do to the painter: it goes on, says one line for each kind, and repeats nothing from outside."""
+
+import contextlib
+import http.client
+import json
+import os
+import re
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import trimesh
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+
+import msgspec
+import viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from hapscene.paint.web.secure_server import CONNECTIONS_MAX, FRAME_BYTES_MAX
+
+from ..tab import until
+
+ESCAPE = "\x1b]0;owned\x07\x1b[31m"
+GET = b"GET / HTTP/1.1\r\n"
+PATIENCE_S = 60.0
+
+
+class Painter(NamedTuple):
+    """A painter in a process: where it is, and its key."""
+
+    process: "subprocess.Popen[str]"
+    host: str
+    token: str
+    folder: Path
+    slow: socket.socket
+
+    def ask(self, path: str, **headers: str) -> tuple[int, str]:
+        """Status and text of a request."""
+        wire = http.client.HTTPConnection(self.host, timeout=PATIENCE_S)
+        wire.request("GET", path, headers=headers)
+        answer = wire.getresponse()
+        return answer.status, answer.read().decode()
+
+    def raw(self, content: bytes) -> bytes:
+        """What comes back until the connection is closed."""
+        name, port = self.host.split(":")
+        back = b""
+        with contextlib.suppress(ConnectionError), socket.create_connection((name, int(port)), PATIENCE_S) as wire:
+            wire.sendall(content)
+            while got := wire.recv(1 << 16):
+                back += got
+        return back
+
+    def open(self, path: str = "/hapscene", protocol: str | None = None, **options: Any) -> ClientConnection:
+        """A socket, as the page has it."""
+        options = {"origin": f"http://{self.host}", "max_size": None, "ping_interval": None, **options}
+        protocols: Any = [protocol] if protocol else None
+        return connect(f"ws://{self.host}/{self.token}{path}", subprotocols=protocols, **options)
+
+    def open_viser(self) -> ClientConnection:
+        return self.open("", protocol=f"viser-v{viser.__version__}")
+
+    def memory_B(self) -> int:
+        """Memory that it holds."""
+        pages = Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+    def ended_by(self, wire: ClientConnection, content: bytes) -> int:
+        """The code that a socket is closed with after these bytes."""
+        with contextlib.suppress(ConnectionError):
+            wire.socket.sendall(content)
+        with pytest.raises(ConnectionClosed) as closed:
+            while True:
+                wire.recv(timeout=PATIENCE_S)
+        return closed.value.rcvd.code if closed.value.rcvd else 1006
+
+
+@pytest.fixture(scope="module")
+def painter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Painter]:
+    folder = tmp_path_factory.mktemp("hostile")
+    trimesh.creation.box((0.02, 0.02, 0.02)).export(folder / "cube.ply")
+    command = [sys.executable, "-m", "hapscene.cli", "paint", "cube.ply", "--unit", "m", "--port", "0", "--no-hand"]
+    with (folder / "said").open("w") as said, (folder / "complained").open("w") as complained:
+        process = subprocess.Popen([*command, "--no-browser"], cwd=folder, stdout=said, stderr=complained, text=True)
+    try:
+        found = until(lambda: re.search(r"http://([^/]+)/([^/]+)/", (folder / "said").read_text()), 120.0)
+        name, port = found[1].split(":")
+        with socket.create_connection((name, int(port)), PATIENCE_S) as slow:
+            slow.sendall(GET)  # the rest never comes
+            yield Painter(process, found[1], found[2], folder, slow)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def frame(opcode: int, content: bytes, final: bool = True, rsv: int = 0, length: int | None = None) -> bytes:
+    """A frame of a WebSocket, masked with zeros; `length` is what it says of itself."""
+    size = len(content) if length is None else length
+    head = bytes([final << 7 | rsv << 4 | opcode])
+    if size < 126:
+        return head + bytes([0x80 | size]) + bytes(4) + content
+    return head + b"\xff" + struct.pack(">Q", size) + bytes(4) + content
+
+
+# --- without the token ---
+
+
+@pytest.mark.parametrize("change", ["", "x", "{}x", "{}%00", "?token={}", "{:.21}", "hapscene.js/{}", "../{}/.."])
+def test_without_the_token_nothing_is_given_but_where_to_find_it(painter: Painter, change: str) -> None:
+    path = "/" + change.format(painter.token)
+    status, text = painter.ask(path, Cookie=f"token={painter.token}")
+    assert status == 403 and "use" in text and "terminal printed" in text and painter.token not in text
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(f"ws://{painter.host}{path}", origin=f"http://{painter.host}")  # type: ignore[arg-type]
+
+
+def test_with_it_host_and_origin_are_still_looked_at(painter: Painter) -> None:
+    assert painter.ask(f"/{painter.token}/")[0] == 200
+    assert painter.ask(f"/{painter.token}/", Host="rebound.example")[0] == 403
+    for origin in (None, "null", "http://evil.example", f"https://{painter.host}.evil.example"):
+        with pytest.raises(InvalidStatus, match="403"):
+            painter.open(origin=origin)
+
+
+def test_each_start_has_another_token_of_128_bits(painter: Painter) -> None:
+    assert re.fullmatch(r"[\w-]{22}", painter.token)
+
+
+@pytest.mark.parametrize(
+    "path", ["%2e%2e/%2e%2e/etc/passwd", "..%5c..%5cetc", "//etc/passwd", "%00", "%2fetc%2fpasswd", "." * 3000]
+)
+def test_no_path_leads_out(painter: Painter, path: str) -> None:
+    assert painter.ask(f"/{painter.token}/{path}")[0] == 404
+
+
+# --- the wire ---
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc" + bytes(500) + b"\n",  # TLS
+        "GET /é HTTP/1.1\r\nHost: localhost\r\n\r\n".encode(),
+        ESCAPE.encode() + b"\r\n\r\n",
+        b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 999999999\r\n\r\n",
+        GET + b"Host: x\r\nHost: y\r\n\r\n",
+        GET + b"X: " + b"x" * 3_000_000,
+        GET + b"X: y\r\n" * 10_000 + b"\r\n",
+        b"GET /" + b"x" * 3_000_000,
+        GET + b": \xff\x00\r\n\r\n",
+        GET + b"Host: [::1\r\nUpgrade: websocket\r\n\r\n",
+        GET + b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: =\r\nSec-WebSocket-Version: 99\r\n\r\n",
+    ],
+)
+def test_what_is_no_request_gets_nothing(painter: Painter, content: bytes) -> None:
+    assert b" 200 " not in painter.raw(content) and painter.ask("/")[0] == 403
+
+
+@pytest.mark.parametrize("opened", [Painter.open, Painter.open_viser])
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (frame(2, b"x", length=1 << 62), 1009),
+        (frame(1, b"x" * (FRAME_BYTES_MAX + 1)), 1009),
+        (frame(2, b"", final=False) + frame(0, b"x" * 1000, final=False) * 1100, 1009),
+        (frame(1, b"\xff\xfe"), 1007),
+        (frame(1, b"\x00", rsv=4), 1002),  # said to be compressed
+        (frame(9, b"x" * 126), 1002),
+        (frame(11, b""), 1002),
+        (b"\x81\x01x", 1002),  # without a mask
+    ],
+)
+def test_what_is_no_frame_ends_its_connection_alone(painter: Painter, opened: Any, content: bytes, code: int) -> None:
+    with opened(painter) as other, opened(painter) as wire:
+        assert "permessage-deflate" not in (wire.response and wire.response.headers.get("Sec-WebSocket-Extensions", ""))
+        assert painter.ended_by(wire, content) == code
+        other.recv(timeout=PATIENCE_S)
+
+
+def test_another_viser_is_told_so_and_not_on_the_terminal(painter: Painter) -> None:
+    with painter.open("", protocol="viser-v0.0") as wire, pytest.raises(ConnectionClosed, match="load the page"):
+        wire.recv(timeout=PATIENCE_S)
+
+
+# --- messages ---
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    **{
+        "wxyz": [0.0, 1.0, 0.0, 0.0],
+        "position": [0.0, 0.0, 6.0],
+        "look_at": [0.0] * 3,
+        "up_direction": [0.0, 1.0, 0.0],
+    },
+    **{"fov": 0.8, "near": 0.01, "far": 1000.0, "image_width": 800, "image_height": 600},
+}
+UPDATE = {"type": "GuiUpdateMessage", "uuid": "none", "updates": {"value": 1}}
+
+MALFORMED: list[Any] = [
+    b"",
+    b"\xc1",
+    b"\x91" * 10_000,
+    [],
+    {},
+    {"type": []},
+    {"type": ESCAPE},
+    {"type": "ShareUrlRequest"},
+    {"type": "FileTransferStartUpload", "source_component_uuid": "x", "transfer_uuid": "x", "size_bytes": 1 << 60},
+    {"type": "GuiUpdateMessage"},
+    {**UPDATE, "updates": 5},
+    {**UPDATE, "uuid": 5},
+    {**UPDATE, ESCAPE: 1},
+    {**CAMERA, "fov": float("nan")},
+    {**CAMERA, "near": float("inf")},
+    {**CAMERA, "image_width": 1 << 63},
+    {**CAMERA, "wxyz": []},
+    {**CAMERA, "position": "north"},
+    {key: value for key, value in CAMERA.items() if key != "look_at"},
+]
+
+
+def answered(wire: ClientConnection) -> None:
+    """Wait until all that was sent has been read."""
+    wire.ping().wait(PATIENCE_S)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
+def test_malformed_messages_are_counted_and_change_nothing(painter: Painter) -> None:
+    packed = [raw if isinstance(raw, bytes) else msgspec.msgpack.encode(raw) for raw in MALFORMED]
+    with painter.open() as ours, painter.open_viser() as theirs:
+        theirs.send(msgspec.msgpack.encode(CAMERA))
+        for raw in ("text", *packed, msgspec.msgpack.encode(UPDATE)):
+            theirs.send(raw)
+        before_B = painter.memory_B()
+        for _ in range(20):
+            for _ in range(500):
+                theirs.send(packed[1])
+                ours.send(ESCAPE)
+            answered(theirs)
+            answered(ours)
+        ours.send(json.dumps({"do": "tool", "name": "fill"}))
+        until(lambda: '"tool": "fill"' in str(ours.recv(timeout=PATIENCE_S)))
+        assert painter.memory_B() - before_B < 30e6
+
+
+def test_too_many_connections_are_refused_and_room_is_made_again(painter: Painter) -> None:
+    name, port = painter.host.split(":")
+    with contextlib.ExitStack() as all_of_them:
+        wire = all_of_them.enter_context(painter.open())
+        for _ in range(2 * CONNECTIONS_MAX):
+            all_of_them.enter_context(socket.create_connection((name, int(port)), PATIENCE_S))
+        wire.send(json.dumps({"do": "tool", "name": "box"}))
+        until(lambda: '"tool": "box"' in str(wire.recv(timeout=PATIENCE_S)))
+
+    def served() -> bool:
+        with contextlib.suppress(ConnectionError, http.client.HTTPException):
+            return painter.ask(f"/{painter.token}/")[0] == 200
+        return False
+
+    until(served)
+
+
+def test_after_all_that_it_saves_and_has_said_little(painter: Painter) -> None:
+    assert painter.slow.recv(1) == b""  # it waited long enough
+    with painter.open() as wire:
+        wire.send(json.dumps({"do": "save"}))
+        until(lambda: (painter.folder / "cube.scene.json").exists())
+    painter.process.terminate()
+    assert painter.process.wait(PATIENCE_S) == 0
+    complained = (painter.folder / "complained").read_text()
+    lines = complained.splitlines()
+    assert all(line.startswith("hapscene: note: ") and line.isprintable() for line in lines), complained
+    assert "hapscene: note: malformed message refused: no MessagePack" in lines
+    assert any(
+        re.fullmatch(r"hapscene: note: 1000\d times: malformed message refused: no MessagePack", e) for e in lines
+    )
+    assert len(lines) <= 24, complained
+    assert ESCAPE not in (painter.folder / "said").read_text()
