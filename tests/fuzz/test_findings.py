@@ -141,7 +141,7 @@ MADE = {
     "step-cut-within": ("step", lambda: without("step", 700, 1000), "x.step: "),
     "step-face-gone": ("step", lambda: other("step", r"\n#14=.*", ""), "x.step: "),
     "step-empty": ("step", lambda: b"ISO-10303-21END-ISO-10303-21", "x.step: "),
-    "scene-pose": ("scene", lambda: other("scene", r'"pose": \[\[', '"pose": [[0], ['), "x.scene.json: "),
+    "scene-pose": ("scene", lambda: other("scene", r'"pose": \[', '"pose": [[0], '), "x.scene.json: "),
     "painted-glb-nan": ("painted-glb", painted_of_nan, "x.glb: "),
     "painted-ply-far": (
         "painted-ply",
@@ -149,7 +149,7 @@ MADE = {
         "x.ply: ",
     ),
     "x3d-far-vertex": ("x3d", lambda: other("x3d", 'index="', 'index="99999 1 2 '), "x.x3d: "),
-    "x3d-no-name": ("x3d", lambda: other("x3d", "'ball'|\"ball\"|'&quot;ball&quot;'", '""'), "x.x3d: "),
+    "x3d-no-name": ("x3d", lambda: other("x3d", "&quot;ball&quot;", "&quot;&quot;"), "x.x3d: "),
 }
 """Format, content, and the words of its refusal, by name."""
 
