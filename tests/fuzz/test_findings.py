@@ -76,6 +76,12 @@ def touch_with(member: str, content: bytes) -> bytes:
     return out.getvalue()
 
 
+def npz_at(rate_Hz: float) -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(out, rate_Hz=rate_Hz, acceleration=np.zeros((150, 3)))
+    return out.getvalue()
+
+
 def mat_of_tag_11() -> bytes:
     """The tag miDOUBLE, 9, of the first numbers is made 11, which no type has."""
     content = good("mat")["x.mat"]
@@ -117,6 +123,9 @@ MADE = {
     "npz-header-count": ("npz", lambda: archive(npy(HEADER.replace("20", "9" * 30))), NPZ),
     "npz-objects": ("npz", lambda: archive(npy(HEADER.replace("<f8", "|O"))), NPZ),
     "npz-letters": ("npz", lambda: archive(npy(TOKEN, b"\xff" * 4), "units.npy"), "x.npz: "),
+    "npz-rate-nan": ("npz", lambda: npz_at(np.nan), "x.npz: "),
+    "npz-rate-inf": ("npz", lambda: npz_at(np.inf), "x.npz: "),
+    "path-name-steers": ("path", lambda: b"\x1b[2J\n", "x.csv, line 1: "),
     "wav-no-format": ("wav", lambda: riff(DATA), WAV),
     "wav-no-block": ("wav", lambda: riff((b"fmt ", sound(block=0)), DATA), WAV),
     "wav-no-channel": ("wav", lambda: riff((b"fmt ", sound(channels=0)), DATA), WAV),
