@@ -25,7 +25,10 @@ from formats import FORMATS, Format
 from mutate import mutant
 
 HANG_S = 10.0
-"""Longest time that a file may take [s]."""
+"""Longest time that a file may take, by the processor [s]."""
+
+CLOCK_S = 60.0
+"""Longest time by the clock [s]: others work on this machine too."""
 
 SHRINK_S = 5.0
 """Longest time that a finding is made smaller [s]; a crash costs a new process each time."""
@@ -83,7 +86,7 @@ class Worker:
             self._ask(name, limited=False, most_s=300.0)  # imports, and what is compiled, are no file's doing
             self._warm.add(name)
         (self._folder(name) / next(iter(files))).write_bytes(next(iter(files.values())) if content is None else content)
-        return self._ask(name, limited=True, most_s=HANG_S)
+        return self._ask(name, limited=True, most_s=CLOCK_S)
 
     def _folder(self, name: str) -> Path:
         return Path(self._place.name) / name
@@ -131,6 +134,8 @@ def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole
     """What is wrong with what became of a file, or None. `whole`: how many elements the good one has."""
     if told["kind"] not in ("loaded", "refused"):
         return told
+    if told["seconds"] > HANG_S:
+        return told | {"kind": "hang", "text": f"{told['seconds']:.0f} s"}
     if cut and told["kind"] == "loaded" and not told["warned"]:
         least = whole if entry.left is None else entry.left(content)
         if told["count"] < least:
