@@ -1,11 +1,5 @@
-"""Feeds mutants to a worker, judges what became of each, and makes what it found small.
+"""Feeds mutants to a worker, judges what became of each, and makes what it found small."""
 
-By hand, to see one mutant again or to look for more than the soak does:
-
-    python tests/fuzz/harness.py npz --seed 7 --count 1000 --out findings
-"""
-
-import argparse
 import json
 import os
 import select
@@ -186,27 +180,3 @@ def keep(finding: Finding, folder: Path) -> Path:
     file.write_bytes(finding.content)
     file.with_name(file.name + ".txt").write_text(f"{finding}\n", encoding="utf-8")
     return file
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("format", nargs="*", help=f"all, unless told; there are: {', '.join(FORMATS)}")
-    parser.add_argument("--seed", default="0")
-    parser.add_argument("--count", type=int, help="mutants of each")
-    parser.add_argument("--seconds", type=float, default=1e9, help="longest time of each")
-    parser.add_argument("--out", type=Path, help="a folder for what is found")
-    options = parser.parse_args()
-    with Worker() as worker:
-        for name in options.format or FORMATS:
-            start_s, found = time.monotonic(), 0
-            count = options.count or FORMATS[name].soak
-            for finding in campaign(worker, name, options.seed, count):
-                found += 1
-                print(finding, flush=True)
-                if options.out:
-                    keep(finding, options.out)
-            print(f"{name}: {count} mutants, {found} findings, {time.monotonic() - start_s:.1f} s", flush=True)
-
-
-if __name__ == "__main__":
-    main()
