@@ -33,8 +33,12 @@ class HapsceneError(Exception):
 class FormatError(HapsceneError):
     """A file that is not what it should be: missing, too large, damaged, of a later version.
 
-    Each room has its own, which is one of these: `except FormatError` catches them all.
+    Each room has its own, which is one of these: `except FormatError` catches them all. What it says of the file's
+    content is one line that may be shown.
     """
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(printable(text))
 
 
 class MeshError(FormatError):

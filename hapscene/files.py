@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from hapscene.errors import FormatError, did_you_mean
+from hapscene.errors import FormatError, did_you_mean, printable
 
 if TYPE_CHECKING:
     import zipfile
@@ -259,6 +259,17 @@ def check_file_size(path: Path, most_B: int, what: str) -> None:
 def _too_large(path: Path, most_B: int, what: str) -> str:
     most = f"{most_B >> 30} GiB" if most_B >= 1 << 30 else f"{most_B >> 20} MiB"
     return f"{path}: larger than {most}, which no {what} is"
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Whatever `FormatError` is raised within and does not say which file is said of this one."""
+    try:
+        yield
+    except FormatError as fault:
+        if printable(str(path)) in str(fault):
+            raise
+        raise type(fault)(f"{path}: {fault}") from None
 
 
 @contextmanager

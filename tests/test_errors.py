@@ -6,7 +6,7 @@ import unicodedata
 
 import pytest
 
-from hapscene.errors import printable
+from hapscene.errors import MeshError, printable
 
 STEERING = {
     "escape": ("a\x1b]0;title\x07b", r"a\x1b]0;title\x07b"),
@@ -45,3 +45,7 @@ def test_a_json_text_stays_one() -> None:
 def test_it_is_no_longer_than_asked() -> None:
     assert printable("oak", 3) == "oak"
     assert printable("oaken", 3) == "oa…"
+
+
+def test_what_an_error_says_of_a_file_is_one_line_that_may_be_shown() -> None:
+    assert str(MeshError("a.obj: no group 'x\x1b[2J\ny'")) == "a.obj: no group 'x\\x1b[2J\\ny'"

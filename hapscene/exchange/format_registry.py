@@ -15,7 +15,7 @@ from hapscene.exchange.swatch_payload import lose
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
 from hapscene.exchange.x3d import write_x3d
 from hapscene.exchange.x3d_read import read_x3d
-from hapscene.files import check_file
+from hapscene.files import check_file, naming
 from hapscene.old_spellings import old_spellings
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
@@ -183,5 +183,6 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None, *, accep
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
-    scene = None if reader is None else reader(path)
-    return read_named(path, unit, accept_damaged) if scene is None else scene
+    with naming(path):
+        scene = None if reader is None else reader(path)
+        return read_named(path, unit, accept_damaged) if scene is None else scene

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, warn
-from hapscene.files import check_file, read_bytes, refusing, write_whole
+from hapscene.files import check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
@@ -289,10 +289,11 @@ def read_scene(scene: "Scene", path: Path, accept_changed: bool) -> None:
     version = content.get("version", int)
     if not 1 <= version <= VERSION:
         raise SceneError(f"{path}: format version {version}; this hapscene reads up to {VERSION}: update hapscene")
-    swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
-    meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
-    for place in content.items("bodies", dict):
-        _load_body(scene, place, meshes, swatches)
+    with naming(path):
+        swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
+        meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
+        for place in content.items("bodies", dict):
+            _load_body(scene, place, meshes, swatches)
 
 
 class _Place:

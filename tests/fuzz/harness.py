@@ -1,11 +1,5 @@
-"""Feeds mutants to a worker, judges what became of each, and makes what it found small.
+"""Feeds mutants to a worker, judges what became of each, and makes what it found small."""
 
-By hand, to see one mutant again or to look for more than the soak does:
-
-    python tests/fuzz/harness.py npz --seed 7 --count 1000 --out findings
-"""
-
-import argparse
 import json
 import os
 import select
@@ -25,7 +19,10 @@ from formats import FORMATS, Format
 from mutate import mutant
 
 HANG_S = 10.0
-"""Longest time that a file may take [s]."""
+"""Longest time that a file may take, by the processor [s]."""
+
+CLOCK_S = 60.0
+"""Longest time by the clock [s]: others work on this machine too."""
 
 SHRINK_S = 5.0
 """Longest time that a finding is made smaller [s]; a crash costs a new process each time."""
@@ -83,7 +80,7 @@ class Worker:
             self._ask(name, limited=False, most_s=300.0)  # imports, and what is compiled, are no file's doing
             self._warm.add(name)
         (self._folder(name) / next(iter(files))).write_bytes(next(iter(files.values())) if content is None else content)
-        return self._ask(name, limited=True, most_s=HANG_S)
+        return self._ask(name, limited=True, most_s=CLOCK_S)
 
     def _folder(self, name: str) -> Path:
         return Path(self._place.name) / name
@@ -131,6 +128,8 @@ def judged(entry: Format, told: dict[str, Any], content: bytes, cut: bool, whole
     """What is wrong with what became of a file, or None. `whole`: how many elements the good one has."""
     if told["kind"] not in ("loaded", "refused"):
         return told
+    if told["seconds"] > HANG_S:
+        return told | {"kind": "hang", "text": f"{told['seconds']:.0f} s"}
     if cut and told["kind"] == "loaded" and not told["warned"]:
         least = whole if entry.left is None else entry.left(content)
         if told["count"] < least:
@@ -181,27 +180,3 @@ def keep(finding: Finding, folder: Path) -> Path:
     file.write_bytes(finding.content)
     file.with_name(file.name + ".txt").write_text(f"{finding}\n", encoding="utf-8")
     return file
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("format", nargs="*", help=f"all, unless told; there are: {', '.join(FORMATS)}")
-    parser.add_argument("--seed", default="0")
-    parser.add_argument("--count", type=int, help="mutants of each")
-    parser.add_argument("--seconds", type=float, default=1e9, help="longest time of each")
-    parser.add_argument("--out", type=Path, help="a folder for what is found")
-    options = parser.parse_args()
-    with Worker() as worker:
-        for name in options.format or FORMATS:
-            start_s, found = time.monotonic(), 0
-            count = options.count or FORMATS[name].soak
-            for finding in campaign(worker, name, options.seed, count):
-                found += 1
-                print(finding, flush=True)
-                if options.out:
-                    keep(finding, options.out)
-            print(f"{name}: {count} mutants, {found} findings, {time.monotonic() - start_s:.1f} s", flush=True)
-
-
-if __name__ == "__main__":
-    main()

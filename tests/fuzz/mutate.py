@@ -123,7 +123,8 @@ def in_json(content: bytes, rng: Random) -> bytes:
     """A value of another type, a key that is gone, is called otherwise or stands twice, a nest."""
     try:
         tree = json.loads(content)
-    except (ValueError, RecursionError):
+        json.dumps(tree)
+    except (ValueError, RecursionError):  # broken by an earlier change
         return in_words(content, rng)
     places: list[tuple[Any, Any]] = []
     todo = [tree]

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from .harness import FORMATS, Worker, campaign, keep
+from hapscene.capture.batch import SUFFIXES
+from hapscene.scene import mesh_file
+
+from .harness import FORMATS, Worker, campaign, good, keep
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the worker's limits are Linux's")
 
@@ -45,3 +48,9 @@ def test_what_is_broken_is_read_or_refused(worker: Worker, name: str, out: Path)
 @pytest.mark.parametrize("name", FORMATS)
 def test_what_is_broken_is_read_or_refused_at_length(worker: Worker, name: str, out: Path) -> None:
     look(worker, name, FORMATS[name].soak, out)
+
+
+def test_no_format_of_a_mesh_or_a_recording_is_forgotten() -> None:
+    here = {Path(next(iter(good(name)))).suffix for name in FORMATS}
+    assert {f".{suffix}" for suffix in mesh_file.FORMATS} - {".stp"} <= here  # another spelling of .step
+    assert set(SUFFIXES) - {".txt"} <= here  # read as .csv is
