@@ -187,6 +187,7 @@ def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool
             )
         return _step(path, content, accept_damaged)
     parts, own = _read(path, suffix, content, resolver)
+    del content, resolver
     said = unit_name(own or "m")
     if suffix not in UNITLESS and given not in (None, said):
         warn(f"{path}: says that it is in {said}; taken to be in {given}, as unit={unit!r} says", MeshWarning)
@@ -252,7 +253,7 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
     if suffix == "obj":
         from hapscene.scene.obj import read_obj
 
-        return [read_obj(content.decode("utf-8", errors="replace"), str(path), resolver)], None
+        return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
     content = stl_faces(content) if suffix == "stl" else content
     loaded = _load(path, suffix, content, resolver)
