@@ -148,12 +148,13 @@ class Mesh:
         Raises:
             MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
         """
+        parts = parts_of(mesh, "trimesh object")
         known = unit if unit is not None else getattr(mesh, "units", None)
         if known is None:
             raise MeshError(
                 f"a trimesh object without units: give unit=, one of {', '.join(UNIT_M)}, or set its .units"
             )
-        return join(parts_of(mesh, "trimesh object"), unit_name(known), None)
+        return join(parts, unit_name(known), None)
 
 
 def unit_name(unit: str) -> str:
@@ -281,7 +282,9 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
     if isinstance(loaded, trimesh.Trimesh):
         return [_part(loaded, [UNNAMED], None)]
     if not isinstance(loaded, trimesh.Scene):
-        raise MeshError(f"{where}: a {type(loaded).__name__} cannot be touched; a mesh of triangles was expected")
+        raise MeshError(
+            f"{where}: a {type(loaded).__name__} cannot be touched; expected a file, or a mesh of triangles"
+        )
     parts = []
     made = 0  # a small file can name the same geometry over and over
     for node in loaded.graph.nodes_geometry:

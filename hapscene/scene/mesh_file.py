@@ -231,6 +231,8 @@ def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
     parts = parts_of(loaded, str(path))
     for part in parts:  # trimesh numbers the pieces of a part by chance, one for each colour
         part.names = [re.sub(r"_[0-9a-f]{6}(?=/|$)", "", name) for name in part.names] if len(parts) > 1 else part.names
+    if damage and not parts:
+        raise MeshError(f"{told}; nothing is left of it")
     mesh = join(parts, "m", path)
     if damage:
         warn(f"{told}; what is left is taken, {len(mesh.faces):,} triangles", MeshWarning)
