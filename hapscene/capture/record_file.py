@@ -9,18 +9,20 @@ The file (suffix .hsrec) begins with the line `hapscene record 1`. Chunks follow
     check    uint32    CRC-32 of all the above
 
 A chunk of data is a run of samples without a gap: what lies between two chunks was dropped. The file is only ever
-appended to, and put on the disk about each second. A reader stops at the first chunk that is torn.
+appended to, and put on the disk about each second. A reader stops at a chunk that is torn, if it is the last.
 """
 
 import datetime
 import json
 import math
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -40,14 +42,17 @@ SYNC_S: Final = 1.0
 VALUE_MAX: Final = 1 << 28
 """Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
 
+RUN_MAX: Final = 4096
+"""Most samples of a chunk [count]: bounds what is torn at the end."""
+
+PAYLOAD_MAX: Final = 4 * RUN_MAX * COLUMN_MAX
+"""Longest payload that is looked for behind a torn chunk [bytes]."""
+
 JSON_MAX: Final = 65_536
 """Longest header or end [bytes]; those of 16 columns have 2,000."""
 
 _CHUNK: Final = struct.Struct("<4sIQ")
 _CHECK: Final = struct.Struct("<I")
-
-RUN_MAX: Final = 4096
-"""Most samples of a chunk [count]: bounds what one flipped bit takes."""
 
 
 @dataclass(frozen=True)
@@ -200,15 +205,30 @@ def save_npz(record: Record, path: Path) -> None:
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
-    """Kind, first sample and payload of each chunk, up to the first that is torn."""
-    view, at = memoryview(data), len(FIRST_LINE)
-    while at + _CHUNK.size + _CHECK.size <= len(data):
-        kind, length, first = _CHUNK.unpack_from(data, at)
-        end = at + _CHUNK.size + length
-        if end + _CHECK.size > len(data) or zlib.crc32(view[at:end]) != _CHECK.unpack_from(data, end)[0]:
-            return
-        yield kind, first, view[at + _CHUNK.size : end]
-        at = end + _CHECK.size
+    """Kind, first sample and payload of each chunk, up to the first that is torn.
+
+    Raises:
+        CaptureError: another one follows that: not the end is missing, but something within.
+    """
+    at = len(FIRST_LINE)
+    while (chunk := _chunk(data, at)) is not None:
+        yield chunk
+        at += _CHUNK.size + len(chunk[2]) + _CHECK.size
+    kinds = re.compile(rb"DATA|END\.").finditer(data, at + 1)
+    if any(_chunk(data, found.start(), PAYLOAD_MAX) is not None for found in islice(kinds, 1000)):
+        raise CaptureError(f"damaged at byte {at:,}: samples are lost there, and others follow")
+
+
+def _chunk(data: bytes, at: int, most_B: int = 1 << 32) -> tuple[bytes, int, memoryview] | None:
+    """Kind, first sample and payload of the chunk that begins there; None if it is torn, or longer than that."""
+    if at + _CHUNK.size + _CHECK.size > len(data):
+        return None
+    kind, length, first = _CHUNK.unpack_from(data, at)
+    end, view = at + _CHUNK.size + length, memoryview(data)
+    if length > most_B or end + _CHECK.size > len(data):
+        return None
+    whole = zlib.crc32(view[at:end]) == _CHECK.unpack_from(data, end)[0]
+    return (kind, first, view[at + _CHUNK.size : end]) if whole else None
 
 
 def _json(payload: memoryview) -> dict[str, Any]:

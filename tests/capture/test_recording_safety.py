@@ -236,6 +236,14 @@ def test_a_record_of_a_gap_is_refused_by_itself(tmp_path: Path) -> None:
         load_record(tmp_path / "gap.hsrec")
 
 
+def test_a_record_that_lost_samples_within_is_not_read_as_a_shorter_one(tmp_path: Path) -> None:
+    record(0, 100, 200)(tmp_path / "a.hsrec")
+    whole = (tmp_path / "a.hsrec").read_bytes()
+    (tmp_path / "a.hsrec").write_bytes(whole[:-600] + whole[-500:])
+    with pytest.raises(CaptureError, match=r"a\.hsrec: damaged at byte .*: samples are lost there, and others follow"):
+        load_record(tmp_path / "a.hsrec")
+
+
 @pytest.mark.parametrize("rate_Hz", [1e-9, 1e12, 0.0, -1.0, float("nan"), float("inf")])
 def test_a_rate_that_no_probe_has_makes_nothing(rate_Hz: float, tmp_path: Path) -> None:
     stream = NOISE.normal(size=(2000, 3))
