@@ -11,8 +11,7 @@ from contextlib import suppress
 from typing import Any, NoReturn
 
 from hapscene import __version__
-from hapscene.command.console import complain, note, ready_streams
-from hapscene.command.memory_limit import note_memory_limit
+from hapscene.command.console import complain, note, note_little_memory, ready_streams
 from hapscene.errors import HapsceneError, printable
 from hapscene.interrupt import insisting, interrupted_by_ends
 
@@ -83,7 +82,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
         sys.stdout.flush()
         raise
     warnings.showwarning = _show_warning
-    note_memory_limit()
+    note_little_memory()
     code: int = options.command(options)
     sys.stdout.flush()
     return code

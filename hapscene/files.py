@@ -1,7 +1,6 @@
 """Files: written whole or not at all, read within bounds, JSON from strangers."""
 
 import json
-import math
 import os
 import re
 import secrets
@@ -325,27 +324,6 @@ def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
         raise FormatError(
             f"{what} would take {needed_MB:,.0f} MB of memory, and of a file this large {most_MB:,.0f} may be: {advice}"
         )
-
-
-def memory_left_B() -> float:
-    """Memory that this process may still take [bytes], as far as the system tells; else without end."""
-    left_B = [math.inf]
-    numbers: dict[str, int] = {}
-    for place in ("/proc/meminfo", "/proc/self/status"):
-        with suppress(OSError):
-            lines = (line.partition(":") for line in Path(place).read_text().splitlines())
-            numbers |= {name: 1024 * int(rest.split()[0]) for name, _, rest in lines if rest.endswith(" kB")}
-    left_B.append(numbers.get("MemAvailable", math.inf))
-    with suppress(OSError, ValueError, IndexError):  # a container's, or a service's; "max" is none
-        group = Path("/sys/fs/cgroup") / Path("/proc/self/cgroup").read_text().partition("::/")[2].splitlines()[0]
-        used_B = int((group / "memory.stat").read_text().split()[1])  # anonymous pages: the others can be given back
-        left_B.append(int((group / "memory.max").read_text()) - used_B)
-    with suppress(ImportError):
-        import resource
-
-        most_B = resource.getrlimit(resource.RLIMIT_AS)[0]
-        left_B.append(most_B - numbers.get("VmSize", 0) if most_B != resource.RLIM_INFINITY else math.inf)
-    return max(min(left_B), 0.0)
 
 
 def open_zip(file: BinaryIO, most_B: int, advice: str) -> "zipfile.ZipFile":

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.errors import PathError, SceneError, ViewError
-from hapscene.files import memory_left_B, whole_folder
+from hapscene.files import whole_folder
 from hapscene.flags import Flag
+from hapscene.memory import memory_left_B
 from hapscene.recording import Recording
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 FLOOR = (
-    *("clock", "confined", "constants", "dsp", "errors", "files", "flags", "geometry", "native", "number_files"),
-    "old_spellings",
+    *("clock", "confined", "constants", "dsp", "errors", "files", "flags", "geometry", "memory", "native"),
+    *("number_files", "old_spellings"),
 )
 """The ground floor: knows nobody above it."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.errors import Codes, printable
+from hapscene.memory import memory_limit_B
 
 TICK_S: Final = 1.0
 """Time between two states of the seconds that a terminal shows [s]."""
@@ -102,6 +103,21 @@ def size_words(size_B: float) -> str:
             return f"{size_B:.3g} {unit}"
         size_B /= 1000.0
     return f"{size_B:.3g} GB"
+
+
+LITTLE_B: Final = 512 << 20
+"""Memory from which nothing is said [bytes]. A touch of a small scene takes 220 MB that the system cannot take back;
+its first one, when functions are compiled, up to 500 MB."""
+
+
+def note_little_memory() -> None:
+    """Say it where this process may take little memory: who ends it for more says no word."""
+    limit_B = memory_limit_B()
+    if limit_B < LITTLE_B:
+        note(
+            f"this process may take {limit_B / 2**20:.0f} MiB of memory; a touch of a small scene takes 256 MiB, its "
+            f"first one up to {LITTLE_B >> 20} MiB: with less it may stand still or be ended without a word"
+        )
 
 
 # The streams that all this is written to.

@@ -2,13 +2,11 @@
 
 import io
 import json
-import math
 import re
 import tempfile
 import warnings
 import zipfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO, Final
 
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from hapscene.confined import confined
 from hapscene.errors import FormatError, MeshError, warn
 from hapscene.files import MEMORY_FREE_B, open_zip, read_bytes, refusing
+from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
 from hapscene.scene.ply import declared, ply_groups
@@ -264,7 +263,7 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
 
         return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
-    needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), _memory_free_B()
+    needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()
     if needed_B > free_B:
         raise MeshError(
             f"{path}: to read it takes some {needed_B / 1e9:.1f} GB of memory, and {free_B / 1e9:.1f} GB are free: "
@@ -282,18 +281,6 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
         for part in parts:
             part.group, part.names = names or (part.group, [UNNAMED] if len(parts) == 1 else part.names)
     return parts, loaded.units
-
-
-def _memory_free_B() -> float:
-    """Memory that is free, as far as the system says [bytes]: on this machine, and in this container."""
-    free = [math.inf]
-    with suppress(OSError, ValueError, StopIteration):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        free.append(1024.0 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1]))
-    with suppress(OSError, ValueError):  # "max" where it has no bound
-        most, used = (int((Path("/sys/fs/cgroup") / name).read_text()) for name in ("memory.max", "memory.current"))
-        free.append(float(most - used))
-    return min(free)
 
 
 def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]:
