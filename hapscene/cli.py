@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from hapscene import __version__
 from hapscene.command.console import complain, note, ready_streams
+from hapscene.command.memory_limit import note_memory_limit
 from hapscene.errors import HapsceneError, printable
 from hapscene.interrupt import insisting, interrupted_by_ends
 
@@ -60,6 +61,7 @@ def _told(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
     except KeyboardInterrupt as interrupt:
         if options.debug:
             raise
+        eval("0")  # else Python ends by SIGINT where it came while a text was executed, as imports do
         complain("interrupted; nothing was written")
         return 128 + int(interrupt.args[0] if interrupt.args else signal.SIGINT)
     except (HapsceneError, OSError, MemoryError) as error:
@@ -81,6 +83,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
         sys.stdout.flush()
         raise
     warnings.showwarning = _show_warning
+    note_memory_limit()
     code: int = options.command(options)
     sys.stdout.flush()
     return code
@@ -169,13 +172,5 @@ def _show_warning(message: Warning | str, category: Any, *place: Any, **more: An
     note(str(message))
 
 
-def run() -> NoReturn:
-    """A command as a process: once it is done, Ctrl-C changes nothing any more."""
-    code = main()
-    eval("0")  # else Python ends by SIGINT where Ctrl-C came while a text was executed, as imports do
-    signal.signal(signal.SIGINT, lambda kind, frame: None)
-    sys.exit(code)
-
-
 if __name__ == "__main__":
-    run()
+    sys.exit(main())

@@ -1,16 +1,24 @@
 """Files: written whole or not at all, read within bounds, JSON from strangers."""
 
 import json
+import math
 import os
+import re
+import secrets
 import shutil
 import stat
-import tempfile
-from collections.abc import Collection, Iterable, Iterator
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 from hapscene.errors import FormatError, did_you_mean, printable
+
+if TYPE_CHECKING:
+    import zipfile
 
 
 @contextmanager
@@ -25,15 +33,16 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         OSError: the folder is missing or cannot be written.
     """
     path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    part = Path(name)
+    part = _temporary(path)
+    lock = None
     try:
+        lock = _make(part, path, lambda: os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)))
         yield part
         part.chmod(_mode(path))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+        _let_go(lock)
 
 
 def check_file(path: Path, error: type[Exception]) -> None:
@@ -72,9 +81,11 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
     if path.exists() and not path.is_dir():
         raise NotADirectoryError(20, "is a file; expected a folder, or a name that is free", str(path))
     made = [parent for parent in path.parents if not parent.exists()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    part = _temporary(path)
+    lock = None
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = _make(part, path, lambda: part.mkdir(0o700))
         yield part
         if path.exists():
             for name in ours:
@@ -89,10 +100,98 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
             part.replace(path)
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        _let_go(lock)
         if not path.exists():
             with suppress(OSError):  # somebody else has put something there meanwhile
                 for parent in made:
                     parent.rmdir()
+
+
+# What is written has a name of its own until it is whole: hidden, ours without doubt, locked by its writer for as long
+# as that lives. What writers that were killed have left is removed by the next process that writes into the folder.
+
+
+_TEMPORARY: Final = re.compile(r"\..*\.hapscene-[0-9a-f]{16}(\.[^.]*)?", re.DOTALL)
+
+_NAME_KEPT: Final = 40
+"""How much of the name is in the temporary one [characters], which may not be longer than 255 bytes."""
+
+_LEFT_S: Final = 24 * 3600.0
+"""Age from which a temporary file or folder has no writer any more [s], where nothing can be locked."""
+
+
+def _temporary(path: Path) -> Path:
+    """A name in the same folder that nobody has; chosen before it is made, so that whatever ends us can be tidied."""
+    _tidy(path.parent.absolute())
+    return path.parent / f".{path.name[:_NAME_KEPT]}.hapscene-{secrets.token_hex(8)}{path.suffix}"
+
+
+def _make(part: Path, path: Path, make: Callable[[], object]) -> int | None:
+    """Make the temporary file or folder, and lock it; what holds the lock, where there can be one.
+
+    Raises:
+        OSError: naming `path`.
+    """
+    try:
+        while True:
+            make()
+            lock = _open_locked(part)
+            if part.exists():
+                return lock
+            _let_go(lock)  # it was tidied away before it was locked
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from None
+
+
+def _open_locked(part: Path, wait: bool = True) -> int | None:
+    """What holds the lock, and None where nothing can be locked.
+
+    Raises:
+        BlockingIOError: another has it, and it is not waited for.
+    """
+    if sys.platform == "win32":  # where an open file could not be renamed
+        return None
+    import fcntl
+
+    number = None
+    try:
+        number = os.open(part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        fcntl.flock(number, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return number
+    except BlockingIOError:
+        _let_go(number)
+        raise
+    except OSError:
+        _let_go(number)
+        return None
+
+
+def _let_go(lock: int | None) -> None:
+    if lock is not None:
+        os.close(lock)
+
+
+@cache
+def _tidy(folder: Path) -> None:
+    """Remove what writers that are gone have left in a folder; once in a process."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _TEMPORARY.fullmatch(entry.name):
+                with suppress(OSError):  # another writes it, or it is another user's
+                    _remove_left(Path(entry.path), entry.stat(follow_symlinks=False))
+
+
+def _remove_left(part: Path, state: os.stat_result) -> None:
+    lock = _open_locked(part, wait=False)
+    try:
+        if lock is None and time.time() - state.st_mtime < _LEFT_S:
+            return
+        if stat.S_ISDIR(state.st_mode):
+            shutil.rmtree(part)
+        else:
+            part.unlink()
+    finally:
+        _let_go(lock)
 
 
 def _mode(path: Path) -> int:
@@ -180,6 +279,112 @@ def refusing(error: type[FormatError], where: object = None) -> Iterator[None]:
         yield
     except FormatError as fault:
         raise error(str(fault) if where is None else f"{where}: {fault}") from None
+
+
+# One rule for the memory that a stranger's file may take, asked before anything is made of it: what is unpacked, and
+# what follows from it (numbers of eight bytes, gaps filled, resampling).
+
+
+UNPACKED_RATIO_MAX: Final = 100
+"""Most times its own size that a file may unpack to [1]: meshes and recordings unpack to 2 to 20 times, what is made to
+fill the memory to a thousand times."""
+
+UNPACKED_FREE_B: Final = 5_000_000
+"""Content that a file of any size may unpack to [bytes]."""
+
+MEMORY_RATIO_MAX: Final = 4
+"""Most memory that reading may take, in sizes of what is read, unpacked [1]: numbers of two bytes become eight."""
+
+MEMORY_FREE_B: Final = 200_000_000
+"""Memory that reading any file may take besides, whatever its size [bytes]."""
+
+LISTING_MAX_B: Final = 1_000_000
+"""Longest list of an archive's members [bytes], 15,000 of them: each takes ten times that in memory."""
+
+
+def check_unpacked(packed_B: int, unpacked_B: int, most_B: int, advice: str) -> None:
+    """Refuse what unpacks to more than `most_B`, or than its own size allows.
+
+    Raises:
+        FormatError: it does; `advice` is what to do.
+    """
+    most_B = min(most_B, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
+    if unpacked_B > most_B:
+        raise FormatError(f"unpacks to {unpacked_B:,} bytes; of an archive this large {most_B:,} are read: {advice}")
+
+
+def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
+    """Refuse what takes more memory than the size of what is read, unpacked, allows.
+
+    Raises:
+        FormatError: it does; `what` takes it, `advice` is what to do.
+    """
+    most_B = MEMORY_RATIO_MAX * own_B + MEMORY_FREE_B
+    if needed_B > most_B:
+        needed_MB, most_MB = needed_B / 1e6, most_B / 1e6
+        raise FormatError(
+            f"{what} would take {needed_MB:,.0f} MB of memory, and of a file this large {most_MB:,.0f} may be: {advice}"
+        )
+
+
+def memory_left_B() -> float:
+    """Memory that this process may still take [bytes], as far as the system tells; else without end."""
+    left_B = [math.inf]
+    numbers: dict[str, int] = {}
+    for place in ("/proc/meminfo", "/proc/self/status"):
+        with suppress(OSError):
+            lines = (line.partition(":") for line in Path(place).read_text().splitlines())
+            numbers |= {name: 1024 * int(rest.split()[0]) for name, _, rest in lines if rest.endswith(" kB")}
+    left_B.append(numbers.get("MemAvailable", math.inf))
+    with suppress(OSError, ValueError, IndexError):  # a container's, or a service's; "max" is none
+        group = Path("/sys/fs/cgroup") / Path("/proc/self/cgroup").read_text().partition("::/")[2].splitlines()[0]
+        used_B = int((group / "memory.stat").read_text().split()[1])  # anonymous pages: the others can be given back
+        left_B.append(int((group / "memory.max").read_text()) - used_B)
+    with suppress(ImportError):
+        import resource
+
+        most_B = resource.getrlimit(resource.RLIMIT_AS)[0]
+        left_B.append(most_B - numbers.get("VmSize", 0) if most_B != resource.RLIM_INFINITY else math.inf)
+    return max(min(left_B), 0.0)
+
+
+def open_zip(file: BinaryIO, most_B: int, advice: str) -> "zipfile.ZipFile":
+    """A zip archive that unpacks to no more than `most_B` and its own size allow.
+
+    Args:
+        file: the archive, seekable.
+        most_B: most that it may unpack to [bytes].
+        advice: what to do where it is more.
+
+    Raises:
+        FormatError: it is no archive, or unpacks to more.
+    """
+    import zipfile
+
+    packed_B = file.seek(0, os.SEEK_END)
+    try:
+        archive = zipfile.ZipFile(_Listing(file))  # has what it calls of a file
+    except Exception as error:  # it raises of its own, struct's, and what is not implemented
+        raise FormatError(f"not a readable zip archive, or truncated: {error}") from None
+    archive.fp = file
+    check_unpacked(packed_B, sum(member.file_size for member in archive.infolist()), most_B, advice)
+    return archive
+
+
+class _Listing:
+    """An archive's file while its list of members is read, which is read in one go and must not be endless."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int = -1) -> bytes:
+        content = self._file.read(min(size, LISTING_MAX_B + 1) if size >= 0 else LISTING_MAX_B + 1)
+        if len(content) > LISTING_MAX_B:
+            raise ValueError(f"its list of members is longer than {LISTING_MAX_B:,} bytes")
+        return content
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
 
 CONTAINER_MAX: Final = 50_000
@@ -276,5 +481,6 @@ def check_keys(where: str, content: Any, known: Iterable[str], required: Iterabl
 
 def short(value: Any) -> str:
     """What a message shows of a value from a stranger's file."""
+    value = value[:60] if isinstance(value, str) else value  # before it is escaped, which may be ten times as long
     text = repr(value) if isinstance(value, str | int | float | bool) or value is None else type(value).__name__
     return text if len(text) <= 60 else text[:57] + "…"

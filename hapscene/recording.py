@@ -1,17 +1,17 @@
 """What a run gives back, a row per tick, and the files it is kept in: touch.npz and touch.csv."""
 
-import zipfile
-import zlib
+import math
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import FormatError
-from hapscene.files import whole_file
+from hapscene.files import check_memory, refusing, whole_file
+from hapscene.number_files import Npz, open_npz
 
 FORMAT_VERSION: Final = 1
 """Version of the npz layout. A reader refuses a later one."""
@@ -44,9 +44,9 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
     "normal_force_N": ("f8", ()),
     "a_m_s2": ("f8", None),
 }
-# What zipfile, zlib and NumPy raise on a file that is no archive, cut off, or forged.
-_BROKEN: Final = (OSError, EOFError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _NAMES: Final = ("body_names", "swatch_names", "effects")
+_CSV_ROWS: Final = 10_000  # that are made at once
+_NAME_B: Final = 100  # what a name takes beside its letters
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,15 +144,18 @@ class Recording:
         Raises:
             RecordingError: the file is missing, broken, of a later version, or does not fit together.
         """
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return cls(**_read(archive))
-        except FileNotFoundError:
-            raise RecordingError(f"{path}: no such file; expected a recording, as touch.npz") from None
-        except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from None
-        except _BROKEN as error:
-            raise RecordingError(f"{path}: not a recording that can be read ({error}); expected touch.npz") from None
+        path = Path(path)
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file; expected a recording, as touch.npz")
+        with refusing(RecordingError, path):
+            try:
+                with open_npz(path, BYTES_MAX, "expected a shorter recording") as archive:
+                    values = _read(archive)
+            except RecordingError:
+                raise
+            except FormatError as error:
+                raise RecordingError(f"not a recording that can be read ({error}); expected touch.npz") from None
+            return cls(**values)
 
     def save_csv(self, path: str | Path) -> None:
         """Write one row per tick, whole or not at all; columns are named as the arrays: p_WT_x_m, p_WT_y_m, …
@@ -163,11 +166,21 @@ class Recording:
         Raises:
             OSError: the folder is missing or cannot be written.
         """
+        with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+            for start in range(0, max(len(self), 1), _CSV_ROWS):  # a number is five times as large in a list
+                header, line, columns = self._csv(slice(start, start + _CSV_ROWS))
+                if start == 0:
+                    file.write(header)
+                rows = zip(*columns, repeat(self.a_rate_Hz), strict=False)
+                file.writelines(line % row for row in rows)
+
+    def _csv(self, part: slice) -> tuple[str, str, list[list[Any]]]:
+        """The first line of the CSV, the form of the others, and the columns of some of them."""
         header: list[str] = []
         columns: list[list[Any]] = []
         form: list[str] = []
         for name in _COLUMNS:
-            values = getattr(self, name)
+            values = getattr(self, name)[part]
             if name in {"body", "swatch"}:
                 names = [_quoted(text) for text in getattr(self, f"{name}_names")] + [""]  # −1 is the last: empty
                 parts, pattern = {name: [names[i] for i in values.tolist()]}, "%s"
@@ -176,11 +189,7 @@ class Recording:
             header += parts
             columns += parts.values()
             form += [pattern] * len(parts)
-        line = ",".join([*form, "%.9g"]) + "\n"
-        with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-            file.write(",".join([*header, "a_rate_Hz"]) + "\n")
-            rows = zip(*columns, repeat(self.a_rate_Hz), strict=False)
-            file.writelines(line % row for row in rows)
+        return ",".join([*header, "a_rate_Hz"]) + "\n", ",".join([*form, "%.9g"]) + "\n", columns
 
 
 def load_touch(path: str | Path) -> Recording:
@@ -208,15 +217,19 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\r\n') else text
 
 
-def _read(archive: zipfile.ZipFile) -> dict[str, Any]:
-    """The fields of a `Recording`, every array's header checked before its numbers are read."""
-    if sum(entry.file_size for entry in archive.infolist()) > BYTES_MAX:
-        raise RecordingError(f"holds more than {BYTES_MAX >> 30} GiB unpacked; expected a shorter recording")
+def _read(archive: Npz) -> dict[str, Any]:
+    """The fields of a `Recording`, every array's header checked before any numbers are read."""
     version = int(_array(archive, "format_version", "iu", 0))
     if version > FORMAT_VERSION:
         raise RecordingError(
             f"is of format version {version}, and this hapscene reads up to {FORMAT_VERSION}; update hapscene"
         )
+    headers = {name: archive.header(name) for name in (*_COLUMNS, *_NAMES)}
+    counts = {name: math.prod(shape) for name, (shape, _) in headers.items()}
+    own_B = sum(counts[name] * dtype.itemsize for name, (_, dtype) in headers.items())
+    needed_B = sum(counts[name] * np.dtype(kind).itemsize for name, (kind, _) in _COLUMNS.items())
+    needed_B += sum(counts[name] * (headers[name][1].itemsize + _NAME_B) for name in _NAMES)
+    check_memory(own_B + needed_B, own_B, "its arrays", "expected a shorter recording")
     values: dict[str, Any] = {name: tuple(_array(archive, name, "U", 1).tolist()) for name in _NAMES}
     values |= {"a_rate_Hz": float(_array(archive, "a_rate_Hz", "f", 0)), "seed": int(_array(archive, "seed", "iu", 0))}
     for name, (kind, row) in _COLUMNS.items():
@@ -226,23 +239,9 @@ def _read(archive: zipfile.ZipFile) -> dict[str, Any]:
     return values
 
 
-def _array(archive: zipfile.ZipFile, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:
-    """One array of the archive; refused unread when its header asks for more than the file holds."""
-    entry = archive.getinfo(f"{name}.npy")
-    with archive.open(entry) as file:
-        shape, dtype = _header(file)
+def _array(archive: Npz, name: str, kinds: str, dimension_count: int) -> NDArray[Any]:
+    """One array of the archive, if it is of such a kind."""
+    shape, dtype = archive.header(name)
     if dtype.kind not in kinds or len(shape) != dimension_count:
         raise RecordingError(f"array {name} is {dtype} {shape}; expected kind {kinds}, {dimension_count} dimensions")
-    if dtype.itemsize * int(np.prod(shape, dtype=object)) > entry.file_size:
-        raise RecordingError(f"array {name} of shape {shape} is longer than the file: it is cut off or forged")
-    with archive.open(entry) as file:
-        array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-    return array
-
-
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type from the header of an npy stream."""
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
-    return shape, dtype
+    return archive.read(name)

@@ -17,7 +17,7 @@ TOUCH: Final = np.dtype(
         ("tick_s", "f8"),  # period of a tick [s]
         ("rate_Hz", "f8"),  # rate of the acceleration channel [Hz]
         ("block", "i8"),  # acceleration samples in this tick: fill out.a_m_s2[0:block]
-        ("touching", "i8"),  # 1 while the tool is inside a surface
+        ("touching", "i8"),  # 1 while the tool is inside a surface; exactly on it rounding decides, and depth is 0
         ("began", "i8"),  # 1 in the first tick of a contact
         ("ended", "i8"),  # 1 in the first tick after a contact
         ("body", "i8"),  # touched body, −1 in the air

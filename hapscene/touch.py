@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.errors import SceneError, ViewError
-from hapscene.files import whole_folder
+from hapscene.errors import PathError, SceneError, ViewError
+from hapscene.files import memory_left_B, whole_folder
 from hapscene.flags import Flag
 from hapscene.recording import Recording
 
@@ -198,6 +198,27 @@ def open_scene(
     return scene
 
 
+_TICK_B: Final = 500
+"""What is felt in a tick takes this much memory until it is written and plotted [bytes], as measured."""
+
+_SAMPLE_B: Final = 50
+"""And each of its samples of acceleration [bytes]."""
+
+_FEEL_B: Final = 800
+"""And what a hand felt of it [bytes]."""
+
+
+def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) -> None:
+    """Refuse a path of so many ticks, before it is felt, if what is felt does not fit into the memory that is left."""
+    left_B = memory_left_B()
+    each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
+    if count * each_B > left_B:
+        raise PathError(
+            f"the path lasts {count * tick_s:,.0f} s: what is felt takes {count * each_B / 1e6:,.0f} MB of memory, and "
+            f"{left_B / 1e6:,.0f} are left, enough for {left_B / each_B * tick_s:,.0f} s: cut it into shorter ones"
+        )
+
+
 def touch(
     scene: "Scene",
     out: str | Path,
@@ -233,11 +254,13 @@ def touch(
         The files written.
 
     Raises:
-        HapsceneError: an unknown effect, a rate that does not fit, a path that is not finite.
+        HapsceneError: an unknown effect, a rate that does not fit, a path that is not finite, or too long for the
+            memory that is left.
         OSError: the folder cannot be written.
     """
     from hapscene.renderer import EFFECTS, Renderer
 
+    _check_memory(len(p_WT), tick_s, a_rate_Hz)
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"readying {_counted(scene)}"):
             names = EFFECTS if effects is None else effects
@@ -281,6 +304,8 @@ def touch_by_hand(
     """
     from hapscene.twin.twin_recording import summarise_feel
     from hapscene.view.plot import write_hand_plot
+
+    _check_memory(len(intent), TICK_S, ACCELERATION_RATE_HZ, _FEEL_B)
 
     with whole_folder(out, ours=MADE_BY_HAND) as folder:
         with step(say, f"readying {_counted(scene)}"):

@@ -133,7 +133,7 @@ def _at(node: Any) -> Iterator[_Change]:
         was, now = OPERATORS[type(node.op)]
         yield "assignment", _end(node.target), _start(node.value), f"{was}=", f"{now}="
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
-        yield "not, minus", _start(node), _start(node.operand), "", ""
+        yield "not, minus", _start(node), _start(node.operand), "not" if isinstance(node.op, ast.Not) else "-", ""
     elif isinstance(node, ast.Constant) and type(node.value) in (bool, int, float):
         yield "constant", _start(node), _end(node), "", _other(node.value)
     elif isinstance(node, ast.Call) and _called(node) in EXTREMES:
@@ -192,23 +192,22 @@ def _paths(name: str) -> Iterator[str]:
                 yield from _paths(".".join((package, *path.parent.parts[1:], line[1])) if line else "")
 
 
-def tests_for(file: str) -> list[str]:
-    """Test files that reach a module, the nearest first."""
-    near, away, wave = {file: 0}, 0, {file}
+def tests_for(mutant: Mutant) -> list[str]:
+    """Test files that reach a module, the nearest first: its mirror, those of its room, those of what imports it."""
+    away, wave, steps = {mutant.file: 0}, {mutant.file}, 0
     modules = [path for folder in PACKAGES for path in sorted((ROOT / folder).rglob("*.py"))]
     while wave:
-        away += 1
-        wave = {p for m in modules if (p := m.relative_to(ROOT).as_posix()) not in near and imports(m) & wave}
-        near |= dict.fromkeys(wave, away)
+        steps += 1
+        wave = {p for m in modules if (p := m.relative_to(ROOT).as_posix()) not in away and imports(m) & wave}
+        away |= dict.fromkeys(wave, steps)
+    mirrors = {f"test_{Path(file).stem}": steps - 0.5 for file, steps in reversed(away.items())}
     ranked = []
-    module, room = Path(file).stem, Path(file).parent.name
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
-        steps = min((near[i] for i in imports(test) if i in near), default=99)
-        at_home = test.parent.name == room
-        if test.stem == f"test_{module}" and (at_home or test.parent.name == "tests"):
-            steps = -1
-        if steps < 99 or at_home:
-            ranked.append((min(steps, 1) if at_home else steps, steps, test.relative_to(ROOT).as_posix()))
+        name = test.relative_to(ROOT)
+        far = min([away[file] for file in imports(test) if file in away] + [mirrors.get(test.stem, 99.0)])
+        at_home = mutant.room in name.parts
+        if far < 99.0 or at_home:
+            ranked.append((far, not at_home, name.as_posix()))
     return [test for *_, test in sorted(ranked)]
 
 
@@ -275,13 +274,13 @@ class Worker:
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
-    def unchanged(self, test: str) -> tuple[float, list[str]]:
+    def unchanged(self, test: str, budget_s: float) -> tuple[float, list[str]]:
         """How long a test file takes without any change [s], and the options that leave out what fails even so."""
         while test not in self.clean:
             start = time.monotonic()
-            code, out = self.pytest(test, 900.0)
+            code, out = self.pytest(test, PATIENCE_S + 5.0 * budget_s)
             compiled = set(self.cache.glob("hapscene/*"))
-            if compiled == self.known:  # else once more: this time it compiles nothing
+            if compiled == self.known or code is None:  # else once more: this time it compiles nothing
                 options = [f"--deselect={name}" for name in FAILED.findall(out)]
                 self.clean[test] = time.monotonic() - start, options if code in (0, 1) else [f"--ignore={test}"]
             self.known = compiled
@@ -292,8 +291,8 @@ class Worker:
         ran: list[str] = []
         file, spent_s = self.tree / mutant.file, 0.0
         text, times = file.read_bytes(), file.stat()
-        for test in tests_for(mutant.file):
-            took_s, options = self.unchanged(test)
+        for test in tests_for(mutant):
+            took_s, options = self.unchanged(test, budget_s) if spent_s < budget_s else (budget_s, [])
             if spent_s + took_s > budget_s and ran:
                 continue
             spent_s += took_s
@@ -371,6 +370,7 @@ def run(drawn: list[Mutant], given: argparse.Namespace, results: list[dict[str, 
             print(f"    by {found['by']}" if "by" in found else f"  - {mutant.was}\n  + {mutant.now}", flush=True)
             (given.out / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
     for thread in threads:
         thread.start()

@@ -1,13 +1,19 @@
 """Files that appear whole or not at all."""
 
+import os
 import stat
+import subprocess
 import sys
+import time
 from pathlib import Path
+from random import Random
+from typing import Any
 
 import pytest
 
+from hapscene import files
 from hapscene.errors import ViewError
-from hapscene.files import check_file, whole_file, whole_folder
+from hapscene.files import check_file, memory_left_B, whole_file, whole_folder
 
 
 class Broken(Exception):
@@ -118,3 +124,184 @@ def test_where_a_link_is_counts_and_not_where_it_leads(tmp_path: Path, monkeypat
     check_file(tmp_path / "mine" / "a.png", ViewError)
     with pytest.raises(ViewError, match="nothing may be written into"):
         check_file(tmp_path / "theirs" / "b.png", ViewError)
+
+
+def test_what_cannot_be_written_is_said_of_what_was_asked_for(tmp_path: Path) -> None:
+    for place, writing in ((tmp_path / "none" / "a.txt", whole_file), (Path("/proc/a"), whole_folder)):
+        if place.parent.name == "proc" and not place.parent.is_dir():
+            continue
+        with pytest.raises(OSError) as caught, writing(place):
+            pass
+        assert caught.value.filename == str(place)
+
+
+def test_memory_that_is_left_is_within_what_is_allowed() -> None:
+    resource = pytest.importorskip("resource")
+    before = memory_left_B()
+    assert before > 0.0
+    allowed = resource.getrlimit(resource.RLIMIT_AS)
+    try:
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 40, allowed[1]))
+        assert memory_left_B() <= min(before, 1 << 40) * 1.5
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, allowed)
+# What is left of writers that were killed.
+
+
+WRITER = """
+import os, pathlib, signal, sys, time
+from hapscene.files import whole_file, whole_folder
+place, kind, wait_s, end = pathlib.Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), sys.argv[4]
+print("ready", flush=True)
+while True:
+    with (whole_file(place / "a.txt") if kind == "file" else whole_folder(place / "a")) as part:
+        target = part if kind == "file" else part / "b.txt"
+        target.write_text("x" * 1000)
+        if end == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if end == "open":
+            print("open", flush=True)
+            sys.stdin.read()
+        time.sleep(wait_s)
+"""
+
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no such signals there")
+
+
+def writer(place: Path, kind: str, wait_s: float, end: str = "") -> "subprocess.Popen[str]":
+    words = [sys.executable, "-c", WRITER, str(place), kind, str(wait_s), end]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process: subprocess.Popen[str] = subprocess.Popen(words, text=True, **pipes)  # type: ignore[call-overload]
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    return process
+
+
+def write_next(place: Path) -> None:
+    """As a new process."""
+    files._tidy.cache_clear()
+    with whole_file(place / "other.txt") as part:
+        part.write_text("other")
+
+
+@POSIX
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_a_killed_writer_has_left_is_tidied_by_the_next(tmp_path: Path, kind: str) -> None:
+    with writer(tmp_path, kind, 0.0, "killed") as process:
+        process.wait()
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".a") and ".hapscene-" in left.name
+    for name in (".a.txt.swp", f".theirs{left.name}", ".a.txt.hapscene-notes.txt"):
+        (tmp_path / name).write_text("theirs")
+    (tmp_path / ".link.hapscene-0123456789abcdef").symlink_to(tmp_path / ".a.txt.swp")
+    (tmp_path / f".theirs{left.name}").rename(tmp_path / f"theirs{left.name}")
+    write_next(tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {
+        *(".a.txt.swp", f"theirs{left.name}", ".a.txt.hapscene-notes.txt", "other.txt"),
+        ".link.hapscene-0123456789abcdef",
+    }
+
+
+@POSIX
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_being_written_is_left_alone(tmp_path: Path, kind: str) -> None:
+    with writer(tmp_path, kind, 0.0, "open") as process:
+        assert process.stdout is not None and process.stdout.readline() == "open\n"
+        (part,) = tmp_path.iterdir()
+        write_next(tmp_path)
+        assert part.exists()
+        process.kill()
+        process.wait()
+    write_next(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["other.txt"]
+
+
+def test_what_is_tidied_before_it_is_locked_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock, taken = files._open_locked, []
+
+    def tidied_first(part: Path, wait: bool = True) -> int | None:
+        if not taken:
+            taken.append(part)
+            part.unlink()
+        return lock(part, wait)
+
+    monkeypatch.setattr(files, "_open_locked", tidied_first)
+    with whole_file(tmp_path / "a.txt") as part:
+        assert part.exists()
+        part.write_text("new")
+    assert taken and [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_where_nothing_can_be_locked_age_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "_open_locked", lambda part, wait=True: None)
+    names = [f".a.hapscene-{k:016x}" for k in range(2)]
+    for name in names:
+        (tmp_path / name).write_text("half")
+    os.utime(tmp_path / names[0], times=(0, 0))
+    write_next(tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [names[1], "other.txt"]
+
+
+@POSIX
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_a_signal_at_any_moment_leaves_nothing(tmp_path: Path, kind: str) -> None:
+    """The moments: each line of what makes it; between lines signals are heard."""
+    write = whole_file if kind == "file" else whole_folder
+    code = {function.__wrapped__.__code__ for function in (whole_file, whole_folder)}  # type: ignore[attr-defined]
+    code |= {files._make.__code__, files._open_locked.__code__}
+    moment = -1
+    while True:
+        moment += 1
+        seen = 0
+
+        def interrupt(frame: Any, event: str, argument: object, last: int = moment) -> Any:
+            nonlocal seen
+            if frame.f_code in code and event == "line":
+                seen += 1
+                if seen > last:
+                    sys.settrace(None)
+                    raise KeyboardInterrupt
+            return interrupt
+
+        place = tmp_path / f"{moment}" / "deep"
+        place.parent.mkdir()
+        if kind == "file":
+            place.mkdir()
+        sys.settrace(interrupt)
+        try:
+            with write(place / "a") as part:
+                sys.settrace(None)
+        except KeyboardInterrupt:
+            assert [file.name for file in place.parent.rglob("*")] == (["deep"] if kind == "file" else [])
+            continue
+        finally:
+            sys.settrace(None)
+        assert moment > 10 and part.name.startswith(".a.hapscene-")
+        return
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a place where not even root may write")
+@pytest.mark.parametrize("write", [whole_file, whole_folder])
+def test_a_place_that_cannot_be_written_is_named(write: Any) -> None:
+    with pytest.raises(OSError, match="cannot be written: No such") as caught, write("/proc/none"):
+        pass
+    assert caught.value.filename == "/proc/none"
+
+
+@pytest.mark.soak
+@POSIX
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_thirty_writers_killed_at_random_moments_leave_nothing(tmp_path: Path, kind: str) -> None:
+    random = Random(0)
+    for _ in range(30):
+        with writer(tmp_path, kind, 0.001) as process, writer(tmp_path, kind, 0.001) as beside:
+            time.sleep(random.uniform(0.0, 0.2))
+            process.kill()
+            process.wait()
+            write_next(tmp_path)
+            beside.kill()
+        files._tidy.cache_clear()
+        write_next(tmp_path)
+        names = {file.name for file in tmp_path.iterdir()}
+        assert names <= {"a.txt", "a", "other.txt"}
+        for file in (tmp_path / "a.txt", tmp_path / "a" / "b.txt"):
+            assert not file.exists() or file.read_text() == "x" * 1000

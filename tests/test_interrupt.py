@@ -6,12 +6,14 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from hapscene.cli import main
-from hapscene.interrupt import ENDS, interrupt_noted, interrupted_by_ends
+from hapscene.interrupt import AGAIN_S, ENDS, heard, interrupt_noted, interrupted_by_ends
 
 pty = pytest.importorskip("pty", reason="no terminals of this kind here")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no process can send these signals there")
@@ -68,7 +70,7 @@ def test_it_is_noted_and_only_a_second_ctrl_c_interrupts(kind: signal.Signals) -
 def test_a_command_says_so_and_tells_by_its_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def end(*arguments: object) -> None:
+    def end(*arguments: object, **more: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", end)
@@ -115,3 +117,83 @@ def test_a_command_that_is_ended_leaves_no_unfinished_folder(tmp_path: Path) -> 
         assert process.wait(60.0) == 128 + signal.SIGTERM
         assert process.stderr.read() == "hapscene: interrupted; nothing was written\n"
     assert list(tmp_path.iterdir()) == []
+
+
+SWALLOWER = """
+import os, signal, sys
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    while True:
+        pass
+except BaseException as error:
+    trouble = error  # as trimesh keeps it
+TEXT
+"""
+
+
+@pytest.mark.parametrize(
+    "text", ["while True: pass", "raise ImportError('half of it is missing')", "exec('raise error')"]
+)
+def test_what_an_import_swallows_comes_again(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "swallower.py").write_text(SWALLOWER.replace("TEXT", text))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "swallower", raising=False)
+    before = signal.getsignal(signal.SIGALRM)
+    monkeypatch.setattr("hapscene.scene.mesh_file.load_mesh", lambda *a, **k: __import__("swallower"))
+    (tmp_path / "any.glb").touch()
+    assert main(["check", str(tmp_path / "any.glb")]) == 130
+    assert capsys.readouterr().err == "hapscene: interrupted; nothing was written\n"
+    assert signal.getsignal(signal.SIGALRM) == before and signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_what_puts_things_in_order_is_not_torn() -> None:
+    order = []
+
+    @contextmanager
+    def kept() -> Iterator[None]:
+        try:
+            yield
+        finally:
+            time.sleep(5 * AGAIN_S)
+            order.append("an exit")
+
+    with interrupted_by_ends():
+        try:
+            with kept():
+                try:
+                    os.kill(os.getpid(), signal.SIGINT)
+                    signal.pause()
+                finally:
+                    try:
+                        raise OSError
+                    except OSError:
+                        time.sleep(5 * AGAIN_S)
+                        order.append("an error of its own")
+        except KeyboardInterrupt:
+            heard()
+        time.sleep(5 * AGAIN_S)
+    assert order == ["an error of its own", "an exit"]
+
+
+def test_ctrl_c_at_any_moment_of_the_start_ends_it_in_one_line(tmp_path: Path) -> None:
+    """A moment is a module that begins to be imported: counted, so that a slow machine has the same ones."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    left, seen = int(os.environ['MOMENT']), False\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        Finder.seen |= name == 'hapscene.cli'\n"
+        "        Finder.left -= Finder.seen\n"
+        "        if Finder.left == -1: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+    )
+    place = os.pathsep.join((str(tmp_path), *filter(None, (os.environ.get("PYTHONPATH"), str(Path.cwd())))))
+    command = [sys.executable, "-m", "hapscene", "check", "none.glb"]
+    ends = []
+    for moment in (0, 3, 10, 20, 30):
+        environment = {**os.environ, "PYTHONPATH": place, "MOMENT": str(moment)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120.0, cwd=tmp_path)
+        ends.append((done.returncode, done.stderr))
+    assert ends == [(130, "hapscene: interrupted; nothing was written\n")] * 5

@@ -132,6 +132,12 @@ def _forge_header(path: Path) -> None:
             archive.writestr(f"{name}.npy", content)
 
 
+def _pack(path: Path) -> None:
+    """So that it unpacks to a thousand times its size."""
+    with np.load(path, allow_pickle=False) as archive:
+        np.savez_compressed(path, **dict(archive) | {"t_s": np.zeros(10_000_000)})
+
+
 SPOILERS: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
     "empty": (lambda path: path.write_bytes(b""), "not a recording"),
@@ -148,6 +154,12 @@ SPOILERS: dict[str, tuple[Callable[[Path], object], str]] = {
     "flat": (lambda path: _rewrite(path, "p_WT_m", np.zeros(21)), "p_WT_m"),
     "short": (lambda path: _rewrite(path, "depth_m", np.zeros(5)), "depth_m has shape"),
     "words": (lambda path: _rewrite(path, "depth_m", np.array(["a"] * 7)), "depth_m is <U1"),
+    "packed": (_pack, "unpacks to 80,"),
+    "small": (
+        lambda path: _rewrite(path, "tick_ns", np.zeros(60_000_000, np.int8)),
+        "its arrays would take 5.. MB",
+    ),
+    "nameless": (lambda path: _rewrite(path, "effects", np.ndarray((1 << 40,), "U0")), "its arrays would take"),
     "forged": (_forge_header, "t_s of shape .* cut off or forged"),
 }
 

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 from scipy.io import wavfile
 
-from hapscene.errors import EffectError, SceneError, ViewError
+from hapscene.errors import EffectError, PathError, SceneError, ViewError
 from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -111,6 +111,15 @@ def test_job_that_fails_midway_leaves_what_was_there(
             touch(scene, out, p_WT)
     assert [file.name for file in tmp_path.iterdir()] == ["old"]
     assert [(file.name, file.read_text()) for file in old.iterdir()] == [("touch.npz", "of an earlier run")]
+
+
+def test_a_path_that_does_not_fit_into_the_memory_is_refused_before(
+    tmp_path: Path, scene: Scene, p_WT: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapscene.touch.memory_left_B", lambda: 2e6)
+    with pytest.raises(PathError, match=r"lasts 3,600 s: .* 2 are left, enough for 2 s: cut it"):
+        touch(scene, tmp_path / "out", np.zeros((3_600_000, 3)))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_unknown_effect_writes_nothing(tmp_path: Path, scene: Scene, p_WT: np.ndarray) -> None:

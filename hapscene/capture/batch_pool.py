@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from hapscene.errors import CaptureError, HapsceneError
-from hapscene.files import refusing
+from hapscene.files import read_bytes, refusing
 
 # What a process of a batch does: it fits one recording and gives back the text of the swatch's file.
 #
@@ -54,14 +54,15 @@ class FitOutcome:
 
 def fit_job(job: Job) -> FitOutcome:
     """Fits a recording; what is wrong with it is told in the outcome, not raised."""
-    import hashlib
+    import tempfile
 
     start_s = time.monotonic()
     sha256 = ""
     try:
-        content = read_content(Path(job.path)) if job.content is None else job.content
-        sha256 = hashlib.sha256(content).hexdigest()
-        swatch, note = _swatch(job, content)
+        with tempfile.TemporaryDirectory(prefix="hapscene") as folder:
+            copy = Path(folder) / f"recording{Path(job.path).suffix}"
+            sha256 = _copied(job, copy)
+            swatch, note = _swatch(job, copy)
         return FitOutcome(sha256, swatch, "", time.monotonic() - start_s, note)
     except HapsceneError as error:
         reason = str(error)
@@ -70,17 +71,24 @@ def fit_job(job: Job) -> FitOutcome:
     except MemoryError:
         reason = f"{job.path}: not enough memory"
     except Exception as error:  # one odd recording must not end a batch of thousands
-        reason = f"{job.path}: {type(error).__name__}: {error}"
+        reason = f"{job.path}: cannot be fitted, by a fault of ours or a damaged file ({type(error).__name__}: {error})"
     return FitOutcome(sha256, None, " ".join(reason.split()), time.monotonic() - start_s)
 
 
-def _swatch(job: Job, content: bytes) -> tuple[str, str]:
+def _copied(job: Job, copy: Path) -> str:
+    """Write the recording's content, as it is now, into a file of our own; its SHA-256."""
+    import hashlib
+
+    content = read_content(Path(job.path)) if job.content is None else job.content
+    copy.write_bytes(content)
+    return hashlib.sha256(content).hexdigest()
+
+
+def _swatch(job: Job, copy: Path) -> tuple[str, str]:
     """The text of the swatch's file, and what is to be said of it.
 
-    Of that very content: the file may change meanwhile, or be on another machine.
+    Of a copy: the recording may change meanwhile, or be on another machine.
     """
-    import tempfile
-
     from hapscene import __version__
     from hapscene.capture.recording_file import bridged_note, read_surface_recording
     from hapscene.capture.swatch_fit import fit_parts, prepare
@@ -88,13 +96,10 @@ def _swatch(job: Job, content: bytes) -> tuple[str, str]:
 
     if job.version != __version__:
         raise CaptureError(f"{job.path}: the process has hapscene {__version__}, the batch {job.version}: update one")
-    with tempfile.TemporaryDirectory(prefix="hapscene") as folder:
-        copy = Path(folder) / f"recording{Path(job.path).suffix}"
-        copy.write_bytes(content)
-        try:
-            recording = read_surface_recording(copy, **job.reading)
-        except CaptureError as error:
-            raise CaptureError(str(error).replace(str(copy), job.path)) from None
+    try:
+        recording = read_surface_recording(copy, **job.reading)
+    except CaptureError as error:
+        raise CaptureError(str(error).replace(str(copy), job.path)) from None
     with refusing(CaptureError, job.path):
         swatch = fit_parts([prepare(recording)], job.name, **job.fitting)
     return swatch_to_json(swatch), bridged_note(recording)
@@ -108,9 +113,11 @@ def read_content(path: Path) -> bytes:
     """
     from hapscene.capture.recording_source import BYTES_MAX
 
-    if path.stat().st_size > BYTES_MAX:
-        raise CaptureError(f"{path}: larger than {BYTES_MAX >> 20} MiB")
-    return path.read_bytes()  # a pipe as well
+    with refusing(CaptureError):
+        if path.is_file():
+            return read_bytes(path, BYTES_MAX, "recording")
+        with path.open("rb") as pipe:
+            return pipe.read(BYTES_MAX)  # what is cut there is told when it is read
 
 
 def version() -> str:

@@ -27,8 +27,12 @@ from hapscene.surface.texture import MODEL_MAX
 
 
 BYTES_MAX: Final = 8 * 1024 * 1024
-"""Largest file that is read [bytes]. Those of the Penn toolkit have 20 to 300 kB. The worst of this size, empty
-elements alone, takes 260 MB to open."""
+"""Largest file that is read [bytes]. Those of the Penn toolkit have 20 to 300 kB."""
+
+NODE_MAX: Final = 800_000
+"""Most elements and attributes of a file [count], about: one takes 125 bytes in memory, and 4 in the file. A file of
+numbers alone, of the largest size, has fewer. libxml2 reads it in our process: fuzzed for years, it is given nothing to
+open, to expand or to fill the memory with."""
 
 
 class XmlElement:
@@ -108,6 +112,8 @@ def _parsed(path: Path) -> Any:
         data = read_bytes(path, BYTES_MAX, "file of the toolkit")
     if b"<!DOCTYPE" in data.replace(b"\0", b""):  # before the parser sees it, in UTF-16 too
         raise SwatchError(f"{path}: has a DOCTYPE, which files of the toolkit have not; it is not read")
+    if data.count(b"<") + data.count(b"=") > NODE_MAX:
+        raise SwatchError(f"{path}: more than {NODE_MAX:,} elements, which no file of the toolkit has")
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, huge_tree=False, load_dtd=False, remove_comments=True, remove_pis=True
     )

@@ -9,18 +9,20 @@ The file (suffix .hsrec) begins with the line `hapscene record 1`. Chunks follow
     check    uint32    CRC-32 of all the above
 
 A chunk of data is a run of samples without a gap: what lies between two chunks was dropped. The file is only ever
-appended to, and put on the disk about each second. A reader stops at the first chunk that is torn.
+appended to, and put on the disk about each second. A reader stops at a chunk that is torn, if it is the last.
 """
 
 import datetime
 import json
 import math
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -28,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import CaptureError
-from hapscene.files import read_bytes, refusing, whole_file
+from hapscene.files import check_memory, read_bytes, refusing, whole_file
 from hapscene.wire.protocol import COLUMN_MAX, Column, Header, Run
 
 SUFFIX: Final = ".hsrec"
@@ -40,11 +42,17 @@ SYNC_S: Final = 1.0
 VALUE_MAX: Final = 1 << 28
 """Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
 
+RUN_MAX: Final = 4096
+"""Most samples of a chunk [count]: bounds what is torn at the end."""
+
+PAYLOAD_MAX: Final = 4 * RUN_MAX * COLUMN_MAX
+"""Longest payload that is looked for behind a torn chunk [bytes]."""
+
+JSON_MAX: Final = 65_536
+"""Longest header or end [bytes]; those of 16 columns have 2,000."""
+
 _CHUNK: Final = struct.Struct("<4sIQ")
 _CHECK: Final = struct.Struct("<I")
-
-RUN_MAX: Final = 4096
-"""Most samples of a chunk [count]: bounds what one flipped bit takes."""
 
 
 @dataclass(frozen=True)
@@ -149,32 +157,39 @@ def load_record(path: str | os.PathLike[str]) -> Record:
 
 
 def parse_record(data: bytes) -> Record:
-    """The record of a file's content; as `load_record`, but its errors do not name the file."""
+    """The record of a file's content; as `load_record`, but its errors do not name the file.
+
+    Raises:
+        FormatError: as there.
+    """
     if not data.startswith(FIRST_LINE):
         later = data.startswith(FIRST_LINE.split(b"1")[0])
         raise CaptureError("a record of a later version: update hapscene" if later else "not a record of a probe")
-    chunks = _chunks(data)
-    kind, _, payload = next(chunks, (b"", 0, b""))
+    kind, _, payload = next(_chunks(data), (b"", 0, memoryview(b"")))
     if kind != b"HEAD":
         raise CaptureError("cut before its header was whole: nothing can be read")
     head = _json(payload)
     rate_Hz, columns = _head(head)
-    runs, ended = [], None
-    for kind, first, payload in chunks:
+    length, ended = 0, None
+    for kind, first, payload in _chunks(data):
         if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
-            runs.append((first, np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))))
+            length = max(length, first + len(payload) // (4 * len(columns)))
         elif kind == b"END.":
             ended = str(_json(payload).get("ended"))
-    if not runs:
+    if not length:
         raise CaptureError("holds no samples")
-    length = max(first + len(rows) for first, rows in runs)
     if length * len(columns) > VALUE_MAX:
         raise CaptureError(f"{length} samples of {len(columns)} columns are more than {VALUE_MAX} values")
-    table = np.full((len(columns), length), np.nan)
-    for first, rows in runs:
-        table[:, first : first + len(rows)] = rows.T
-    table *= np.array([c.scale for c in columns])[:, None]
-    streams = {column.name: stream for column, stream in zip(columns, table, strict=True)}
+    needed_B = len(data) + 8 * length * len(columns)
+    check_memory(needed_B, len(data), f"{length:,} samples, dropped ones among them,", "record it anew")
+    streams = {column.name: np.full(length, np.nan) for column in columns}
+    for kind, first, payload in _chunks(data):  # gone through twice rather than kept: there may be millions
+        if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
+            rows = np.frombuffer(payload, dtype="<i4").reshape(-1, len(columns))
+            for stream, counts in zip(streams.values(), rows.T, strict=True):
+                stream[first : first + len(rows)] = counts
+    for column in columns:
+        streams[column.name] *= column.scale
     return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
 
 
@@ -189,21 +204,36 @@ def save_npz(record: Record, path: Path) -> None:
         raise CaptureError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
-    """Kind, first sample and payload of each chunk, up to the first that is torn."""
+def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
+    """Kind, first sample and payload of each chunk, up to the first that is torn.
+
+    Raises:
+        CaptureError: another one follows that: not the end is missing, but something within.
+    """
     at = len(FIRST_LINE)
-    while at + _CHUNK.size + _CHECK.size <= len(data):
-        kind, length, first = _CHUNK.unpack_from(data, at)
-        end = at + _CHUNK.size + length
-        if end + _CHECK.size > len(data) or zlib.crc32(data[at:end]) != _CHECK.unpack_from(data, end)[0]:
-            return
-        yield kind, first, data[at + _CHUNK.size : end]
-        at = end + _CHECK.size
+    while (chunk := _chunk(data, at)) is not None:
+        yield chunk
+        at += _CHUNK.size + len(chunk[2]) + _CHECK.size
+    kinds = re.compile(rb"DATA|END\.").finditer(data, at + 1)
+    if any(_chunk(data, found.start(), PAYLOAD_MAX) is not None for found in islice(kinds, 1000)):
+        raise CaptureError(f"damaged at byte {at:,}: samples are lost there, and others follow")
 
 
-def _json(payload: bytes) -> dict[str, Any]:
+def _chunk(data: bytes, at: int, most_B: int = 1 << 32) -> tuple[bytes, int, memoryview] | None:
+    """Kind, first sample and payload of the chunk that begins there; None if it is torn, or longer than that."""
+    if at + _CHUNK.size + _CHECK.size > len(data):
+        return None
+    kind, length, first = _CHUNK.unpack_from(data, at)
+    end, view = at + _CHUNK.size + length, memoryview(data)
+    if length > most_B or end + _CHECK.size > len(data):
+        return None
+    whole = zlib.crc32(view[at:end]) == _CHECK.unpack_from(data, end)[0]
+    return (kind, first, view[at + _CHUNK.size : end]) if whole else None
+
+
+def _json(payload: memoryview) -> dict[str, Any]:
     try:
-        content = json.loads(payload)
+        content = json.loads(bytes(payload[:JSON_MAX]))
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):

@@ -5,7 +5,8 @@ What a file does not say is asked for: the message names the argument, and the o
 
 import os
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -15,7 +16,8 @@ import numpy as np
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
 from hapscene.capture.streams import Array, filtered, speed_of
 from hapscene.errors import CaptureError, warn
-from hapscene.files import refusing
+from hapscene.files import check_memory, refusing
+from hapscene.number_files import TOO_MUCH
 from hapscene.old_spellings import old_spellings
 from hapscene.wire.unit import UNITS
 
@@ -49,39 +51,40 @@ def dft321(axes: Array) -> Array:
     return np.asarray(np.fft.irfft(magnitude * together / np.where(size > 0.0, size, 1.0), axes.shape[1]))
 
 
-def one_axis(axes: Array, rate_Hz: float) -> Array:
+def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
     """One signal (n,) of one to three axes (k, n): DFT321 in windows, of what each axis has above `CUTOFF_HZ`.
 
     Windows of `WINDOW_S`, half overlapped, weighted by the root of a Hann window before and after. What overlaps adds
     up short of its power where the phases of two windows differ: each window's span gets that back, so that the power
-    over time stays that of the axes. One axis is passed through as it is.
+    over time stays that of the axes. One axis is passed through as it is. A list is emptied meanwhile.
 
     Raises:
         CaptureError: no or more than three axes, or too short to be filtered.
     """
-    if axes.ndim != 2 or not 1 <= len(axes) <= 3:
-        raise CaptureError(f"acceleration must have one to three axes, its shape is {axes.shape}")
+    if not 1 <= len(axes) <= 3 or axes[0].ndim != 1:
+        raise CaptureError(f"acceleration must have one to three axes, its shape is {np.shape(axes)}")
+    count = len(axes[0])
     if len(axes) == 1:
         return np.asarray(axes[0])
-    if axes.shape[1] < WINDOW_S * rate_Hz or rate_Hz < 4.0 * CUTOFF_HZ:
-        raise CaptureError(
-            f"three axes of {axes.shape[1]} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed"
-        )
-    axes = filtered(axes, rate_Hz, CUTOFF_HZ, "highpass")
+    if not (count >= WINDOW_S * rate_Hz and rate_Hz >= 4.0 * CUTOFF_HZ):
+        raise CaptureError(f"three axes of {count} samples at {rate_Hz:g} Hz: at least {WINDOW_S:g} s are needed")
     hop = max(1, round(0.5 * WINDOW_S * rate_Hz))
-    count = -(-axes.shape[1] // hop) + 1
-    padded = np.zeros((len(axes), (count + 1) * hop))
-    padded[:, hop : hop + axes.shape[1]] = axes
+    window_count = -(-count // hop) + 1
+    padded = np.zeros((len(axes), (window_count + 1) * hop))
+    axes = axes if isinstance(axes, list) else list(axes)
+    for row in padded:
+        row[hop : hop + count] = filtered(axes.pop(0), rate_Hz, CUTOFF_HZ, "highpass")
     weight = np.sin(np.pi * (np.arange(2 * hop) + 0.5) / (2 * hop))  # the root of a Hann window
     made, hann = np.zeros(padded.shape[1]), weight**2
-    windows = [slice(start, start + 2 * hop) for start in range(0, count * hop, hop)]
+    windows = [slice(start, start + 2 * hop) for start in range(0, window_count * hop, hop)]
     for part in windows:
         made[part] += weight * dft321(weight * padded[:, part])
     gain = np.zeros(padded.shape[1])
     for part in windows:
         power = float((hann * made[part] ** 2).sum())
         gain[part] += hann * np.sqrt(float((hann * padded[:, part] ** 2).sum()) / power if power > 0.0 else 0.0)
-    return np.asarray((gain * made)[hop : hop + axes.shape[1]])
+    made *= gain
+    return made[hop : hop + count]
 
 
 VECTORS: Final = ("acceleration", "position", "tangential_force")
@@ -89,6 +92,13 @@ VECTORS: Final = ("acceleration", "position", "tangential_force")
 
 UNEVEN_MAX: Final = 0.1
 """Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
+
+
+MISSING_MAX: Final = 0.01
+"""Largest share of samples that a probe may have dropped [1]: what lies between is bridged by straight lines."""
+
+_MORE_ROWS: Final = 2
+"""How many streams are held at once beside those of a recording and the axes that are being made one [count]."""
 
 
 class BridgedWarning(UserWarning):
@@ -171,30 +181,68 @@ def read_surface_recording(
         CaptureError: as there.
     """
     source = read_recording_source(Path(path))
-    streams: dict[str, Array] = {}
     with refusing(CaptureError, path):
         chosen = _choose(list(source.columns), columns or {}, wave=Path(path).suffix.lower() == ".wav")
-        for quantity, names in chosen.items():
-            scale = _scale(quantity, names, units or {}, source.units)
-            streams[quantity] = scale * np.stack([source.columns[name] for name in names])
-        rate = _rate(rate_Hz, source, streams.pop("time", None))
-    used = [name for names in chosen.values() for name in names]
-    bridged = {name: source.bridged[name] for name in used if name in source.bridged}
-    return replace(_assembled(rate, streams), bridged=bridged)
+        scales = {quantity: _scale(quantity, names, units or {}, source.units) for quantity, names in chosen.items()}
+        bridged: dict[str, int] = {}
+        held = {name: source.columns[name] for names in chosen.values() for name in names}
+        count, own_B = len(next(iter(held.values()))), source.own_B
+        source = replace(source, columns={})  # each is let go once it is used
+        uses = Counter(name for names in chosen.values() for name in names)
+
+        def rows(quantity: str) -> list[Array]:
+            """The columns of a quantity (k, n) in SI units."""
+            made = []
+            for name in chosen[quantity]:
+                uses[name] -= 1
+                made.append(np.array(held[name] if uses[name] else held.pop(name), np.float64))
+                if missing := bridge(made[-1], name):
+                    bridged[name] = missing
+                made[-1] *= source.scale * scales[quantity]
+            return made
+
+        axes = max(len(names) for names in chosen.values())
+        kept_B = sum(column.nbytes for column in held.values() if column.base is not None)
+        needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS)
+        check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
+        rate = _rate(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
+        recording = _assembled(rate, chosen, rows)
+    return replace(recording, bridged=bridged)
 
 
-def _assembled(rate_Hz: float, streams: Mapping[str, Array]) -> SurfaceRecording:
-    single = {quantity: rows[0] for quantity, rows in streams.items()}
-    force, speed = single.get("force"), single.get("speed")
-    if speed is None and "position" in streams:
-        speed = speed_of(streams["position"], rate_Hz)
-    tangential = None
-    if "tangential_force" in streams:
-        rows = streams["tangential_force"]
-        tangential = rows[0] if len(rows) == 1 else np.linalg.norm(rows, axis=0)
-    elif "friction" in streams and force is not None:
+def bridge(stream: Array, name: str) -> int:
+    """Put samples that are NaN, dropped by the probe, on straight lines between their neighbours; how many there were.
+
+    Raises:
+        CaptureError: more than `MISSING_MAX` of them.
+    """
+    missing = np.isnan(stream)
+    count = int(np.count_nonzero(missing))
+    if count > MISSING_MAX * len(stream):
+        most = f"at most {100 * MISSING_MAX:g} % may be"
+        raise CaptureError(f"{name}: {100 * count / len(stream):.1f} % of the samples are missing, {most}")
+    if count:
+        beside = np.zeros_like(missing)
+        beside[:-1] |= missing[1:]
+        beside[1:] |= missing[:-1]
+        known = np.flatnonzero(beside & ~missing)
+        gaps = np.flatnonzero(missing)
+        stream[gaps] = np.interp(gaps, known, stream[known])
+    return count
+
+
+def _assembled(rate_Hz: float, chosen: Iterable[str], rows: Callable[[str], list[Array]]) -> SurfaceRecording:
+    """The recording, each quantity made one stream before the next is taken up."""
+    single = {name: rows(name)[0] for name in ("force", "speed", "friction", "depth") if name in chosen}
+    force, speed, tangential = single.get("force"), single.get("speed"), None
+    if speed is None and "position" in chosen:
+        speed = speed_of(rows("position"), rate_Hz)
+    if "tangential_force" in chosen:
+        axes = rows("tangential_force")
+        tangential = axes[0] if len(axes) == 1 else np.sqrt(sum(axis**2 for axis in axes))
+    elif "friction" in single and force is not None:
         tangential = single["friction"] * force
-    acceleration = one_axis(streams["acceleration"], rate_Hz)
+    acceleration = one_axis(rows("acceleration"), rate_Hz)
     return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, single.get("depth"))
 
 
@@ -205,7 +253,7 @@ def _rate(given_Hz: float | None, source: RecordingSource, time_s: Array | None)
     if source.rate_Hz is not None:
         return source.rate_Hz
     if time_s is not None:
-        step_s = np.diff(time_s[0])
+        step_s = np.diff(time_s)
         mean_s = float(step_s.mean()) if len(step_s) else 0.0
         if not (mean_s > 0.0 and np.all(np.abs(step_s - mean_s) <= UNEVEN_MAX * mean_s)):
             raise CaptureError("its times are not evenly spaced: resample it, or give rate_Hz=… (--rate HZ)")

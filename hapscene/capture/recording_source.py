@@ -9,37 +9,52 @@
 | any other | text: columns apart by commas, semicolons, tabs or spaces, with or without a line of names |
 """
 
+import math
+import os
 import warnings
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hapscene.capture.streams import Array
-from hapscene.errors import CaptureError
-from hapscene.files import check_file_size, refusing
+from hapscene.confined import confined
+from hapscene.errors import CaptureError, FormatError
+from hapscene.files import (
+    MEMORY_FREE_B,
+    MEMORY_RATIO_MAX,
+    UNPACKED_FREE_B,
+    UNPACKED_RATIO_MAX,
+    check_file_size,
+    check_unpacked,
+    read_bytes,
+    refusing,
+)
+from hapscene.number_files import TOO_MUCH, lines_of, open_npz
 
 BYTES_MAX: Final = 1 << 30
 """Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
 
-MISSING_MAX: Final = 0.01
-"""Largest share of samples that a probe may have dropped [1]: what lies between is bridged by straight lines."""
-
 AXES: Final = ("x", "y", "z")
+
+
+Column = NDArray[Any]
+"""A stream (n,) as the file holds it: numbers of any type, each to become eight bytes only once it is used."""
 
 
 @dataclass(frozen=True)
 class RecordingSource:
     """The content of a file: streams (n,) by name, all of one length; rate and units where the file says them."""
 
-    columns: Mapping[str, Array]
+    columns: Mapping[str, Column]
     rate_Hz: float | None = None
     units: Mapping[str, str] = field(default_factory=dict)
-    bridged: Mapping[str, int] = field(default_factory=dict)
-    """how many missing samples of a stream were put on straight lines; streams without any are left out"""
+    scale: float = 1.0
+    """by which all numbers are to be multiplied"""
+    own_B: int = 0
+    """size of what the file holds, unpacked [bytes]"""
 
 
 def read_recording_source(file: Path) -> RecordingSource:
@@ -66,43 +81,45 @@ def _source(file: Path) -> RecordingSource:
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name} {count}" for name, count in lengths.items())
         raise CaptureError(f"streams of different length ({said}): each needs one sample per time")
+    if source.rate_Hz is not None and not 0.0 < source.rate_Hz < float("inf"):
+        raise CaptureError(f"its rate must be a number of Hz above 0, is {source.rate_Hz:g}")
     return source
 
 
 def _text(file: Path) -> RecordingSource:
     try:
         with file.open(encoding="utf-8-sig") as f:
-            lines = ((number, line) for number, line in enumerate(f, 1) if line.strip() and not line.startswith("#"))
-            skip, first = next(lines, (0, ""))
-    except UnicodeDecodeError:
-        raise CaptureError("not a text file") from None
-    delimiter = next((d for d in (";", "\t", ",") if d in first), None)
-    names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
-    header = not all(_is_number(name) for name in names)
-    if not names or not names[0]:
-        raise CaptureError("must begin with a header of column names, or with a line of numbers")
-    skip = skip if header else 0  # the line itself may stand below comments
-    try:
-        with warnings.catch_warnings():
+            lines = enumerate(lines_of(file, f, 1), 1)
+            skip, first = next(((n, line) for n, line in lines if line.strip() and not line.startswith("#")), (0, ""))
+        delimiter = next((d for d in (";", "\t", ",") if d in first), None)
+        names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
+        header = not all(_is_number(name) for name in names)
+        if not names or not names[0]:
+            raise CaptureError("must begin with a header of column names, or with a line of numbers")
+        skip = skip if header else 0  # the line itself may stand below comments
+        with file.open(encoding="utf-8-sig") as f, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "no data", which is told below
-            table = np.loadtxt(file, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8-sig")
+            rows = lines_of(file, f, 8 * len(names))
+            table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2)
     except UnicodeDecodeError:
         raise CaptureError("not a text file") from None
     except ValueError:
         raise CaptureError(f"not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
-    if len(table) == 0 or table.shape[1] != len(names):
-        raise CaptureError(f"{len(names)} columns expected, {table.shape[1] if len(table) else 0} found")
+    if len(table) == 0:
+        raise CaptureError(f"holds no numbers, only the line {first.strip()[:40]!r}: columns expected, of numbers")
+    if table.shape[1] != len(names):
+        raise CaptureError(f"{len(names)} columns expected, {table.shape[1]} found")
     if not header:
         names = _numbered(len(names))
     if len(set(names)) < len(names):
         raise CaptureError(f"two columns have one name: {', '.join(names)}")
-    return RecordingSource(dict(zip(names, table.T.copy(), strict=True)))
+    return RecordingSource(dict(zip(names, table.T, strict=True)), own_B=file.stat().st_size)
 
 
 def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
     """The first line that is not `count` numbers, and why."""
     with file.open(encoding="utf-8-sig", errors="replace") as f:
-        for number, line in enumerate(f, 1):
+        for number, line in enumerate(lines_of(file, f, 1), 1):
             text = line.split("#", 1)[0].strip("\r\n")
             if number <= skip or not text.strip():
                 continue
@@ -118,60 +135,120 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
 def _wav(file: Path) -> RecordingSource:
     from scipy.io import wavfile
 
+    _check_wav(file)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # chunks that it does not know
             rate, data = wavfile.read(file)
-    except (ValueError, EOFError) as error:
-        raise CaptureError(f"not a WAV file that can be read: {error}") from None
-    values = np.asarray(data, dtype=np.float64).reshape(len(data), -1)
+        data = data.reshape(len(data), -1)
+    except OSError:
+        raise
+    except Exception as error:  # a damaged header leads it anywhere: only ValueError says where
+        said = str(error)[:200] if isinstance(error, ValueError) else "its header is damaged"
+        raise CaptureError(f"not a WAV file that can be read: {said}") from None
     if data.dtype == np.uint8:
-        values = values / 128.0 - 1.0
-    elif data.dtype.kind == "i":
-        values /= float(np.iinfo(data.dtype).max) + 1.0
-    return RecordingSource(dict(zip(_numbered(values.shape[1]), values.T.copy(), strict=True)), float(rate))
+        data = (data ^ 128).view(np.int8)  # less its middle
+    scale = 1.0 if data.dtype.kind == "f" else 1.0 / (float(np.iinfo(data.dtype).max) + 1.0)
+    columns = dict(zip(_numbered(data.shape[1]), data.T, strict=True))
+    return RecordingSource(columns, float(rate), scale=scale, own_B=file.stat().st_size)
+
+
+def _check_wav(file: Path) -> None:
+    """Refuse a file that was cut, which SciPy takes for a shorter one, or has no end of chunks before its samples."""
+    with file.open("rb") as f:
+        if f.read(12)[:4] != b"RIFF":
+            return  # SciPy says what is wrong, or knows better
+        for _ in range(_CHUNK_MAX):
+            name, size_B = f.read(4), int.from_bytes(f.read(4), "little")
+            left_B = os.fstat(f.fileno()).st_size - f.tell()
+            if name == b"data" and size_B > left_B and size_B != _UNKNOWN_B:
+                said = f"its header says {size_B:,} bytes of samples, there are {left_B:,}"
+                raise CaptureError(f"not a WAV file that can be read: it is truncated: {said}")
+            if name == b"data" or left_B <= size_B:
+                return
+            f.seek(size_B + size_B % 2, os.SEEK_CUR)
+    raise CaptureError(f"not a WAV file that can be read: more than {_CHUNK_MAX} chunks before its samples")
+
+
+_CHUNK_MAX: Final = 1000
+_UNKNOWN_B: Final = 0xFFFFFFFF  # what is written into a pipe, where its length is not known
 
 
 def _npz(file: Path) -> RecordingSource:
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > BYTES_MAX:
-                raise CaptureError(f"unpacks to more than {BYTES_MAX >> 20} MiB")
-        with np.load(file, allow_pickle=False) as arrays:
-            return _named({name: arrays[name] for name in arrays.files})
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError) as error:
+        with open_npz(file, BYTES_MAX, TOO_MUCH) as archive:
+            headers = {name: archive.header(name) for name in archive.names}
+            if any(dtype.hasobject for _, dtype in headers.values()):
+                raise CaptureError("it holds pickled objects, which are never opened")
+            wanted = [name for name, (_, dtype) in headers.items() if dtype.kind in _NUMBERS or name == "units"]
+            return _named({name: archive.read(name) for name in wanted})
+    except FormatError as error:
         raise CaptureError(f"not an NPZ file that can be read: {error}") from None
 
 
 def _mat(file: Path) -> RecordingSource:
-    from scipy.io import loadmat
+    packed_B = file.stat().st_size
+    most_B = min(BYTES_MAX, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
+    with file.open("rb") as f:
+        arrays = confined(
+            read_mat,
+            f,
+            BYTES_MAX,
+            by="SciPy's reader of MATLAB files",
+            memory_B=MEMORY_RATIO_MAX * most_B + MEMORY_FREE_B,
+            output_B=most_B,
+            imports=("scipy.io",),
+        ).arrays
+    return _named(arrays)
+
+
+_MAT_B: Final = {"double": 8, "single": 4, "logical": 1, "char": 4} | {
+    f"{sign}int{8 * size}": size for sign in ("", "u") for size in (1, 2, 4, 8)
+}
+"""Size of a number of each of MATLAB's classes [bytes]."""
+
+
+def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
+    """The variables of a MATLAB file that are numbers, and its `units`: to be run confined, for SciPy may crash on it.
+
+    Raises:
+        FormatError: of version 7.3, or it unpacks to more than it may.
+    """
+    from scipy.io import loadmat, whosmat
 
     try:
-        content = loadmat(file)
+        held = whosmat(file)
     except NotImplementedError:
-        raise CaptureError("a MATLAB 7.3 file is not read: save it with -v7") from None
-    except OSError:
-        raise
-    except Exception as error:  # the reader names no class of its own for damaged files
-        raise CaptureError(f"not a MATLAB file that can be read: {error}") from None
-    return _named({name: value for name, value in content.items() if not name.startswith("__")})
+        raise FormatError("a MATLAB 7.3 file is not read: save it with -v7") from None
+    wanted = [
+        variable for variable in held if variable[2] in _MAT_B and (variable[2] != "char" or variable[0] == "units")
+    ]
+    unpacked_B = sum(_MAT_B[kind] * math.prod(max(length, 0) for length in shape) for _, shape, kind in wanted)
+    check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
+    file.seek(0)
+    names = [name for name, _, _ in held]
+    content = loadmat(file, variable_names=names) if names else {}
+    return {name: content[name] for name in names if content[name].dtype.kind in f"{_NUMBERS}U"}
 
 
 def _record(file: Path) -> RecordingSource:
     from hapscene.capture.record_file import parse_record
 
-    record = parse_record(file.read_bytes())
-    columns, bridged = _bridged(record.streams)
-    return RecordingSource(columns, record.rate_Hz, record.units, bridged)
+    data = read_bytes(file, BYTES_MAX, "record")
+    record = parse_record(data)
+    return RecordingSource(record.streams, record.rate_Hz, record.units, own_B=len(data))
 
 
-def _named(arrays: Mapping[str, Any]) -> RecordingSource:
+_NUMBERS: Final = "fiu"
+"""Kinds of NumPy's types that are real numbers."""
+
+
+def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
     """Streams among named arrays; one of three columns is a vector. What is neither is left out."""
-    columns: dict[str, Array] = {}
-    for name, array in arrays.items():
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.size <= 1:
+    columns: dict[str, Column] = {}
+    for name, rows in arrays.items():
+        if rows.dtype.kind not in _NUMBERS or rows.size <= 1:
             continue
-        rows = np.asarray(array, dtype=np.float64)
         if rows.ndim == 2 and rows.shape[0] in (1, 3) and rows.shape[1] > 3:
             rows = rows.T
         if rows.ndim == 2 and rows.shape[1] == 1:
@@ -179,10 +256,9 @@ def _named(arrays: Mapping[str, Any]) -> RecordingSource:
         if rows.ndim == 1:
             columns[name] = rows
         elif rows.ndim == 2 and rows.shape[1] == 3:
-            columns |= {f"{name}_{axis}": part.copy() for axis, part in zip(AXES, rows.T, strict=True)}
-    whole, bridged = _bridged(columns)
-    rate = arrays.get("rate_Hz")
-    return RecordingSource(whole, None if rate is None else _rate(rate), _units(arrays.get("units")), bridged)
+            columns |= {f"{name}_{axis}": part for axis, part in zip(AXES, rows.T, strict=True)}
+    rate, own_B = arrays.get("rate_Hz"), sum(array.nbytes for array in arrays.values())
+    return RecordingSource(columns, None if rate is None else _rate(rate), _units(arrays.get("units")), own_B=own_B)
 
 
 def _rate(value: Any) -> float:
@@ -197,25 +273,7 @@ def _units(value: Any) -> dict[str, str]:
     if not isinstance(value, np.ndarray) or value.dtype.kind != "U":
         return {}
     pairs = (str(text).partition("=") for text in value.reshape(-1)[:1000])
-    return {name: unit for name, equals, unit in pairs if equals}
-
-
-def _bridged(streams: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, int]]:
-    """The streams with samples that are NaN, dropped by the probe, put on straight lines; and how many of which."""
-    whole: dict[str, Array] = {}
-    count: dict[str, int] = {}
-    for name, stream in streams.items():
-        missing = np.isnan(stream)
-        share = float(missing.mean()) if len(stream) else 0.0
-        if share > MISSING_MAX:
-            most = f"at most {100 * MISSING_MAX:g} % may be"
-            raise CaptureError(f"{name}: {100 * share:.1f} % of the samples are missing, {most}")
-        whole[name] = stream
-        if share > 0.0:
-            index = np.arange(len(stream))
-            whole[name] = np.where(missing, np.interp(index, index[~missing], stream[~missing]), stream)
-            count[name] = int(missing.sum())
-    return whole, count
+    return {name: unit.strip() for name, equals, unit in pairs if equals}  # MATLAB fills the shorter ones up
 
 
 def _numbered(count: int) -> list[str]:

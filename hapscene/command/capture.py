@@ -104,6 +104,8 @@ def _is_batch(options: argparse.Namespace) -> bool:
             raise CaptureError("no recordings: name one or more files")
         for path in options.recordings:
             check_there(path, CaptureError)
+        if options.name is not None and any(sign in options.name for sign in "/\\"):
+            raise SwatchError(f"--name {options.name!r}: a surface's name has no slash, for files are called by it")
         return False
     if not (for_each or out.is_dir() or options.out.endswith(("/", os.sep))):
         raise SwatchError(

@@ -13,6 +13,7 @@ from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
+    from hapscene.paint.web.page import Page
 
 SUFFIX: Final = ".scene.json"
 NAP_S: Final = 0.5
@@ -50,9 +51,9 @@ def add_paint(commands: Any) -> None:
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="to serve at (default 127.0.0.1: this computer alone). At any other, whoever reaches it may do all that "
-        "the page can, without a password: paint, touch, save and export to any file that you may write, over those "
-        "that are there too, and change your library of swatches",
+        help="to serve at (default 127.0.0.1: this computer alone). At any other, whoever has the printed address "
+        "may do all that the page can, without a password: paint, touch, save and export to any file that you may "
+        "write, over those that are there too, and change your library of swatches",
     )
     command.add_argument(
         "--accept-changed",
@@ -88,9 +89,9 @@ def _paint(options: argparse.Namespace) -> int:
         if session.document.problem:
             say(f"{session.document.problem}\n")
         if page.public:
-            say("open to the network: whoever reaches this computer may paint here, and save over your files\n")
-        if not options.no_browser:
-            webbrowser.open(page.url)
+            say("open to the network: whoever has this address may paint here, and save over your files\n")
+        if not options.no_browser and (opener := write_opener(page)) is not None:
+            webbrowser.open(opener.as_uri())
         try:
             while True:
                 time.sleep(NAP_S)
@@ -103,6 +104,19 @@ def _paint(options: argparse.Namespace) -> int:
     elif session.dirty:
         say(f"nothing was painted, so there is no {session.path}\n")
     return 0
+
+
+def write_opener(page: "Page") -> Path | None:
+    """A file that leads a browser to the page; None where nothing is autosaved, and so no place is private.
+
+    It stands between, since a command line, the browser's too, can be read by all users of a computer.
+    """
+    autosave = page.context.session.document.autosave
+    if autosave is None:
+        return None
+    opener = autosave.file.resolve().with_name("open.html")
+    opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={page.url}">', encoding="utf-8")
+    return opener
 
 
 def open_session(options: argparse.Namespace, say: Any) -> "Session":

@@ -210,6 +210,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     """Move the proxy until it rests."""
     proxy = world.proxy[0]
     p = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
+    met = p  # where a face held it last
     settled = False
     last_m = math.inf  # from the proxy to the tool, where it last came to a halt
     proxy.aside = 0
@@ -231,6 +232,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
                 trust(proxy, proxy.count - 1 if stop <= 1.0 else proxy.count, moved)
             if stop <= 1.0:
                 p = along(p, stop, way)
+                met = p
                 continue
             p = goal
         left_m = norm(sub(tool_W, p))
@@ -238,11 +240,12 @@ def _settle(world: Any, tool_W: Vector) -> bool:
             settled = True
             break
         last_m = left_m - STILL * proxy.skin_m[ASIDE]
-    for i in range(3):
-        proxy.p_W_m[i] = p[i]
-    if proxy.count == 0 and proxy.aside > 0 and not settled:
+    if proxy.count == 0 and proxy.aside > 0 and not settled:  # past the edge of the last face, not over the next
         copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SLOTS - ASIDE), 0)
         proxy.count = 1
+        p = met
+    for i in range(3):
+        proxy.p_W_m[i] = p[i]
     return settled
 
 

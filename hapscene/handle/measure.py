@@ -108,11 +108,13 @@ def load_grip(
 
     chosen = columns or {}
     named = chosen.get("acceleration", "acceleration")
-    if named not in read_recording_source(Path(path)).columns and ("acceleration" not in chosen or "+" in named):
+    known = read_recording_source(Path(path)).columns
+    if named not in known and ("acceleration" not in chosen or "+" in named):
         raise HandleError(
             f"{path}: one column must be the acceleration along the handle: --columns acceleration=COLUMN; "
-            f"there are: {', '.join(read_recording_source(Path(path)).columns)}"
+            f"there are: {', '.join(known)}"
         )
+    del known
     recording = load_recording(path, rate_Hz, columns={"acceleration": named, **chosen}, units=units)
     if recording.force_N is None:
         raise HandleError(f'{path}: no column "force": --columns force=COLUMN says which holds the actuator\'s force')

@@ -1,27 +1,47 @@
 """A format of its own, a recorded path of the tool: read from CSV, checked, and put on the renderer's ticks."""
 
 import csv
+from array import array
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
-from hapscene.errors import PathError
-from hapscene.files import check_file_size, refusing
+from hapscene.errors import FormatError, PathError
+from hapscene.files import check_file_size, check_memory, refusing
+from hapscene.number_files import lines_of
 
 COLUMNS: Final = ("t", "x", "y", "z")
 """Columns that a path must have: time [s], position of the tool in the world [m]."""
 
 BYTES_MAX: Final = 1 << 30
-"""Largest CSV that is read [B]: hours at 1 kHz."""
+"""Largest CSV that is read [bytes]: hours at 1 kHz."""
 
 DURATION_MAX_S: Final = 3600.0
 """Longest path [s]. A longer one is most often in milliseconds, and its recording would not fit in memory."""
 
 GAP_MAX_S: Final = 10.0
 """Longest time between two rows [s]. What the hand did in a longer one, no interpolation can tell."""
+
+TICK_FREE: Final = 200_000
+"""Ticks that a path of any number of rows may last [count]: 200 s at 1 kHz. What is felt takes 700 bytes a tick."""
+
+TICKS_PER_ROW_MAX: Final = 100
+"""Most ticks for each row, in a path that lasts longer [1]: ten rows a second. All that is felt is made for each tick,
+and a file of a few rows must not fill the memory."""
+
+ROW_LINES_MAX: Final = 16
+"""Most lines that a row may have, in cells in quotation marks [count]: a row is held whole."""
+
+_ROW_B: Final = 32
+"""Size of a row in memory [bytes]."""
+
+_BETWEEN_B: Final = 180
+"""What interpolating takes for each row, its three axes one by one [bytes]."""
 
 GRID_TOLERANCE_S: Final = 1e-9
 """A row this near to its tick is on it [s]: then the very numbers of the file are played."""
@@ -46,8 +66,8 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
             that is no finite number, time that does not increase, or values beyond the limits above.
     """
     path = Path(path)
-    lines, table = _read(path)
-    _check(path, lines, table)
+    table = _read(path)
+    _check(path, table)
     t_s, p_WT = table[:, 0], table[:, 1:]
     tick = np.rint((t_s - t_s[0]) / tick_s)
     off_s = np.abs(t_s - t_s[0] - tick * tick_s)
@@ -55,34 +75,67 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
         return t_s.copy(), p_WT.copy()
     from scipy.interpolate import PchipInterpolator
 
+    del tick, off_s
     count = int(np.floor((t_s[-1] - t_s[0] + GRID_TOLERANCE_S) / tick_s)) + 1
     if count < 2:
         raise PathError(f"{path}: lasts {t_s[-1] - t_s[0]:.3g} s; expected more than one tick of {tick_s:g} s")
+    most = TICK_FREE + TICKS_PER_ROW_MAX * len(table)
+    if count > most:
+        most_s = f"{most * tick_s:,.0f} s ({TICK_FREE * tick_s:g} s, and {TICKS_PER_ROW_MAX * tick_s:g} s a row)"
+        raise PathError(
+            f"{path}: lasts {count * tick_s:,.0f} s; of {len(table):,} rows at most {most_s} are expected: record "
+            "it at a higher rate"
+        )
+    with refusing(PathError, path):
+        needed_B = (_ROW_B + _BETWEEN_B) * len(table) + _ROW_B * count
+        check_memory(needed_B, path.stat().st_size, "its ticks", "cut it into shorter ones")
     grid_s = t_s[0] + np.arange(count) * tick_s
-    values = PchipInterpolator(t_s, p_WT)(np.clip(grid_s, t_s[0], t_s[-1]))
-    return grid_s, np.ascontiguousarray(values)
+    clipped_s = np.clip(grid_s, t_s[0], t_s[-1])
+    values = np.empty((count, 3))
+    for axis in range(3):
+        values[:, axis] = PchipInterpolator(t_s, p_WT[:, axis])(clipped_s)
+    return grid_s, values
 
 
-def _read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Line numbers (n,) and the columns t, x, y, z (n, 4) of the file."""
+def _read(path: Path) -> NDArray[np.float64]:
+    """The columns t, x, y, z (n, 4) of the file."""
     with refusing(PathError):
         check_file_size(path, BYTES_MAX, "recorded path (CSV with the header t,x,y,z)")
+    numbers = array("d")
+    for line, row, places in _rows(path):
+        numbers.extend(_numbers(path, line, row, places))
+    if len(numbers) < 2 * len(COLUMNS):
+        rows = len(numbers) // len(COLUMNS)
+        raise PathError(f"{path}: holds {rows} rows; expected at least 2, under the header t,x,y,z")
+    return np.frombuffer(numbers).reshape(-1, len(COLUMNS))
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str], list[int]]]:
+    """Line number and cells of each row, and where t, x, y, z stand in it."""
+    read = 0
+
+    def lines(file: IO[str]) -> Iterator[str]:
+        for number, line in enumerate(lines_of(path, file, _ROW_B), 1):
+            if number - read > ROW_LINES_MAX:
+                raise FormatError(
+                    f"line {read + 1}: a row of more than {ROW_LINES_MAX} lines: a quotation mark too many?"
+                )
+            yield line
+
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
+            reader = csv.reader(lines(file))
             places = _places(path, next(reader, None))
-            lines, rows = [], []
             for row in reader:
+                read = reader.line_num
                 if row:  # an empty line says nothing
-                    rows.append(_numbers(path, reader.line_num, row, places))
-                    lines.append(reader.line_num)
+                    yield read, row, places
+    except PathError:
+        raise
     except OSError as error:
         raise PathError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeDecodeError, csv.Error, FormatError) as error:
         raise PathError(f"{path}: is not CSV text ({error}); expected the header t,x,y,z") from None
-    if len(rows) < 2:
-        raise PathError(f"{path}: holds {len(rows)} rows; expected at least 2, under the header t,x,y,z")
-    return np.array(lines), np.array(rows)
 
 
 def _places(path: Path, header: list[str] | None) -> list[int]:
@@ -110,17 +163,21 @@ def _numbers(path: Path, line: int, row: list[str], places: list[int]) -> list[f
     return numbers
 
 
-def _check(path: Path, lines: NDArray[np.int64], table: NDArray[np.float64]) -> None:
+def _check(path: Path, table: NDArray[np.float64]) -> None:
     """Refuse what cannot be played, naming the first line that is wrong."""
+
+    def line(row: int) -> int:
+        return next(islice(_rows(path), row, None))[0]
+
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
         row, column = bad[0]
         cell = table[row, column]
-        raise PathError(f"{path}, line {lines[row]}: {COLUMNS[column]} is {cell}; expected a finite number")
-    far = np.argwhere(np.abs(table[:, 1:]) > REACH_MAX_M)
+        raise PathError(f"{path}, line {line(row)}: {COLUMNS[column]} is {cell}; expected a finite number")
+    far = np.argwhere((table[:, 1:] > REACH_MAX_M) | (table[:, 1:] < -REACH_MAX_M))
     if len(far):
         row, column = far[0]
-        place = f"{path}, line {lines[row]}: {COLUMNS[column + 1]} is {table[row, column + 1]:g} m"
+        place = f"{path}, line {line(row)}: {COLUMNS[column + 1]} is {table[row, column + 1]:g} m"
         raise PathError(f"{place}; expected at most {REACH_MAX_M:g} m (is the path in mm?)")
     step_s = np.diff(table[:, 0])
     wrong = np.flatnonzero((step_s <= 0) | (step_s > GAP_MAX_S))
@@ -128,7 +185,7 @@ def _check(path: Path, lines: NDArray[np.int64], table: NDArray[np.float64]) -> 
         row = wrong[0] + 1
         before_s, now_s = table[row - 1 : row + 1, 0]
         expected = "time that increases" if now_s <= before_s else f"at most {GAP_MAX_S:g} s between rows"
-        raise PathError(f"{path}, line {lines[row]}: t is {now_s:g} s after {before_s:g} s; expected {expected}")
+        raise PathError(f"{path}, line {line(row)}: t is {now_s:g} s after {before_s:g} s; expected {expected}")
     duration_s = table[-1, 0] - table[0, 0]
     if duration_s > DURATION_MAX_S:
         raise PathError(f"{path}: lasts {duration_s:g} s; expected at most {DURATION_MAX_S:g} s (is t in ms?)")

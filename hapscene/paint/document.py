@@ -249,7 +249,7 @@ class Autosave:
             snapshot = self._take_snapshot()
             if snapshot is None:
                 return False
-            if snapshot.state == self._written:
+            if snapshot.state == self._written and (snapshot.scene is None or self.file.exists()):
                 return self.problem is None
             try:
                 if snapshot.scene is None:

@@ -148,12 +148,13 @@ class Mesh:
         Raises:
             MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
         """
+        parts = parts_of(mesh, "trimesh object")
         known = unit if unit is not None else getattr(mesh, "units", None)
         if known is None:
             raise MeshError(
                 f"a trimesh object without units: give unit=, one of {', '.join(UNIT_M)}, or set its .units"
             )
-        return join(parts_of(mesh, "trimesh object"), unit_name(known), None)
+        return join(parts, unit_name(known), None)
 
 
 def unit_name(unit: str) -> str:
@@ -204,9 +205,11 @@ def _check_extent(mesh: Mesh, where: str) -> None:
 
 
 def _freeze(mesh: Mesh, name: str, values: Any, dtype: Any) -> None:
-    # A copy unless it is ours alone: the caller's array may still change.
-    array = np.array(values, dtype=dtype, order="C")
-    array.setflags(write=False)
+    # A copy unless nobody can write to it: the caller's array may still change.
+    array = np.asarray(values, dtype, order="C")
+    if array.base is not None or array.flags.writeable:
+        array = np.array(values, dtype, order="C")
+        array.setflags(write=False)
     object.__setattr__(mesh, name, array)
 
 
@@ -230,6 +233,20 @@ def join(parts: list[Part], unit: str, path: Path | None) -> Mesh:
     Raises:
         MeshError: what `Mesh` refuses.
     """
+    whole = merged(parts, path)
+    parts.clear()  # their arrays are as large
+    whole.vertices *= UNIT_M[unit]
+    for array in (whole.vertices, whole.faces):
+        array.setflags(write=False)
+    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, path, unit)
+
+
+def merged(parts: list[Part], path: Path | None) -> Part:
+    """All parts as one, in their own unit, with arrays of its own.
+
+    Raises:
+        MeshError: there are none, too many groups, or an index out of range.
+    """
     where = f"{path}: " if path else "mesh: "
     if not parts:
         raise MeshError(f"{where}no faces: a mesh needs at least one triangle to be touched")
@@ -240,14 +257,17 @@ def join(parts: list[Part], unit: str, path: Path | None) -> Mesh:
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
     for part in parts:  # checked here too, since an index past its own part would name a vertex of the next
         _check_indices(part.faces, len(part.vertices), where, f" of {part.names[0]!r}" if len(parts) > 1 else "")
-    return Mesh(
-        vertices_m=np.concatenate([np.asarray(part.vertices, np.float64) for part in parts]) * UNIT_M[unit],
-        faces=np.concatenate([part.faces.astype(np.int64) + at for part, at in zip(parts, start, strict=False)]),
-        group=np.concatenate([np.array([place[n] for n in part.names])[part.group] for part in parts]),
-        group_names=tuple(names),
+    faces = np.empty((sum(len(part.faces) for part in parts), 3), np.int32 if start[-1] < 2**31 else np.int64)
+    ends = np.cumsum([len(part.faces) for part in parts])
+    for part, at, end in zip(parts, start, ends, strict=False):
+        faces[end - len(part.faces) : end] = part.faces
+        faces[end - len(part.faces) : end] += at
+    return Part(
+        vertices=np.concatenate([part.vertices for part in parts], dtype=np.float64),
+        faces=faces,
+        group=np.concatenate([np.array([place[n] for n in part.names], np.int16)[part.group] for part in parts]),
+        names=names,
         colour_rgb=_colours(parts),
-        path=path,
-        unit=unit,
     )
 
 
@@ -262,7 +282,9 @@ def parts_of(loaded: "trimesh.Trimesh | trimesh.Scene", where: str) -> list[Part
     if isinstance(loaded, trimesh.Trimesh):
         return [_part(loaded, [UNNAMED], None)]
     if not isinstance(loaded, trimesh.Scene):
-        raise MeshError(f"{where}: a {type(loaded).__name__} cannot be touched; a mesh of triangles was expected")
+        raise MeshError(
+            f"{where}: a {type(loaded).__name__} cannot be touched; expected a file, or a mesh of triangles"
+        )
     parts = []
     made = 0  # a small file can name the same geometry over and over
     for node in loaded.graph.nodes_geometry:

@@ -1,17 +1,25 @@
 """Mesh files: what is read with trimesh, and everything that can be wrong with a file, said in a sentence."""
 
 import io
+import json
+import math
 import re
+import tempfile
+import warnings
 import zipfile
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hapscene.errors import MeshError, warn
-from hapscene.files import read_bytes, refusing
+from hapscene.confined import confined
+from hapscene.errors import FormatError, MeshError, warn
+from hapscene.files import MEMORY_FREE_B, open_zip, read_bytes, refusing
 from hapscene.scene.gltf_check import check_gltf
-from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, parts_of, unit_name
+from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
@@ -26,12 +34,15 @@ FILE_MAX_B: Final = 4_000_000_000
 UNPACKED_MAX_B: Final = 250_000_000
 """Largest content of an archive that is read [bytes]. To read a mesh takes 9 (STL) to 60 times its size (text)."""
 
-UNPACKED_RATIO_MAX: Final = 100
-"""Most times its own size that an archive may unpack to [1]: meshes unpack to 2 to 20 times, what is made to fill the
-memory to a thousand times."""
 
-UNPACKED_FREE_B: Final = 5_000_000
-"""Content that an archive of any size may unpack to [bytes]."""
+MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
+"""Memory that reading takes for each byte of a file [1], as measured; most where the numbers are text."""
+
+XML_RATIO: Final = 25
+"""Memory that libxml2 and trimesh may take for each byte of a 3MF file, unpacked [1]: they take some 20."""
+
+PARTS_MAX_B: Final = 2_000_000_000
+"""Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
 
 
 def check(suffix: str, content: bytes, where: str) -> int:
@@ -67,15 +78,8 @@ def open_archive(content: bytes, where: str, advice: str) -> zipfile.ZipFile:
     Raises:
         MeshError: it is no archive, or unpacks to more.
     """
-    try:
-        archive = zipfile.ZipFile(io.BytesIO(content))
-    except (zipfile.BadZipFile, OSError, ValueError) as error:
-        raise MeshError(f"{where}: not a readable zip archive, or truncated: {error}") from None
-    size = sum(member.file_size for member in archive.infolist())
-    most = min(UNPACKED_MAX_B, max(UNPACKED_RATIO_MAX * len(content), UNPACKED_FREE_B))
-    if size > most:
-        raise MeshError(f"{where}: unpacks to {size:,} bytes; of an archive this large {most:,} are read: {advice}")
-    return archive
+    with refusing(MeshError, where):
+        return open_zip(io.BytesIO(content), UNPACKED_MAX_B, advice)
 
 
 def _off(content: bytes, where: str) -> int:
@@ -186,11 +190,15 @@ def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool
                 MeshWarning,
             )
         return _step(path, content, accept_damaged)
-    parts, own = _read(path, suffix, content, resolver)
-    said = unit_name(own or "m")
-    if suffix not in UNITLESS and given not in (None, said):
-        warn(f"{path}: says that it is in {said}; taken to be in {given}, as unit={unit!r} says", MeshWarning)
-    return join(parts, given or said, path)
+    try:
+        parts, own = _read(path, suffix, content, resolver)
+        del content, resolver
+        said = unit_name(own or "m")
+        if suffix not in UNITLESS and given not in (None, said):
+            warn(f"{path}: says that it is in {said}; taken to be in {given}, as unit={unit!r} says", MeshWarning)
+        return join(parts, given or said, path)
+    except MemoryError:
+        raise MeshError(f"{path}: to read it takes more memory than there is: reduce the mesh") from None
 
 
 def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
@@ -209,6 +217,8 @@ def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
     parts = parts_of(loaded, str(path))
     for part in parts:  # trimesh numbers the pieces of a part by chance, one for each colour
         part.names = [re.sub(r"_[0-9a-f]{6}(?=/|$)", "", name) for name in part.names] if len(parts) > 1 else part.names
+    if damage and not parts:
+        raise MeshError(f"{told}; nothing is left of it")
     mesh = join(parts, "m", path)
     if damage:
         warn(f"{told}; what is left is taken, {len(mesh.faces):,} triangles", MeshWarning)
@@ -252,8 +262,16 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
     if suffix == "obj":
         from hapscene.scene.obj import read_obj
 
-        return [read_obj(content.decode("utf-8", errors="replace"), str(path), resolver)], None
+        return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
+    needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), _memory_free_B()
+    if needed_B > free_B:
+        raise MeshError(
+            f"{path}: to read it takes some {needed_B / 1e9:.1f} GB of memory, and {free_B / 1e9:.1f} GB are free: "
+            "reduce the mesh, or save it as binary .ply, which takes the least"
+        )
+    if suffix == "3mf":
+        return _confined_parts(path, content)
     content = stl_faces(content) if suffix == "stl" else content
     loaded = _load(path, suffix, content, resolver)
     parts = parts_of(loaded, str(path))
@@ -266,12 +284,62 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
     return parts, loaded.units
 
 
+def _memory_free_B() -> float:
+    """Memory that is free, as far as the system says [bytes]: on this machine, and in this container."""
+    free = [math.inf]
+    with suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free.append(1024.0 * int(next(line for line in lines if line.startswith("MemAvailable")).split()[1]))
+    with suppress(OSError, ValueError):  # "max" where it has no bound
+        most, used = (int((Path("/sys/fs/cgroup") / name).read_text()) for name in ("memory.max", "memory.current"))
+        free.append(float(most - used))
+    return min(free)
+
+
+def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]:
+    """Parts of a 3MF file, whose XML libxml2 reads into trees that are many times as large."""
+    unpacked_B = sum(member.file_size for member in zipfile.ZipFile(io.BytesIO(content)).infolist())
+    try:
+        with tempfile.TemporaryFile() as file:
+            file.write(content)
+            file.seek(0)
+            found = confined(
+                read_3mf,
+                file,
+                str(path),
+                by="trimesh's reader of 3MF files",
+                memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
+                output_B=PARTS_MAX_B,
+                imports=["trimesh.exchange.load"],
+            ).arrays
+    except FormatError as error:
+        raise MeshError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    names, unit = json.loads(found["words"].tobytes())
+    colour_rgb = found["colour_rgb"] if len(found["colour_rgb"]) else None
+    return [Part(found["vertices"], found["faces"], found["group"], names, colour_rgb)], unit
+
+
+def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
+    """In the process: the parts of a 3MF file as one, names and unit as JSON."""
+    loaded = _load(Path(where), "3mf", file.read(), None)
+    parts = parts_of(loaded, where)
+    whole = merged(parts, Path(where))
+    return {
+        **{"vertices": whole.vertices, "faces": whole.faces, "group": whole.group},
+        "colour_rgb": np.zeros((0, 3), np.uint8) if whole.colour_rgb is None else whole.colour_rgb,
+        "words": np.frombuffer(json.dumps([whole.names, loaded.units]).encode(), np.uint8),
+    }
+
+
 def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:
     import trimesh
 
     try:
-        return trimesh.load_scene(io.BytesIO(content), file_type=suffix, resolver=resolver, process=False)
-    except MeshError:
+        with warnings.catch_warnings():
+            # older numpy only warns of a number that is none, and leaves out what follows
+            warnings.filterwarnings("error", message="string or file could not be read")
+            return trimesh.load_scene(io.BytesIO(content), file_type=suffix, resolver=resolver, process=False)
+    except (MeshError, MemoryError):
         raise
     except Exception as error:  # its loaders raise anything at all on a damaged file
         if isinstance(error, ValueError) and (text := str(error).strip()):

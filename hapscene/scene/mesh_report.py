@@ -85,11 +85,13 @@ class Report:
         """The report to read: faults first."""
         x, y, z = map(length, self.size_m)
         held = "open" if self.volume_m3 is None else f"closed, {_volume(self.volume_m3)}"
+        is_step = (self.path or "").lower().endswith((".step", ".stp"))
+        unit = "in m, from the unit that its file says" if is_step else f"unit of the file: {self.unit}"
         lines = [
             f"{printable(self.path or 'mesh')}: "
             f"{number(self.face_count, 'face')}, {number(self.vertex_count, 'vertex')}, "
             f"{number(self.shell_count, 'shell')}, {held}",
-            f"size {x} × {y} × {z} (unit of the file: {self.unit})",
+            f"size {x} × {y} × {z} ({unit})",
         ]
         if len(self.group_names) > 1:
             more = ", …" if len(self.group_names) > 8 else ""
@@ -103,7 +105,7 @@ class Report:
             fix = " (--fix does it)" if finding.fixable else ""
             lines += ["", f"{finding.level.upper()}: {finding.what}", f"  felt: {finding.touch}"]
             lines += [f"  do:   {finding.advice}{fix}"]
-        return "\n".join(lines)
+        return "\n".join(printable(line) for line in lines)
 
 
 def number(count: int, noun: str) -> str:

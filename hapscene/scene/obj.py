@@ -5,21 +5,24 @@ the end for one counted from the back. Here positions stay shared, faces stay in
 line. Its materials are read by trimesh.
 """
 
+import io
+from array import array
+from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import MeshError
-from hapscene.scene.mesh import UNNAMED, Part, sample
+from hapscene.errors import MeshError, printable, warn
+from hapscene.scene.mesh import UNNAMED, MeshWarning, Part, sample
 
 
-def read_obj(text: str, where: str, resolver: Any) -> Part:
+def read_obj(content: bytes, where: str, resolver: Any) -> Part:
     """Triangles of an OBJ file. Polygons are cut into a fan from their first corner, as trimesh does.
 
     Args:
-        text: the file.
+        content: the file's.
         where: its name, for errors.
         resolver: gives the bytes of a file beside it by name, as `trimesh.resolvers` do.
 
@@ -27,14 +30,43 @@ def read_obj(text: str, where: str, resolver: Any) -> Part:
         MeshError: a line that cannot be read, or an index out of range.
     """
     reader = _Reader(where)
-    # A backslash joins two lines; the empty one left behind keeps the count of lines right.
-    for reader.line, line in enumerate(text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines(), 1):
-        words = line.split()
+    unknown: list[str] = []
+    for reader.line, words in _lines(content, where):
         if words and (read := _READ.get(words[0])):
             read(reader, words[1:])
-    vertices = np.array(reader.v, np.float64).reshape(-1, 3)
-    faces = np.array(reader.f, np.int64).reshape(-1, 3)
-    return Part(vertices, faces, np.array(reader.group, np.int64), list(reader.names), _colours(reader, resolver))
+        elif words and words[0] not in _LEFT and words[0][0] != "#":
+            unknown.append(f"line {reader.line}, {printable(words[0], 40)!r}")
+    if unknown:
+        warn(f"{where}: left out what is no statement of OBJ, {unknown[0]} the first of {len(unknown):,}", MeshWarning)
+    group = np.asarray(reader.group)
+    return Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, resolver))
+
+
+LINE_MAX: Final = 1_000_000
+"""Longest line that is read [characters]: a face of 100,000 corners."""
+
+
+def _lines(content: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
+    """The words of every line, and the number of its last; a backslash joins two.
+
+    Raises:
+        MeshError: one is longer than `LINE_MAX`.
+    """
+    held = ""
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(content), "utf-8", "replace"), 1):
+        held += line
+        if len(held) > LINE_MAX:
+            raise MeshError(f"{where}, line {number}: longer than {LINE_MAX:,} characters, which is not read")
+        if held.endswith("\\\n"):
+            held = held[:-2] + " "
+            continue
+        yield number, held.split()
+        held = ""
+    yield number, held.split()
+
+
+def _rows(numbers: "array[Any]", width: int = 3) -> NDArray[Any]:
+    return np.asarray(numbers).reshape(-1, width)
 
 
 class _Reader:
@@ -42,12 +74,10 @@ class _Reader:
 
     def __init__(self, where: str) -> None:
         self.where, self.line = where, 0
-        self.v: list[list[float]] = []
-        self.rgb: list[list[float]] = []  # of vertices, where a scanner wrote six numbers after 'v'
-        self.vt: list[list[float]] = []
-        self.f: list[tuple[int, int, int]] = []
-        self.f_vt: list[tuple[int, int, int]] = []  # −1 where a face has no texture coordinates
-        self.group: list[int] = []
+        # numbers, one after the other: 3 of a vertex, of its colour, of a face; 2 of a texture coordinate
+        self.v, self.rgb, self.vt = array("d"), array("d"), array("d")
+        self.f, self.f_vt = array("i"), array("i")  # −1 where a face has no texture coordinates
+        self.group = array("i")
         self.names: dict[str, int] = {}
         self.material_of: list[str | None] = []  # of each name in names
         self.object = self.part = self.material = ""
@@ -74,19 +104,24 @@ class _Reader:
             pass
         raise self.fail(f"expected {expected}, found {' '.join(words)[:60]!r}")
 
+    def pad(self) -> None:
+        """Give the faces before the first texture coordinate none."""
+        if len(self.f_vt) < len(self.f):
+            self.f_vt.extend(array("i", [-1]) * (len(self.f) - len(self.f_vt)))
+
     def fail(self, problem: str) -> MeshError:
         return MeshError(f"{self.where}, line {self.line}: {problem}")
 
 
 def _vertex(reader: _Reader, words: list[str]) -> None:
-    reader.v.append(reader.numbers(words, 0, 3, "three numbers after 'v'"))
+    reader.v.extend(reader.numbers(words, 0, 3, "three numbers after 'v'"))
     if len(words) >= 6:
-        reader.rgb.append(reader.numbers(words, 3, 6, "a colour after the position"))
+        reader.rgb.extend(reader.numbers(words, 3, 6, "a colour after the position"))
 
 
 def _texture(reader: _Reader, words: list[str]) -> None:
     u, *v = reader.numbers(words, 0, 2 if len(words) > 1 else 1, "two numbers after 'vt'")
-    reader.vt.append([u, *v] if v else [u, 0.0])
+    reader.vt.extend([u, *v] if v else [u, 0.0])
 
 
 def _normal(reader: _Reader, words: list[str]) -> None:
@@ -98,15 +133,19 @@ def _face(reader: _Reader, words: list[str]) -> None:
     if len(words) < 3:
         raise reader.fail(f"a face needs three corners or more, found {' '.join(words)[:60]!r}")
     corners, textures = [], []
+    vertex_count, texture_count = len(reader.v) // 3, len(reader.vt) // 2
     for word in words:
         fields = word.split("/")
-        corners.append(_index(reader, fields[0], len(reader.v), "vertex"))
+        corners.append(_index(reader, fields[0], vertex_count, "vertex"))
         has_texture = len(fields) > 1 and fields[1] and reader.vt
-        textures.append(_index(reader, fields[1], len(reader.vt), "texture coordinate") if has_texture else -1)
+        textures.append(_index(reader, fields[1], texture_count, "texture coordinate") if has_texture else -1)
     group = reader.name()
+    if reader.vt:  # else there is nothing to be kept
+        reader.pad()
+        for i in range(1, len(words) - 1):
+            reader.f_vt.extend((textures[0], textures[i], textures[i + 1]))
     for i in range(1, len(words) - 1):
-        reader.f.append((corners[0], corners[i], corners[i + 1]))
-        reader.f_vt.append((textures[0], textures[i], textures[i + 1]))
+        reader.f.extend((corners[0], corners[i], corners[i + 1]))
         reader.group.append(group)
 
 
@@ -145,6 +184,15 @@ _READ = {
     "mtllib": _library,
 }
 
+# fmt: off
+_LEFT: Final = frozenset((
+    "s", "l", "p", "vp", "fo", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "usemap",
+    "maplib", "ctech", "stech", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole",
+    "scrv", "sp", "end", "con", "call", "csh",
+))
+# fmt: on
+"""Statements of OBJ that are no triangles, or free forms, which are not read."""
+
 
 def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
     """Colour of every face (m, 3) by its material, else by its vertices, else None."""
@@ -154,16 +202,19 @@ def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
     if not materials:
         if len(reader.rgb) != len(reader.v):
             return None
-        mean = np.array(reader.rgb)[np.array(reader.f)].mean(axis=1)
+        mean = _rows(reader.rgb)[_rows(reader.f)].mean(axis=1)
         return np.asarray(np.clip(np.nan_to_num(mean) * 255, 0, 255).round().astype(np.uint8))
-    group, f_vt = np.array(reader.group), np.array(reader.f_vt)
-    uv = np.array(reader.vt or [[0.0, 0.0]])[f_vt].mean(axis=1)
-    uv[(f_vt < 0).any(axis=1)] = 0.0
+    group, uv = np.asarray(reader.group), None
+    if reader.vt:
+        reader.pad()
+        f_vt = _rows(reader.f_vt)
+        uv = _rows(reader.vt, 2)[f_vt].mean(axis=1)
+        uv[(f_vt < 0).any(axis=1)] = 0.0
     colour = np.full((len(group), 3), 160, np.uint8)
     for index, name in enumerate(reader.material_of):
         chosen = group == index
         if name in materials and chosen.any():
-            colour[chosen] = sample(materials[name], uv[chosen] if reader.vt else None, int(chosen.sum()))
+            colour[chosen] = sample(materials[name], None if uv is None else uv[chosen], int(chosen.sum()))
     return colour
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import SceneError, no_such, warn
+from hapscene.errors import SceneError, no_such, printable, warn
 from hapscene.geometry import rigid
 from hapscene.old_spellings import old_spellings
 from hapscene.scene.body import Body
@@ -202,7 +202,7 @@ class Scene:
             if name in taken:
                 raise SceneError(f"a body {name!r} is in the scene already; names are unique")
             return name
-        stem = mesh.path.stem if mesh.path else "body"
+        stem = (printable(mesh.path.stem).strip() if mesh.path else "") or "body"
         return next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(taken) + 3))) if n not in taken)
 
 

@@ -120,7 +120,7 @@ def promised_by(content: bytes, where: str) -> Promised:
     sections = _SECTIONS.findall(text)
     damage, doubts = [], []
     odd = sum(
-        not _WHOLE.fullmatch(statement) or statement.count(b"(") != statement.count(b")")
+        not _WHOLE.fullmatch(statement) or statement.count(b"(") != statement.count(b")") or statement.count(b"=") > 1
         for section in sections
         for statement in section.split(b";")[:-1]
     ) + sum(bool(section.rpartition(b";")[2].strip()) for section in sections)

@@ -28,6 +28,9 @@ DPI: Final = 110
 WINDOW_S: Final = 0.05
 """Window of the spectrogram [s]: lines 20 Hz apart, and a tap still looks short."""
 
+WINDOWS: Final = 1000
+"""Windows of the spectrogram that are made at once [count]."""
+
 RANGE_DB: Final = 60.0
 """Range of the spectrogram below its maximum [dB]."""
 
@@ -143,13 +146,22 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
 
     # about as many windows as the plot has columns, and at least half overlapping
     hop = max(min(length // 2, len(a_m_s2) // 1200), 1)
-    frequency_Hz, t_s, density = spectrogram(
-        a_m_s2, rate_Hz, window="hann", nperseg=length, noverlap=length - hop, nfft=2 * length
-    )
-    seen = frequency_Hz <= FREQUENCY_MAX_HZ
-    level_dB = 10 * np.log10(np.maximum(density[seen], 1e-30))
+    pieces = []
+    for start in range(0, len(a_m_s2) - length + 1, WINDOWS * hop):  # what is not seen is let go piece by piece
+        frequency_Hz, t_s, density = spectrogram(
+            a_m_s2[start : start + (WINDOWS - 1) * hop + length],
+            rate_Hz,
+            window="hann",
+            nperseg=length,
+            noverlap=length - hop,
+            nfft=2 * length,
+        )
+        seen = frequency_Hz <= FREQUENCY_MAX_HZ
+        pieces.append(density[seen])
+    t_s = t_s + start / rate_Hz
+    level_dB = 10 * np.log10(np.maximum(np.concatenate(pieces, axis=1), 1e-30))
     top_dB = float(np.ceil(level_dB.max()))
-    extent = (recording.t_s[0] + t_s[0], recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
+    extent = (recording.t_s[0] + length / 2 / rate_Hz, recording.t_s[0] + t_s[-1], 0.0, float(frequency_Hz[seen][-1]))
     image = ax.imshow(
         level_dB, origin="lower", aspect="auto", cmap="magma", vmin=top_dB - RANGE_DB, vmax=top_dB, extent=extent
     )

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import freqz
 
-from hapscene.capture.arma import _BINS, _lattice, ar_from_arma
-from hapscene.dsp.ar_filter import power_gain, reflection_from_ar
+from hapscene.capture.arma import _BINS, CUT_MAX, ERROR_DB, PEAK_DB, _error, _lattice, ar_from_arma, as_texture
+from hapscene.capture.hatt_file import HattModels
+from hapscene.dsp.ar_filter import lsf_from_ar, power_gain, reflection_from_ar
 
 POLES = np.convolve([1.0, -1.7, 0.9], [1.0, -0.6, 0.7])
 
@@ -49,3 +50,25 @@ def test_triangles_are_cut_into_equal_parts_that_share_their_corners(parts: int)
     np.testing.assert_allclose(np.abs(area), np.repeat(whole, parts**2) / parts**2)
     for k in (0, 1):  # all turn as their large triangle does
         assert len(set(np.sign(area[k * parts**2 : (k + 1) * parts**2]))) == 1
+
+
+def models(apart: float) -> HattModels:
+    """Three models of poles and zeros whose frequencies differ by so many rad."""
+
+    def pair(angle: float, radius: float) -> np.ndarray:
+        return np.array([1.0, -2.0 * radius * np.cos(angle), radius**2])
+
+    ar = [lsf_from_ar(np.convolve(pair(0.6 + apart * i, 0.8), pair(1.6, 0.7))) for i in range(3)]
+    ma = [lsf_from_ar(pair(1.2 - 0.5 * apart * i, 0.5)) for i in range(3)]
+    force, speed = np.array([1.0, 2.0, 1.0]), np.array([0.1, 0.1, 0.3])
+    level = np.array([1.0, 2.0, 0.5])
+    triangle = np.array([[0, 1, 2]], dtype=np.int32)
+    return HattModels("made", 1000.0, None, force, speed, triangle, np.array(ar), np.array(ma), level, np.ones(3), ())
+
+
+@pytest.mark.parametrize(("apart", "cut"), [(0.1, 1), (0.2, 2), (0.4, 3)])
+def test_triangles_are_cut_until_what_is_played_between_the_models_is_right(apart: float, cut: int) -> None:
+    made = as_texture(models(apart))
+    rms, largest = _error(models(apart), made.texture)
+    assert rms <= ERROR_DB and largest <= PEAK_DB and made.error_at_models_dB <= ERROR_DB
+    assert np.sqrt(len(made.texture.triangles)) == cut < CUT_MAX

@@ -152,7 +152,8 @@ def test_killed_and_interrupted_batches_are_gone_on_with(tmp_path: Path) -> None
     """
     items = write_recordings(tmp_path / "in", 12)
     out = tmp_path / "out"
-    words = [sys.executable, "-m", "hapscene.cli", "capture", "batch", *(str(i.path) for i in items)]
+    (tmp_path / "list.csv").write_text("\n".join(["recording", *(str(i.path) for i in items)]))  # a pipe may be in it
+    words = [sys.executable, "-m", "hapscene.cli", "capture", "batch", "--list", str(tmp_path / "list.csv")]
     words += ["--out", str(out), "--jobs", "1", *WORDS]
 
     def run_until(place: int, kind: int) -> tuple[int, str]:

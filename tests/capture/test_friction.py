@@ -163,3 +163,12 @@ def test_static_friction_waits_for_a_rest_and_a_force():
         found.static == pytest.approx(0.5, rel=1e-6) and found.note == "Static friction is that of 4 starts from rest."
     )
     assert found.dynamic == pytest.approx(0.3, rel=1e-6)
+
+
+def test_a_jerk_of_a_hundredth_of_a_second_counts_whole():
+    cycle = np.arange(4000) % 1000
+    states = np.where(cycle < 400, InteractionState.STILL, InteractionState.SLIDING).astype(np.int8)
+    pull = np.where(np.abs(cycle - 400) <= 6, 0.5, 0.3)
+    streams = Streams(1000.0, np.zeros(4000), np.ones(4000), np.full(4000, 0.1), pull)
+    found = fit_friction([(streams, Segmentation(1000.0, states, (), None, None))])
+    assert found.static == pytest.approx(0.5, rel=1e-6)

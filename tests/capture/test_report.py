@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture import fit, load_recording
+from hapscene.capture import fit, load_recording, report_plots
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.report import report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
-from hapscene.capture.segment import segment
-from hapscene.capture.streams import clean
+from hapscene.capture.report_plots import _bent, plot_friction, plot_plane
+from hapscene.capture.segment import InteractionState, Segmentation, segment
+from hapscene.capture.streams import Streams, clean
+from hapscene.constants import EXCITATION_SPAN
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
@@ -195,3 +197,68 @@ def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
     assert time.process_time() - start < 10.0
     assert "✓ good" in text and len(text) < 2_000_000
     Page(text)
+
+
+def test_the_density_of_a_bent_excitation_is_that_of_its_samples() -> None:
+    """Knots of a stretched and skewed normal: against quantiles of many deviates, within the knots and beyond them."""
+    z = np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, 17)
+    knots = 1.5 * z + 0.1 * z**2
+    deviate = np.random.default_rng(0).standard_normal(400_000)
+    slope = np.diff(knots)[[0, -1]] / (z[1] - z[0])
+    beyond = np.where(deviate < 0, knots[0] + slope[0] * (deviate - z[0]), knots[-1] + slope[1] * (deviate - z[-1]))
+    x = np.where(np.abs(deviate) > EXCITATION_SPAN, beyond, np.interp(deviate, z, knots))
+    edge = np.concatenate(
+        [[x.min() - 1.0], np.quantile(x, [1e-4, 0.01, 0.1, 0.4, 0.7, 0.95, 0.999, 0.9999]), [x.max() + 1.0]]
+    )
+    share = np.histogram(x, edge)[0] / len(x)
+    np.testing.assert_allclose(_bent(knots, edge) * np.diff(edge), share, rtol=0.1, atol=2e-5)
+
+
+@pytest.fixture
+def axes(monkeypatch: pytest.MonkeyPatch):
+    """Axes on which the next plot of a report is drawn."""
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+
+    def drawn(name, draw):
+        draw(axes)
+        return ""
+
+    monkeypatch.setattr(report_plots, "drawn", drawn)
+    return axes
+
+
+def test_the_friction_that_is_drawn_is_the_swatch_s_over_what_was_recorded(axes) -> None:
+    force = np.linspace(1.0, 2.0, 400)
+    states = np.full(400, InteractionState.SLIDING, dtype=np.int8)
+    states[300:] = InteractionState.STILL
+    streams = Streams(1000.0, np.zeros(400), force, np.full(400, 0.1), -0.3 * force)
+    swatch = Swatch("made", friction_static=0.5, friction_dynamic=0.3, intervals={"friction_dynamic": (0.25, 0.35)})
+    told = plot_friction(swatch, streams, Segmentation(1000.0, states, (), None, None))
+    assert "0.300 (95 % interval 0.250 to 0.350)" in told.caption and "between 0.30 and 0.30" in told.caption
+    recorded, *lines = axes.lines
+    assert (
+        np.array_equal(recorded.get_ydata(), 0.3 * np.asarray(recorded.get_xdata()))
+        and recorded.get_xdata().max() < 1.75
+    )
+    assert [line.get_ydata()[1] / line.get_xdata()[1] for line in lines] == pytest.approx([0.3, 0.5])
+    x, y = axes.collections[0].get_paths()[0].vertices.T
+    assert (y[x > 1.0] / x[x > 1.0]).min() == pytest.approx(0.25) and (y[x > 1.0] / x[x > 1.0]).max() == pytest.approx(
+        0.35
+    )
+    still = Segmentation(1000.0, np.zeros(400, np.int8), (), None, None)
+    assert "never slides" in plot_friction(swatch, streams, still).caption
+
+
+def test_the_plane_names_each_sounding_model_s_vibration(axes) -> None:
+    force, speed = [1.0, 1.0, 2.0], [0.1, 0.2, 0.1]
+    texture = Texture.from_models(1000.0, force, speed, a=[[1.0, -0.5]] * 3, variance_m2_s4=[3.0, 0.0, 0.75])
+    told = plot_plane(texture, None)
+    rms = np.sqrt(texture.model_power_m2_s4[[i for i, v in enumerate(texture.variance_m2_s4) if v > 0.0]])
+    assert told.caption.startswith(f"{len(rms)} sounding models")
+    assert [text.get_text() for text in axes.texts] == [f"{level:.2g} m/s²" for level in rms]
+    sounding = next(line for line in axes.lines if line.get_label().startswith("model"))
+    at = np.flatnonzero(texture.variance_m2_s4 > 0.0)
+    assert np.array_equal(sounding.get_xdata(), 1e3 * texture.speed_m_s[at])
+    assert np.array_equal(sounding.get_ydata(), texture.force_N[at])

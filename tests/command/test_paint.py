@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -20,9 +21,10 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.cli import main
-from hapscene.command.paint import DEMO, _copy_demo, open_session
+from hapscene.command.paint import DEMO, _copy_demo, open_session, write_opener
 from hapscene.errors import SceneError
 from hapscene.paint.document import find_recovery
+from hapscene.paint.web.page import Page
 from hapscene.scene.mesh import MeshWarning
 
 
@@ -59,6 +61,18 @@ def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
     assert open_session(options("cube.ply", unit="m"), quiet).path == Path("cube_2.scene.json")
     again = open_session(options("cube.scene.json"), quiet)
     assert again.scene.swatches[1].name == "wood"
+
+
+def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(folder: Path) -> None:
+    """Its command line holds no token."""
+    session = open_session(options("cube.ply", unit="m"), quiet)
+    with Page(session, port=0, with_hand=False) as page:
+        opener = write_opener(page)
+        assert opener is not None and page.url in opener.read_text() and page.url.split("/")[-2] not in opener.as_uri()
+        assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
+    assert not opener.exists()
+    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+        assert write_opener(page) is None
 
 
 def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:

@@ -12,6 +12,7 @@ from PIL import Image
 from hapscene.exchange import export_scene
 from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import pieces_of
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 
@@ -159,3 +160,11 @@ def test_draft_haptics_follow_the_draft(make_scene: Callable[[int], Scene], tmp_
 
 def test_plain_gltf_says_nothing_of_the_draft(scene: Scene, tmp_path: Path) -> None:
     assert b"MPEG" not in export_scene(scene, tmp_path / "desk.glb")[0].read_bytes()
+
+
+def test_a_material_for_each_swatch_that_is_worn_or_named_and_no_other(tmp_path: Path) -> None:
+    scene = Scene()
+    scene.add(Mesh(np.eye(3), np.array([[0, 1, 2]])), swatch="wood", two_sided=True)
+    scene.swatch_index("paper")
+    tree = tree_of(export_scene(scene, tmp_path / "desk.glb")[0])
+    assert [(m["name"], m["doubleSided"]) for m in tree["materials"]] == [("wood", True), ("paper", False)]

@@ -15,6 +15,7 @@ from hapscene.exchange.swatch_payload import (
     ExchangeWarning,
     check_version,
     digest_of,
+    is_digest,
     join,
     known_swatch,
     numbers_of,
@@ -33,6 +34,11 @@ FILE = Path("desk.x3d")
 
 def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
     return restore(FILE, swatch.name, numbers_of(swatch), list(swatch.albedo_rgb), digest_of(swatch), text)
+
+
+@pytest.mark.parametrize("other", [None, 7, "", "a" * 63, "a" * 65, "A" * 64, "g" * 64, "a" * 64 + "\n", b"a" * 64])
+def test_a_digest_is_64_small_hex_digits(other: object) -> None:
+    assert is_digest(digest_of(PLAIN)) and not is_digest(other)
 
 
 def test_the_very_same_comes_from_the_library_by_name() -> None:

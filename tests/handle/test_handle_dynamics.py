@@ -84,15 +84,18 @@ def test_the_amplifier_is_one_pole_seen_as_its_mean_over_a_sample() -> None:
 def test_a_coil_at_its_stop_stays_there_and_momentum_is_kept() -> None:
     plant = replace(Plant(), k_u_N_m=1e-6, b_u_Ns_m=0.0, travel_limit_m=0.002)
     handle = at_rest(plant)
-    dt, momentum = 1.0 / RATE_HZ, []
+    dt, momentum, speeds = 1.0 / RATE_HZ, [], []
     velocity = 0.0
     for _ in range(400):
         velocity += dt * move(handle, 3.0)
         x = handle.x
         assert abs(x[2]) <= plant.travel_limit_m
         momentum.append((plant.m_h_kg + plant.m_c_kg) * x[1] + plant.m_c_kg * x[3])
+        speeds.append((velocity, x[1]))
     assert handle.hits >= 1 and handle.x[2] == -plant.travel_limit_m
     assert np.abs(momentum).max() < 1e-6  # no force from outside but a grip of almost nothing
+    told, true = np.transpose(speeds)
+    assert np.abs(told - true).max() < 0.02 * np.abs(true).max()  # the knock, too, is in the acceleration
 
 
 def test_the_accelerometer_has_its_noise_and_its_pole() -> None:

@@ -86,3 +86,10 @@ def test_the_weaker_of_what_is_and_what_is_believed_limits() -> None:
 def test_rates_that_no_handle_has_are_refused(rate_Hz: float) -> None:
     with pytest.raises(HandleError, match="rate_Hz of a handle must be"):
         new_handle(Plant(), Plant(), "adaptive", rate_Hz)
+
+
+def test_the_free_coil_swings_at_the_frequency_of_two_masses_on_a_spring() -> None:
+    for plant in (Plant(), Plant(m_c_kg=0.03, m_h_kg=0.05)):
+        a, *_ = replace(plant, k_u_N_m=0.0, b_u_Ns_m=0.0, b_s_Ns_m=0.0).state_space()
+        h = new_handle(Plant(), plant, "flat", RATE_HZ)[0]  # of what is believed, not of what is
+        assert h.scout_rad_s == pytest.approx(np.abs(np.linalg.eigvals(a)).max())

@@ -10,7 +10,7 @@ from hapscene.errors import HapsceneError
 from hapscene.handle.fit import OWN, Identification, identify
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.handle_file import load_handle
-from hapscene.handle.identification_report import describe_lines, modelled, write_result
+from hapscene.handle.identification_report import _degrees, _draw, describe_lines, modelled, write_result
 from hapscene.handle.measure import GripRecording, load_grip, load_grips, play_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.sweep import Sweep
@@ -115,9 +115,44 @@ def test_the_model_that_is_drawn_is_the_one_that_was_fitted(
         assert np.median(off / response.deviation) < 2.0  # of a complex number: 1.2 for the right one
 
 
+def test_the_figure_holds_the_band_the_model_and_what_was_measured(
+    recordings: list[GripRecording], found: Identification
+) -> None:
+    from matplotlib.figure import Figure
+
+    figure, responses = Figure(), [recording.response((10.0, 600.0)) for recording in recordings]
+    _draw(figure, found, responses)
+    magnitude, phase, coherence = figure.axes
+    assert coherence.get_xlim() == pytest.approx((0.96 * found.band_Hz[0], 1.04 * found.band_Hz[1]))
+    mass = magnitude.lines[-1]
+    assert mass.get_ydata() == pytest.approx([-20.0 * np.log10(found.plant.m_h_kg)] * 2)
+    for i, (grip, response) in enumerate(zip(found.grips, responses, strict=True)):
+        for axes, told in (
+            (magnitude, lambda h: 20.0 * np.log10(np.abs(h))),
+            (phase, lambda h: np.degrees(np.angle(h))),
+        ):
+            model, measured = axes.lines[2 * i : 2 * i + 2]
+            off = model.get_ydata() - told(modelled(found, grip, model.get_xdata()))
+            assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-6
+            off = measured.get_ydata() - told(response.response)
+            assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-6
+            assert np.abs(np.diff(model.get_ydata())).max() < 90.0  # no jumps
+            assert model.get_linewidth() > measured.get_linewidth() > 0.0  # what was measured is seen over it
+        assert np.array_equal(coherence.lines[i].get_ydata(), response.coherence)
+
+
+@pytest.mark.parametrize("turns", [-3.0, 0.0, 2.0])
+def test_a_phase_is_without_jumps_and_near_0_in_the_middle(turns: float) -> None:
+    phase = np.linspace(-500.0, 300.0, 81)  # −100 in the middle
+    np.testing.assert_allclose(_degrees(np.exp(1j * np.radians(phase + 360.0 * turns))), phase, atol=1e-9)
+    np.testing.assert_allclose(_degrees(np.exp(1j * np.radians(phase - 700.0))), phase + 20.0, atol=1e-9)
+
+
 def test_the_portrait_tells_what_is_and_is_not_known(recordings: list[GripRecording], found: Identification) -> None:
     text = "\n".join(describe_lines(found))
     assert "mass of the handle" in text and "between" in text and "grip light; coherence" in text
+    late = f"({found.accelerometer_Hz:g} Hz, taken as known) the acceleration comes {1e6 * found.delay_s:.0f} µs late"
+    assert late.replace("-0", "0") in text
     alone = "\n".join(describe_lines(made_of(recordings[:1])))
     assert "not known: one grip cannot tell it from the others" in alone
     poor = "\n".join(describe_lines(replace(found, misfit=7.0)))

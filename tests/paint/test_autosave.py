@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -207,6 +208,16 @@ def test_a_place_that_cannot_be_written_is_said(path) -> None:
     session = Session(Session.open(path).scene)
     session.document.start_autosave()  # without a path there is no place: nothing is done
     assert session.document.recovery() is None and session.document.problem is None
+
+
+def test_a_folder_that_is_removed_meanwhile_is_said(path) -> None:
+    session = Session.open(path)
+    session.document.start_autosave(interval_s=60.0)
+    session.fill_body("ball", 1)
+    assert session.document.autosave.write() and session.document.problem is None
+    shutil.rmtree(path.parent)
+    assert not session.document.autosave.write() and "no autosave" in session.document.problem
+    assert not session.document.close(keep=True) and "no autosave" in session.document.problem
 
 
 def test_closed_without_saving_it_may_be_kept(path) -> None:

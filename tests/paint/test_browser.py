@@ -48,7 +48,7 @@ class Window:
         self.page = page
         self.troubles: list[str] = []
         self.requests: list[str] = []
-        self.tab = browser.new_page(viewport=SIZE)
+        self.tab = browser.new_context(viewport=SIZE).new_page()
         self.tab.set_default_timeout(1e3 * PATIENCE_S)
         self.tab.on("pageerror", lambda error: self.troubles.append(str(error)))
         self.tab.on("requestfailed", lambda request: self.troubles.append(request.url))

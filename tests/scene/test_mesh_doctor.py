@@ -205,3 +205,16 @@ def test_what_turns_inside_out_into_what_is_felt_is_told():
 )
 def test_lengths_are_told_in_the_unit_that_reads_best(length_m, text):
     assert length(length_m) == text
+
+
+def test_a_crack_is_told_with_the_widest_of_its_gaps():
+    near, far = t_junction(4.5e-6), t_junction(5e-6)
+    both = joined((near.vertices_m, near.faces), (far.vertices_m + 0.3, far.faces))
+    (crack,) = (finding for finding in examine(both).findings if finding.kind == "cracks")
+    assert crack.what.startswith("2 vertices on a crack that is wider than the skin of contact (")
+    assert crack.what.endswith("), at most 5 µm wide")
+
+
+def test_names_are_shown_without_escapes():
+    mesh = Mesh(V, F, np.arange(len(F)) % 2, ("a\x1b[31m", "b\nc"))
+    assert "2 groups: a\\x1b[31m, b\\nc" in examine(mesh).text()

@@ -1,6 +1,7 @@
 """Every format, written by trimesh and real ones; every way a file can be broken."""
 
 import io
+import json
 import tracemalloc
 import warnings
 import zipfile
@@ -10,6 +11,7 @@ import pytest
 import trimesh
 
 from hapscene.errors import MeshError
+from hapscene.scene import mesh_file
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 
@@ -63,8 +65,12 @@ def test_scene_formats_become_one_mesh_with_groups(tmp_path, suffix):
 
 def test_given_unit_wins_over_the_file(tmp_path):
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "box.glb")
-    assert load_mesh(tmp_path / "box.glb").unit == "m"
-    assert load_mesh(tmp_path / "box.glb", "cm").diagonal_m == pytest.approx(0.01 * np.sqrt(3))
+    assert load_mesh(tmp_path / "box.glb", "m").unit == "m"
+    with pytest.warns(MeshWarning, match="says that it is in m; taken to be in cm, as unit='cm' says"):
+        load_mesh(tmp_path / "box.glb", "cm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert load_mesh(tmp_path / "box.glb", "cm").diagonal_m == pytest.approx(0.01 * np.sqrt(3))
 
 
 def test_faces_are_neither_merged_nor_dropped(tmp_path):
@@ -362,3 +368,55 @@ def test_a_binary_stl_that_has_more_faces_than_it_says_is_no_smaller_mesh(tmp_pa
     (tmp_path / "ball.stl").write_bytes(content[:80] + (10).to_bytes(4, "little") + content[84:])
     with pytest.raises(MeshError, match="its binary header says 10 faces, and 15,500 bytes follow them"):
         load_mesh(tmp_path / "ball.stl", "m")
+
+
+def test_what_is_used_over_and_over_is_counted_as_often(tmp_path):
+    content = ball("glb")
+    size = int.from_bytes(content[12:16], "little")
+    tree = json.loads(content[20 : 20 + size])
+    tree["meshes"][0]["primitives"] *= 100_000
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + size :]
+    head = b"glTF" + np.array([2, 20 + len(text) + len(rest), len(text)], "<u4").tobytes() + b"JSON"
+    (tmp_path / "bomb.glb").write_bytes(head + text + rest)
+    with pytest.raises(MeshError, match=r"bomb.glb: unpacks to .* bytes; at most 200,.* are read"):
+        load_mesh(tmp_path / "bomb.glb")
+
+
+def test_what_takes_more_memory_than_is_free_is_refused_before(tmp_path, monkeypatch):
+    (tmp_path / "ball.stl").write_bytes(ball("stl"))
+    monkeypatch.setattr(mesh_file, "_memory_free_B", lambda: 1e5)
+    with pytest.raises(MeshError, match=r"takes some .* GB of memory, and .* GB are free: reduce the mesh"):
+        load_mesh(tmp_path / "ball.stl", "m")
+    monkeypatch.undo()
+    assert mesh_file._memory_free_B() > 1e6
+
+
+def test_the_memory_that_an_obj_takes(tmp_path):
+    """Of 4 times its size and 200 MB; it took 13 times."""
+    x, y = np.meshgrid(np.arange(200), np.arange(200))
+    corner = (200 * x[:-1, :-1] + y[:-1, :-1]).ravel() + 1
+    lines = [f"v {a}.25 {b}.5 0.125" for a, b in zip(x.ravel(), y.ravel(), strict=True)]
+    content = "\n".join([*lines, *(f"f {c} {c + 1} {c + 201}" for c in corner)]).encode() + b"\n"
+    (tmp_path / "grid.obj").write_bytes(content)
+    tracemalloc.start()
+    try:
+        load_mesh(tmp_path / "grid.obj", "mm")
+        assert tracemalloc.get_traced_memory()[1] < 6.5 * len(content)
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("face", [b'v2="1x"', b'v2="9"'])
+def test_a_3mf_with_a_number_that_is_none_is_refused(tmp_path, face):
+    archive = zipfile.ZipFile(io.BytesIO(ball("3mf")))
+    with zipfile.ZipFile(tmp_path / "ball.3mf", "w") as out:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name.endswith(".model"):
+                at = content.index(b"v2=", len(content) // 2)
+                content = content[:at] + face.replace(b'"9"', b'"99999"') + content[content.index(b" v3", at) :]
+            out.writestr(name, content)
+    with pytest.raises(MeshError, match=r"ball\.3mf: (not a readable 3MF|face .* names vertex 99999)"):
+        load_mesh(tmp_path / "ball.3mf")

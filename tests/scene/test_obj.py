@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import MeshError
+from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 
 
@@ -89,3 +90,25 @@ def test_colours_of_vertices(tmp_path):
 def test_errors_name_their_line(tmp_path, line, problem):
     with pytest.raises(MeshError, match=problem):
         read(tmp_path, SQUARE + line + "\n")
+
+
+def test_a_line_that_fills_the_memory_is_refused(tmp_path):
+    (tmp_path / "fan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 200_000)
+    with pytest.raises(MeshError, match=r"fan\.obj, line 4: longer than 1,000,000 characters"):
+        load_mesh(tmp_path / "fan.obj", "m")
+
+
+def test_what_is_no_statement_is_told(tmp_path):
+    (tmp_path / "odd.obj").write_text("# a\nv 0 0 0\nv 1 0 0\nv 0 1 0\ns off\nf 1 2 3\nq 1 2 3\nq 1 2 3\n")
+    with pytest.warns(MeshWarning, match="left out what is no statement of OBJ, line 7, 'q' the first of 2"):
+        assert len(load_mesh(tmp_path / "odd.obj", "m").faces) == 1
+
+
+def test_texture_coordinates_may_come_after_the_first_faces(tmp_path):
+    from PIL import Image
+
+    Image.new("RGB", (2, 1), (0, 0, 255)).save(tmp_path / "blue.png")
+    (tmp_path / "a.mtl").write_text("newmtl blue\nmap_Kd blue.png\n")
+    text = "mtllib a.mtl\nusemtl blue\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nvt 0 0\nf 1/1 2/1 3/1\nf 1 2 3\n"
+    (tmp_path / "a.obj").write_text(text)
+    assert load_mesh(tmp_path / "a.obj", "m").colour_rgb.tolist() == [[0, 0, 255]] * 3

@@ -212,3 +212,17 @@ def test_adding_a_large_mesh_is_quick():
     start = time.perf_counter()
     hapscene.Scene().add(mesh)
     assert time.perf_counter() - start < 2  # 0.04 s on an idle core
+
+
+def test_what_is_no_mesh_is_told_as_such() -> None:
+    with pytest.raises(MeshError, match="a int cannot be touched; expected a file, or a mesh"):
+        hapscene.Scene().add(3)  # type: ignore[arg-type]
+
+
+def test_a_body_is_named_so_that_its_name_can_be_shown_and_saved(tmp_path) -> None:
+    path = tmp_path / "a\nb\x1b[31m.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    scene = hapscene.Scene()
+    assert scene.add(path, unit="m").name == r"a\nb\x1b[31m"
+    scene.save(tmp_path / "a.scene.json")
+    assert hapscene.load_scene(tmp_path / "a.scene.json").bodies[0].name == r"a\nb\x1b[31m"

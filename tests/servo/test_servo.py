@@ -143,17 +143,20 @@ ASKED: dict[str, Callable[[Servo], object]] = {
 }
 
 
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="no way to see a death without taking note of it")
 def test_whatever_is_asked_of_a_killed_process_is_refused_and_what_it_felt_can_be_read() -> None:
     with Servo(make_scene(), MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         until_tick(servo, 50)
         os.kill(servo._process.pid, signal.SIGKILL)
         os.waitid(os.P_PID, servo._process.pid, os.WEXITED | os.WNOWAIT)  # from here on its death can be known
-        known_s = time.monotonic()
+        took_s = []
         for asked in ASKED.values():
+            start_s = time.monotonic()
             with pytest.raises(HapsceneError, match=r"the servo's process has ended \(exit code -9\)"):
                 asked(servo)
-        assert time.monotonic() - known_s < 0.01 * len(ASKED)
+            took_s.append(time.monotonic() - start_s)
+        assert np.median(took_s) < 0.01  # a busy machine may hold up one of them
         assert "ended" in repr(servo)
         felt = servo.read(10, after_end=True)
         assert felt.first == 10 and len(felt.rows) > 40 and np.ptp(felt.rows["p_WT_m"][:, 2]) < 1e-6

@@ -78,7 +78,7 @@ def test_it_gives_up_after_so_many_ticks_whatever_their_length(tick_ns: int) -> 
 
 
 def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
-    """The processor is left to others meanwhile: a wake costs some tens of microseconds, and 50 are spent on looking."""
+    """The processor is left to others meanwhile: it costs some microseconds, and 50 of looking."""
     channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
     period_ns, due, count = 20 * TICK_NS, now_ns(clock), 10
     await_tick(channel, clock, due, period_ns)  # compiled
@@ -183,7 +183,8 @@ def test_both_see_the_same_memory_and_its_parts_do_not_overlap() -> None:
         getattr(ours, name).view(np.uint8)[...] = k
     for k, name in enumerate(names, 1):
         assert (getattr(theirs, name).view(np.uint8) == k).all(), name
-    assert theirs.rows.shape == theirs.felt.shape == (3,) and theirs.a_m_s2.shape == theirs.a_handle_m_s2.shape == (3, 10)
+    assert theirs.rows.shape == theirs.felt.shape == (3,)
+    assert theirs.a_m_s2.shape == theirs.a_handle_m_s2.shape == (3, 10)
     theirs.close(unlink=False)
     ours.close(unlink=True)
 

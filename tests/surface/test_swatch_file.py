@@ -73,6 +73,12 @@ def test_bad_targets(tmp_path: Path) -> None:
         load_swatch(tmp_path)
 
 
+def test_a_text_that_would_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(SwatchError, match="provenance must be a text"):
+        save_swatch(Swatch("long", provenance="a" * (swatch_file.TEXT_MAX + 1)), tmp_path / "long.swatch")
+    assert not list(tmp_path.iterdir())
+
+
 def test_shipped_swatches_load_and_say_where_they_come_from() -> None:
     assert {"wood", "paper", "leather", "epoxy"} <= set(shipped_swatches())
     for name in shipped_swatches():

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
-from hapscene.teleoperation.jitter_buffer import A_EXTRA_MAX, MARGIN_MAX, call, new_queue, next_wave, play_samples, store
+from hapscene.teleoperation.jitter_buffer import (
+    A_EXTRA_MAX,
+    MARGIN_MAX,
+    call,
+    new_queue,
+    next_wave,
+    play_samples,
+    store,
+)
 
 
 def message(tick: int) -> Any:

@@ -8,6 +8,7 @@ from scipy.signal import butter, lfilter
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.point import PointMass
+from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.records import records
@@ -89,6 +90,9 @@ def test_the_hand_moves_on_straight_between_ticks_and_is_still_after_the_last() 
         assert hand.target_m.tolist() == path[k].tolist() and hand.push_N.tolist() == push[k].tolist()
         assert hand.target_m_s == pytest.approx(speed)
         assert (hand.k_N_m, hand.b_Ns_m, hand.mass_kg) == tuple(grip[k])
+        gripped = make_leader().handle
+        grip_handle(gripped[0], grip[k, 0], grip[k, 1])
+        assert leader.handle.tobytes() == gripped.tobytes()
 
 
 # Two ends of their own, as two processes have them, live through what they live through in one loop.

@@ -78,7 +78,7 @@ def make_end(role: str, x_m: Any, **coupling: float) -> Endpoint:
 
 
 def tie(directions: np.ndarray, **coupling: float) -> np.ndarray:
-    """Forces (n, 2, 3) of two ends that are moved along `directions` (2, 3), the one's message the other's a tick later."""
+    """Forces (n, 2, 3) of two ends moved along `directions` (2, 3); each hears of the other a tick later."""
     ends = [make_end(role, (0.0, 0.0, 0.0), **coupling) for role in ("leader", "follower")]
     told, forces = [records(1, MESSAGE) for _ in ends], []
     for k in range(400):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hapscene.device.hand import GRIPS
+from hapscene.device.hand import GRIPS, Grip
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError
@@ -42,6 +42,26 @@ def test_force_goes_out_after_the_delay(plate: Scene) -> None:
     feel = twin.run(Intent.hold((0.0, 0.0, -0.002), 50))
     assert np.array_equal(feel.f_motor_W_N[3:], feel.recording.f_W_N[:-3])
     assert not feel.f_motor_W_N[:3].any()
+
+
+def test_the_hand_pulls_with_its_spring_its_damper_and_its_push(plate: Scene) -> None:
+    """f = k (target − x) + b (ẋ_target − ẋ) + push at each tick's start, the target on its way to the next tick's."""
+    t_s = TICK_S * np.arange(60)
+    path = 0.03 + 0.01 * np.column_stack((np.sin(20.0 * t_s), np.cos(30.0 * t_s), np.sin(50.0 * t_s)))
+    twin = Twin(plate, PointMass(0.045, 0.1))
+    twin.reset(path[0] + 0.001, (0.1, -0.2, 0.3))
+    feel = twin.run(Intent.along(path, Grip(200.0, 3.0, 0.01), (0.1, 0.2, 0.3)))
+    speed = np.diff(path, axis=0, append=path[-1:]) / TICK_S
+    pull_N = 200.0 * (path - feel.p_W_m) + 3.0 * (speed - feel.v_W_m_s) + (0.1, 0.2, 0.3)
+    np.testing.assert_allclose(feel.f_hand_W_N, pull_N, atol=1e-9)
+
+
+@pytest.mark.parametrize("motor", range(3))
+def test_the_warmest_motor_is_told(plate: Scene, motor: int) -> None:
+    twin = Twin(plate, Omni(), X_WD=stand((0.0, 0.0, 0.05)))
+    twin.reset((0.0, 0.0, 0.05))
+    twin.body.arm.omni.heat[0, motor] = 0.5
+    assert twin.run(Intent.hold((0.0, 0.0, 0.05), 1)).heat[0] == pytest.approx(0.5, rel=0.01)
 
 
 def test_work_of_the_motors_is_what_the_free_mass_gains(plate_of: Callable[..., Scene]) -> None:
@@ -135,3 +155,5 @@ def test_one_row_is_for_all_ticks() -> None:
     intent = Intent.along(np.zeros((4, 3)), (1.0, 2.0, 0.0), (0.0, 0.0, -1.0))
     assert intent.grip.tolist() == [[1.0, 2.0, 0.0]] * 4
     assert intent.push_W_N.tolist() == [[0.0, 0.0, -1.0]] * 4
+    for plain in (Intent.along(np.zeros((4, 3))), Intent.hold((0.0, 0.0, 0.0), 4)):
+        assert plain.grip.tolist() == [GRIPS["light"].row().tolist()] * 4 and not plain.push_W_N.any()

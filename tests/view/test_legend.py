@@ -89,6 +89,6 @@ def test_a_sign_is_as_long_as_it_says_and_stands_apart_from_its_text(kind: str) 
     assert np.ptp(sign) == pytest.approx(long + 1, abs=2) and text[0] - sign[1] >= 0.4 * size
     assert edges[-1][1] <= placed.x + placed.width and edges[-1][1] >= placed.x + placed.width - 3
     rows = np.flatnonzero(inked[:, sign[0] : sign[1]].any(axis=1))
-    assert rows.mean() == pytest.approx(placed.y, abs=1.0)
+    assert rows.mean() == pytest.approx(placed.y, abs=0.5)
     high = {"patch": size, "ball": 0.8 * size, "arrow": size, "bar": size, "line": size / 3, "thread": size / 6}[kind]
     assert len(rows) == pytest.approx(high, abs=2.5)

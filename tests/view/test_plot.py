@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from hapscene.recording import Recording
-from hapscene.view.plot import draw_plot, envelope, write_plot
+from hapscene.view.plot import draw_hand_plot, draw_plot, envelope, write_plot
 
 
 def test_every_plot_names_its_quantity_and_unit(recording: Recording) -> None:
@@ -68,3 +69,66 @@ def test_short_and_silent_recordings_are_drawn(tmp_path: Path, recording: Record
     write_plot(replace(recording, **cut), tmp_path / "plots.png")
     with Image.open(tmp_path / "plots.png") as image:
         assert image.format == "PNG" and image.width > 1000
+
+
+def drawn(ax) -> dict[str, np.ndarray]:
+    """Label and heights of each line."""
+    return {line.get_label(): np.asarray(line.get_ydata()) for line in ax.lines}
+
+
+def spans(collection) -> list[tuple[float, float]]:
+    """From when to when each bar of a strip goes."""
+    return [(float(p.vertices[:, 0].min()), float(p.vertices[:, 0].max())) for p in collection.get_paths()]
+
+
+def test_lines_are_what_they_are_called(recording: Recording) -> None:
+    force, depth, acceleration = draw_plot(recording).axes[1:4]
+    lines = drawn(force)
+    np.testing.assert_allclose(lines["magnitude"], np.linalg.norm(recording.f_W_N, axis=1))
+    np.testing.assert_array_equal(np.stack([lines[axis] for axis in "xyz"], axis=1), recording.f_W_N)
+    (curve,) = depth.lines
+    np.testing.assert_allclose(curve.get_ydata(), recording.depth_m * 1e3)
+    low, high = acceleration.dataLim.intervaly
+    assert (low, high) == pytest.approx((-3.0, 3.0), rel=0.01)
+
+
+def test_the_strip_and_the_ground_show_when_what_was_touched(recording: Recording) -> None:
+    axes = draw_plot(recording).axes
+    shown = {bar.get_label(): spans(bar) for bar in axes[0].collections}
+    assert shown["wood"] == [pytest.approx(span) for span in ((0.2, 0.25), (1.2, 1.4))]
+    assert shown["leather"] == [pytest.approx(span) for span in ((0.5, 0.55), (1.6, 1.8))]
+    touched = spans(axes[1].collections[-1])
+    assert touched == [pytest.approx(span) for span in ((0.2, 0.25), (0.5, 0.55), (0.8, 1.4), (1.6, 1.9))]
+    assert axes[0].get_xlim() == pytest.approx((0.0, 2.0))
+
+
+def test_a_closed_loop_s_lines_are_hand_tool_motors_and_work(recording: Recording) -> None:
+    rng, n = np.random.default_rng(0), len(recording.t_s)
+    feel = SimpleNamespace(
+        recording=recording,
+        target_W_m=rng.standard_normal((n, 3)),
+        p_W_m=rng.standard_normal((n, 3)),
+        f_hand_W_N=rng.standard_normal((n, 3)),
+        f_motor_W_N=rng.standard_normal((n, 3)),
+        a_handle_m_s2=0.5 * recording.a_m_s2,
+        latency_s=0.004,
+        work_J=rng.standard_normal(n),
+    )
+    height, force, acceleration, work = (ax for ax in draw_hand_plot(feel, "a title").axes)
+    lines = drawn(height)
+    np.testing.assert_allclose(lines["meant by the hand"], 1e3 * feel.target_W_m[:, 2])
+    np.testing.assert_allclose(lines["tool"], 1e3 * feel.p_W_m[:, 2])
+    on = np.where(recording.touching, 1e3 * recording.p_WP_m[:, 2], np.nan)
+    np.testing.assert_allclose(lines["proxy on the surface"], on)
+    lines = drawn(force)
+    np.testing.assert_allclose(lines["hand"] ** 2, np.sum(feel.f_hand_W_N**2, axis=1))
+    np.testing.assert_allclose(lines["motors"] ** 2, np.sum(feel.f_motor_W_N**2, axis=1))
+    np.testing.assert_allclose(drawn(work)["given by the motors"], 1e3 * np.cumsum(feel.work_J))
+    areas = {
+        area.get_label(): area.get_paths()[0].vertices
+        for area in acceleration.collections
+        if area.get_label()[0] != "_"
+    }
+    assert np.abs(areas["asked for"][:, 1]).max() == pytest.approx(3.0, rel=0.01)
+    assert np.abs(areas["of the handle"][:, 1]).max() == pytest.approx(1.5, rel=0.01)
+    assert areas["of the handle"][:, 0].min() == pytest.approx(-0.004)  # it comes later, and is shown in step

@@ -184,19 +184,21 @@ class TouchHand:
             self._say(ARM_ENDS, "error")
 
     def _aim(self) -> None:
-        begun = self._servo is not None and not self._starting
-        if self.touching and self._contact is not None and begun and self._alive():
+        if self.touching and self._contact is not None and self._servo is not None and not self._starting:
             aim = aim_point(*self._contact, self.config.grip) - self._deeper_m * self._contact.nhat_W
-            self._servo.aim(aim, self.config.grip)
+            self._order(partial(self._servo.aim, aim, self.config.grip))
 
     def lift(self, now_s: float) -> None:
         """Off the surface."""
         if not self.touching:
             return
         self.touching, self._last_s = False, now_s
-        if self._servo is not None and not self._starting and self._running and self._alive():
-            state = self._servo.state()
-            self._servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
+        if self._servo is not None and not self._starting and self._running:
+            self._order(partial(self._go_off, self._servo))
+
+    def _go_off(self, servo: Any) -> None:
+        state = servo.state()
+        servo.aim(state.p_WP_m + LIFT_M * state.nhat_W, self.config.grip)
 
     def read(self, now_s: float) -> tuple[State, NDArray[Any], NDArray[Any]] | None:
         """The newest tick, force (n,) [N] and acceleration (n, block) [m/s²] since the last look; None at rest.
@@ -205,9 +207,13 @@ class TouchHand:
         """
         if self._servo is None or not self._running or not self._alive():
             return None
-        felt = self._servo.read(self._since)
+        try:
+            felt, state = self._servo.read(self._since), self._servo.state()
+        except HapsceneError:
+            if self._alive():
+                raise
+            return None
         self._since = felt.first + len(felt.rows)
-        state = self._servo.state()
         if state.touching != self._on_surface:
             self._on_surface, self._surface_tick = state.touching, state.tick
             if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
@@ -296,6 +302,15 @@ class TouchHand:
             self.status, self._running, self.touching = "failed", False, False
             self._say("The hand's process has ended; to start a new one choose another device, then this one.", "error")
         return False
+
+    def _order(self, order: Callable[[], Any]) -> None:
+        """Have the hand do something; nothing where its process has ended, which is told once."""
+        if self._alive():
+            try:
+                order()
+            except HapsceneError:
+                if self._alive():
+                    raise
 
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)

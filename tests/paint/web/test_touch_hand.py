@@ -228,6 +228,30 @@ def test_a_stroke_beyond_the_arms_reach_is_said_once_and_stays_where_it_is(devic
     run(act)
 
 
+@pytest.mark.parametrize("first", ["move", "lift", "read"])
+def test_a_hand_whose_process_dies_is_told_once_whatever_is_asked_of_it(first: str) -> None:
+    async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
+        def die(*arguments: object) -> None:
+            made[0].alive = False
+            raise HapsceneError("its process has ended")
+
+        touch.press(PLACE, UP, 1.0, 500.0)
+        await done(made[0], 2)
+        for order in ("aim", "state", "read"):
+            setattr(made[0], order, die)
+        asks: dict[str, Callable[[], Any]] = {
+            "move": lambda: touch.move(PLACE, UP, 1.0, 500.0),
+            "lift": lambda: touch.lift(0.0),
+            "read": lambda: touch.read(0.0),
+        }
+        for ask in (asks[first], *asks.values()):
+            assert ask() is None
+        assert touch.status == "failed" and len(said) == 1 and "process has ended" in said[0]
+        assert not touch.press(PLACE, UP, 1.0, 500.0)
+
+    run(act)
+
+
 async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
     """Press with a real servo on the side of a plate until the force has been right for 0.3 s, then stroke 0.3 s."""
     scene, said = Scene(), list[str]()

@@ -1,0 +1,53 @@
+"""What the effects supply, inside the device's limits: cut in this order, and flagged."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.device.model import Limits
+from hapscene.flags import Flag
+from hapscene.scene.scene import Scene
+from hapscene.surface.mixer import limit
+from hapscene.surface.surface_arrays import build_surface
+
+
+def limited(f_W_N, a_m_s2=(0.0, 0.0, 0.0), last_N=(0.0, 0.0, 0.0), swatch=0, **limits):
+    """Force, acceleration and flags of a tick of 1 ms that adds up to these."""
+    scene = Scene()
+    scene.add(trimesh.creation.box(), unit="m")
+    surface = build_surface(scene, [], 1e-3, 3000.0, Limits(**limits))
+    total, touch, memory = surface.total[0], surface.touch[0], surface.memory[0]
+    total.f_W_N[:], total.a_m_s2[:3], memory.f_W_N[:] = f_W_N, a_m_s2, last_N
+    touch.swatch, touch.nhat_W[:] = swatch, (0.0, 0.6, 0.8)
+    flags = limit(surface)
+    np.testing.assert_array_equal(memory.f_W_N, total.f_W_N)  # what the next tick's change is counted from
+    return total.f_W_N.copy(), total.a_m_s2[:3].copy(), Flag(int(flags))
+
+
+def test_what_the_limits_allow_is_left_as_it_is():
+    f, a, flags = limited((3.0, 0.0, 4.0), (2.0, -2.0, 0.5), force_N=5.0, acceleration_m_s2=2.0, slew_N_s=5000.0)
+    assert f.tolist() == [3.0, 0.0, 4.0] and a.tolist() == [2.0, -2.0, 0.5] and flags == 0
+
+
+def test_samples_are_cut_on_either_side():
+    _, a, flags = limited((0.0, 0.0, 0.0), (3.0, -4.0, 0.5), acceleration_m_s2=2.0)
+    assert a.tolist() == [2.0, -2.0, 0.5] and flags == Flag.ACCELERATION_LIMITED
+
+
+@pytest.mark.parametrize(("swatch", "folded_N"), [(0, 0.1 * 1.0 / 3.0), (-1, 0.0)])
+def test_what_no_actuator_plays_becomes_force_along_the_normal(swatch, folded_N):
+    """The mean of the samples as they are cut, times the mass; nothing before anything was touched."""
+    f, _, flags = limited((1.0, 0.0, 0.0), (3.0, -1.0, 0.0), swatch=swatch, fold_mass_kg=0.1, acceleration_m_s2=2.0)
+    np.testing.assert_allclose(f, (1.0, 0.6 * folded_N, 0.8 * folded_N), rtol=1e-12)
+    assert flags == Flag.ACCELERATION_LIMITED
+
+
+def test_force_keeps_its_direction_and_changes_no_faster_than_the_device_allows():
+    f, _, flags = limited((6.0, 0.0, 8.0), force_N=5.0)
+    np.testing.assert_allclose(f, (3.0, 0.0, 4.0), rtol=1e-12)
+    assert flags == Flag.FORCE_LIMITED
+    f, _, flags = limited((6.0, 1.0, 8.0), last_N=(3.0, 1.0, 4.0), slew_N_s=1000.0)
+    np.testing.assert_allclose(f, (3.6, 1.0, 4.8), rtol=1e-12)
+    assert flags == Flag.SLEW_LIMITED
+    f, _, flags = limited((0.0, 0.0, 80.0), last_N=(0.0, 0.0, 2.0), slew_N_s=1000.0, force_N=5.0)
+    assert f.tolist() == [0.0, 0.0, 3.0] and flags == Flag.FORCE_LIMITED | Flag.SLEW_LIMITED
