@@ -18,9 +18,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from formats import FORMATS, Format
 from mutate import mutant
 
-OPEN = {"hsrec", "stl-text"} | {"csv", "mat", "mat-packed", "npz", "touch", "wav"}
-"""Formats with findings that are to be mended. The first two: silently smaller where a record is damaged within, and
-where a facet has lost its loop."""
+OPEN = {"stl-text"}
+"""Formats with findings that are to be mended: of an ASCII STL, a facet that has lost its loop is left out in silence."""
 
 HANG_S = 10.0
 """Longest time that a file may take, by the processor [s]."""
