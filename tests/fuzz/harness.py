@@ -19,7 +19,7 @@ from formats import FORMATS, Format
 from mutate import mutant
 
 OPEN = {"stl-text"}
-"""Formats with findings that are to be mended: a facet of an ASCII STL that has lost its loop is left out in silence."""
+"""Formats with findings to be mended: a facet of an ASCII STL that has lost its loop is left out in silence."""
 
 HANG_S = 10.0
 """Longest time that a file may take, by the processor [s]."""
