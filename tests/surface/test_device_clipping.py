@@ -1,10 +1,15 @@
-"""What a device takes of a swatch's numbers: springs that it holds, and the dampers that let it hold more."""
+"""What a device takes of a swatch's numbers: springs that it holds, the dampers that let it hold more, its texture."""
 
+import math
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from hapscene.device.model import Limits
-from hapscene.surface.device_clipping import WALL, given
+from hapscene.surface.device_clipping import WALL, _in_blocks, given, share_of
 from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.library import load_swatch
 
 EFFECTS = [load_effect(name) for name in ("wall", "friction")]
 LIMITS = Limits(undamped_N_m=400.0, stiffness_N_m=900.0, damping_time_s=1e-3, damping_Ns_m=0.4)
@@ -42,3 +47,31 @@ def test_each_spring_has_its_own_damper(spring, damper, asked_N_m, asked_Ns_m, g
 def test_a_spring_that_nothing_damps_is_softer():
     for spring in ((WALL, "stiffness_N_m"), (1, "tangential_stiffness_N_m")):
         assert given(LIMITS, EFFECTS, {spring: 600.0}) == {spring: 400.0}
+
+
+# How much of a texture the motors have.
+
+
+def test_without_a_mass_or_a_known_damping_there_is_nothing_to_limit():
+    wood = load_swatch("wood").texture
+    assert share_of(wood, 0.0, 0.1, 1e-3) == share_of(wood, 0.045, math.inf, 1e-3)
+    assert share_of(wood, 0.0, 0.1, 1e-3).share == 1.0
+
+
+def test_the_share_is_what_makes_the_worst_stroke_just_passive():
+    """A device twice as damped holds twice as much, and a texture twice as loud gets half of it."""
+    texture = load_swatch("wood").texture
+    found = share_of(texture, 0.045, 0.1, 1e-3)
+    assert 0.0 < found.share < 0.5 and found.share == pytest.approx(found.limit / found.amplitude)
+    assert 0.0 < found.force_N <= texture.force_max_N and 0.0 < found.slip_m_s <= texture.speed_max_m_s
+    assert share_of(texture, 0.045, 0.2, 1e-3).share == pytest.approx(2.0 * found.share)
+    louder = replace(texture, variance_m2_s4=4.0 * texture.variance_m2_s4)
+    assert share_of(louder, 0.045, 0.1, 1e-3).share == pytest.approx(0.5 * found.share, rel=1e-6)
+    assert "motors of the omni hold" in found.message("wood", "omni")
+
+
+def test_noise_in_blocks_has_the_power_of_its_means():
+    """White noise of variance 1 at 10 kHz, averaged by 10: a variance of a tenth, heard up to half the tick's rate."""
+    rms, frequency = _in_blocks(np.array([[1.0, 0.0]]), np.ones(1), 10_000.0, 1e-3)
+    assert rms[0] == pytest.approx(math.sqrt(0.1), rel=0.02)
+    assert frequency[0] == pytest.approx(500.0 / math.sqrt(3.0), rel=0.02)

@@ -1,0 +1,87 @@
+"""Steps of a painting: what is open belongs together, ends with whatever else is done, and is undone as one."""
+
+import numpy as np
+import pytest
+
+from hapscene.errors import SceneError
+from hapscene.paint.painting import ERASE, Painting
+from hapscene.scene.scene import Scene
+
+from .conftest import plate_mesh
+
+
+@pytest.fixture
+def painting() -> Painting:
+    """Two plates of 12 faces, the second made of paper."""
+    scene = Scene()
+    scene.add(plate_mesh(cells=0), name="plain")
+    scene.add(plate_mesh(cells=0), name="sheet", swatch="paper")
+    return Painting(scene)
+
+
+def swatches_of(painting: Painting) -> list[list[int]]:
+    return [body.face_swatch.tolist() for body in painting.scene.bodies]
+
+
+def test_an_open_step_is_one_undo_over_all_bodies(painting: Painting) -> None:
+    before, state = swatches_of(painting), painting.state
+    painting.begin_step("brush", "paper")
+    assert painting.undo_text is None
+    assert [painting.paint_faces(body, np.arange(3)) for body in (0, 0, 1)] == [3, 0, 0]
+    painting.paint_faces(0, np.array([7]))
+    assert painting.step_is_open and painting.undo_text == "stroke" and painting.state != state
+    assert painting.end_step() == 4 and not painting.step_is_open
+    painted = swatches_of(painting)
+    assert np.flatnonzero(painted[0]).tolist() == [0, 1, 2, 7]
+    assert painting.undo() == "brush, 4 faces"
+    assert swatches_of(painting) == before and painting.state == state
+    assert painting.redo() == "brush, 4 faces" and swatches_of(painting) == painted
+    assert painting.redo() is None
+
+
+def test_what_else_is_done_ends_an_open_step(painting: Painting) -> None:
+    before = swatches_of(painting)
+    painting.begin_step("brush", "paper")
+    painting.paint_faces(0, np.array([0]))
+    painting.begin_step("line", "paper")
+    painting.paint_faces(0, np.array([1]))
+    assert painting.undo() == "line, 1 face" and painting.undo() == "brush, 1 face" and painting.undo() is None
+    assert swatches_of(painting) == before
+    with pytest.raises(SceneError, match="begin one first"):
+        painting.paint_faces(0, np.array([0]))
+
+
+def test_a_step_that_changes_nothing_is_none(painting: Painting) -> None:
+    both = {0: np.zeros(12, bool), 1: np.ones(12, bool)}
+    assert painting.paint("fill", both, "paper") == 0 and painting.undo() is None
+
+
+def test_the_eraser_gives_each_body_its_own_default(painting: Painting) -> None:
+    before = swatches_of(painting)
+    painting.paint("fill", {0: np.ones(12, bool)}, "paper")
+    painting.paint("fill", {1: np.ones(12, bool)}, 0)
+    both = {body: np.ones(12, bool) for body in (0, 1)}
+    assert painting.paint("erase", both, ERASE) == 24 and swatches_of(painting) == before
+
+
+def test_another_painting_is_taken_whole_or_not_at_all(painting: Painting) -> None:
+    before = swatches_of(painting)
+    other = painting.snapshot()
+    other.bodies[0].face_swatch[:4] = 1
+    assert swatches_of(painting) == before  # a snapshot shares no faces
+    painting.take_painting(other, "take")
+    assert swatches_of(painting)[0] == [1] * 4 + [0] * 8 and painting.undo() == "take"
+    assert swatches_of(painting) == before
+    del other.bodies[1]
+    with pytest.raises(SceneError, match="bodies are not those"):
+        painting.take_painting(other, "take")
+    assert swatches_of(painting) == before
+
+
+def test_each_watch_is_told_what_changed_once(painting: Painting) -> None:
+    watches = [painting.watch(), painting.watch()]
+    painting.paint("fill", {1: np.arange(12) < 2}, 0)
+    for watch in watches:
+        changes = painting.changes_of(watch)
+        assert {body: faces.tolist() for body, faces in changes.faces.items()} == {1: [0, 1]} and not changes.shelf
+        assert not painting.changes_of(watch)
