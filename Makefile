@@ -26,7 +26,7 @@ FLOORS := tests/scene tests/surface tests/contact tests/exchange tests/test_reco
 
 floors:
 	@if $(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then \
-		.ci/versions $(PYTHON) lowest -- $(FLOORS); \
+		bash .ci/versions $(PYTHON) lowest -- $(FLOORS); \
 	else \
 		echo "floors: tried with Python 3.11 alone, this is $$($(PYTHON) -V)"; \
 	fi
