@@ -231,7 +231,8 @@ def _limit(memory_B: int, time_s: int) -> None:
         )
         for what, most in limits:
             with contextlib.suppress(ValueError, OSError):  # less is allowed already
-                resource.setrlimit(what, (most, most))
+                # the second limit kills, as others do; the first, a second earlier, says why
+                resource.setrlimit(what, (most, most + (what == resource.RLIMIT_CPU)))
 
 
 if __name__ == "__main__":

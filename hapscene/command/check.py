@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import name_made, say, tell
 from hapscene.command.options import UNITLESS, add_command, add_reading_options, check_scene, check_there, loading
-from hapscene.errors import HapsceneError, MeshError
+from hapscene.errors import HapsceneError, MeshError, printable
 
 if TYPE_CHECKING:
     from hapscene.scene.mesh_report import Report
@@ -122,6 +122,7 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
     from hapscene.scene.mesh_doctor import examine
     from hapscene.scene.mesh_file import load_mesh
 
+    prefix = printable(f"{file}: ")  # as errors have it
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -129,10 +130,10 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
             mesh = load_mesh(file, None if own else options.unit, accept_damaged=options.accept_damaged)
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
-            reason = " ".join(str(error).removeprefix(f"{file}: ").split()) or "not enough memory"
+            reason = " ".join(str(error).removeprefix(prefix).split()) or "not enough memory"
             return {"path": str(file), "verdict": UNREADABLE, "error": reason, "words": f": {reason}"}
     verdict = _verdict(report)
-    warned = [str(warning.message).removeprefix(f"{file}: ") for warning in caught]
+    warned = [printable(str(warning.message)).removeprefix(prefix) for warning in caught]
     words = [*warned, *(finding.what for finding in sorted(report.findings, key=lambda f: f.level != "fault"))]
     return {
         **json.loads(report.to_json()),
