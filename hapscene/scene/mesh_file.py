@@ -258,17 +258,17 @@ def _suffix(name: str) -> str:
 
 def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[Part], str | None]:
     """Parts of a file, and the unit that it says."""
-    if suffix == "obj":
-        from hapscene.scene.obj import read_obj
-
-        return [read_obj(content, str(path), resolver)], None
-    face_count = check(suffix, content, str(path))
     needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()
     if needed_B > free_B:
         raise MeshError(
             f"{path}: to read it takes some {needed_B / 1e9:.1f} GB of memory, and {free_B / 1e9:.1f} GB are free: "
             "reduce the mesh, or save it as binary .ply, which takes the least"
         )
+    if suffix == "obj":
+        from hapscene.scene.obj import read_obj
+
+        return [read_obj(content, str(path), resolver)], None
+    face_count = check(suffix, content, str(path))
     if suffix == "3mf":
         return _confined_parts(path, content)
     content = stl_faces(content) if suffix == "stl" else content
