@@ -14,9 +14,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.confined import MEMORY_FREE_B, confined
+from hapscene.confined import confined
 from hapscene.errors import FormatError, MeshError
-from hapscene.files import refusing
+from hapscene.files import MEMORY_FREE_B, refusing
 
 MEMORY_RATIO: Final = 60
 """Memory that Open CASCADE may take for each byte of a file [1]: it takes some 25."""
@@ -88,8 +88,8 @@ def _complaints(said: str) -> str:
     return "; ".join(" ".join(line.split()) for line in errors)[:SAID_MAX]
 
 
-# The text. ISO 10303-21: statements `#12 = NAME(…);` in sections; strings in '…', a quote in them doubled. No pattern may
-# look for an end from each of many beginnings, or a hostile file takes hours.
+# The text. ISO 10303-21: statements `#12 = NAME(…);` in sections; strings in '…', a quote in them doubled. No pattern
+# looks for an end from each of many beginnings: that would take hours for a hostile file.
 
 
 _NO_CODE: Final = re.compile(rb"'[^']*'|/\*.*?(?:\*/|\Z)", re.DOTALL)
