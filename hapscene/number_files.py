@@ -95,7 +95,7 @@ class Npz:
                 one = version == (1, 0)
                 read = np.lib.format.read_array_header_1_0 if one else np.lib.format.read_array_header_2_0
                 shape, _, dtype = read(file)
-            except (MemoryError, Exception):  # it is parsed as Python's source is: a deep one exhausts the parser
+            except Exception:  # it is parsed as Python's source is: a deep one exhausts the parser
                 raise FormatError(f"array {name!r} has no header that can be read") from None
         if min(shape, default=0) < 0 or dtype.itemsize * math.prod(shape) > member.file_size:
             raise FormatError(f"array {name} of shape {shape} is longer than the file: it is cut off or forged")
