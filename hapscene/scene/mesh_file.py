@@ -111,11 +111,18 @@ def stl_faces(content: bytes) -> bytes:
     return content if _is_text(content) else content[: _binary_end(content)]
 
 
+_FACET: Final = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
+_CORNER: Final = re.compile(rb"\bvertex\s+[-+.\dni]", re.IGNORECASE)  # a number, nan or inf: no word of a name
+
+
 def _stl(content: bytes, where: str) -> None:
     """A binary STL says its count of faces, 50 bytes each; an ASCII one ends with `endsolid`."""
     if _is_text(content):
         if b"endsolid" not in content[-1000:].lower():
             raise MeshError(f"{where}: the file is truncated: an ASCII STL file ends with 'endsolid'")
+        facets, corners = (sum(1 for _ in word.finditer(content)) for word in (_FACET, _CORNER))
+        if corners != 3 * facets:
+            raise MeshError(f"{where}: damaged: {facets:,} facets have {corners:,} vertices; expected three for each")
         return
     end = _binary_end(content)
     if len(content) < end:

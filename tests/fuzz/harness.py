@@ -18,9 +18,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 from formats import FORMATS, Format
 from mutate import mutant
 
-OPEN = {"stl-text"}
-"""Formats with findings to be mended: a facet of an ASCII STL that has lost its loop is left out in silence."""
-
 HANG_S = 10.0
 """Longest time that a file may take, by the processor [s]."""
 
