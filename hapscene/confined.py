@@ -5,9 +5,9 @@ this package in a new process under limits, and takes nothing from it but arrays
 
 STEP (Open CASCADE, which crashes on one damaged file in five), 3MF (libxml2, whose trees are twenty times as large as
 the text) and MATLAB files (SciPy, which crashes on a wrong tag) are read there. In our own process stay, bounded before
-they begin: zlib and Python's zipfile, what they unpack counted first; libxml2 for X3D, its tags counted first, without
-entities or network; Pillow for the textures of glTF and OBJ, whose pictures it holds to a size of its own, and of which
-an error costs the colours alone; NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
+they begin: zlib and Python's zipfile, what they unpack counted first; libxml2 for X3D and the Penn toolkit, its tags
+counted first, without entities or network; Pillow for the textures of glTF and OBJ, whose pictures it holds to a size
+of its own, and of which an error costs the colours alone; NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
 """
 
 import contextlib
@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import FormatError, printable
-from hapscene.files import MEMORY_FREE_B as MEMORY_FREE_B
 
 Reader = Callable[..., Mapping[str, NDArray[Any]]]
 """What can be run: takes the open file (binary, seekable) and texts or numbers; gives arrays by name, none of objects.
@@ -112,7 +111,7 @@ def confined(
     text = said.text()
     if refused is not None:
         raise FormatError(refused)
-    if code == -_SIGXCPU or (code == -signal.SIGKILL and time.monotonic() - start_s >= most_s):
+    if code == -_SIGXCPU or (code != 0 and time.monotonic() - start_s >= most_s):
         raise FormatError(f"{by} had not read it after {time_s:.3g} s, and was ended")
     if code != 0 or arrays is None:
         last = f"; it said: {text.splitlines()[-1][:200]}" if text else ""

@@ -301,15 +301,25 @@ LISTING_MAX_B: Final = 1_000_000
 """Longest list of an archive's members [bytes], 15,000 of them: each takes ten times that in memory."""
 
 
+def unpacked_most_B(packed_B: int, most_B: int) -> int:
+    """What a file of that size may unpack to, `most_B` at most [bytes]."""
+    return min(most_B, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
+
+
 def check_unpacked(packed_B: int, unpacked_B: int, most_B: int, advice: str) -> None:
     """Refuse what unpacks to more than `most_B`, or than its own size allows.
 
     Raises:
         FormatError: it does; `advice` is what to do.
     """
-    most_B = min(most_B, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
+    most_B = unpacked_most_B(packed_B, most_B)
     if unpacked_B > most_B:
         raise FormatError(f"unpacks to {unpacked_B:,} bytes; of an archive this large {most_B:,} are read: {advice}")
+
+
+def memory_most_B(own_B: int) -> int:
+    """What may be taken to read so much, unpacked [bytes]."""
+    return MEMORY_RATIO_MAX * own_B + MEMORY_FREE_B
 
 
 def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
@@ -318,9 +328,8 @@ def check_memory(needed_B: float, own_B: int, what: str, advice: str) -> None:
     Raises:
         FormatError: it does; `what` takes it, `advice` is what to do.
     """
-    most_B = MEMORY_RATIO_MAX * own_B + MEMORY_FREE_B
-    if needed_B > most_B:
-        needed_MB, most_MB = needed_B / 1e6, most_B / 1e6
+    if needed_B > memory_most_B(own_B):
+        needed_MB, most_MB = needed_B / 1e6, memory_most_B(own_B) / 1e6
         raise FormatError(
             f"{what} would take {needed_MB:,.0f} MB of memory, and of a file this large {most_MB:,.0f} may be: {advice}"
         )

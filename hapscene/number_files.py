@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
 from hapscene.errors import FormatError
-from hapscene.files import MEMORY_FREE_B, MEMORY_RATIO_MAX, check_memory, open_zip
+from hapscene.files import check_memory, memory_most_B, open_zip
 
 if TYPE_CHECKING:
     import zipfile
@@ -32,7 +32,7 @@ def lines_of(path: Path, file: IO[str], line_B: int) -> Iterator[str]:
         FormatError: a line that is longer than `LINE_MAX`; so many that the numbers would take too much memory.
     """
     own_B = path.stat().st_size
-    most = (MEMORY_RATIO_MAX * own_B + MEMORY_FREE_B) // line_B
+    most = memory_most_B(own_B) // line_B
     for number in range(1, most + 1):
         line = file.readline(LINE_MAX + 1)
         if not line:
@@ -95,7 +95,7 @@ class Npz:
                 one = version == (1, 0)
                 read = np.lib.format.read_array_header_1_0 if one else np.lib.format.read_array_header_2_0
                 shape, _, dtype = read(file)
-            except (MemoryError, Exception):  # it is parsed as Python's source is: a deep one exhausts the parser
+            except Exception:  # it is parsed as Python's source is: a deep one exhausts the parser
                 raise FormatError(f"array {name!r} has no header that can be read") from None
         if min(shape, default=0) < 0 or dtype.itemsize * math.prod(shape) > member.file_size:
             raise FormatError(f"array {name} of shape {shape} is longer than the file: it is cut off or forged")

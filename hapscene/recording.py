@@ -149,6 +149,8 @@ class Recording:
             raise RecordingError(f"{path}: no such file; expected a recording, as touch.npz")
         with refusing(RecordingError, path):
             try:
+                if not path.is_file():
+                    raise FormatError("is no file")
                 with open_npz(path, BYTES_MAX, "expected a shorter recording") as archive:
                     values = _read(archive)
             except RecordingError:

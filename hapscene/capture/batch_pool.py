@@ -117,7 +117,7 @@ def read_content(path: Path) -> bytes:
         if path.is_file():
             return read_bytes(path, BYTES_MAX, "recording")
         with path.open("rb") as pipe:
-            return pipe.read(BYTES_MAX)  # what is cut there is told when it is read
+            return pipe.read(BYTES_MAX + 1)  # one too many is refused when it is read
 
 
 def version() -> str:

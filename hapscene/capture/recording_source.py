@@ -22,23 +22,13 @@ from numpy.typing import NDArray
 
 from hapscene.confined import confined
 from hapscene.errors import CaptureError, FormatError
-from hapscene.files import (
-    MEMORY_FREE_B,
-    MEMORY_RATIO_MAX,
-    UNPACKED_FREE_B,
-    UNPACKED_RATIO_MAX,
-    check_file_size,
-    check_unpacked,
-    read_bytes,
-    refusing,
-)
+from hapscene.files import check_file_size, check_unpacked, memory_most_B, read_bytes, refusing, unpacked_most_B
 from hapscene.number_files import TOO_MUCH, lines_of, open_npz
 
 BYTES_MAX: Final = 1 << 30
 """Largest file that is opened, and largest content that is unpacked [bytes]: 20 minutes of four columns at 10 kHz."""
 
 AXES: Final = ("x", "y", "z")
-
 
 Column = NDArray[Any]
 """A stream (n,) as the file holds it: numbers of any type, each to become eight bytes only once it is used."""
@@ -187,15 +177,14 @@ def _npz(file: Path) -> RecordingSource:
 
 
 def _mat(file: Path) -> RecordingSource:
-    packed_B = file.stat().st_size
-    most_B = min(BYTES_MAX, max(UNPACKED_RATIO_MAX * packed_B, UNPACKED_FREE_B))
+    most_B = unpacked_most_B(file.stat().st_size, BYTES_MAX)
     with file.open("rb") as f:
         arrays = confined(
             read_mat,
             f,
             BYTES_MAX,
             by="SciPy's reader of MATLAB files",
-            memory_B=MEMORY_RATIO_MAX * most_B + MEMORY_FREE_B,
+            memory_B=memory_most_B(most_B),
             output_B=most_B,
             imports=("scipy.io",),
         ).arrays
@@ -263,7 +252,7 @@ def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
 
 def _rate(value: Any) -> float:
     array = np.asarray(value)
-    if array.dtype.kind not in "fiu" or array.size != 1:
+    if array.dtype.kind not in _NUMBERS or array.size != 1:
         raise CaptureError("rate_Hz must be one number")
     return float(array.reshape(-1)[0])
 

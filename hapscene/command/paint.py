@@ -3,6 +3,7 @@
 import argparse
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -107,16 +108,19 @@ def _paint(options: argparse.Namespace) -> int:
 
 
 def write_opener(page: "Page") -> Path | None:
-    """A file that leads a browser to the page; None where nothing is autosaved, and so no place is private.
+    """A file that leads a browser to the page; None where it cannot be written, or nothing is autosaved.
 
-    It stands between, since a command line, the browser's too, can be read by all users of a computer.
+    It stands between, since a command line, the browser's too, can be read by all users of a computer; the autosave's
+    folder by its user alone.
     """
     autosave = page.context.session.document.autosave
     if autosave is None:
         return None
     opener = autosave.file.resolve().with_name("open.html")
-    opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={page.url}">', encoding="utf-8")
-    return opener
+    with suppress(OSError):  # the disk is full: the address is on the terminal
+        opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={page.url}">', encoding="utf-8")
+        return opener
+    return None
 
 
 def open_session(options: argparse.Namespace, say: Any) -> "Session":

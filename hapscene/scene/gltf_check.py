@@ -5,9 +5,8 @@ import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-from hapscene.confined import MEMORY_FREE_B
 from hapscene.errors import FormatError, MeshError
-from hapscene.files import refusing
+from hapscene.files import memory_most_B, refusing
 
 WIDTH_B: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 """Bytes of each type of number: glTF 2.0, 3.6.2.2."""
@@ -17,10 +16,6 @@ COLUMN_COUNT: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, 
 PACKED_MAX: Final = 8
 """Most elements of an accessor without data of its own, for each byte of data in the file [count]. They are all zero,
 but for the sparse ones, or come from a compressed mesh, of which the smallest have a few bits each."""
-
-
-MEMORY_RATIO_MAX: Final = 4
-"""Most that a file's accessors may hold, as often as meshes name them, in sizes of its data [1]."""
 
 JSON_MAX_B: Final = 256 * 1024 * 1024
 """Longest JSON of a GLB file that is read [bytes]: 10,000 bodies of 8 swatches have 40 MB."""
@@ -45,7 +40,7 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     sizes_B = [_size_B(accessor, i, views, sum(ends.values()), where) for i, accessor in enumerate(accessors)]
     used_B = sum(sizes_B[i] for i in _used(tree, where) if type(i) is int and 0 <= i < len(sizes_B))
     # trimesh makes what is named over and over anew each time
-    most_B = min(most_B, MEMORY_RATIO_MAX * sum(ends.values()) + MEMORY_FREE_B)
+    most_B = min(most_B, memory_most_B(sum(ends.values())))
     for total_B in (sum(view["byteLength"] for view in views), sum(sizes_B), used_B):
         if total_B > most_B:
             raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.confined import confined
-from hapscene.errors import FormatError, MeshError, warn
-from hapscene.files import MEMORY_FREE_B, open_zip, read_bytes, refusing
+from hapscene.errors import MeshError, warn
+from hapscene.files import MEMORY_FREE_B, naming, open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
@@ -31,8 +31,7 @@ FILE_MAX_B: Final = 4_000_000_000
 """Largest mesh file that is read [bytes]."""
 
 UNPACKED_MAX_B: Final = 250_000_000
-"""Largest content of an archive that is read [bytes]. To read a mesh takes 9 (STL) to 60 times its size (text)."""
-
+"""Largest content of an archive that is read [bytes]."""
 
 MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
 """Memory that reading takes for each byte of a file [1], as measured; most where the numbers are text."""
@@ -61,8 +60,6 @@ def check(suffix: str, content: bytes, where: str) -> int:
         _stl(content, where)
     elif suffix in ("gltf", "glb"):
         check_gltf(content, suffix == "glb", where, FILE_MAX_B)
-    elif suffix == "3mf":
-        open_archive(content, where, "reduce the mesh, or export it as .stl or .ply")
     return 0
 
 
@@ -265,17 +262,17 @@ def _suffix(name: str) -> str:
 
 def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[Part], str | None]:
     """Parts of a file, and the unit that it says."""
-    if suffix == "obj":
-        from hapscene.scene.obj import read_obj
-
-        return [read_obj(content, str(path), resolver)], None
-    face_count = check(suffix, content, str(path))
     needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()
     if needed_B > free_B:
         raise MeshError(
             f"{path}: to read it takes some {needed_B / 1e9:.1f} GB of memory, and {free_B / 1e9:.1f} GB are free: "
             "reduce the mesh, or save it as binary .ply, which takes the least"
         )
+    if suffix == "obj":
+        from hapscene.scene.obj import read_obj
+
+        return [read_obj(content, str(path), resolver)], None
+    face_count = check(suffix, content, str(path))
     if suffix == "3mf":
         return _confined_parts(path, content)
     content = stl_faces(content) if suffix == "stl" else content
@@ -292,22 +289,20 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
 
 def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]:
     """Parts of a 3MF file, whose XML libxml2 reads into trees that are many times as large."""
-    unpacked_B = sum(member.file_size for member in zipfile.ZipFile(io.BytesIO(content)).infolist())
-    try:
-        with tempfile.TemporaryFile() as file:
-            file.write(content)
-            file.seek(0)
-            found = confined(
-                read_3mf,
-                file,
-                str(path),
-                by="trimesh's reader of 3MF files",
-                memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
-                output_B=PARTS_MAX_B,
-                imports=["trimesh.exchange.load"],
-            ).arrays
-    except FormatError as error:
-        raise MeshError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    archive = open_archive(content, str(path), "reduce the mesh, or export it as .stl or .ply")
+    unpacked_B = sum(member.file_size for member in archive.infolist())
+    with refusing(MeshError), naming(path), tempfile.TemporaryFile() as file:
+        file.write(content)
+        file.seek(0)
+        found = confined(
+            read_3mf,
+            file,
+            str(path),
+            by="trimesh's reader of 3MF files",
+            memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
+            output_B=PARTS_MAX_B,
+            imports=["trimesh.exchange.load"],
+        ).arrays
     names, unit = json.loads(found["words"].tobytes())
     colour_rgb = found["colour_rgb"] if len(found["colour_rgb"]) else None
     return [Part(found["vertices"], found["faces"], found["group"], names, colour_rgb)], unit
@@ -319,7 +314,9 @@ def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
     parts = parts_of(loaded, where)
     whole = merged(parts, Path(where))
     return {
-        **{"vertices": whole.vertices, "faces": whole.faces, "group": whole.group},
+        "vertices": whole.vertices,
+        "faces": whole.faces,
+        "group": whole.group,
         "colour_rgb": np.zeros((0, 3), np.uint8) if whole.colour_rgb is None else whole.colour_rgb,
         "words": np.frombuffer(json.dumps([whole.names, loaded.units]).encode(), np.uint8),
     }

@@ -14,9 +14,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.confined import MEMORY_FREE_B, confined
+from hapscene.confined import confined
 from hapscene.errors import FormatError, MeshError
-from hapscene.files import refusing
+from hapscene.files import MEMORY_FREE_B, refusing
 
 MEMORY_RATIO: Final = 60
 """Memory that Open CASCADE may take for each byte of a file [1]: it takes some 25."""
@@ -26,7 +26,6 @@ GLB_MAX_B: Final = 1_000_000_000
 
 SAID_MAX: Final = 200
 """How much of what it says is told [characters]."""
-
 
 TIME_S: Final = (10.0, 20e-6)
 """Most time that it may take for any file [s], and for each byte more [s]: it takes a tenth of that."""
@@ -89,16 +88,18 @@ def _complaints(said: str) -> str:
     return "; ".join(" ".join(line.split()) for line in errors)[:SAID_MAX]
 
 
-# The text. ISO 10303-21: statements `#12 = NAME(…);` in sections; strings in '…', a quote in them doubled.
+# The text. ISO 10303-21: statements `#12 = NAME(…);` in sections; strings in '…', a quote in them doubled. No pattern
+# looks for an end from each of many beginnings: that would take hours for a hostile file.
 
 
-_NO_CODE: Final = re.compile(rb"'[^']*'|/\*.*?\*/", re.DOTALL)
-_SECTIONS: Final = re.compile(rb"\bDATA\s*(?:\([^;]*\))?\s*;(.*?)\bENDSEC\s*;", re.DOTALL)
+_NO_CODE: Final = re.compile(rb"'[^']*'|/\*.*?(?:\*/|\Z)", re.DOTALL)
+_DATA: Final = re.compile(rb"\bDATA\s*(?:\([^;]{0,1000}\))?\s*;")
+_END: Final = re.compile(rb"\bENDSEC\s*;")
 _WHOLE: Final = re.compile(rb"\s*#\d+\s*=\s*[A-Z0-9_!]*\s*\(.*\)\s*", re.DOTALL | re.IGNORECASE)
 _DEFINED: Final = re.compile(rb"#(\d+)\s*=")
 _NAMED: Final = re.compile(rb"#(\d+)(?!\d|\s*=)")
 _SHELL: Final = re.compile(
-    rb"\b(?:CLOSED_SHELL|(OPEN_SHELL|CONNECTED_FACE_SET))\s*\(([^;]*)\)\s*;", re.DOTALL | re.IGNORECASE
+    rb"\b(?:CLOSED_SHELL|(OPEN_SHELL|CONNECTED_FACE_SET))\s*\((.*)\)\s*\Z", re.DOTALL | re.IGNORECASE
 )
 _FACE: Final = re.compile(rb"#(\d+)\s*=\s*(?:ADVANCED_FACE|FACE_SURFACE)\b", re.IGNORECASE)
 _PIECE: Final = re.compile(
@@ -117,13 +118,16 @@ def promised_by(content: bytes, where: str) -> Promised:
     if b"END-ISO-10303-21" not in content[-1000:]:
         raise MeshError(f"{where}: the file is truncated: a STEP file ends with END-ISO-10303-21")
     text = _NO_CODE.sub(b"''", content)
-    sections = _SECTIONS.findall(text)
+    parts = [(_DATA.search(part), part) for part in _END.split(text)[:-1]]
+    sections = [part[data.end() :].split(b";") for data, part in parts if data]
+    statements = [statement for section in sections for statement in section[:-1]]
     damage, doubts = [], []
+    if b"END-ISO-10303-21" not in text[-1000:]:
+        damage.append("a comment that does not end")
     odd = sum(
         not _WHOLE.fullmatch(statement) or statement.count(b"(") != statement.count(b")") or statement.count(b"=") > 1
-        for section in sections
-        for statement in section.split(b";")[:-1]
-    ) + sum(bool(section.rpartition(b";")[2].strip()) for section in sections)
+        for statement in statements
+    ) + sum(bool(section[-1].strip()) for section in sections)
     if odd:
         damage.append(f"statements that are not whole: {odd:,}")
     defined, named = (_numbers(pattern, text) for pattern in (_DEFINED, _NAMED))
@@ -131,7 +135,8 @@ def promised_by(content: bytes, where: str) -> Promised:
         damage.append(f"statements that are there twice: {twice:,}")
     if gone := np.count_nonzero(~np.isin(np.unique(named), known)):
         damage.append(f"statements that others name, and are not there: {gone:,}")
-    shells = [(is_open, _numbers(_NAMED, body)) for is_open, body in _SHELL.findall(text)]
+    found = [_SHELL.search(statement) for statement in statements if statement.rstrip().endswith(b")")]
+    shells = [(shell[1], _numbers(_NAMED, shell[2])) for shell in found if shell]
     faces = np.unique(np.concatenate([*(of_shell for _, of_shell in shells), np.zeros(0, np.uint64)]))
     if lost := np.count_nonzero(~np.isin(_numbers(_FACE, text), faces)):
         damage.append(f"faces of no shell: {lost:,}")

@@ -224,6 +224,20 @@ def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         fit_batch(items, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe has no path there")
+def test_a_pipe_that_gives_more_than_is_read_is_refused_and_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene.capture.recording_source.BYTES_MAX", 8)
+    there, here = os.pipe()
+    os.write(here, b"1,2\n3,4\n5,6\n")
+    os.close(here)
+    try:
+        outcome = fit_job(Job(f"/dev/fd/{there}", "pipe", None, {}, {}, __version__))
+    finally:
+        os.close(there)
+    assert outcome.swatch is None
+    assert outcome.reason.startswith("/dev/fd/") and "larger than" in outcome.reason
+
+
 def test_gather(tmp_path: Path) -> None:
     for name in ("b.csv", "a.wav", "sub/c.hsrec", "notes.md", ".hidden/d.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -70,6 +70,9 @@ def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(folde
         opener = write_opener(page)
         assert opener is not None and page.url in opener.read_text() and page.url.split("/")[-2] not in opener.as_uri()
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
+        opener.unlink()
+        opener.mkdir()  # so that it cannot be written
+        assert write_opener(page) is None
     assert not opener.exists()
     with Page(session, port=0, with_hand=False, with_autosave=False) as page:
         assert write_opener(page) is None

@@ -384,11 +384,12 @@ def test_what_is_used_over_and_over_is_counted_as_often(tmp_path):
         load_mesh(tmp_path / "bomb.glb")
 
 
-def test_what_takes_more_memory_than_is_free_is_refused_before(tmp_path, monkeypatch):
-    (tmp_path / "ball.stl").write_bytes(ball("stl"))
-    monkeypatch.setattr(mesh_file, "memory_left_B", lambda: 1e5)
+@pytest.mark.parametrize("kind", ["stl", "obj"])
+def test_what_takes_more_memory_than_is_free_is_refused_before(kind, tmp_path, monkeypatch):
+    (tmp_path / f"ball.{kind}").write_bytes(ball(kind))
+    monkeypatch.setattr(mesh_file, "memory_left_B", lambda: 1e4)
     with pytest.raises(MeshError, match=r"takes some .* GB of memory, and .* GB are free: reduce the mesh"):
-        load_mesh(tmp_path / "ball.stl", "m")
+        load_mesh(tmp_path / f"ball.{kind}", "m")
 
 
 def test_the_memory_that_an_obj_takes(tmp_path):

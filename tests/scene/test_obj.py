@@ -1,5 +1,8 @@
 """Wavefront OBJ: what trimesh's own reader would change, and errors that name their line."""
 
+import time
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -96,6 +99,20 @@ def test_a_line_that_fills_the_memory_is_refused(tmp_path):
     (tmp_path / "fan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 200_000)
     with pytest.raises(MeshError, match=r"fan\.obj, line 4: longer than 1,000,000 characters"):
         load_mesh(tmp_path / "fan.obj", "m")
+
+
+def test_lines_that_go_on_and_on_are_joined_once(tmp_path):
+    start_s = time.process_time()
+    with pytest.raises(MeshError, match="no faces"):
+        read(tmp_path, "\\\n" * 490_000)
+    assert time.process_time() - start_s < 3.0
+
+
+def test_an_empty_file_in_an_archive_has_no_faces(tmp_path):
+    with zipfile.ZipFile(tmp_path / "empty.zip", "w") as archive:
+        archive.writestr("a.obj", "")
+    with pytest.raises(MeshError, match=r"empty\.zip: no faces"):
+        load_mesh(tmp_path / "empty.zip", "m")
 
 
 def test_what_is_no_statement_is_told(tmp_path):

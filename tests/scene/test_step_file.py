@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+import time
 import warnings
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from hapscene.errors import MeshError
 from hapscene.scene.mesh import MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.scene import Scene, load_scene
+from hapscene.scene.step_file import promised_by
 
 PRODUCT = """\
 #1=APPLICATION_CONTEXT('design');
@@ -194,3 +196,16 @@ def test_a_scene_of_a_damaged_mesh_is_opened_as_it_was_saved(step, tmp_path) -> 
     scene.save(tmp_path / "box.scene.json")
     with pytest.warns(MeshWarning, match="is damaged"):
         assert load_scene(tmp_path / "box.scene.json").bodies[0].mesh.digest == mesh.digest
+
+
+@pytest.mark.parametrize("beginning", ["/* ", "DATA;", "DATA(", "CLOSED_SHELL(", "CLOSED_SHELL()", "#1 ", "'", "#1=A("])
+def test_beginnings_without_an_end_are_looked_through_once(beginning: str) -> None:
+    text = f"ISO-10303-21;HEADER;ENDSEC;DATA;{beginning * (200_000 // len(beginning))}END-ISO-10303-21;"
+    start_s = time.process_time()
+    promised_by(text.encode(), "hostile.step")
+    assert time.process_time() - start_s < 2.0
+
+
+def test_a_comment_that_does_not_end_is_damage() -> None:
+    promised = promised_by(re.sub(r"(ENDSEC;\s*END-ISO)", r"/* \1", box_step()).encode(), "box.step")
+    assert "a comment that does not end" in promised.damage
