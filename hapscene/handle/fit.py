@@ -135,7 +135,7 @@ def sampled_response(
     z = np.exp(s * period_s)
     tau, sigma = amplifier_s, accelerometer_s
     if abs(tau - sigma) < 1e-4 * (tau + sigma):
-        sigma *= 1.001  # the limit of two equal poles, to 1e-7
+        tau, sigma = 0.9995 * tau, 1.0005 * sigma  # the limit of two equal poles, to 1e-6
     direct = 1.0 - (_remainder(tau, z, period_s) - _remainder(sigma, z, period_s)) / (tau - sigma or 1.0)
     hold = np.sinc(frequency * period_s) * np.exp(-0.5 * s * period_s)
     rest = (plant.response(frequency) - 1.0 / plant.m_h_kg) * hold / ((1.0 + tau * s) * (1.0 + sigma * s))

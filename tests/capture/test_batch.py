@@ -19,7 +19,7 @@ import pytest
 
 from hapscene import __version__
 from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_batch, gather, outputs, read_list
-from hapscene.capture.batch_pool import Job, fit_job
+from hapscene.capture.batch_pool import ClusterPool, Job, fit_job
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
@@ -211,6 +211,15 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pyt
         assert "1 fitted, 24 done before, 1 failed" in capsys.readouterr().out
     for item in [*items[:24], Item(new, "new")]:
         check_swatch(item, tmp_path / "out")
+
+
+def test_a_cluster_is_given_two_jobs_for_each_of_its_threads() -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    given = {"n_workers": 1, "threads_per_worker": 5, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(silence_logs=50, **given) as cluster:
+        pool = ClusterPool(cluster.scheduler_address)
+        assert pool.room() == 10
+        pool.close(at_once=True)
 
 
 def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

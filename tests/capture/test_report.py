@@ -262,3 +262,11 @@ def test_the_plane_names_each_sounding_model_s_vibration(axes) -> None:
     at = np.flatnonzero(texture.variance_m2_s4 > 0.0)
     assert np.array_equal(sounding.get_xdata(), 1e3 * texture.speed_m_s[at])
     assert np.array_equal(sounding.get_ydata(), texture.force_N[at])
+
+
+def test_the_plane_says_how_much_of_what_touched_lies_beyond_the_models(axes) -> None:
+    models = {"a": [[1.0, -0.5]] * 3, "variance_m2_s4": [1.0] * 3}
+    texture = Texture.from_models(1000.0, [1.0, 1.0, 2.0], [0.1, 0.2, 0.1], **models)
+    force = np.repeat([0.01, 1.0, 3.0], [500, 300, 100])
+    told = plot_plane(texture, Streams(1000.0, np.zeros(900), force, np.full(900, 0.1), np.zeros(900)))
+    assert "25 % of the recording lies beyond them" in told.caption

@@ -256,6 +256,13 @@ def test_a_force_that_is_no_number_is_none() -> None:
     assert omni.trouble[0] == 0
 
 
+@pytest.mark.parametrize(("push_N", "flagged"), [(90.0, False), (150.0, True)])
+def test_a_hand_stronger_than_any_is_flagged(push_N: float, flagged: bool) -> None:
+    omni = EXACT.record(ORIGIN)
+    advance_omni(omni[0], hand(push_N=(push_N, 0.0, 0.0))[0], 1e-3)
+    assert bool(omni.trouble[0] & OmniFlag.HAND_LIMITED) is flagged
+
+
 def test_singular_posture_is_flagged() -> None:
     omni = EXACT.record(ORIGIN)
     omni.q = (0.0, 1.75, 3.0)

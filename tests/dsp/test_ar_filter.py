@@ -39,13 +39,14 @@ def test_any_ascending_frequencies_are_a_stable_filter(order: int, seed: int) ->
     assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-9 * np.abs(a).max()
 
 
-def test_roots_that_no_grid_tells_apart_are_found() -> None:
-    """Two resonances 1e-4 rad apart: two roots of P, and two of Q, fall between two points of the finest grid.
+@pytest.mark.parametrize(("gap_rad", "others"), [(1e-4, 16), (1e-7, 4)])
+def test_roots_that_no_grid_tells_apart_are_found(gap_rad: float, others: int) -> None:
+    """Two resonances that near: two roots of P, and two of Q, fall between two points of the finest grid.
 
     Four such roots make the coefficients tell them to 1e-7 only, whatever the method.
     """
     for seed in range(5):
-        lsf = np.sort(np.append(np.random.default_rng(seed).uniform(0.1, 3.0, 16), 1.0 + 1e-4 * np.arange(4)))
+        lsf = np.sort(np.append(np.random.default_rng(seed).uniform(0.1, 3.0, others), 1.0 + gap_rad * np.arange(4)))
         a = ar_from_lsf(lsf)
         assert np.abs(ar_from_lsf(lsf_from_ar(a)) - a).max() < 1e-6 * np.abs(a).max()
 

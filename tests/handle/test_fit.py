@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene.handle.fit import OWN, Identification, _Fit, asymptote, identify
+from hapscene.handle.fit import OWN, Identification, _Fit, asymptote, identify, sampled_response
 from hapscene.handle.force_source import SimulatedSource, simulated_grips
 from hapscene.handle.handle_record import ACCELEROMETER_HZ
 from hapscene.handle.plant import Plant
@@ -94,6 +94,14 @@ def test_handles_unlike_the_guess_come_back(plant: Plant) -> None:
     off = errors(found, plant, grips)
     assert found.misfit < 1.2 and abs(off["m_h_kg"]) < 2e-3
     assert all(abs(off[name]) < 0.1 for name in OWN)
+
+
+def test_two_equal_poles_are_the_limit_of_two_that_are_apart() -> None:
+    near, equal = (
+        sampled_response(Plant(), np.geomspace(10.0, 900.0, 40), 10_000.0, 1e-4 * apart, 1e-4 / apart, 0.0)
+        for apart in (1.001, 1.0)
+    )
+    np.testing.assert_allclose(equal, near, rtol=3e-6)
 
 
 def test_without_noise_the_answer_is_exact() -> None:

@@ -49,9 +49,8 @@ def test_it_aims_as_deep_as_its_force_asks_for(scene: Scene, name: str, force_N:
 @pytest.mark.parametrize("name", GESTURES)
 def test_it_comes_from_above_and_leaves_without_a_leap(scene: Scene, name: str) -> None:
     intent = done(scene, name, "medium")
-    assert (
-        intent.target_W_m[0, 2] > 0.9 * HOVER_M and intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
-    )
+    assert intent.target_W_m[0, 2] == pytest.approx((2.0 if name == "explore" else 1.0) * HOVER_M)
+    assert intent.target_W_m[-1, 2] > -PRESS_N / GRIPS["medium"].k_N_m - 1e-9
     assert np.linalg.norm(np.diff(intent.target_W_m, axis=0), axis=1).max() < 1e-3  # 1 m/s
     assert len(intent.grip) == len(intent.target_W_m)
     if name != "explore":

@@ -68,6 +68,7 @@ def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     view = look_from_above(scene)(p_WT[:, 0], p_WT[:, 1])
     below = p_WT[:, 2] < view.z_m
     assert set(view.body[below]) == {0, 1}
+    assert np.count_nonzero(np.diff(below.astype(int)) > 0) == 10  # two taps, a press, two strokes on each
     assert (view.z_m - p_WT[:, 2])[below].max() < 0.01
     assert not below[0] and not below[-1]
     assert speed_m_s(p_WT).max() < 1.5
