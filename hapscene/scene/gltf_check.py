@@ -23,6 +23,9 @@ JSON_MAX_B: Final = 256 * 1024 * 1024
 CONTAINER_MAX: Final = 2_000_000
 """Most lists and objects of a file's JSON [count], at some 60 bytes each: 10,000 bodies of 8 swatches have 700,000."""
 
+CONTAINER_B: Final = 100
+"""Memory that a list or object takes [bytes]."""
+
 
 def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     """Refuse a .gltf, or a (`binary`) .glb, whose accessors name more than the file can hold, or unpack to too much.
@@ -49,7 +52,7 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
 def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Any], bytes]:
     """The JSON tree of a .gltf or a (`binary`) .glb, bounded before it is made, and the latter's chunk of data.
 
-    What is not to be `strict` may have texts that are not UTF-8, and lists without number: trimesh reads it itself.
+    What is not to be `strict` may have texts that are not UTF-8, and more lists: trimesh reads it itself.
 
     Raises:
         FormatError: no such file, truncated, or with more JSON than is read.
@@ -68,8 +71,9 @@ def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) ->
         if len(text) > JSON_MAX_B:
             raise FormatError(f"{where}: {len(text):,} bytes of JSON; at most {JSON_MAX_B:,} are read")
     found = text.count(b"[") + text.count(b"{")
-    if strict and found > CONTAINER_MAX:
-        raise FormatError(f"{where}: {found:,} lists and objects; at most {CONTAINER_MAX:,} are read")
+    most = CONTAINER_MAX if strict else max(CONTAINER_MAX, memory_most_B(len(content)) // CONTAINER_B)
+    if found > most:
+        raise FormatError(f"{where}: {found:,} lists and objects; at most {most:,} are read")
     try:
         tree = json.loads(text if strict or not binary else text.decode("utf-8-sig", errors="replace"))
     except (ValueError, RecursionError) as error:

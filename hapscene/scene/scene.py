@@ -39,7 +39,7 @@ class Scene:
         self.swatches: list[Swatch] = [PLAIN]
         # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
-        self._loaded: dict[tuple[Path, str | None], Mesh] = {}
+        self._loaded: dict[tuple[Path, str | None, bool], Mesh] = {}
         self._names: set[str] = set()
 
     def __repr__(self) -> str:
@@ -187,7 +187,7 @@ class Scene:
             return mesh
         if not isinstance(mesh, str | os.PathLike):
             return Mesh.from_trimesh(mesh, unit)
-        key = (Path(mesh).resolve(), unit)
+        key = (Path(mesh).resolve(), unit, accept_damaged)
         if key not in self._loaded:
             self._loaded[key] = load_mesh(Path(mesh), unit, accept_damaged=accept_damaged)
         return self._loaded[key]

@@ -140,3 +140,10 @@ def test_files_of_another_program_are_read(tmp_path: Path, suffix: str) -> None:
         for name, content in scene.export(file_type="gltf").items():
             (tmp_path / ("ball.gltf" if name == "model.gltf" else name)).write_bytes(content)
     assert len(load_mesh(tmp_path / f"ball.{suffix}").faces) == 1292
+
+
+def test_more_lists_than_memory_allows_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    path = tmp_path / "lists.gltf"
+    path.write_bytes(b'{"asset": {"version": "2.0"}, "extras": [' + b"[]," * 2_600_000 + b"0]}")
+    with pytest.raises(MeshError, match=r"2,600,003 lists and objects; at most 2,312,"):
+        load_mesh(path)
