@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import name_made, say, tell
 from hapscene.command.options import UNITLESS, add_command, add_reading_options, check_scene, check_there, loading
-from hapscene.errors import HapsceneError, MeshError
+from hapscene.errors import HapsceneError, MeshError, printable
 
 if TYPE_CHECKING:
     from hapscene.scene.mesh_report import Report
@@ -129,7 +129,7 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
             mesh = load_mesh(file, None if own else options.unit, accept_damaged=options.accept_damaged)
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
-            reason = " ".join(str(error).removeprefix(f"{file}: ").split()) or "not enough memory"
+            reason = " ".join(str(error).removeprefix(printable(f"{file}: ")).split()) or "not enough memory"
             return {"path": str(file), "verdict": UNREADABLE, "error": reason, "words": f": {reason}"}
     verdict = _verdict(report)
     warned = [str(warning.message).removeprefix(f"{file}: ") for warning in caught]

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import re
 import tempfile
 import warnings
@@ -19,6 +20,7 @@ from hapscene.files import MEMORY_FREE_B, open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
+from hapscene.scene.obj import LINE_MAX, read_obj
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
@@ -87,7 +89,10 @@ def _off(content: bytes, where: str) -> int:
     Raises:
         MeshError: a vertex that is not there, or not whole.
     """
-    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(content.splitlines(), 1))
+    texts = content.splitlines()
+    if longest := next((i for i, line in enumerate(texts, 1) if len(line) > LINE_MAX), None):
+        raise MeshError(f"{where}, line {longest}: longer than {LINE_MAX:,} characters, which is not read")
+    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(texts, 1))
     lines = ((i, words) for i, words in numbered if words)
     number, words = next(lines, (1, []))
     if not words or not words[0].endswith(b"OFF"):
@@ -145,6 +150,8 @@ def _binary_end(content: bytes) -> int:
     """Where the faces of a binary STL end [bytes]."""
     return 84 + 50 * int.from_bytes(content[80:84], "little")
 
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its tracebacks go to standard error
 
 UNITLESS: Final = ("stl", "obj", "ply", "off")
 """Formats that carry no unit of length."""
@@ -259,8 +266,6 @@ def _suffix(name: str) -> str:
 def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[Part], str | None]:
     """Parts of a file, and the unit that it says."""
     if suffix == "obj":
-        from hapscene.scene.obj import read_obj
-
         return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
     needed_B, free_B = MEMORY_RATIO.get(suffix, 0) * len(content), memory_left_B()

@@ -52,17 +52,18 @@ def _lines(content: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
     Raises:
         MeshError: one is longer than `LINE_MAX`.
     """
-    held = ""
+    held: list[str] = []
+    length = number = 0
     for number, line in enumerate(io.TextIOWrapper(io.BytesIO(content), "utf-8", "replace"), 1):
-        held += line
-        if len(held) > LINE_MAX:
+        length += len(line)
+        if length > LINE_MAX:
             raise MeshError(f"{where}, line {number}: longer than {LINE_MAX:,} characters, which is not read")
-        if held.endswith("\\\n"):
-            held = held[:-2] + " "
+        if line.endswith("\\\n"):
+            held.append(line[:-2])
             continue
-        yield number, held.split()
-        held = ""
-    yield number, held.split()
+        yield number, " ".join([*held, line]).split()
+        held, length = [], 0
+    yield number, " ".join(held).split()
 
 
 def _rows(numbers: "array[Any]", width: int = 3) -> NDArray[Any]:

@@ -140,3 +140,20 @@ def test_files_of_another_program_are_read(tmp_path: Path, suffix: str) -> None:
         for name, content in scene.export(file_type="gltf").items():
             (tmp_path / ("ball.gltf" if name == "model.gltf" else name)).write_bytes(content)
     assert len(load_mesh(tmp_path / f"ball.{suffix}").faces) == 1292
+
+
+@pytest.mark.parametrize(
+    ("children", "message"),
+    [
+        ({0: [1], 1: [0]}, r"nodes\[0\] hangs within itself"),
+        ({1: [1]}, r"nodes\[1\] hangs within itself"),
+        ({0: [1, 1]}, r"nodes\[1\] hangs in two places"),
+        ({0: [2], 1: [2]}, r"nodes\[2\] hangs in two places"),
+    ],
+)
+def test_nodes_that_are_no_tree_are_refused(tmp_path: Path, children: dict[int, list[int]], message: str) -> None:
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {}, {}]
+    for index, own in children.items():
+        nodes[index] |= {"children": own}
+    with pytest.raises(MeshError, match=message):
+        load_mesh(write(tmp_path, gltf(nodes=nodes)))
