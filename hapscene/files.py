@@ -155,7 +155,8 @@ def _said_of(path: Path, part: Path) -> Iterator[None]:
         full = error.filename is None and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         if not full and not str(error.filename).startswith(str(part)):
             raise
-        raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(path)) from None
+        why = str(error.strerror or error).removeprefix("cannot be written: ")
+        raise OSError(error.errno, f"cannot be written: {why}", str(path)) from None
 
 
 def _open_locked(part: Path, wait: bool = True) -> int | None:

@@ -306,6 +306,13 @@ def test_what_has_no_room_is_said_of_the_file_that_was_meant(tmp_path: Path, who
     assert caught.value.filename == str(tmp_path / "a.out")
 
 
+def test_it_is_said_once_of_a_file_in_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No room") as caught, whole_folder(tmp_path / "out") as folder:
+        with whole_file(folder / "a.out"):
+            raise OSError(errno.ENOSPC, "No room")
+    assert (caught.value.filename, caught.value.strerror) == (str(tmp_path / "out"), "cannot be written: No room")
+
+
 def test_another_fault_within_keeps_its_words(tmp_path: Path) -> None:
     with pytest.raises(TimeoutError) as caught, whole_file(tmp_path / "a.out"):
         raise TimeoutError(errno.ETIMEDOUT, "the port is silent")

@@ -42,6 +42,9 @@ MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
 XML_RATIO: Final = 25
 """Memory that libxml2 and trimesh may take for each byte of a 3MF file, unpacked [1]: they take some 20."""
 
+TIME_3MF_S: Final = (5.0, 1e-6)
+"""Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: some ten times what it takes."""
+
 PARTS_MAX_B: Final = 2_000_000_000
 """Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
 
@@ -302,6 +305,7 @@ def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]
                 by="trimesh's reader of 3MF files",
                 memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
                 output_B=PARTS_MAX_B,
+                time_s=TIME_3MF_S[0] + TIME_3MF_S[1] * unpacked_B,
                 imports=["trimesh.exchange.load"],
             ).arrays
     except FormatError as error:
