@@ -307,9 +307,9 @@ def test_what_has_no_room_is_said_of_the_file_that_was_meant(tmp_path: Path, who
 
 
 def test_it_is_said_once_of_a_file_in_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="No room") as caught, whole_folder(tmp_path / "out") as folder:
-        with whole_file(folder / "a.out"):
-            raise OSError(errno.ENOSPC, "No room")
+    out = whole_folder(tmp_path / "out")
+    with pytest.raises(OSError, match="No room") as caught, out as folder, whole_file(folder / "a.out"):
+        raise OSError(errno.ENOSPC, "No room")
     assert (caught.value.filename, caught.value.strerror) == (str(tmp_path / "out"), "cannot be written: No room")
 
 

@@ -43,7 +43,7 @@ XML_RATIO: Final = 25
 """Memory that libxml2 and trimesh may take for each byte of a 3MF file, unpacked [1]: they take some 20."""
 
 TIME_3MF_S: Final = (5.0, 1e-6)
-"""Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: some ten times what it takes."""
+"""Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: ten times what it takes."""
 
 PARTS_MAX_B: Final = 2_000_000_000
 """Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
