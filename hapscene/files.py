@@ -1,5 +1,6 @@
 """Files: written whole or not at all, read within bounds, JSON from strangers."""
 
+import errno
 import json
 import os
 import re
@@ -36,7 +37,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     lock = None
     try:
         lock = _make(part, path, lambda: os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)))
-        yield part
+        with _said_of(path, part):
+            yield part
         part.chmod(_mode(path))
         part.replace(path)
     finally:
@@ -60,7 +62,8 @@ def write_whole(path: Path, content: bytes, error: type[Exception]) -> None:
         with whole_file(path) as part:
             part.write_bytes(content)
     except OSError as reason:
-        raise error(f"{path}: cannot be written: {reason.strerror or reason}") from None
+        why = str(reason.strerror or reason).removeprefix("cannot be written: ")
+        raise error(f"{path}: cannot be written: {why}") from None
 
 
 @contextmanager
@@ -85,7 +88,8 @@ def whole_folder(path: str | Path, ours: Collection[str] = ()) -> Iterator[Path]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = _make(part, path, lambda: part.mkdir(0o700))
-        yield part
+        with _said_of(path, part):
+            yield part
         if path.exists():
             for name in ours:
                 if not (part / name).exists():
@@ -140,6 +144,19 @@ def _make(part: Path, path: Path, make: Callable[[], object]) -> int | None:
             _let_go(lock)  # it was tidied away before it was locked
     except OSError as error:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from None
+
+
+@contextmanager
+def _said_of(path: Path, part: Path) -> Iterator[None]:
+    """What cannot be written of the temporary one, or has no room, is said of the one that was meant."""
+    try:
+        yield
+    except OSError as error:
+        full = error.filename is None and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        if not full and not str(error.filename).startswith(str(part)):
+            raise
+        why = str(error.strerror or error).removeprefix("cannot be written: ")
+        raise OSError(error.errno, f"cannot be written: {why}", str(path)) from None
 
 
 def _open_locked(part: Path, wait: bool = True) -> int | None:

@@ -1,5 +1,6 @@
 """Files that appear whole or not at all."""
 
+import errno
 import os
 import stat
 import subprocess
@@ -295,3 +296,24 @@ def test_thirty_writers_killed_at_random_moments_leave_nothing(tmp_path: Path, k
         assert names <= {"a.txt", "a", "other.txt"}
         for file in (tmp_path / "a.txt", tmp_path / "a" / "b.txt"):
             assert not file.exists() or file.read_text() == "x" * 1000
+
+
+@pytest.mark.parametrize("whole", [whole_file, whole_folder])
+@pytest.mark.parametrize("named", [False, True])
+def test_what_has_no_room_is_said_of_the_file_that_was_meant(tmp_path: Path, whole: Any, named: bool) -> None:
+    with pytest.raises(OSError, match="No room") as caught, whole(tmp_path / "a.out") as part:
+        raise OSError(errno.ENOSPC, "No room", *([str(part)] if named else []))
+    assert caught.value.filename == str(tmp_path / "a.out")
+
+
+def test_it_is_said_once_of_a_file_in_a_folder(tmp_path: Path) -> None:
+    out = whole_folder(tmp_path / "out")
+    with pytest.raises(OSError, match="No room") as caught, out as folder, whole_file(folder / "a.out"):
+        raise OSError(errno.ENOSPC, "No room")
+    assert (caught.value.filename, caught.value.strerror) == (str(tmp_path / "out"), "cannot be written: No room")
+
+
+def test_another_fault_within_keeps_its_words(tmp_path: Path) -> None:
+    with pytest.raises(TimeoutError) as caught, whole_file(tmp_path / "a.out"):
+        raise TimeoutError(errno.ETIMEDOUT, "the port is silent")
+    assert caught.value.filename is None

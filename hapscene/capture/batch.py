@@ -212,7 +212,8 @@ class Manifest:
             return
         rows = [asdict(entry) for entry in self.entries.values()]
         text = json.dumps({"format": FORMAT, "version": VERSION, "recordings": rows}, indent=1, ensure_ascii=False)
-        write_whole(self.path, text.encode(), CaptureError)
+        # undecodable bytes of a file's name become escapes, which JSON knows
+        write_whole(self.path, text.encode(errors="backslashreplace"), CaptureError)
         self._saved_s = time.monotonic()
         self._cost_s = self._saved_s - start_s
 

@@ -195,7 +195,8 @@ def read_surface_recording(
             made = []
             for name in chosen[quantity]:
                 uses[name] -= 1
-                made.append(np.array(held[name] if uses[name] else held.pop(name), np.float64))
+                with np.errstate(invalid="ignore"):  # a NaN that signals is one
+                    made.append(np.array(held[name] if uses[name] else held.pop(name), np.float64))
                 if missing := bridge(made[-1], name):
                     bridged[name] = missing
                 made[-1] *= source.scale * scales[quantity]

@@ -266,7 +266,7 @@ def write_report(
     Raises:
         CaptureError: the recording is unusable, or the file cannot be written.
     """
-    write_whole(Path(path), report(swatch, recording, source).encode(), CaptureError)
+    write_whole(Path(path), report(swatch, recording, source).encode(errors="backslashreplace"), CaptureError)
 
 
 def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: str = "") -> str:

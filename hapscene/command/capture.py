@@ -24,7 +24,7 @@ from hapscene.command.options import (
     whole,
 )
 from hapscene.constants import ORDER_MAX
-from hapscene.errors import CaptureError, SwatchError
+from hapscene.errors import CaptureError, SwatchError, printable
 from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _fit_one(options: argparse.Namespace) -> int:
         made.append(Path(options.plot))
     with step(say, "fitting"):
         swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
-    files = ", ".join(Path(path).name for path in options.recordings)
+    files = printable(", ".join(Path(path).name for path in options.recordings))
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
     save_swatch(swatch, options.out)

@@ -112,7 +112,7 @@ def check_there(
             raise error(f"{prefix}{path}: no such {what}: there is no folder {place}")
         stem = path.name.split(".")[0]
         names = [name for name in islice(_names(place), NAME_MAX) if nearest(stem, [name.split(".")[0]], STEM_NEAR)]
-        near = nearest(path.name, names)
+        near = nearest(path.name, set(names) - {path.name})  # which a link that leads nowhere has
         raise error(f"{prefix}{path}: no such {what}" + (f"; did you mean {path.with_name(near)}?" if near else ""))
     elif not path.is_file():
         raise error(f"{prefix}{path}: is no {what}: what is sent through it is not waited for")

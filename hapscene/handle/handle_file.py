@@ -44,7 +44,7 @@ def save_handle(handle: Identification, path: str | os.PathLike[str]) -> None:
         raise HandleError(f"{target}: a handle's file name must end in {SUFFIX}")
     text = handle_to_json(handle)
     handle_from_json(text)  # nothing is written that would not be read
-    write_whole(target, text.encode(), HandleError)
+    write_whole(target, text.encode(errors="backslashreplace"), HandleError)
 
 
 def load_handle(path: str | os.PathLike[str]) -> Identification:

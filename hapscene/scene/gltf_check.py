@@ -2,7 +2,9 @@
 
 import json
 import struct
+from collections import Counter
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any, Final
 
 from hapscene.errors import FormatError, MeshError
@@ -35,6 +37,7 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     """
     with refusing(MeshError):
         tree, _ = parse_gltf(content, binary, where, strict=False)
+    _check_tree(items_of(tree, "nodes", where), where)
     views = [_view(view, i, where) for i, view in enumerate(items_of(tree, "bufferViews", where))]
     ends: dict[int, int] = {}  # of each buffer as far as views reach; that they lie within it, trimesh checks first
     for view in views:
@@ -47,6 +50,22 @@ def check_gltf(content: bytes, binary: bool, where: str, most_B: int) -> None:
     for total_B in (sum(view["byteLength"] for view in views), sum(sizes_B), used_B):
         if total_B > most_B:
             raise MeshError(f"{where}: unpacks to {total_B:,} bytes; at most {most_B:,} are read")
+
+
+def _check_tree(nodes: list[dict[str, Any]], where: str) -> None:
+    """Refuse nodes that hang in two places, of which trimesh would take one, or within themselves."""
+    named = [node.get("children", []) for node in nodes]
+    children = [[child for child in own if type(child) is int] if isinstance(own, list) else [] for own in named]
+    held = {child for own in children for child in own}
+    if len(held) < sum(map(len, children)):
+        twice = next(child for child, count in Counter(chain.from_iterable(children)).items() if count > 1)
+        raise MeshError(f"{where}: nodes[{twice}] hangs in two places; expected a tree of nodes")
+    reached = [i for i in range(len(nodes)) if i not in held]
+    for i in reached:  # which grows meanwhile
+        reached += [child for child in children[i] if 0 <= child < len(nodes)]
+    if len(reached) < len(nodes):
+        within = min(set(range(len(nodes))) - set(reached))
+        raise MeshError(f"{where}: nodes[{within}] hangs within itself; expected a tree of nodes")
 
 
 def parse_gltf(content: bytes, binary: bool, where: str, strict: bool = True) -> tuple[dict[str, Any], bytes]:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import re
 import tempfile
 import warnings
@@ -19,6 +20,7 @@ from hapscene.files import MEMORY_FREE_B, naming, open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
 from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
+from hapscene.scene.obj import LINE_MAX
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
@@ -38,6 +40,9 @@ MEMORY_RATIO: Final = {"stl": 9, "ply": 18, "off": 18, "obj": 6, "glb": 10}
 
 XML_RATIO: Final = 25
 """Memory that libxml2 and trimesh may take for each byte of a 3MF file, unpacked [1]: they take some 20."""
+
+TIME_3MF_S: Final = (5.0, 1e-6)
+"""Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: ten times what it takes."""
 
 PARTS_MAX_B: Final = 2_000_000_000
 """Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
@@ -84,7 +89,10 @@ def _off(content: bytes, where: str) -> int:
     Raises:
         MeshError: a vertex that is not there, or not whole.
     """
-    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(content.splitlines(), 1))
+    texts = content.splitlines()
+    if longest := next((i for i, line in enumerate(texts, 1) if len(line) > LINE_MAX), None):
+        raise MeshError(f"{where}, line {longest}: longer than {LINE_MAX:,} characters, which is not read")
+    numbered = ((i, line.split(b"#")[0].split()) for i, line in enumerate(texts, 1))
     lines = ((i, words) for i, words in numbered if words)
     number, words = next(lines, (1, []))
     if not words or not words[0].endswith(b"OFF"):
@@ -149,6 +157,8 @@ def _binary_end(content: bytes) -> int:
     """Where the faces of a binary STL end [bytes]."""
     return 84 + 50 * int.from_bytes(content[80:84], "little")
 
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else its tracebacks go to standard error
 
 UNITLESS: Final = ("stl", "obj", "ply", "off")
 """Formats that carry no unit of length."""
@@ -301,6 +311,7 @@ def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]
             by="trimesh's reader of 3MF files",
             memory_B=MEMORY_FREE_B + XML_RATIO * unpacked_B,
             output_B=PARTS_MAX_B,
+            time_s=TIME_3MF_S[0] + TIME_3MF_S[1] * unpacked_B,
             imports=["trimesh.exchange.load"],
         ).arrays
     names, unit = json.loads(found["words"].tobytes())

@@ -240,7 +240,7 @@ def save_scene(scene: "Scene", path: str | os.PathLike[str]) -> None:
     if len(scene.bodies) > BODY_MAX:
         raise SceneError(f"{path}: {len(scene.bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
     with sidecar_files(path) as files:
-        write_whole(path, _layout(_content(scene, files)).encode(), SceneError)
+        write_whole(path, _layout(_content(scene, files)).encode(errors="backslashreplace"), SceneError)
 
 
 def check_place(path: Path) -> None:

@@ -514,7 +514,10 @@ def _ask(url: str, headers: dict[str, str], most: int, put: Callable[[Any], None
 
 def _redirected(place: str, target: str) -> str:
     """Where a redirection leads: to the web, and from https to https."""
-    found = urljoin(place, target)
+    try:
+        found = urljoin(place, target)
+    except ValueError:
+        raise SwatchError(f"{place}: is redirected to {printable(target, REASON_SHOWN)}, which is no address") from None
     schemes = ("https",) if urlsplit(place).scheme == "https" else ("http", "https")
     if urlsplit(found).scheme not in schemes:
         raise SwatchError(f"{place}: is redirected to {printable(found, REASON_SHOWN)}, not to {' or '.join(schemes)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
+from hapscene.errors import printable
 from hapscene.files import whole_file
 from hapscene.view.palette import CHART_STYLE, DARK, INK, rgb
 
@@ -41,7 +42,7 @@ def new_chart(
     with rc_context(cast(Any, {**CHART_STYLE, **(style or {})})):  # its type lists every key by name
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         if title:
-            figure.suptitle(title, x=0.01, ha="left")
+            figure.suptitle(printable(title), x=0.01, ha="left")
         yield figure
 
 

@@ -331,3 +331,10 @@ def test_bridged_samples_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert texture is not None and texture.interpolation == "direct"
     assert main(words) == 0
     assert "1 fitted, 0 done before" in capsys.readouterr().out
+
+
+def test_a_manifest_holds_any_name_of_a_file(tmp_path: Path) -> None:
+    manifest = Manifest(tmp_path)
+    manifest.add(tmp_path / "oak\udcff.csv", "oak.swatch")
+    manifest.save()
+    assert list(Manifest(tmp_path).entries) == list(manifest.entries)

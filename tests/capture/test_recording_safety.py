@@ -287,3 +287,14 @@ def test_a_surfaces_name_is_no_path(capsys: pytest.CaptureFixture[str], tmp_path
     np.savez(tmp_path / "a.npz", acceleration=np.ones(5))
     assert main(["capture", "fit", str(tmp_path / "a.npz"), "--name", "a/b", "-o", str(tmp_path / "a.swatch")]) == 2
     assert "a surface's name has no slash" in capsys.readouterr().err
+
+
+def test_a_signalling_nan_is_a_missing_sample_and_no_warning_more(tmp_path: Path) -> None:
+    columns = {name: np.ones(2000, np.float32) for name in UNITS} | {"rate_Hz": 1000.0}
+    columns["force"][7:8] = np.array([0x7FA00000], np.uint32).view(np.float32)
+    np.savez(tmp_path / "a.npz", **columns)
+    with pytest.warns(UserWarning) as heard:
+        load_recording(tmp_path / "a.npz", units=UNITS)
+    assert [str(one.message).partition(": ")[2] for one in heard] == [
+        "missing samples bridged by straight lines: 1 of force"
+    ]

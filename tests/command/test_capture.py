@@ -1,6 +1,7 @@
 """`hapscene capture fit`, as typed."""
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,13 @@ def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureF
     ):
         assert text in said
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_a_recording_of_an_undecodable_name_is_fitted(tmp_path: Path) -> None:
+    options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
+    assert run(str(write(tmp_path / "a\udcff.csv")), "-o", str(tmp_path / "oak.swatch"), *options) == 0
+    assert "to a\\udcff.csv" in load_swatch(tmp_path / "oak.swatch").provenance
 
 
 def test_several_recordings_are_pooled(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,3 +93,16 @@ def test_nor_beside_a_scene_that_is_saved(folder: Path, unhung: None) -> None:
     scene.save("y.scene.json")
     with pytest.raises(Exception, match=r"other\.scene\.json: cannot be read: is no file"):
         stamp_of(Path("other.scene.json"))
+
+
+def test_a_link_that_leads_nowhere_is_not_what_was_meant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("meshes/gone.glb").symlink_to("nowhere")
+    assert main(["check", "meshes/a.ply", "meshes/gone.glb"]) == 2
+    assert capsys.readouterr().err == "hapscene: meshes/gone.glb: no such file or folder\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_an_undecodable_name_is_told_once(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("meshes/c\udcff.stl").write_bytes(b"solid")
+    assert main(["check", "meshes", "--unit", "mm"]) == 2
+    assert capsys.readouterr().out.count("c\\udcff.stl: ") == 1

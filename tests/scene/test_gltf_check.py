@@ -147,3 +147,20 @@ def test_more_lists_than_memory_allows_are_refused_before_they_are_made(tmp_path
     path.write_bytes(b'{"asset": {"version": "2.0"}, "extras": [' + b"[]," * 2_600_000 + b"0]}")
     with pytest.raises(MeshError, match=r"2,600,003 lists and objects; at most 2,312,"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("children", "message"),
+    [
+        ({0: [1], 1: [0]}, r"nodes\[0\] hangs within itself"),
+        ({1: [1]}, r"nodes\[1\] hangs within itself"),
+        ({0: [1, 1]}, r"nodes\[1\] hangs in two places"),
+        ({0: [2], 1: [2]}, r"nodes\[2\] hangs in two places"),
+    ],
+)
+def test_nodes_that_are_no_tree_are_refused(tmp_path: Path, children: dict[int, list[int]], message: str) -> None:
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {}, {}]
+    for index, own in children.items():
+        nodes[index] |= {"children": own}
+    with pytest.raises(MeshError, match=message):
+        load_mesh(write(tmp_path, gltf(nodes=nodes)))

@@ -2,6 +2,8 @@
 
 import io
 import json
+import logging
+import re
 import tracemalloc
 import warnings
 import zipfile
@@ -419,3 +421,27 @@ def test_a_3mf_with_a_number_that_is_none_is_refused(tmp_path, face):
             out.writestr(name, content)
     with pytest.raises(MeshError, match=r"ball\.3mf: (not a readable 3MF|face .* names vertex 99999)"):
         load_mesh(tmp_path / "ball.3mf")
+
+
+def test_what_trimesh_logs_is_not_printed(tmp_path, monkeypatch, capsys):
+    text = re.sub(r"normal \S+", "normal x", trimesh.creation.box().export(file_type="stl_ascii"), count=1)
+    (tmp_path / "a.stl").write_text(text)
+    monkeypatch.setattr(logging.root, "handlers", [])  # pytest's own
+    assert len(load_mesh(tmp_path / "a.stl", "mm").faces) == 12
+    assert capsys.readouterr().err == ""
+
+
+def test_an_off_file_of_an_endless_line_is_refused_before_it_is_taken(tmp_path):
+    (tmp_path / "a.off").write_bytes(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000 " + b"0 " * 1_000_000 + b"\n")
+    with pytest.raises(MeshError, match="line 6: longer than 1,000,000 characters"):
+        load_mesh(tmp_path / "a.off", "m")
+
+
+def test_a_3mf_that_names_an_object_over_and_over_is_given_up(tmp_path, monkeypatch):
+    trimesh.creation.box().export(tmp_path / "box.3mf")
+    with zipfile.ZipFile(tmp_path / "box.3mf") as box, zipfile.ZipFile(tmp_path / "a.3mf", "w") as made:
+        for name in box.namelist():
+            made.writestr(name, re.sub(rb"<item [^>]*>", lambda found: found[0] * 50_000, box.read(name)))
+    monkeypatch.setattr(mesh_file, "TIME_3MF_S", (0.5, 0.0))
+    with pytest.raises(MeshError, match=r"had not read it after 0\.5 s"):
+        load_mesh(tmp_path / "a.3mf")

@@ -129,3 +129,10 @@ def test_texture_coordinates_may_come_after_the_first_faces(tmp_path):
     text = "mtllib a.mtl\nusemtl blue\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nvt 0 0\nf 1/1 2/1 3/1\nf 1 2 3\n"
     (tmp_path / "a.obj").write_text(text)
     assert load_mesh(tmp_path / "a.obj", "m").colour_rgb.tolist() == [[0, 0, 255]] * 3
+
+
+def test_a_line_of_many_joined_ones_takes_time_by_its_length(tmp_path):
+    start_s = time.process_time()
+    with pytest.raises(MeshError, match="line 111112: longer than 1,000,000 characters"):
+        read(tmp_path, "v 0 0 0\\\n" * 120_000)
+    assert time.process_time() - start_s < 2.0

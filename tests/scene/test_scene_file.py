@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+import sys
 import zlib
 from pathlib import Path
 
@@ -438,3 +439,11 @@ def test_a_scene_with_a_packed_painting(tmp_path) -> None:
     scene.paint("ball", "plain")
     scene.save(tmp_path / "my.scene.json")
     assert json.loads((tmp_path / "my.scene.json").read_text())["version"] == 1  # older readers can read that
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_a_scene_of_an_undecodable_name_is_saved_and_read(tmp_path):
+    scene = hapscene.Scene()
+    scene.add(hapscene.Mesh.from_trimesh(icosphere(subdivisions=0), unit="m"), name="ball")
+    scene.save(tmp_path / "x\udcff.scene.json")
+    assert [body.name for body in hapscene.load_scene(tmp_path / "x\udcff.scene.json").bodies] == ["ball"]

@@ -366,6 +366,8 @@ def test_redirections_are_followed_some_times_and_only_on_the_web(server: Server
     for place in ("file:///etc/passwd", "ftp://127.0.0.1/x", "gopher:x\x9b"):
         server.bend["oak.swatch"] = to(place)
         refused(server, home, r"is redirected to (?!.*\x9b).*, not to http or https")
+    server.bend["oak.swatch"] = to("http://[")
+    refused(server, home, r"is redirected to http://\[, which is no address")
     with pytest.raises(SwatchError, match="not to https"):
         library._redirected("https://example.org/a", "http://example.org/a")
     server.bend["oak.swatch"] = to("/moved")

@@ -1,5 +1,6 @@
 """Charts on light and on dark ground."""
 
+import io
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -72,3 +73,9 @@ def test_page_offers_both() -> None:
     told = picture("bench/speed.png", 'of "ours" & <theirs>')
     assert 'srcset="bench/speed-dark.png"' in told and 'src="bench/speed.png"' in told
     assert "&quot;ours&quot; &amp; &lt;theirs&gt;" in told
+
+
+def test_any_name_of_a_file_can_stand_over_it() -> None:
+    with new_chart(2, 1, "oak\udcff.obj") as figure:
+        figure.savefig(io.BytesIO())
+    assert figure.get_suptitle() == "oak\\udcff.obj"

@@ -160,7 +160,7 @@ def guarded(
             if path in files and not upgrade:
                 return answer(http.HTTPStatus.OK, files[path].kind, files[path].content)
             given, _, rest = path[1:].partition("/")
-            if not hmac.compare_digest(given.encode(), token.encode()):
+            if not hmac.compare_digest(given.encode(errors="replace"), token.encode()):
                 return answer(http.HTTPStatus.FORBIDDEN, "text/html; charset=utf-8", DOOR)
             request.path = path = f"/{rest}"
             if upgrade:

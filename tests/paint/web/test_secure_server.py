@@ -164,3 +164,9 @@ def test_no_tunnel_is_opened_on_demand(server: Any) -> None:
 
     handlers = server._websock_server._incoming_handlers
     assert _messages.ShareUrlRequest not in handlers and _messages.ShareUrlDisconnect not in handlers
+
+
+def test_a_path_that_is_no_text_is_refused(server: Any) -> None:
+    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=20) as line:
+        line.sendall(b"GET /\xff HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % server.get_port())
+        assert line.recv(100).startswith(b"HTTP/1.1 403 ")
