@@ -218,7 +218,11 @@ def test_a_fitted_swatch_is_exported_with_all_its_digits(tmp_path: Path) -> None
     export_hatt(wood, tmp_path / "Models_1k.xml", tmp_path / "Taps_1k.xml", rate_Hz=1000.0)
     assert wood.taps is not None
     wave = wood.taps.transient(float(wood.taps.approach_m_s[0]), 1000.0)
-    taps = read_taps(tmp_path / "Taps_1k.xml").acceleration_m_s2
+    told = read_taps(tmp_path / "Taps_1k.xml")
+    taps = told.acceleration_m_s2
+    text = (tmp_path / "Taps_1k.xml").read_text(encoding="utf-8").replace("tapSpeed>", "other>")
+    (tmp_path / "Taps_list.xml").write_text(text, encoding="utf-8")  # then the list says them
+    np.testing.assert_array_equal(read_taps(tmp_path / "Taps_list.xml").approach_m_s, told.approach_m_s)
     np.testing.assert_allclose(taps[0][: min(100, len(wave))], wave[:100], rtol=1e-12)
     with pytest.raises(SwatchError, match="no texture"):
         export_hatt(PLAIN, tmp_path / "x.xml")

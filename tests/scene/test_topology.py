@@ -47,6 +47,7 @@ def test_collapsed_faces_have_no_edges():
     assert edges.count_by_face().tolist() == [[1, 1, 1], [0, 0, 0], [0, 0, 0]]
     ends = {tuple(end) for end in edges.ends(np.arange(3)).tolist()}
     assert ends == {(0, 1), (1, 2), (2, 0)}
+    assert not len(edges_of(faces, np.arange(3), np.array([False, True, True])).count)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.45])

@@ -10,6 +10,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.tools import RADIUS_SHARE
 
 from ..conftest import make_scene
 from ..tab import Tab, until
@@ -66,6 +67,14 @@ def test_a_damaged_library_is_told_and_the_scene_is_painted_on(page: Page, tab: 
     tab.send("undo")
     until(lambda: tab.state["redo"])
     tab.settle()  # the socket is alive
+
+
+def test_the_brush_stays_within_its_bounds(page: Page) -> None:
+    tools = page.context.tools
+    low, usual, high = (share * page.context.view.diagonal_m for share in RADIUS_SHARE)
+    for asked, taken in ((0.0, low), (usual, usual), (1e3, high)):
+        tools.resize(asked)
+        assert tools.radius_m == taken
 
 
 def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
