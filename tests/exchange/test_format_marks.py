@@ -121,8 +121,7 @@ def test_commands_open_it_and_say_what_is_lost(
     assert set(felt.body_names) == {body.name for body in scene.bodies}
     assert {"wood", *felt.swatch_names} == {swatch.name for swatch in scene.swatches}
     with pytest.warns(ExchangeWarning):
-        session = open_session(
-            argparse.Namespace(scene="desk.glb", unit=None, swatch=None, two_sided=False, device="omni"), print
-        )
+        given = {"unit": None, "swatch": None, "two_sided": False, "accept_damaged": False, "device": "omni"}
+        session = open_session(argparse.Namespace(scene="desk.glb", **given), print)
     session.save()
     assert worn(load_scene(tmp_path / "desk.scene.json")) == worn(scene)
