@@ -441,7 +441,7 @@ def test_a_3mf_that_names_an_object_over_and_over_is_given_up(tmp_path, monkeypa
     trimesh.creation.box().export(tmp_path / "box.3mf")
     with zipfile.ZipFile(tmp_path / "box.3mf") as box, zipfile.ZipFile(tmp_path / "a.3mf", "w") as made:
         for name in box.namelist():
-            made.writestr(name, re.sub(rb"<item [^>]*>", lambda found: found[0] * 50_000, box.read(name)))
+            made.writestr(name, re.sub(rb"<item [^>]*>", lambda found: found[0] * 300_000, box.read(name)))
     monkeypatch.setattr(mesh_file, "TIME_3MF_S", (0.5, 0.0))
     with pytest.raises(MeshError, match=r"had not read it after 0\.5 s"):
         load_mesh(tmp_path / "a.3mf")
