@@ -86,14 +86,14 @@ def _paint(options: argparse.Namespace) -> int:
     session = open_session(options, say)
     page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand)
     with page:
-        print(f"{page.url}   (Ctrl-C ends)", flush=True)
-        if session.document.problem:
-            say(f"{session.document.problem}\n")
-        if page.public:
-            say("open to the network: whoever has this address may paint here, and save over your files\n")
-        if not options.no_browser and (opener := write_opener(page)) is not None:
-            webbrowser.open(opener.as_uri())
         try:
+            print(f"{page.url}   (Ctrl-C ends)", flush=True)
+            if session.document.problem:
+                say(f"{session.document.problem}\n")
+            if page.public:
+                say("open to the network: whoever has this address may paint here, and save over your files\n")
+            if not options.no_browser and (opener := write_opener(page)) is not None:
+                webbrowser.open(opener.as_uri())
             while True:
                 time.sleep(NAP_S)
         except KeyboardInterrupt:

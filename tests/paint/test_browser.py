@@ -320,6 +320,7 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
         tab.mouse.move(x + 20, y + 5, steps=4)
         tab.mouse.up()
         until(lambda: painting.state != state or np.abs(np.array(camera.position) - place).max() > 0.01, PATIENCE_S)
+        until(lambda: page.context.tools.client is None, PATIENCE_S)  # the stroke's last drops, too
         window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
         return painting.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
 
