@@ -73,6 +73,10 @@ class Record:
         return np.isnan(next(iter(self.streams.values())))
 
 
+class CutWarning(UserWarning):
+    """A record ends without the word of its end, as one does whose recording was killed, and one that lost it."""
+
+
 def taken(path: Path) -> CaptureError:
     """What is said of a file that a recording would replace."""
     return CaptureError(f"{path}: is there already, and a recording is never replaced: take another name")

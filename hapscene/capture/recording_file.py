@@ -152,6 +152,7 @@ def load_recording(
 
     Warns:
         BridgedWarning: some samples are missing, at most 1 % of a column; they are put on straight lines.
+        CutWarning: a record of a probe ends without the word of its end: it may have been longer.
     """
     recording = read_surface_recording(path, rate_Hz, columns, units)
     if recording.bridged:

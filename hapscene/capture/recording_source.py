@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.confined import confined
-from hapscene.errors import CaptureError, FormatError
+from hapscene.errors import CaptureError, FormatError, warn
 from hapscene.files import check_file_size, check_unpacked, memory_most_B, read_bytes, refusing, unpacked_most_B
 from hapscene.number_files import TOO_MUCH, lines_of, open_npz
 
@@ -221,10 +221,13 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
 
 
 def _record(file: Path) -> RecordingSource:
-    from hapscene.capture.record_file import parse_record
+    from hapscene.capture.record_file import CutWarning, parse_record
 
     data = read_bytes(file, BYTES_MAX, "record")
     record = parse_record(data)
+    if record.ended is None:
+        count = len(record.missing)
+        warn(f"{file}: cut off, by a kill, a loss of power or damage: {count:,} samples are there", CutWarning)
     return RecordingSource(record.streams, record.rate_Hz, record.units, own_B=len(data))
 
 

@@ -9,7 +9,7 @@ import pytest
 from hapscene import __version__
 from hapscene.capture import load_recording
 from hapscene.capture.batch_pool import Job, fit_job
-from hapscene.capture.record_file import RecordWriter, load_record
+from hapscene.capture.record_file import CutWarning, RecordWriter, load_record
 from hapscene.capture.record_simulator import COLUMNS, FRICTION, strokes
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import swatch_from_json
@@ -66,6 +66,14 @@ def test_cut_at_any_byte_all_whole_chunks_are_read(tmp_path: Path) -> None:
         assert (record.streams["force"][there] == -there).all()
         lengths.append(len(record.missing))
     assert lengths == sorted(lengths) and sorted(set(lengths)) == [0, 10, 20, 30, 50]
+
+
+def test_one_that_is_cut_off_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "cut.hsrec"
+    with RecordWriter(path, HEADER) as writer:
+        writer.write(rows(0, 100))
+    with pytest.warns(CutWarning, match=r"cut\.hsrec: cut off, .*: 100 samples are there"):
+        assert len(load_recording(path).acceleration_m_s2) == 100
 
 
 def test_a_flipped_bit_ends_the_reading_and_gives_nothing_wrong(tmp_path: Path) -> None:
