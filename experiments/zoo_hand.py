@@ -16,11 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.contact.moving import place_bodies
 from hapscene.device.arm import find_tip
 from hapscene.device.omni_kinematics import reachable, tip, turns_at
 from hapscene.native import native
 from hapscene.renderer import Renderer
-from hapscene.tick import place_bodies
 from hapscene.twin.twin_loop import beat, take_grip
 
 Array = NDArray[np.float64]
@@ -76,12 +76,12 @@ class Plan:
     moves: bool
     rest: slice
 
-    def poses(self, part: tuple[int, int]) -> tuple[NDArray[np.int64], Array]:
-        """The scene's only body at its poses in a part, as the compiled tick takes them."""
+    def poses(self, part: tuple[int, int]) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]]:
+        """The scene's only body at its poses in a part, as the compiled tick takes them; it never jumps."""
         moving = np.zeros(int(self.moves), np.int64)
         X_WB = np.tile(np.eye(4), (part[1] - part[0], len(moving), 1, 1))
         X_WB[..., :3, 3] = self.body_m[part[0] : part[1], None]
-        return moving, X_WB
+        return moving, X_WB, np.zeros_like(moving)
 
 
 def make_plan(renderer: Renderer, case: dict[str, Any], tool_m: Array, body_m: Array | None) -> Plan:
@@ -137,6 +137,7 @@ def press_along(
     grip: Array,
     moving: NDArray[np.int64],
     X_WB: Array,
+    teleported: NDArray[np.int64],
     rows: Any,
     felt: Any,
     motor_m: Array,
@@ -151,7 +152,7 @@ def press_along(
     hand, touch = body.arm.hand[0], surface.touch[0]
     share = 1.0 - math.exp(-touch.tick_s / HAND_S)
     for k in range(len(on_m)):
-        place_bodies(world, surface, moving, X_WB, k)
+        place_bodies(world, surface, moving, X_WB, teleported, k)
         take_grip(body, grip[0], grip[1], grip[2])
         after = min(k + 1, len(on_m) - 1)
         pushes = nhat[k, 0] != 0.0 or nhat[k, 1] != 0.0 or nhat[k, 2] != 0.0

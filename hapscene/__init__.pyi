@@ -13,8 +13,11 @@ from . import teleoperation as teleoperation
 from . import touch as touch
 from . import twin as twin
 from . import view as view
+from .contact_info import Contact as Contact
+from .contact_info import Impulse as Impulse
 from .errors import HapsceneError as HapsceneError
 from .flags import Flag as Flag
+from .moving_bodies import MovingBodies as MovingBodies
 from .recording import Recording as Recording
 from .recording import load_touch as load_touch
 from .recording import save_touch as save_touch

@@ -39,6 +39,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         p_WP = p_WT
         _set(memory.drag_m_s, (0.0, 0.0, 0.0))
         _leave(touch)
+    touch.inside = proxy.passed_count
     touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)

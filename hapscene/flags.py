@@ -22,3 +22,5 @@ class Flag(IntFlag):
     """The wall had given out energy that it never took in: the passivity controller held the tool back."""
     CROWDED = 128
     """More bodies overlap where the tool is than one tick asks (`NEAR_MAX`): some of them are not felt."""
+    POSE_REFUSED = 256
+    """A body was given a pose that is not finite, or no rotation and translation: it stays at its last good one."""

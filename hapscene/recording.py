@@ -13,8 +13,8 @@ from hapscene.errors import FormatError
 from hapscene.files import check_memory, refusing, whole_file
 from hapscene.number_files import Npz, open_npz
 
-FORMAT_VERSION: Final = 1
-"""Version of the npz layout. A reader refuses a later one."""
+FORMAT_VERSION: Final = 2
+"""Version of the npz layout; a reader refuses a later one. 1 had no `began`, which is made anew, nor `f_body_W_N`."""
 
 BYTES_MAX: Final = 4 << 30
 """Most bytes that a recording may hold unpacked [B]: three hours at the usual rates. What claims more is
@@ -42,8 +42,11 @@ _COLUMNS: Final[dict[str, tuple[str, tuple[int, ...] | None]]] = {
     "contact_ns": ("i8", ()),
     "slip_m_s": ("f8", ()),
     "normal_force_N": ("f8", ()),
+    "began": ("?", ()),
+    "f_body_W_N": ("f8", (3,)),
     "a_m_s2": ("f8", None),
 }
+_SINCE_2: Final = ("began", "f_body_W_N")
 _NAMES: Final = ("body_names", "swatch_names", "effects")
 _CSV_ROWS: Final = 10_000  # that are made at once
 _NAME_B: Final = 100  # what a name takes beside its letters
@@ -97,9 +100,19 @@ class Recording:
     """(n,) low-passed slip speed, by which textures are chosen."""
     normal_force_N: NDArray[np.float64]
     """(n,) stiffness times depth."""
+    began: NDArray[np.bool_] = None  # type: ignore[assignment]  # files of version 1 and older scripts have none
+    """(n,) whether the contact begins there."""
+    f_body_W_N: NDArray[np.float64] = None  # type: ignore[assignment]
+    """(n, 3) force of the tool on the touched body, acting at the proxy: of contact alone, nothing cut to the device.
+    NaN where it is not known."""
 
     def __post_init__(self) -> None:
         count = len(self.t_s)
+        if self.began is None:
+            before = np.concatenate(([False], self.touching[:-1]))
+            object.__setattr__(self, "began", self.touching & ~before)
+        if self.f_body_W_N is None:
+            object.__setattr__(self, "f_body_W_N", np.full((count, 3), np.nan))
         for name, (_, row) in _COLUMNS.items():
             shape = getattr(self, name).shape
             if shape[:1] != (count,) or (len(shape) != 2 if row is None else shape[1:] != row):
@@ -226,15 +239,17 @@ def _read(archive: Npz) -> dict[str, Any]:
         raise RecordingError(
             f"is of format version {version}, and this hapscene reads up to {FORMAT_VERSION}; update hapscene"
         )
-    headers = {name: archive.header(name) for name in (*_COLUMNS, *_NAMES)}
+    held = [name for name in _COLUMNS if version > 1 or name not in _SINCE_2]
+    headers = {name: archive.header(name) for name in (*held, *_NAMES)}
     counts = {name: math.prod(shape) for name, (shape, _) in headers.items()}
     own_B = sum(counts[name] * dtype.itemsize for name, (_, dtype) in headers.items())
-    needed_B = sum(counts[name] * np.dtype(kind).itemsize for name, (kind, _) in _COLUMNS.items())
+    needed_B = sum(counts[name] * np.dtype(kind).itemsize for name, (kind, _) in _COLUMNS.items() if name in held)
     needed_B += sum(counts[name] * (headers[name][1].itemsize + _NAME_B) for name in _NAMES)
     check_memory(own_B + needed_B, own_B, "its arrays", "expected a shorter recording")
     values: dict[str, Any] = {name: tuple(_array(archive, name, "U", 1).tolist()) for name in _NAMES}
     values |= {"a_rate_Hz": float(_array(archive, "a_rate_Hz", "f", 0)), "seed": int(_array(archive, "seed", "iu", 0))}
-    for name, (kind, row) in _COLUMNS.items():
+    for name in held:
+        kind, row = _COLUMNS[name]
         dtype = np.dtype(kind)
         dimension_count = 2 if row is None else 1 + len(row)
         values[name] = _array(archive, name, dtype.kind, dimension_count).astype(dtype, copy=False)

@@ -24,6 +24,7 @@ TOUCH: Final = np.dtype(
         ("face", "i8"),  # touched face of that body's mesh, −1 in the air
         ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
         ("crossed", "i8"),  # 1 where the swatch is not the last tick's
+        ("inside", "i8"),  # how many bodies have let the tool in (`OUTPUT`'s release) and still hold its shaft
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool
         ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
@@ -42,8 +43,10 @@ TOUCH: Final = np.dtype(
 )
 """Contact as all effects see it, computed once a tick. The effects may read it and not write it."""
 
-OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
-"""What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples."""
+OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("release", "i8"), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
+"""What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples.
+
+`release` not 0 has the body that is touched let the tool in, from the next tick on until it is out again."""
 
 ROW: Final = np.dtype(
     [
@@ -58,6 +61,8 @@ ROW: Final = np.dtype(
         ("slip_m_s", "f8"),
         ("normal_force_N", "f8"),
         ("f_W_N", "f8", (3,)),
+        ("began", "i8"),
+        ("f_body_W_N", "f8", (3,)),  # on the touched body
         ("flags", "i8"),
         ("tick_ns", "i8"),  # time of the whole tick
         ("contact_ns", "i8"),  # of it, finding the contact

@@ -7,18 +7,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, TICK_S
-from hapscene.contact.embree import Search
+from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, crowd, place_ball
+from hapscene.contact.world import build_world, crowd
+from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
 from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions, rigid
+from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, share_of
+from hapscene.surface.effect import check_range
 from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.field_settings import FieldSetting, field_setting
 from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers
 from hapscene.tick import run_ticks
 
@@ -31,22 +35,27 @@ if TYPE_CHECKING:
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
 
-_STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)))
+_STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 _FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
 
 
-class Command(NamedTuple):
+class _Command(NamedTuple):
+    f_W_N: NDArray[np.float64]
+    a_m_s2: NDArray[np.float64]
+    flags: Flag
+
+
+class Command(_Command):
     """What one tick asks of the device.
 
     Attributes:
         f_W_N: (3,) force on the hand in W [N].
         a_m_s2: (block,) acceleration samples along the handle [m/s²].
         flags: what went wrong or was limited.
+        contact: what is touched, and what the tool does to it; None in the air.
     """
 
-    f_W_N: NDArray[np.float64]
-    a_m_s2: NDArray[np.float64]
-    flags: Flag
+    contact: Contact | None = None
 
     def __repr__(self) -> str:
         force = ", ".join(f"{v:.3g}" for v in self.f_W_N)
@@ -67,8 +76,10 @@ class Renderer:
     """Renders touch: the same tick drives `run` over a recorded path and `step` in a loop of your own.
 
     Args:
-        scene: what is there. Its poses and swatches are read once, here.
-        effects: names of effect plugins, or `Effect` objects, in the order they are summed.
+        scene: what is there. Its swatches are read once, here; after `Scene.pose` a body appears there.
+        effects: names of effect plugins, or `Effect` objects, in the order they are summed; those of the scene last.
+        settings: of the scene's effects, by name: `{"weight": {"mass_kg": 0.2}}`; their parameters, the arrays that
+            they ask for, and `bodies` whose poses they read.
         seed: of all that effects draw at random; the same seed gives the same bits.
         tick_s: period of the force channel [s].
         a_rate_Hz: rate of the acceleration channel; a tick must hold a whole number of samples, at most 256.
@@ -105,6 +116,7 @@ class Renderer:
         limits: Limits | None = None,
         device: "DeviceLike | None" = None,
         crease_rad: float = 0.0,
+        settings: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         if not scene.bodies:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
@@ -121,19 +133,24 @@ class Renderer:
         if not 0.0 <= crease_rad <= np.pi:
             raise HapsceneError(f"crease_rad must be 0 to π, is {crease_rad}")
         self.limits = limits_of(device, self.tick_s) if device is not None else limits or IDEAL
-        self._effects = [load_effect(e) if isinstance(e, str) else e for e in effects]
+        loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
+        self._contact_effects = [e for e in loaded if e.scope == "contact"]
+        self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
         self._body_names = tuple(body.name for body in scene.bodies)
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._searches: dict[int, Search] = {}  # owns the search structures whose addresses the world holds
-        self._meshes = [body.mesh for body in scene.bodies]  # keeps the keys of _searches alive
-        self.world = build_world(scene.bodies, self._searches, crease_rad)
+        self._face_counts = [len(body.mesh.faces) for body in scene.bodies]
+        self._fields = self._set(settings or {})
+        self._mapped: MovingBodies | None = None
+        self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
+        self.world = build_world(scene.bodies, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
         _warn(messages)
         _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
+        self._told = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
-        self._out = row["f_W_N"][0], row["flags"]  # views: a look-up by name costs a microsecond a step
+        self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
         self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
@@ -167,8 +184,9 @@ class Renderer:
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1
-        for body in self.world.bodies:
-            body.moved = 0
+        self.world.bodies["moved"] = self.world.bodies["passed"] = 0
+        self.world.moved[0] = self.world.proxy[0].passed_count = 0
+        self.world.impulse[:] = 0.0
         put(self.world, (p[0], p[1], p[2]))
         self._started = True
         self._ticks = 0
@@ -191,6 +209,33 @@ class Renderer:
         put_numbers(self.surface, self._effects, index, self._fit.given[index])
         _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
 
+    def tune_field(self, effect: str, **numbers: float) -> None:
+        """Change parameters of an effect of the scene, from the next tick on: `tune_field("weight", mass_kg=0.3)`.
+
+        Raises:
+            EffectError: no such effect of the scene, no such parameter, or it may not have this value.
+        """
+        first = len(self._contact_effects)
+        names = [e.name for e in self._effects[first:]]
+        if effect not in names:
+            raise EffectError(no_such("effect of the scene", effect, names))
+        k = names.index(effect)
+        params = {param.name: param for param in self._effects[first + k].params}
+        if unknown := sorted(numbers.keys() - params.keys()):
+            raise EffectError(no_such("parameter", unknown[0], params))
+        checked = {name: check_range(self._effects[first + k], params[name], v) for name, v in numbers.items()}
+        self._fields[k].numbers.update(checked)
+        rows = {(first + k, name): value for name, value in checked.items()}
+        put_numbers(self.surface, self._effects, len(self._swatch_names), rows)
+
+    def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
+        """The effects of the scene as they are set."""
+        of_scene = self._effects[len(self._contact_effects) :]
+        for name in settings:
+            if name not in [effect.name for effect in of_scene]:
+                raise EffectError(no_such("effect of the scene", name, [effect.name for effect in of_scene]))
+        return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
+
     @property
     def clips(self) -> tuple[Clip, ...]:
         """What the device does not take of the swatches' numbers, as they are tuned now."""
@@ -198,8 +243,8 @@ class Renderer:
 
     def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
         """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
-        fit = Fit(scene, self._effects, self.limits, self.tick_s)
-        surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits)
+        fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
+        surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
         painted = set(np.unique(surface.paint).tolist())
         messages: list[str] = []
         for index, swatch in enumerate(scene.swatches):
@@ -226,7 +271,7 @@ class Renderer:
     def prepare_painting(self, scene: "Scene") -> PreparedPainting:
         """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
-        if shapes != [(name, len(mesh.faces)) for name, mesh in zip(self._body_names, self._meshes, strict=True)]:
+        if shapes != list(zip(self._body_names, self._face_counts, strict=True)):
             raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
         fit, surface, _ = self._fitted(scene)
         return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
@@ -239,14 +284,30 @@ class Renderer:
         surface.touch["swatch"] = -1  # another one, or the same by another number
         self.surface, self._fit, self._swatch_names = painting
 
-    def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> Command:
-        """One tick with the tool at `p_WT` (3,) [m]; `poses` {body: X_WB (4, 4)} moves bodies there.
+    def moving(self, names: Sequence[str]) -> MovingBodies:
+        """Bind bodies to slots whose poses are written in place: what `step` then takes, at a fraction of the time.
 
-        A position that is not finite is flagged (`Flag.TOOL_NOT_FINITE`), not raised. The first step of a renderer
-        starts it at that position.
+        Raises:
+            SceneError: an unknown body, or one that is named twice.
+        """
+        bodies = self.world.bodies
+        X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
+        X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"]
+        return MovingBodies(names, self._body_names, X_WB)
+
+    def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | MovingBodies | None = None) -> Command:
+        """One tick with the tool at `p_WT` (3,) [m]; `poses` moves bodies there: {body: X_WB (4, 4)}, or `moving` ones.
+
+        A position that is not finite is flagged (`Flag.TOOL_NOT_FINITE`), not raised; so is a pose that is not finite
+        or not rigid (`Flag.POSE_REFUSED`), whose body stays at its last good one. What rounding does to a rotation is
+        mended. The first step of a renderer starts it at that position.
 
         Returns:
             Command, whose arrays are the caller's to keep.
+
+        Raises:
+            PathError: a position that is not three numbers.
+            SceneError: poses for an unknown body, or of another shape.
         """
         p = numbers(p_WT).reshape(1, -1)
         if p.shape != (1, 3):
@@ -255,15 +316,37 @@ class Renderer:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
             self.reset(p[0])
+        if self._scene.pose_count != self._seen:
+            self._see_poses()
+        slots = _STILL
         if poses:
-            moving, X_WB = self._poses({name: np.asarray(X)[None] for name, X in poses.items()}, 1)
-            self._play(self.world, self.surface, p, moving, X_WB, self._row, self._samples)
-            self._settle_bodies(moving)
-        else:
-            self._play(self.world, self.surface, p, *_STILL, self._row, self._samples)
+            bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
+            slots = bodies.index, bodies.poses, bodies.teleported
+        self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
-        f_W_N, flags = self._out
-        return Command(f_W_N.copy(), self._samples[0].copy(), _FLAGS[flags.item()])
+        f_W_N, flags, touching = self._out
+        command = Command(f_W_N.copy(), self._samples[0].copy(), _FLAGS[flags.item()])
+        if touching.item():
+            command.contact = Contact(self._told.tobytes(), self._body_names, self._swatch_names)
+        return command
+
+    def impulse(self, body: str) -> Impulse:
+        """What the tool has given a body since the last reset.
+
+        Raises:
+            SceneError: no such body.
+        """
+        if body not in self._body_names:
+            raise SceneError(no_such("body", body, self._body_names))
+        total = self.world.impulse[self._body_names.index(body)]
+        return Impulse(total[:3].copy(), total[3:].copy())
+
+    def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
+        """Slots for poses by name; the same as long as the names are."""
+        if self._mapped is None or self._mapped.names != tuple(poses):
+            self._mapped = self.moving(tuple(poses))
+        self._mapped.take(poses)
+        return self._mapped
 
     def run(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | None = None) -> "Recording":
         """Tick along a path: `p_WT` (n, 3) [m], a position per tick; `poses` {body: X_WB (n, 4, 4)}, a pose per tick.
@@ -276,13 +359,14 @@ class Renderer:
         """
         path = positions(np.ascontiguousarray(numbers(p_WT)))
         n = len(path)
-        moving, X_WB = self._poses(poses or {}, n)
+        slots = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
+        if self._scene.pose_count != self._seen:
+            self._see_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
-        self._play(self.world, self.surface, path, moving, X_WB, rows, a_m_s2)
-        self._settle_bodies(moving)
+        self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
         return self.recording(rows, a_m_s2)
 
     def recording(self, rows: Any, a_m_s2: NDArray[np.float64]) -> "Recording":
@@ -308,6 +392,8 @@ class Renderer:
             contact_ns=np.ascontiguousarray(rows["contact_ns"]),
             slip_m_s=np.ascontiguousarray(rows["slip_m_s"]),
             normal_force_N=np.ascontiguousarray(rows["normal_force_N"]),
+            began=rows["began"].astype(bool),
+            f_body_W_N=np.ascontiguousarray(rows["f_body_W_N"]),
             a_m_s2=a_m_s2,
             a_rate_Hz=self.a_rate_Hz,
             body_names=self._body_names,
@@ -316,16 +402,19 @@ class Renderer:
             effects=tuple(effect.name for effect in self._effects),
         )
 
-    def _settle_bodies(self, moving: NDArray[np.int64]) -> None:
-        """After the last given pose a body stands still."""
-        for index in moving:
-            body = self.world.bodies[index]
-            body.moved = 0
-            body.was_R_WB, body.was_p_WB_m = body.R_WB, body.p_WB_m
-            place_ball(body, self.world.ball_W_m[index])
+    def _see_poses(self) -> None:
+        """Have the bodies whose pose in the scene is another one appear there."""
+        changed = [body for body, was in zip(self._scene.bodies, self._seen_X_WB, strict=False) if body.X_WB is not was]
+        slots = self.moving([body.name for body in changed])
+        slots.take({body.name: body.X_WB for body in changed})
+        slots.teleported[:] = 1
+        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._seen, self._seen_X_WB = self._scene.pose_count, [body.X_WB for body in self._scene.bodies]
 
-    def _poses(self, poses: Mapping[str, ArrayLike], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Indices of the moving bodies (m,) and their poses (count, m, 4, 4)."""
+    def _poses(
+        self, poses: Mapping[str, ArrayLike], count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """Indices of the moving bodies (m,), their poses (count, m, 4, 4), and which of them jump (m,): none."""
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
         for m, (name, given) in enumerate(poses.items()):
@@ -333,7 +422,7 @@ class Renderer:
                 raise SceneError(no_such("body", name, self._body_names))
             moving[m] = self._body_names.index(name)
             X_WB[:, m] = rigid(given, f"poses of body {name!r}", count)
-        return moving, X_WB
+        return moving, X_WB, np.zeros(len(poses), np.int64)
 
 
 def _warn(messages: list[str]) -> None:

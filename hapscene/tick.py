@@ -6,6 +6,8 @@
     constrain  the proxy to the faces in the way                        contact/
     describe   the contact, once, so that all effects agree             describe.py
     render     each effect of the touched swatch                        surface/mixer.py
+    react      what the tool does to the bodies                         reaction.py
+    field      each effect of the scene, felt by the hand alone         surface/mixer.py
     guard      the wall's energy, where asked for                       device/stabilisers.py
     mix        their sum, within the limits of the device               surface/mixer.py
     note       a row
@@ -21,18 +23,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
-from hapscene.contact.proxy import move, put
-from hapscene.contact.world import NO_SHADE, place_ball
+from hapscene.contact.moving import place_bodies
+from hapscene.contact.passing import let_in
+from hapscene.contact.proxy import move
+from hapscene.contact.world import NO_SHADE
 from hapscene.describe import describe, shade
 from hapscene.device.stabilisers import couple, guard
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import native
-from hapscene.surface.mixer import limit, render
+from hapscene.reaction import react
+from hapscene.surface.mixer import limit, render, render_fields
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
 _CROWDED = int(Flag.CROWDED)
+_POSE = int(Flag.POSE_REFUSED)
 
 
 @native
@@ -47,11 +53,18 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
         flags |= _UNSETTLED
     if world.proxy[0].crowded == 1:
         flags |= _CROWDED
+    if world.proxy[0].refused == 1:
+        flags |= _POSE
     contact_ns = now_ns(surface.clock) - start_ns
     describe(world, surface, p_WT)
     if world.proxy[0].crease_cos < NO_SHADE:
         shade(world, surface)
     flags |= render(surface)
+    react(world, surface)
+    if len(surface.effects) > surface.contact_count[0]:
+        flags |= render_fields(world, surface)
+    if surface.total[0].release != 0:
+        let_in(world)
     if surface.limits[0].guard_Ns_m > 0.0:
         flags |= guard(surface, tool_W)
     flags |= limit(surface)
@@ -69,33 +82,17 @@ def run_ticks(
     p_WT_m: NDArray[np.float64],
     moving: NDArray[np.int64],
     X_WB: NDArray[np.float64],
+    teleported: NDArray[np.int64],
     rows: Any,
     a_m_s2: NDArray[np.float64],
 ) -> None:
-    """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4)."""
+    """Tick along a path `p_WT_m` (n, 3), the bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
+
+    Where `teleported` (m,) is not 0, a body appears at its first pose.
+    """
     for k in range(len(p_WT_m)):
-        place_bodies(world, surface, moving, X_WB, k)
+        place_bodies(world, surface, moving, X_WB, teleported, k)
         tick(world, surface, p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2], rows[k], a_m_s2[k])
-
-
-@native
-def place_bodies(world: Any, surface: Any, moving: NDArray[np.int64], X_WB: NDArray[np.float64], k: int) -> None:
-    """Set this tick's poses. In the first tick after a reset bodies appear where they are, without moving there."""
-    nearer = 0.0
-    for m in range(len(moving)):
-        body = world.bodies[moving[m]]
-        body.moved = 1 - surface.memory[0].fresh
-        for i in range(3):
-            for j in range(3):
-                body.was_R_WB[i, j] = body.R_WB[i, j]
-                body.R_WB[i, j] = X_WB[k, m, i, j]
-            body.was_p_WB_m[i] = body.p_WB_m[i]
-            body.p_WB_m[i] = X_WB[k, m, i, 3]
-        nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
-    world.proxy[0].near_room_m -= nearer
-    if len(moving) > 0 and surface.memory[0].fresh == 1:
-        start = surface.memory[0].p_WT_m
-        put(world, (start[0], start[1], start[2]))
 
 
 @native
@@ -123,8 +120,10 @@ def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
         row.p_WP_m[i] = touch.p_WP_m[i]
         row.nhat_W[i] = touch.nhat_W[i]
         row.f_W_N[i] = total.f_W_N[i]
+        row.f_body_W_N[i] = surface.memory[0].f_body_W_N[i]
     row.depth_m = touch.depth_m
     row.touching = touch.touching
+    row.began = touch.began
     row.body = touch.body
     row.face = touch.face
     row.swatch = touch.swatch if touch.touching == 1 else -1

@@ -21,8 +21,11 @@ FLOOR = (
 CORE = (
     *FLOOR,
     "contact",
+    "contact_info",
     "describe",
     "device",
+    "moving_bodies",
+    "reaction",
     "recording",
     "records",
     "renderer",

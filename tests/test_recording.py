@@ -34,6 +34,7 @@ def make_recording(count: int = 7, block: int = 3) -> Recording:
         slip_m_s=rng.random(count),
         normal_force_N=rng.random(count),
         a_m_s2=rng.normal(size=(count, block)),
+        f_body_W_N=rng.normal(size=(count, 3)),
         a_rate_Hz=block / 1e-3,
         body_names=("plate, large", "ball"),
         swatch_names=("plain", 'oak "A"'),
@@ -53,6 +54,22 @@ def test_npz_round_trip_keeps_every_bit(tmp_path: Path) -> None:
         else:
             assert before == after and type(before) is type(after), field.name
     assert len(loaded) == 7
+
+
+def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
+    """It lacks two columns: where contacts begin follows from the others, the force on the body does not."""
+    recording = make_recording()
+    recording.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as held:
+        old = {name: held[name] for name in held.files if name not in ("began", "f_body_W_N")} | {"format_version": 1}
+    np.savez(tmp_path / "old.npz", **old)
+    loaded = Recording.load(tmp_path / "old.npz")
+    assert loaded.touching.tolist() == [False, True, True] * 2 + [False]
+    assert np.flatnonzero(loaded.began).tolist() == [1, 4] and np.isnan(loaded.f_body_W_N).all()
+    np.testing.assert_array_equal(loaded.f_W_N, recording.f_W_N)
+    np.savez(tmp_path / "lacking.npz", **(old | {"format_version": 2}))
+    with pytest.raises(RecordingError, match="began"):
+        Recording.load(tmp_path / "lacking.npz")
 
 
 def test_it_is_told_in_a_line() -> None:

@@ -30,6 +30,8 @@ def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
     for k in range(proxy.near_count):
         i = world.near[k]
         body = world.bodies[i]
+        if body.passed != 0:
+            continue
         stop = cast_body(world, i, to_body(body, origin_W), to_body(body, goal_W), best)
         best = min(best, stop)
     if best <= 1.0:

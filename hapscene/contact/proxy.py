@@ -14,6 +14,7 @@ from typing import Any
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
+from hapscene.contact.passing import leave
 from hapscene.contact.planes import (
     copy_plane,
     drop_idle,
@@ -75,6 +76,7 @@ def move(world: Any, tool_W: Vector) -> bool:
     come to rest within `PASS_MAX` moves (`Flag.UNSETTLED`), fewer where it is cast against many bodies.
     """
     proxy = world.proxy[0]
+    before_W = (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2])
     carried_W = _ride(world)
     _list_near(world, tool_W, carried_W)
     _carry(world, carried_W)
@@ -92,6 +94,8 @@ def move(world: Any, tool_W: Vector) -> bool:
         proxy.p_WP_m[i] = p[i]
     proxy.held = held
     proxy.by = by
+    if proxy.passed_count > 0:
+        leave(world, before_W, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
     return settled
 
 
@@ -189,7 +193,7 @@ def _carry(world: Any, carried_W: Vector) -> None:
     for k in range(proxy.near_count):
         index = world.near[k]
         body = world.bodies[index]
-        if index == rests_on or not (carried or body.moved == 1):
+        if index == rests_on or body.passed != 0 or not (carried or body.moved == 1):
             continue
         if proxy.count == 4:  # a tick that did not settle may leave four
             forget_oldest(proxy)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
 
+PASSED_MAX: Final = 8
+"""Most bodies that the tool can be let into at once [count]; one more holds as before."""
+
 SLOTS: Final = ASIDE + 6
 """Slots for planes in all. About a vertex of a scan lie 6 faces."""
 
@@ -32,6 +36,7 @@ BODY: Final = np.dtype(
         ("face", "i8"),  # the mesh's first row in World.corners_m
         ("two_sided", "i8"),  # 1: both sides of a face hold, 0: only its outside
         ("moved", "i8"),  # 1 where the pose is not that of the last tick
+        ("passed", "i8"),  # not 0 while the tool was let in: 1 from the outside of a face, −1 from its back
         ("R_WB", "f8", (3, 3)),
         ("p_WB_m", "f8", (3,)),
         ("was_R_WB", "f8", (3, 3)),  # pose in the last tick
@@ -62,6 +67,9 @@ PROXY: Final = np.dtype(
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
         ("near_count", "i8"),  # bodies close enough to be met in this tick, as far as they are asked
         ("crowded", "i8"),  # 1 where there were more
+        ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
+        ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
+        ("passed_count", "i8"),
         ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (
@@ -96,6 +104,8 @@ class World(NamedTuple):
     corners_m: NDArray[np.float64]
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,), at most NEAR_MAX and those that hold the proxy
+    moved: NDArray[np.int64]  # (b + 1,) how many bodies have moved in this tick, and which
+    impulse: NDArray[np.float64]  # (b, 6) given to each by the tool since the reset [N·s], and about its origin [N·m·s]
     ray: NDArray[np.float32]
     fronts_only: NDArray[np.uint64]  # how to cast a ray that passes through faces from behind
     proxy: Any  # (1,) PROXY
@@ -125,31 +135,53 @@ def place_ball(body: Any, ball: Any) -> float:
     return float(way + grown)
 
 
-def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_rad: float = 0.0) -> World:
-    """Pack the bodies of a scene. `searches` keeps one `Search` per mesh, by identity, and is filled here; the world's
-    bodies, whose records hold the addresses of what is searched, keep it alive.
+class Shapes:
+    """The meshes of a scene, packed: what is searched, and the corners of their faces. Shared by all who touch them.
+
+    Attributes:
+        searches: one for each mesh, by its identity.
+        first: the mesh's first row in `corners_m`, likewise.
+        corners_m: as `World` has them.
+        skin_m: for all of them.
+    """
+
+    def __init__(self, meshes: "Sequence[Mesh]", crease_rad: float) -> None:
+        self.meshes = list(meshes)  # keeps their identities theirs
+        self.skin_m = skin_of(*meshes)
+        self.searches = {id(mesh): Search(mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes}
+        self.first = dict(zip(self.searches, np.cumsum([0, *(len(mesh.faces) for mesh in meshes)]), strict=False))
+        corners = [np.asarray(mesh.vertices_m, np.float64)[mesh.faces] for mesh in meshes]
+        if crease_rad > 0.0:
+            rounded = (corner_normals(mesh, crease_rad) for mesh in meshes)
+            corners = [np.concatenate(pair, axis=1) for pair in zip(corners, rounded, strict=True)]
+        self.corners_m = np.concatenate(corners)
+
+
+_shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
+
+
+def shapes_of(bodies: "Sequence[Body]", crease_rad: float) -> Shapes:
+    """The meshes of bodies, packed once for as long as anybody uses them."""
+    meshes = list({id(body.mesh): body.mesh for body in bodies}.values())
+    key = (crease_rad, *map(id, meshes))
+    found = _shapes.get(key)
+    if found is None:
+        found = _shapes[key] = Shapes(meshes, crease_rad)
+    return found
+
+
+def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
+    """Pack the bodies of a scene; the world's bodies, whose records hold addresses of what is searched, keep it alive.
 
     Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
-    rows = _owning_records(len(bodies), BODY, searches)
-    corners: list[NDArray[np.float64]] = []
-    first: dict[int, int] = {}
-    count = 0
-    skin_m = skin_of(*(body.mesh for body in bodies))
+    shapes = shapes_of(bodies, crease_rad)
+    rows = _owning_records(len(bodies), BODY, shapes)
     for row, body in zip(rows, bodies, strict=True):
-        mesh = body.mesh
-        key = id(mesh)
-        if key not in first:
-            first[key] = count
-            searches.setdefault(key, Search(mesh.vertices_m, mesh.faces, skin_m))
-            corners.append(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
-            if crease_rad > 0.0:
-                corners[-1] = np.concatenate((corners[-1], corner_normals(mesh, crease_rad)), axis=1)
-            count += len(mesh.faces)
-        search = searches[key]
-        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, skin_m
+        search = shapes.searches[id(body.mesh)]
+        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
         row.center_B_m = search.center_m
-        row.face = first[key]
+        row.face = shapes.first[id(body.mesh)]
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
@@ -160,9 +192,11 @@ def build_world(bodies: "Sequence[Body]", searches: dict[int, Search], crease_ra
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     return World(
         bodies=rows,
-        corners_m=np.concatenate(corners),
+        corners_m=shapes.corners_m,
         ball_W_m=balls,
         near=np.zeros(min(len(rows), NEAR_MAX + ASIDE), np.int64),
+        moved=np.zeros(len(rows) + 1, np.int64),
+        impulse=np.zeros((len(rows), 6)),
         ray=new_ray(),
         fronts_only=fronts_only(),
         proxy=proxy,

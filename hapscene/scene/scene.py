@@ -32,11 +32,13 @@ class Scene:
     Attributes:
         bodies: in the order they were added; a recording's `body` counts through them.
         swatches: those in use; number 0 is `PLAIN`, which every face has until it is painted.
+        pose_count: how often a body was put at another pose.
     """
 
     def __init__(self) -> None:
         self.bodies: list[Body] = []
         self.swatches: list[Swatch] = [PLAIN]
+        self.pose_count = 0
         # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
         self._loaded: dict[tuple[Path, str | None, bool], Mesh] = {}
@@ -112,10 +114,14 @@ class Scene:
     def pose(self, body: str, X_WB: ArrayLike) -> None:
         """Put a body at a pose X_WB (4, 4).
 
+        A renderer of this scene has it appear there in its next tick, moving nothing on its way; a servo, which has a
+        copy, does not see it: give poses to `Renderer.step` for bodies that move.
+
         Raises:
             SceneError: no such body, or the pose is not rigid.
         """
         self.body(body).X_WB = rigid(X_WB, f"body {body!r}")
+        self.pose_count += 1
 
     def paint(
         self, body: str, swatch: SwatchLike, where: "str | Region | Sequence[int] | NDArray[Any] | None" = None

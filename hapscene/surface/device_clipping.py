@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hapscene.device.model import Limits
 from hapscene.errors import EffectError, no_such
-from hapscene.surface.effect import Effect, Param
+from hapscene.surface.effect import Effect, check_range
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -145,7 +145,7 @@ def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, f
             known = {param.name for effect in effects for param in effect.params} | {STIFFNESS}
             raise EffectError(no_such("parameter", name, known))
         for e, param in holders:
-            _check_range(effects[e], param, value)
+            check_range(effects[e], param, value)
             result[e, name] = value
     return result
 
@@ -155,17 +155,9 @@ def _asked(swatch: "Swatch", effects: Sequence[Effect]) -> Numbers:
     for e, effect in enumerate(effects):
         for param in effect.params:
             value = swatch.parameter(effect.name, param.name, param.default)
-            _check_range(effect, param, value, f"swatch {swatch.name!r}: ")
+            check_range(effect, param, value, f"swatch {swatch.name!r}: ")
             numbers[e, param.name] = value
     return numbers
-
-
-def _check_range(effect: Effect, param: Param, value: float, where: str = "") -> None:
-    if not param.minimum <= value <= param.maximum:
-        raise EffectError(
-            f"{where}{param.name} of effect {effect.name!r} is {value:g} {param.unit}; "
-            f"it must lie between {param.minimum:g} and {param.maximum:g}"
-        )
 
 
 # How much of a texture the base motors may have, on a device without an actuator in its handle.

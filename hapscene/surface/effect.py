@@ -20,23 +20,25 @@ parameters and its state. The framework compiles it, calls it once a tick, and s
 
 `render` is called in the air too (`touch.touching` is 0, `p` and `table` those of the swatch touched last), so that
 what rings can ring down. It must not allocate, and reach nothing but its arguments and other compiled functions.
+
+An effect of the scene (`scope="scene"`), a field or a fixture, belongs to no swatch: it is called in every tick, and
+what it adds is felt by the hand alone, not by the body that is touched. Its parameters are set by
+`Renderer(settings={name: {…}})`. Its `table` begins with poses, 12 numbers each (R_WB row by row, p_WB in metres): of
+the bodies that its setting `bodies` names, or, where it names none, once that of W itself.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
 
-if TYPE_CHECKING:
-    from hapscene.surface.swatch import Swatch
-
 Render = Callable[[Any, Any, Any, Any, Any], None]
-Table = Callable[["Swatch", float], NDArray[np.float64]]
+Table = Callable[[Any, float], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ class Effect:
     """An effect plugin.
 
     `table(swatch, rate_Hz)` is called once for each swatch when a scene is built, and returns the bulk numbers
-    that `render` gets as `table`: design there, in Python, what need not be computed in the tick.
+    that `render` gets as `table`: design there, in Python, what need not be computed in the tick. Of an effect of the
+    scene it is `table(settings, rate_Hz)`, with the settings that `arrays` names, None where one is not given.
 
     Raises:
         EffectError: a name that is no identifier, or stands twice.
@@ -77,8 +80,12 @@ class Effect:
     params: tuple[Param, ...] = ()
     state: tuple[State, ...] = ()
     table: Table | None = None
+    scope: Literal["contact", "scene"] = "contact"
+    arrays: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.scope not in ("contact", "scene"):
+            raise EffectError(f"effect {self.name!r}: its scope is 'contact' or 'scene', not {self.scope!r}")
         for kind, names in (("parameter", [p.name for p in self.params]), ("state", [s.name for s in self.state])):
             for name in names:
                 if not name.isidentifier():
@@ -100,3 +107,18 @@ class Effect:
         """Record layout of the state; never empty, likewise."""
         fields: list[Any] = [(s.name, "u8", (4,)) if s.seeded else (s.name, "f8", s.shape) for s in self.state]
         return np.dtype(fields or [("_", "f8")], align=True)
+
+
+def check_range(effect: Effect, param: Param, value: Any, where: str = "") -> float:
+    """The value, if the parameter may have it.
+
+    Raises:
+        EffectError: it may not; `where` stands before the text.
+    """
+    if not isinstance(value, int | float | np.number) or not param.minimum <= value <= param.maximum:
+        said = f"{value:g} {param.unit}" if isinstance(value, int | float | np.number) else repr(value)
+        raise EffectError(
+            f"{where}{param.name} of effect {effect.name!r} is {said}; "
+            f"it must lie between {param.minimum:g} and {param.maximum:g}"
+        )
+    return float(value)

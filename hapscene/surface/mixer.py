@@ -15,43 +15,67 @@ _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 @native
 def render(surface: Any) -> int:
-    """Call every effect with the touched swatch's parameters; sum into `surface.total[0]`. Returns flags.
+    """Call the effects of contact with the touched swatch's parameters; sum into `surface.total[0]`. Returns flags.
 
     Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute
     until the next reset, and the others go on.
     """
-    touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
-    block = touch.block
+    touch, total = surface.touch[0], surface.total[0]
+    _clear(total, touch.block)
+    total.release = 0
     flags = 0
-    _clear(total, block)
-    swatch = touch.swatch
-    if swatch < 0:
-        return 0
-    for e in range(len(surface.effects)):
-        if surface.muted[e] != 0:
-            flags |= _MUTED
-            continue
-        _clear(part, block)
-        table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
-        call_effect(
-            surface.effects[e],
-            touch,
-            surface.params,
-            surface.param_start[swatch, e],
-            table,
-            surface.states,
-            surface.state_start[e],
-            part,
-        )
-        if _finite(part, block):
-            for i in range(3):
-                total.f_W_N[i] += part.f_W_N[i]
-            for i in range(block):
-                total.a_m_s2[i] += part.a_m_s2[i]
-        else:
-            surface.muted[e] = 1
-            flags |= _MUTED
+    if touch.swatch >= 0:
+        for e in range(surface.contact_count[0]):
+            flags |= _call(surface, e, touch.swatch)
     return flags
+
+
+@native
+def render_fields(world: Any, surface: Any) -> int:
+    """Call the effects of the scene, in contact and in the air, and add to the sum. Returns flags."""
+    flags = 0
+    for k in range(len(surface.frame_body)):
+        start, index = surface.frame_at[k], surface.frame_body[k]
+        if index >= 0:
+            body = world.bodies[index]
+            for i in range(3):
+                for j in range(3):
+                    surface.tables[start + 3 * i + j] = body.R_WB[i, j]
+                surface.tables[start + 9 + i] = body.p_WB_m[i]
+    for e in range(surface.contact_count[0], len(surface.effects)):
+        flags |= _call(surface, e, len(surface.stiffness_N_m))
+    return flags
+
+
+@native
+def _call(surface: Any, e: int, swatch: int) -> int:
+    """Call an effect with its parameters of a swatch, and add what it gives. Returns flags."""
+    touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
+    if surface.muted[e] != 0:
+        return _MUTED
+    block = touch.block
+    _clear(part, block)
+    part.release = 0
+    table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
+    call_effect(
+        surface.effects[e],
+        touch,
+        surface.params,
+        surface.param_start[swatch, e],
+        table,
+        surface.states,
+        surface.state_start[e],
+        part,
+    )
+    if not _finite(part, block):
+        surface.muted[e] = 1
+        return _MUTED
+    for i in range(3):
+        total.f_W_N[i] += part.f_W_N[i]
+    for i in range(block):
+        total.a_m_s2[i] += part.a_m_s2[i]
+    total.release |= part.release
+    return 0
 
 
 @native

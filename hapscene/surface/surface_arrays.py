@@ -1,6 +1,7 @@
 """The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from hapscene.records import OUTPUT, TOUCH, records
 from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect
+from hapscene.surface.field_settings import POSE_SIZE, FieldSetting
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -31,6 +33,7 @@ MEMORY: Final = np.dtype(
         ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
         ("made_J", "f8"),  # energy that the wall gave out and never took in
         ("stored_J", "f8"),  # energy that its spring held in the last tick
+        ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 in the air
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
     ],
     align=True,
@@ -38,16 +41,23 @@ MEMORY: Final = np.dtype(
 
 
 class Surface(NamedTuple):
-    """Everything that description, effects and mixer read and write. s swatches, e effects."""
+    """Everything that description, effects and mixer read and write. s swatches, e effects.
+
+    The effects of contact come first, those of the scene after them: their parameters and tables are those of one more
+    swatch, behind the last.
+    """
 
     stiffness_N_m: NDArray[np.float64]  # (s,)
     paint: NDArray[np.int16]  # swatch of each face, body after body
     paint_start: NDArray[np.int64]  # (b,)
     effects: NDArray[np.int64]  # (e,) addresses
+    contact_count: NDArray[np.int64]  # (1,) how many of them are of contact
     params: NDArray[np.uint8]
-    param_start: NDArray[np.int64]  # (s, e)
+    param_start: NDArray[np.int64]  # (s + 1, e)
     tables: NDArray[np.float64]
-    table_start: NDArray[np.int64]  # (s, e + 1)
+    table_start: NDArray[np.int64]  # (s + 1, e + 1)
+    frame_body: NDArray[np.int64]  # (k,) bodies whose poses are put into tables
+    frame_at: NDArray[np.int64]  # (k,) and where
     states: NDArray[np.uint8]
     state_start: NDArray[np.int64]  # (e,)
     muted: NDArray[np.int64]  # (e,)
@@ -61,29 +71,56 @@ class Surface(NamedTuple):
 
 
 def build_surface(
-    scene: "Scene", effects: Sequence[Effect], tick_s: float, a_rate_Hz: float, limits: Limits
+    scene: "Scene",
+    effects: Sequence[Effect],
+    tick_s: float,
+    a_rate_Hz: float,
+    limits: Limits,
+    fields: Sequence[FieldSetting] = (),
 ) -> Surface:
     """Compile the effects and pack the swatches of a scene, with the numbers they ask for.
+
+    Args:
+        scene: whose swatches and painting.
+        effects: those of contact, and then those of the scene.
+        tick_s, a_rate_Hz, limits: as `Renderer` has them.
+        fields: what the effects of the scene are set to.
 
     Raises:
         EffectError: an effect that does not compile.
     """
     swatches = scene.swatches
-    params = [_params(effect, swatch) for swatch in swatches for effect in effects]
-    tables = [_table(effect, swatch, a_rate_Hz) for swatch in swatches for effect in effects]
-    shape = len(swatches), len(effects)
-    table_start = _starts(map(len, tables))
-    last = table_start[len(effects) * np.arange(1, len(swatches) + 1)]  # where each swatch's tables end
+    contact = effects[: len(effects) - len(fields)]
+    params = [[_params(effect, swatch) for effect in contact] + [_NO_BYTES] * len(fields) for swatch in swatches]
+    params += [
+        [_NO_BYTES] * len(contact)
+        + [_packed(e, f.numbers) for e, f in zip(effects[len(contact) :], fields, strict=True)]
+    ]
+    tables = [
+        [_table(effect, swatch, a_rate_Hz) for effect in contact] + [_NO_NUMBERS] * len(fields) for swatch in swatches
+    ]
+    tables += [[_NO_NUMBERS] * len(contact) + [field.table for field in fields]]
+    shape = len(swatches) + 1, len(effects)
+    param_start, table_start = _starts(map(len, chain(*params))), _starts(map(len, chain(*tables)))
+    last = table_start[len(effects) * np.arange(1, len(swatches) + 2)]  # where each swatch's tables end
     state_start = _starts(effect.state_dtype.itemsize for effect in effects)
+    frames = [
+        (body, start + POSE_SIZE * i)
+        for field, start in zip(fields, table_start[:-1][len(table_start) - 1 - len(fields) :], strict=True)
+        for i, body in enumerate(field.bodies)
+    ]
     surface = Surface(
         stiffness_N_m=np.array([swatch.stiffness_N_m for swatch in swatches], np.float64),
         paint=np.concatenate([np.zeros(0, np.int16), *(body.face_swatch for body in scene.bodies)]),
         paint_start=_starts(len(body.face_swatch) for body in scene.bodies),
         effects=np.array([compile_effect(effect) for effect in effects], np.int64),
-        params=np.concatenate([np.zeros(0, np.uint8), *params]),
-        param_start=_starts(map(len, params))[:-1].reshape(shape),
-        tables=np.concatenate([np.zeros(0), *tables]),
+        contact_count=np.array([len(contact)]),
+        params=np.concatenate([_NO_BYTES, *chain(*params)]),
+        param_start=param_start[:-1].reshape(shape),
+        tables=np.concatenate([_NO_NUMBERS, *chain(*tables)]),
         table_start=np.column_stack((table_start[:-1].reshape(shape), last)),
+        frame_body=np.array([body for body, _ in frames], np.int64),
+        frame_at=np.array([at for _, at in frames], np.int64),
         states=np.zeros(state_start[-1], np.uint8),
         state_start=state_start,
         muted=np.zeros(len(effects), np.int64),
@@ -100,13 +137,17 @@ def build_surface(
     return surface
 
 
+_NO_BYTES: Final = np.zeros(0, np.uint8)
+_NO_NUMBERS: Final = np.zeros(0)
+
+
 def _starts(sizes: Iterable[int]) -> NDArray[np.int64]:
     """Where pieces of these sizes (n,) begin when they lie one after another, and where the last ends (n + 1,)."""
     return np.cumsum([0, *sizes], dtype=np.int64)
 
 
 def put_numbers(surface: Surface, effects: Sequence[Effect], swatch: int, numbers: Numbers) -> None:
-    """Set them, from the next tick on."""
+    """Set them, from the next tick on; behind the last swatch, those of the scene's effects."""
     for (e, name), value in numbers.items():
         if e == WALL:
             surface.stiffness_N_m[swatch] = value
@@ -133,9 +174,13 @@ def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None
 
 
 def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:
+    return _packed(effect, {p.name: swatch.parameter(effect.name, p.name, p.default) for p in effect.params})
+
+
+def _packed(effect: Effect, numbers: Mapping[str, float]) -> NDArray[np.uint8]:
     row = np.zeros(1, effect.param_dtype)
-    for param in effect.params:
-        row[param.name] = swatch.parameter(effect.name, param.name, param.default)
+    for name, value in numbers.items():
+        row[name] = value
     return row.view(np.uint8)
 
 

@@ -131,9 +131,8 @@ class Twin:
         rows, felt = records(n, ROW), records(n, FELT)
         a_m_s2, a_handle_m_s2 = np.zeros((n, renderer.block)), np.zeros((n, renderer.block))
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        moving, X_WB = renderer._poses(poses or {}, n)
-        live(renderer.world, renderer.surface, self.body, *hand, moving, X_WB, rows, a_m_s2, felt, a_handle_m_s2)
-        renderer._settle_bodies(moving)
+        slots = renderer._poses(poses or {}, n)
+        live(renderer.world, renderer.surface, self.body, *hand, *slots, rows, a_m_s2, felt, a_handle_m_s2)
         return Feel(
             recording=renderer.recording(rows, a_m_s2),
             p_W_m=_column(felt, "p_W_m"),

@@ -16,13 +16,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.contact.moving import place_bodies
 from hapscene.device.arm import advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
 from hapscene.device.hand import pull
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
 from hapscene.native import native
-from hapscene.tick import place_bodies, tick
+from hapscene.tick import tick
 
 DELAY_MAX: Final = 256
 """Longest delay between a tick and its force [ticks]."""
@@ -52,6 +53,7 @@ def live(
     push_W_N: NDArray[np.float64],
     moving: NDArray[np.int64],
     X_WB: NDArray[np.float64],
+    teleported: NDArray[np.int64],
     rows: Any,
     a_m_s2: NDArray[np.float64],
     felt: Any,
@@ -63,7 +65,7 @@ def live(
     """
     tick_s = surface.touch[0].tick_s
     for k in range(len(target_W_m)):
-        place_bodies(world, surface, moving, X_WB, k)
+        place_bodies(world, surface, moving, X_WB, teleported, k)
         _intend(body, target_W_m, grip, push_W_N, k, tick_s)
         beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
 

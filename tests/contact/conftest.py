@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.embree import Search
 from hapscene.contact.proxy import put
 from hapscene.contact.world import World, build_world
 from hapscene.scene.scene import Scene
@@ -16,14 +15,12 @@ from hapscene.scene.scene import Scene
 @pytest.fixture
 def world() -> "Callable[..., World]":
     """`world(mesh, …, two_sided=False)`: the meshes as bodies, the proxy put at `at`."""
-    alive: list[dict[int, Search]] = []  # search structures live as long as the test
 
     def build(*meshes: trimesh.Trimesh, two_sided: bool = False, at: Sequence[float] = (0.0, 0.0, 1.0)) -> World:
         scene = Scene()
         for mesh in meshes:
             scene.add(mesh, unit="m", two_sided=two_sided)
-        alive.append({})
-        built = build_world(scene.bodies, alive[-1])
+        built = build_world(scene.bodies)
         put(built, tuple(map(float, at)))
         built.near[:] = np.arange(len(built.near))  # a cast looks at all of them, wherever it begins
         built.proxy[0].near_count = len(built.near)

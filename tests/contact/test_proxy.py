@@ -332,8 +332,7 @@ def test_same_in_any_frame(tour):
 def test_put_leaves_a_free_tool_where_it_is():
     scene = Scene()
     scene.add(BOX, unit="m")
-    searches = {}
-    world = build_world(scene.bodies, searches)
+    world = build_world(scene.bodies)
     put(world, (0.01, 0.02, 0.03))
     assert tuple(world.proxy[0].p_W_m) == (0.01, 0.02, 0.03)
     assert move(world, (0.01, 0.02, 0.02))
@@ -350,20 +349,20 @@ CUBE = Mesh.from_trimesh(trimesh.creation.box(extents=(0.1, 0.1, 0.1)), "m")
 THROUGH = (0.001, 0.0005, -0.045)
 
 
-def pressed(*meshes: Mesh) -> tuple[World, dict]:
-    """Bodies about the origin, the tool 5 mm under the top of a ball of 0.05 m; and what must live as long."""
-    scene, searches = Scene(), {}
+def pressed(*meshes: Mesh) -> World:
+    """Bodies about the origin, the tool 5 mm under the top of a ball of 0.05 m."""
+    scene = Scene()
     for mesh in meshes:
         scene.add(mesh)
-    world = build_world(scene.bodies, searches)
+    world = build_world(scene.bodies)
     put(world, (0.0, 0.0, 0.06))
     for z in (0.0515, 0.0509, 0.0504, 0.049, 0.045):
         assert move(world, (0.0, 0.0, z))
-    return world, searches
+    return world
 
 
 def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
-    (one, _), (many, _) = pressed(BALL), pressed(*[BALL] * (3 * NEAR_MAX))
+    one, many = pressed(BALL), pressed(*[BALL] * (3 * NEAR_MAX))
     proxy = many.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX
     assert one.proxy[0].crowded == 0
@@ -374,7 +373,7 @@ def test_coincident_bodies_feel_as_one_and_a_tick_asks_few_of_them():
 
 
 def test_what_holds_the_proxy_is_asked_however_many_come_before():
-    world, _ = pressed(*[BALL] * (NEAR_MAX + 50), LARGER)
+    world = pressed(*[BALL] * (NEAR_MAX + 50), LARGER)
     proxy = world.proxy[0]
     assert proxy.crowded == 1 and proxy.near_count == NEAR_MAX + 1
     assert proxy.body[0] == NEAR_MAX + 50
@@ -384,7 +383,7 @@ def test_what_holds_the_proxy_is_asked_however_many_come_before():
 @pytest.mark.parametrize("moves", [8, 9])  # the last of them lets go of a plane, or meets one
 def test_a_tick_that_does_not_settle_leaves_the_proxy_outside_and_the_next_goes_on(moves):
     """Cut straight through many bodies: each tick makes a few moves, holds the tool, and ends where one body's does."""
-    (one, _), (many, _) = pressed(BALL), pressed(*[BALL] * (CAST_MAX // moves))
+    one, many = pressed(BALL), pressed(*[BALL] * (CAST_MAX // moves))
     assert move(one, THROUGH)
     proxy, settled = many.proxy[0], []
     while not settled or not settled[-1]:

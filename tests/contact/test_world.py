@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from hapscene.contact.triangle import to_body, to_body_before, to_world
-from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball
+from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball, shapes_of
 from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -27,16 +27,14 @@ def two_instances_and_a_ball() -> Scene:
 
 
 def test_instances_share_mesh_and_search():
-    searches = {}
-    bodies = build_world(two_instances_and_a_ball().bodies, searches).bodies
-    assert len(searches) == 2
+    bodies = build_world(two_instances_and_a_ball().bodies).bodies
     assert bodies[0].search == bodies[2].search != bodies[1].search
     assert (bodies[0].face, bodies[1].face, bodies[2].face) == (0, 12, 0)
     assert [b.two_sided for b in bodies] == [0, 0, 1]
 
 
 def test_bodies_stand_still_where_the_scene_has_them():
-    body = build_world(two_instances_and_a_ball().bodies, {}).bodies[2]
+    body = build_world(two_instances_and_a_ball().bodies).bodies[2]
     np.testing.assert_array_equal(body.R_WB, X[:3, :3])
     np.testing.assert_array_equal(body.was_R_WB, X[:3, :3])
     np.testing.assert_array_equal(body.p_WB_m, (1, 2, 3))
@@ -46,7 +44,7 @@ def test_bodies_stand_still_where_the_scene_has_them():
 
 def test_balls_hold_their_bodies():
     scene = two_instances_and_a_ball()
-    world = build_world(scene.bodies, {})
+    world = build_world(scene.bodies)
     for body, ball in zip(scene.bodies, world.ball_W_m, strict=True):
         vertices = trimesh.transform_points(body.mesh.vertices_m, body.X_WB)
         distance = np.linalg.norm(vertices - ball[:3], axis=1).max()
@@ -96,7 +94,7 @@ def test_corners_are_kept_in_full_precision():
     mesh = Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=1, radius=0.05), "m")
     scene = Scene()
     scene.add(mesh)
-    np.testing.assert_array_equal(build_world(scene.bodies, {}).corners_m, mesh.vertices_m[mesh.faces])
+    np.testing.assert_array_equal(build_world(scene.bodies).corners_m, mesh.vertices_m[mesh.faces])
 
 
 def test_records_are_zero_and_have_their_fields_as_attributes():
@@ -128,13 +126,21 @@ def test_a_body_that_pushes_never_overfills_the_planes(world):
 
 
 def test_what_is_searched_lives_as_long_as_the_bodies():
-    searches = {}
-    bodies = build_world(two_instances_and_a_ball().bodies, searches).bodies
-    alive = [weakref.ref(search) for search in searches.values()]
+    scene = two_instances_and_a_ball()
+    bodies = build_world(scene.bodies).bodies
+    alive = [weakref.ref(search) for search in shapes_of(scene.bodies, 0.0).searches.values()]
     row = bodies[1]
-    del searches, bodies
+    del bodies, scene
     gc.collect()
-    assert all(search() is not None for search in alive)
+    assert len(alive) == 2 and all(search() is not None for search in alive)
     del row
     gc.collect()
     assert all(search() is None for search in alive)
+
+
+def test_a_second_world_of_the_same_meshes_shares_them():
+    scene = two_instances_and_a_ball()
+    one, two = build_world(scene.bodies), build_world(scene.bodies)
+    assert one.corners_m is two.corners_m and (one.bodies.search == two.bodies.search).all()
+    assert one.bodies is not two.bodies and one.proxy is not two.proxy
+    assert build_world(scene.bodies, 0.5).corners_m is not one.corners_m

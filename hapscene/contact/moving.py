@@ -1,0 +1,160 @@
+"""Bodies that move: their poses taken over at the start of a tick, checked, and the proxy let go where they jump."""
+
+import math
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+from hapscene.constants import REACH_MAX_M
+from hapscene.contact.planes import copy_plane
+from hapscene.contact.proxy import put
+from hapscene.contact.world import place_ball
+from hapscene.native import native
+
+EXACT: Final = 1e-12
+"""How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
+
+MENDED: Final = 1e-2
+"""How far a matrix may be from a rotation and still be mended [1]: float32 that is multiplied on at 60 Hz is there
+after an hour at the worst. Beyond, it scales or shears, and is refused."""
+
+LAST_TICK: Final = 2
+"""Value of `moved` while a tick begins: it moved in the last one, and has no pose for this one yet."""
+
+
+@native
+def place_bodies(
+    world: Any, surface: Any, moving: NDArray[Any], X_WB: NDArray[Any], teleported: NDArray[Any], k: int
+) -> None:
+    """Take over the poses `X_WB[k]` (m, 4, 4) of the bodies `moving` (m,); all others stand still.
+
+    In the first tick after a reset, and where `teleported` (m,) is not 0, bodies appear where they are, without moving
+    there; it is set to 0. A pose that is not finite or no rotation and translation is left out
+    (`world.proxy[0].refused`): the body stays at its last one.
+    """
+    proxy, moved = world.proxy[0], world.moved
+    last = moved[0]
+    for i in range(1, last + 1):
+        world.bodies[moved[i]].moved = LAST_TICK
+    proxy.refused = 0
+    nearer, jumps, fresh = 0.0, 0, surface.memory[0].fresh
+    for m in range(len(moving)):
+        body = world.bodies[moving[m]]
+        for i in range(3):
+            for j in range(3):
+                body.was_R_WB[i, j] = body.R_WB[i, j]
+            body.was_p_WB_m[i] = body.p_WB_m[i]
+        if not _take(body, X_WB[k, m]):
+            proxy.refused = 1
+        body.moved = 1 - fresh
+        if teleported[m] != 0:
+            _stop(body)
+            jumps += 1
+        nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
+    proxy.near_room_m -= nearer
+    for i in range(1, last + 1):
+        body = world.bodies[moved[i]]
+        if body.moved == LAST_TICK:
+            _stop(body)
+            place_ball(body, world.ball_W_m[moved[i]])
+    moved[0] = 0
+    for m in range(len(moving)):
+        if world.bodies[moving[m]].moved == 1:
+            moved[0] += 1
+            moved[moved[0]] = moving[m]
+    if len(moving) > 0 and fresh == 1:
+        _start(world, surface)
+    elif jumps > 0:
+        _let_go(world, surface, moving, teleported)
+    for m in range(len(teleported) if jumps > 0 else 0):
+        teleported[m] = 0
+
+
+@native
+def _stop(body: Any) -> None:
+    """It stands where it is."""
+    body.moved = 0
+    for i in range(3):
+        for j in range(3):
+            body.was_R_WB[i, j] = body.R_WB[i, j]
+        body.was_p_WB_m[i] = body.p_WB_m[i]
+
+
+@native
+def _take(body: Any, X: Any) -> bool:
+    """Set a body's pose from (4, 4), its rotation mended; False, and nothing set, where it is none."""
+    far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
+    row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # a transposed pose has its place there
+    off = _off(X)
+    if not (off <= MENDED and row <= MENDED and far <= REACH_MAX_M) or _determinant(X) < 0.0:  # not: NaN is neither
+        return False
+    R = body.R_WB
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = X[i, j]
+        body.p_WB_m[i] = X[i, 3]
+    while off > EXACT:  # the error is squared each time
+        _mend(R)
+        off = _off(R)
+    return True
+
+
+@native
+def _off(R: Any) -> float:
+    """How far R Rᵀ is from 1, NaN where R is not finite."""
+    off = 0.0
+    for i in range(3):
+        for j in range(i + 1):
+            g = R[i, 0] * R[j, 0] + R[i, 1] * R[j, 1] + R[i, 2] * R[j, 2] - (1.0 if i == j else 0.0)
+            if math.isnan(g):
+                return math.nan
+            off = max(off, abs(g))
+    return off
+
+
+@native
+def _determinant(R: Any) -> float:
+    return float(
+        R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
+        - R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
+        + R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
+    )
+
+
+@native
+def _mend(R: Any) -> None:
+    """One step towards the nearest rotation: R ← (3 − R Rᵀ) R / 2 (Newton & Schulz; Higham 1986)."""
+    a, b, c = R[0, 0], R[0, 1], R[0, 2]
+    d, e, f = R[1, 0], R[1, 1], R[1, 2]
+    g, h, i = R[2, 0], R[2, 1], R[2, 2]
+    aa, dd, gg = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
+    ad, ag, dg = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
+    for k in range(3):
+        x, y, z = (a, d, g) if k == 0 else (b, e, h) if k == 1 else (c, f, i)
+        R[0, k] = 0.5 * ((3.0 - aa) * x - ad * y - ag * z)
+        R[1, k] = 0.5 * ((3.0 - dd) * y - ad * x - dg * z)
+        R[2, k] = 0.5 * ((3.0 - gg) * z - ag * x - dg * y)
+
+
+@native
+def _start(world: Any, surface: Any) -> None:
+    """Put the proxy where the tool was last, off what is there."""
+    at = surface.memory[0].p_WT_m
+    put(world, (at[0], at[1], at[2]))
+
+
+@native
+def _let_go(world: Any, surface: Any, moving: NDArray[Any], teleported: NDArray[Any]) -> None:
+    """Have the bodies that jump hold the proxy no more; where nothing else holds it, it begins anew at the tool."""
+    proxy = world.proxy[0]
+    kept, count = 0, proxy.count
+    for i in range(count):
+        jumped = False
+        for m in range(len(moving)):
+            jumped |= bool(teleported[m] != 0 and moving[m] == proxy.body[i])
+        if not jumped:
+            copy_plane(proxy, i, kept)
+            kept += 1
+    proxy.count = kept
+    if kept == 0 < count:
+        _start(world, surface)

@@ -1,0 +1,58 @@
+"""A phase of the tick of its own: what the tool does to the bodies, the reverse of what the surface does to the hand.
+
+It acts at the proxy. Where the planes that hold the proxy are of several bodies, each takes the share of the normal
+force with which its planes push; what is tangential is the touched one's. Running totals are kept, so that whoever
+looks at them seldom, or misses a look, loses nothing.
+"""
+
+from typing import Any
+
+from hapscene.geometry import Vector, along, cross, dot, sub
+from hapscene.native import native
+
+
+@native
+def react(world: Any, surface: Any) -> None:
+    """Note the force on the touched body, and add what all got in this tick; `surface.total` is of contact alone."""
+    touch, proxy, memory = surface.touch[0], world.proxy[0], surface.memory[0]
+    f = surface.total[0].f_W_N
+    force = (-f[0], -f[1], -f[2])
+    index = touch.body
+    if touch.touching == 0:
+        index = proxy.passed[proxy.passed_count - 1] if proxy.passed_count > 0 else -1
+    elif _is_shared(proxy, index, touch.depth_m):
+        n = (touch.nhat_W[0], touch.nhat_W[1], touch.nhat_W[2])
+        normal_N = dot(force, n)
+        force = along(force, -normal_N, n)
+        for i in range(proxy.count):
+            share_N = normal_N * proxy.push_m[i] / touch.depth_m
+            n = (proxy.nhat_W[i, 0], proxy.nhat_W[i, 1], proxy.nhat_W[i, 2])
+            if proxy.body[i] == index:
+                force = along(force, share_N, n)
+            else:
+                _give(world, proxy.body[i], touch, (share_N * n[0], share_N * n[1], share_N * n[2]))
+    if index < 0:
+        force = (0.0, 0.0, 0.0)
+    else:
+        _give(world, index, touch, force)
+    for i in range(3):
+        memory.f_body_W_N[i] = force[i]
+
+
+@native
+def _is_shared(proxy: Any, index: int, depth_m: float) -> bool:
+    """Whether another body pushes as well."""
+    for i in range(proxy.count):
+        if proxy.body[i] != index and proxy.push_m[i] > 0.0 and depth_m > 0.0:
+            return True
+    return False
+
+
+@native
+def _give(world: Any, index: int, touch: Any, force: Vector) -> None:
+    """Add the impulse of a force at the proxy over this tick."""
+    p, o, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.impulse[index]
+    torque = cross(sub((p[0], p[1], p[2]), (o[0], o[1], o[2])), force)
+    for i in range(3):
+        impulse[i] += force[i] * touch.tick_s
+        impulse[3 + i] += torque[i] * touch.tick_s

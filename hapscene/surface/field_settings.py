@@ -1,0 +1,60 @@
+"""What a scene's effects are set to: parameters, arrays, and the bodies whose poses they read."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import EffectError, no_such
+from hapscene.surface.effect import Effect, check_range
+
+POSE_SIZE: Final = 12
+"""Numbers of a pose in a table [count]: R_WB row by row, then p_WB."""
+
+_WORLD: Final = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
+
+
+class FieldSetting(NamedTuple):
+    """One effect of the scene, set.
+
+    Attributes:
+        numbers: its parameters.
+        bodies: indices of the bodies whose poses stand first in its table.
+        table: poses (12 numbers each; of W where no body is named), and then what `Effect.table` made.
+    """
+
+    numbers: dict[str, float]
+    bodies: tuple[int, ...]
+    table: NDArray[np.float64]
+
+
+def field_setting(
+    effect: Effect, given: Mapping[str, Any], body_names: Sequence[str], a_rate_Hz: float
+) -> FieldSetting:
+    """Check what an effect of the scene is set to.
+
+    Raises:
+        EffectError: a name that it does not have, a number out of range, an array that it refuses, an unknown body.
+    """
+    known = {param.name: param for param in effect.params}
+    where = f"settings of effect {effect.name!r}: "
+    for name in given:
+        if name not in known and name not in effect.arrays and name != "bodies":
+            raise EffectError(where + no_such("setting", name, [*known, *effect.arrays, "bodies"]))
+    numbers = {}
+    for name, param in known.items():
+        numbers[name] = param.default
+        if name in given:
+            numbers[name] = check_range(effect, param, given[name])
+    names = given.get("bodies", ())
+    bodies = []
+    for name in (names,) if isinstance(names, str) else names:
+        if name not in body_names:
+            raise EffectError(where + no_such("body", name, body_names))
+        bodies.append(list(body_names).index(name))
+    arrays = {name: given.get(name) for name in effect.arrays}
+    own = np.zeros(0) if effect.table is None else np.asarray(effect.table(arrays, a_rate_Hz), np.float64).ravel()
+    if not np.isfinite(own).all():
+        raise EffectError(where + "what its table is made of holds NaN or infinity")
+    return FieldSetting(numbers, tuple(bodies), np.concatenate((np.tile(_WORLD, max(1, len(bodies))), own)))

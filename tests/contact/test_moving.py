@@ -1,0 +1,184 @@
+"""Poses that programs give: taken, mended or refused; bodies that move, stop, jump."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import hapscene
+from hapscene.contact.moving import MENDED
+from hapscene.errors import SceneError
+from hapscene.flags import Flag
+from hapscene.scene.mesh import Mesh
+
+BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+ON_TOP = (0.01, 0.02, 0.049)
+
+
+def boxes(*places_m) -> hapscene.Scene:
+    scene, mesh = hapscene.Scene(), Mesh.from_trimesh(BOX, "m")
+    for i, p in enumerate(places_m):
+        scene.add(mesh, name=f"box {i}", pose=at(p))
+    return scene
+
+
+def at(p, R=None) -> np.ndarray:
+    X = np.eye(4)
+    X[:3, 3] = p
+    if R is not None:
+        X[:3, :3] = R
+    return X
+
+
+def pressed(*places_m) -> tuple[hapscene.Renderer, hapscene.MovingBodies]:
+    """Boxes, and the tool 1 mm under the top of the first."""
+    renderer = hapscene.Renderer(boxes(*places_m), ["wall"])
+    for z in (0.051, 0.0495, 0.049):
+        renderer.step((0.01, 0.02, z))
+    return renderer, renderer.moving([f"box {i}" for i in range(len(places_m))])
+
+
+def test_slots_and_poses_by_name_give_the_same_bits():
+    path = np.tile(ON_TOP, (200, 1))
+    path[0, 2] = 0.06
+    X = [
+        at((1e-4 * k, 0.0, 1e-3 * np.sin(k / 20)), Rotation.from_rotvec([0, 0, k / 900]).as_matrix())
+        for k in range(200)
+    ]
+    whole = hapscene.Renderer(boxes((0, 0, 0))).run(path, {"box 0": X})
+    named, slotted = hapscene.Renderer(boxes((0, 0, 0))), hapscene.Renderer(boxes((0, 0, 0)))
+    slots = slotted.moving(["box 0"])
+    for k in range(200):
+        slots.X_WB[0] = X[k]
+        a, b = named.step(path[k], {"box 0": X[k]}), slotted.step(path[k], slots)
+        assert a.f_W_N.tolist() == b.f_W_N.tolist() == whole.f_W_N[k].tolist()
+    assert whole.touching[1:].all()
+
+
+def test_a_body_that_is_given_no_pose_any_more_stands_still():
+    renderer, slots = pressed((0, 0, 0))
+    slots.X_WB[0, 0, 3] = 1e-3
+    moved = renderer.step(ON_TOP, slots)
+    speed = renderer.surface.memory[0].drag_m_s.copy()
+    still = renderer.step(ON_TOP)
+    assert speed == pytest.approx([1.0, 0.0, 0.0]) and not renderer.surface.memory[0].drag_m_s.any()
+    assert renderer.world.bodies[0].moved == 0 and moved.contact and still.contact
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda X: X.__setitem__((0, 3), np.nan),
+        lambda X: X.__setitem__((1, 1), np.inf),
+        lambda X: X.__setitem__((0, 3), 1e6),
+        lambda X: X.__setitem__((slice(0, 3), slice(0, 3)), 1.02 * np.eye(3)),
+        lambda X: X.__setitem__((slice(0, 3), slice(0, 3)), np.diag([1.0, 1.0, -1.0])),
+        lambda X: X.__setitem__((slice(0, 3), slice(0, 3)), 0.0),
+        lambda X: X.__setitem__(slice(None), at((0.5, 0.0, 0.0)).T),
+    ],
+    ids=["nan", "inf", "far", "scaled", "mirrored", "flat", "transposed"],
+)
+def test_a_pose_that_is_none_is_flagged_and_the_last_good_one_kept(spoil):
+    renderer, slots = pressed((0, 0, 0))
+    good = at((0.0, 0.0, 0.001), Rotation.from_rotvec([0, 0, 0.1]).as_matrix())
+    slots.X_WB = good[None]
+    before = renderer.step(ON_TOP, slots)
+    spoil(slots.X_WB[0])
+    command = renderer.step(ON_TOP, slots)
+    body = renderer.world.bodies[0]
+    assert command.flags == Flag.POSE_REFUSED and before.flags == Flag(0)
+    assert (good[:3, :3] == body.R_WB).all() and (body.p_WB_m == good[:3, 3]).all()
+    np.testing.assert_allclose(command.f_W_N, before.f_W_N, atol=1e-12)
+    spoiled = {"box 0": slots.X_WB[0].copy()}
+    slots.X_WB = good[None]
+    assert renderer.step(ON_TOP, slots).flags == Flag(0)
+    assert renderer.step(ON_TOP, spoiled).flags == Flag.POSE_REFUSED
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-12, MENDED / 4))
+def test_what_rounding_does_to_a_rotation_is_mended(seed, size):
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(random_state=seed).as_matrix()
+    X = at(rng.normal(size=3), R + size * rng.uniform(-1.0, 1.0, (3, 3)))
+    renderer = hapscene.Renderer(SCENE, [])
+    assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
+    held = renderer.world.bodies[0].R_WB
+    assert np.abs(held @ held.T - np.eye(3)).max() < 1e-12
+    u, _, vt = np.linalg.svd(X[:3, :3])  # the nearest rotation
+    np.testing.assert_allclose(held, u @ vt, atol=2e-12)
+
+
+SCENE = boxes((0, 0, 0))
+
+
+def test_an_hour_of_float32_products_is_mended():
+    turn = Rotation.from_rotvec([0.003, 0.01, 0.02]).as_matrix().astype(np.float32)
+    X, renderer = np.eye(4, dtype=np.float32), hapscene.Renderer(SCENE, [])
+    for _ in range(3600 * 60):
+        X[:3, :3] = turn @ X[:3, :3]
+    assert np.abs(X[:3, :3] @ X[:3, :3].T - np.eye(3)).max() > 1e-6
+    assert renderer.step((0.0, 0.0, 9.0), {"box 0": X}).flags == Flag(0)
+
+
+def test_a_body_that_is_teleported_takes_nothing_along():
+    """Away from under the tool, and back about it: neither drags the tool nor hits it."""
+    renderer, slots = pressed((0, 0, 0))
+    slots.X_WB = at((0.3, 0.0, 0.0))[None]
+    slots.teleport("box 0")
+    gone = renderer.step(ON_TOP, slots)
+    assert gone.contact is None and not gone.f_W_N.any()
+    assert renderer.surface.touch[0].p_WP_m.tolist() == list(ON_TOP)
+    slots.X_WB = at((0.0, 0.0, 0.0))[None]
+    slots.teleport("box 0")
+    assert renderer.step(ON_TOP, slots).contact is None  # the tool is in it now
+    assert renderer.step((0.01, 0.02, 0.06), slots).contact is None
+    assert renderer.step(ON_TOP, slots).contact is not None
+
+
+def test_without_a_word_it_moves_there_and_pushes_the_tool():
+    renderer, slots = pressed((0, 0, 0))
+    slots.X_WB = at((0.0, 0.0, 0.3))[None]
+    assert renderer.step(ON_TOP, slots).contact.depth_m == pytest.approx(0.301)
+
+
+def test_what_else_holds_the_tool_goes_on_when_a_body_jumps():
+    """In the corner of two boxes, one of which jumps away."""
+    renderer = hapscene.Renderer(boxes((0, 0, 0), (0.1, 0.0, 0.05)), ["wall"])
+    corner = (0.0505, 0.0, 0.0495)  # under the top of the first, inside the side of the second
+    for p in ((0.045, 0.0, 0.055), (0.0495, 0.0, 0.0495), corner):
+        renderer.step(p)
+    assert renderer.world.proxy[0].count == 2
+    slots = renderer.moving(["box 1"])
+    slots.X_WB = at((0.5, 0.0, 0.0))[None]
+    slots.teleport("box 1")
+    contact = renderer.step((0.045, 0.0, 0.0495), slots).contact
+    assert contact.body == "box 0" and not contact.began and contact.depth_m == pytest.approx(0.0005)
+
+
+def test_a_body_jumps_into_a_running_scene_by_its_scene_too():
+    scene = boxes((0, 0, 0))
+    renderer = hapscene.Renderer(scene, ["wall"])
+    renderer.step((0.01, 0.02, 0.051))
+    assert renderer.step(ON_TOP).contact is not None
+    scene.pose("box 0", at((0.3, 0.0, 0.0)))
+    assert renderer.step(ON_TOP).contact is None
+    assert renderer.step((0.31, 0.02, 0.051)).contact is None
+    assert renderer.step((0.31, 0.02, 0.049)).contact is not None
+    scene.pose("box 0", at((0.0, 0.0, 0.0)))
+    assert not renderer.run(np.tile((0.31, 0.02, 0.049), (3, 1))).touching.any()
+
+
+def test_slots_that_cannot_be_are_refused():
+    renderer = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0)), [])
+    with pytest.raises(SceneError, match="no body 'crate'; there are: box 0, box 1"):
+        renderer.moving(["crate"])
+    with pytest.raises(SceneError, match="named twice"):
+        renderer.moving(["box 0", "box 0"])
+    with pytest.raises(SceneError, match="no body 'box 1'; there are: box 0"):
+        renderer.moving(["box 0"]).teleport("box 1")
+    for bad in (np.eye(3), "X", [["a"] * 4] * 4):
+        with pytest.raises(SceneError, match="body 'box 0': a pose is a matrix"):
+            renderer.step((0, 0, 1), {"box 0": bad})
+    assert repr(renderer.moving(["box 1", "box 0"])) == "<MovingBodies: box 1, box 0>"

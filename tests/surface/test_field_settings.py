@@ -1,0 +1,128 @@
+"""Effects of the scene: called in every tick, with settings of their own, the poses of bodies before them."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.errors import EffectError
+from hapscene.surface.effect import Effect, Param, State
+
+BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+
+
+def _pull(touch, p, table, s, out):
+    """Towards points of the first body's frame, and how often it was asked."""
+    s.count += 1.0
+    for k in range(12, len(table), 3):
+        for i in range(3):
+            to = table[9 + i] - touch.p_WT_m[i]
+            for j in range(3):
+                to += table[3 * i + j] * table[k + j]
+            out.f_W_N[i] += p.stiffness_N_m * to
+
+
+def _points(settings, rate_Hz):
+    if settings["points_m"] is None:
+        raise EffectError("pull needs points_m, (n, 3)")
+    return np.asarray(settings["points_m"], float)
+
+
+PULL = Effect(
+    "pull",
+    "Pulls to points.",
+    _pull,
+    params=(Param("stiffness_N_m", 10.0, "N/m", "how hard", 0.0, 100.0),),
+    state=(State("count"),),
+    table=_points,
+    scope="scene",
+    arrays=("points_m",),
+)
+
+
+def scene() -> hapscene.Scene:
+    built = hapscene.Scene()
+    built.add(BOX, name="box", unit="m", swatch="wood")
+    built.add(BOX, name="crate", unit="m", pose=[[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return built
+
+
+def renderer(**setting) -> hapscene.Renderer:
+    return hapscene.Renderer(scene(), ["wall", PULL], settings={"pull": setting})
+
+
+def test_it_acts_from_the_first_tick_on_before_anything_was_touched():
+    r = renderer(points_m=[[0.0, 0.0, 0.1]])
+    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.1, -2.0], atol=1e-12)
+    r.tune_field("pull", stiffness_N_m=20.0)
+    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
+
+
+def test_it_is_the_same_whatever_swatch_was_touched_last():
+    r = renderer(points_m=[[0.0, 0.0, 0.1]])
+    for p in ((0, 0, 0.06), (0, 0, 0.049), (0, 0, 0.06)):
+        r.step(p)
+    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.1, -2.0], atol=1e-12)
+
+
+def test_it_adds_to_contact_and_stays_out_of_the_reaction():
+    r, bare = renderer(points_m=[[0.0, 0.0, 0.1]]), hapscene.Renderer(scene(), ["wall"])
+    for p in ((0, 0, 0.06), (0, 0, 0.049)):
+        a, b = r.step(p), bare.step(p)
+    np.testing.assert_allclose(a.f_W_N - b.f_W_N, [0.0, 0.0, 10.0 * (0.1 - 0.049)], atol=1e-12)
+    assert a.contact.f_body_W_N.tolist() == b.contact.f_body_W_N.tolist()
+
+
+def test_the_poses_of_named_bodies_are_those_of_the_tick():
+    r = renderer(points_m=[[0.0, 0.0, 0.1]], bodies="crate")
+    np.testing.assert_allclose(r.step((0.5, 0.0, 0.3)).f_W_N, [0.0, 0.0, -2.0], atol=1e-12)
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0.0, 0.2, 0.0)
+    np.testing.assert_allclose(r.step((0.0, 0.2, 0.3), {"crate": X}).f_W_N, [1.0, 0.0, -3.0], atol=1e-12)
+
+
+def test_a_new_painting_leaves_it_as_it_is():
+    r = renderer(points_m=[[0.0, 0.0, 0.1]])
+    r.tune_field("pull", stiffness_N_m=20.0)
+    other = scene()
+    other.paint("crate", "paper")
+    r.repaint(other)
+    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, [0.0, -0.2, -4.0], atol=1e-12)
+
+
+def test_swatches_do_not_set_it_and_contact_effects_are_not_set_by_settings():
+    r = renderer(points_m=[[0.0, 0.0, 0.1]])
+    with pytest.raises(EffectError, match="no parameter"):
+        hapscene.Renderer(scene(), [PULL], settings={"pull": {"points_m": [[0, 0, 0]]}}).tune("wood", count=1.0)
+    with pytest.raises(EffectError, match="no effect of the scene 'wall'; there are: pull"):
+        r.tune_field("wall", damping_Ns_m=1.0)
+    with pytest.raises(EffectError, match="no parameter 'mass_kg'; there are: stiffness_N_m"):
+        r.tune_field("pull", mass_kg=1.0)
+    with pytest.raises(EffectError, match="must lie between 0 and 100"):
+        r.tune_field("pull", stiffness_N_m=101.0)
+    with pytest.raises(EffectError, match="no effect of the scene 'wall'"):
+        hapscene.Renderer(scene(), ["wall"], settings={"wall": {}})
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ({}, "needs points_m"),
+        ({"points_m": [[0, 0, np.nan]]}, "NaN or infinity"),
+        (
+            {"points_m": [[0, 0, 0]], "stifness_N_m": 1.0},
+            "no setting 'stifness_N_m'; there are: bodies, points_m, stiff",
+        ),
+        ({"points_m": [[0, 0, 0]], "stiffness_N_m": -1.0}, "is -1 N/m; it must lie between 0 and 100"),
+        ({"points_m": [[0, 0, 0]], "stiffness_N_m": "hard"}, "is 'hard'; it must lie between"),
+        ({"points_m": [[0, 0, 0]], "bodies": ["lid"]}, "no body 'lid'; there are: box, crate"),
+    ],
+)
+def test_what_it_cannot_be_set_to_is_refused(setting, says):
+    with pytest.raises(EffectError, match=says):
+        renderer(**setting)
+
+
+def test_a_scope_is_one_of_two():
+    with pytest.raises(EffectError, match="its scope is 'contact' or 'scene', not 'world'"):
+        Effect("x", "", _pull, scope="world")  # type: ignore[arg-type]
