@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,10 +20,12 @@ import pytest
 
 from hapscene import __version__
 from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_batch, gather, outputs, read_list
-from hapscene.capture.batch_pool import ClusterPool, Job, fit_job
+from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, fit_job
+from hapscene.capture.swatch_fit import fit_parts
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch
 
 LIMIT_S = 60.0
 """Longest that a test waits for another process [s]."""
@@ -110,6 +113,44 @@ def test_a_batch_from_the_command_line_is_gone_on_with(tmp_path: Path, capsys: p
     assert after["r00.swatch"] == before["r00.swatch"] and after["r02.swatch"] > before["r02.swatch"]
     check_whole(gather([folder]), out)
     assert load_swatch(out / "r03.swatch").name == "r03"
+
+
+class Here(ClusterPool):
+    """A pool that is this process."""
+
+    sends_content = False
+
+    def __init__(self, jobs: int) -> None:
+        """Nothing is connected."""
+
+    def room(self) -> int:
+        return 1
+
+    def submit(self, job: Job) -> "Future[FitOutcome]":
+        future: Future[FitOutcome] = Future()
+        future.set_result(fit_job(job))
+        return future
+
+    def close(self, at_once: bool) -> None:
+        """Nothing is held."""
+
+
+def test_a_fit_that_fails_by_a_fault_of_ours_is_a_line_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fit(parts: object, name: str, **given: object) -> Swatch:
+        if name == "r00":
+            raise UnboundLocalError("cannot access\nlocal variable")
+        return fit_parts(parts, name, **given)  # type: ignore[arg-type]
+
+    write_recordings(tmp_path / "in", 2)
+    monkeypatch.setattr("hapscene.capture.batch.ProcessPool", Here)
+    monkeypatch.setattr("hapscene.capture.swatch_fit.fit_parts", fit)
+    assert main(["capture", "batch", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *WORDS]) == 1
+    said = "".join(capsys.readouterr())
+    (line,) = (line for line in said.splitlines() if "UnboundLocalError" in line)
+    assert f"{tmp_path / 'in' / 'r00.csv'}: cannot be fitted, by a fault of ours or a damaged file (Unb" in line
+    assert "cannot access local variable" in line and "Traceback" not in said and "1 fitted" in said
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
