@@ -233,7 +233,7 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pyt
     """Workers of a real local cluster, in processes of their own; one is killed with SIGKILL while it fits. Then
     `capture fit` goes on with it on the same cluster: only a new recording is fitted."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    items = write_recordings(tmp_path / "in", 24)
+    items = write_recordings(tmp_path / "in", 10)
     (tmp_path / "in" / "bad.csv").write_text("acceleration\n")
     items.append(Item(tmp_path / "in" / "bad.csv", "bad"))
     with distributed.LocalCluster(
@@ -244,13 +244,13 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pyt
         once = Once(5, lambda: os.kill(pid, signal.SIGKILL))
         reading, fitting, address = READING | {"columns": {}}, FITTING | CHOSEN, cluster.scheduler_address
         result = fit_batch(items, tmp_path / "out", reading, fitting, scheduler=address, after=once)
-        assert len(result.fitted) == 24 and set(once.through.values()) == {1}
+        assert len(result.fitted) == 10 and set(once.through.values()) == {1}
         assert [Path(e.recording).name for e in result.failed] == ["bad.csv"]
         new = write_recording(tmp_path / "in" / "new.csv", 99)
         words = ["capture", "fit", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--scheduler", address]
         assert main([*words, *WORDS]) == 1
-        assert "1 fitted, 24 done before, 1 failed" in capsys.readouterr().out
-    for item in [*items[:24], Item(new, "new")]:
+        assert "1 fitted, 10 done before, 1 failed" in capsys.readouterr().out
+    for item in [*items[:10], Item(new, "new")]:
         check_swatch(item, tmp_path / "out")
 
 
