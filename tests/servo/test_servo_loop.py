@@ -16,7 +16,7 @@ from hapscene.device.point import PointMass
 from hapscene.native import INTERPRETED
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import servo_loop
+from hapscene.servo import servo_loop, servo_process
 from hapscene.servo.servo_loop import (
     BIN_COUNT,
     BIN_NS,
@@ -105,6 +105,14 @@ def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
     yield desk
     desk.rest()
     desk._channel.memory.unlink()  # whoever still looks at it may do so
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[3].pause))
+    Desk(desk._twin, desk._channel)
+    assert asked == [1]  # paused: it returns at once
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
