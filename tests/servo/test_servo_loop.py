@@ -101,7 +101,7 @@ def make_cube() -> Scene:
 @pytest.fixture
 def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
     twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
-    desk = Desk(twin, open_channel(2000, twin.renderer.block))
+    desk = Desk(twin, open_channel(2000, twin.renderer.block, bodies=1))
     yield desk
     desk.rest()
     desk._channel.memory.unlink()  # whoever still looks at it may do so
@@ -143,7 +143,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
     channel, aim, clock = desk._channel.channel[0], np.full((5, 3), 7.0), new_clock()
-    channel.aim_W_m, channel.grip, channel.push_W_N = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)
+    channel.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
     channel.aim_count = 3
     _read_aim(channel, aim, clock)
     assert (aim == 7.0).all()
