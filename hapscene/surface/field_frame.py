@@ -1,6 +1,7 @@
-"""What effects of the scene share: the frame that they stand in, how their force begins and ends, arrays they are set to.
+"""What effects of the scene share: the frame they stand in, how their force begins and ends, what they are set to.
 
-The frame F is that of the first body that the setting `bodies` names, or W. Own numbers of a table lie behind all poses.
+The frame F is that of the first body that the setting `bodies` names, or W. Own numbers of a table lie behind all
+poses.
 """
 
 import math
@@ -46,7 +47,7 @@ def fade(ratio2: float) -> float:
     A spring of stiffness K so faded pulls with K d (1 − q²)², the gradient of K r²/6 (1 − (1 − q²)³); nowhere is it
     stiffer than K, and it pulls hardest at d = r/√5.
     """
-    return (1.0 - ratio2) ** 2 if ratio2 < 1.0 else 0.0
+    return float((1.0 - ratio2) ** 2) if ratio2 < 1.0 else 0.0
 
 
 FADED_MOST: Final = 16.0 / 25.0 / math.sqrt(5.0)
@@ -56,7 +57,7 @@ FADED_MOST: Final = 16.0 / 25.0 / math.sqrt(5.0)
 @native
 def eased(touch: Any) -> float:
     """Share of a field's force since the last reset [1]: 0 in the first tick, 1 after `EASE_S`."""
-    return min(1.0, touch.tick * touch.tick_s / EASE_S)
+    return float(min(1.0, touch.tick * touch.tick_s / EASE_S))
 
 
 def field_array(effect: str, settings: Mapping[str, Any], name: str, rows: str) -> NDArray[np.float64]:

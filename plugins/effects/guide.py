@@ -8,10 +8,10 @@ outward direction n̂ away from it, stiffness K [N/m] and reach r [m]:
     repelling    f = K (r − d) min(1, 4 d/r) n̂     none from r on; within r/4 it falls to 0, where n̂ turns round
                  f = K max(0, r − s) n̂             of a plane: all behind it is forbidden, s its signed distance
 
-Each is the gradient of a potential by d, so no closed path gives energy, and the force is continuous: a tool that enters
-feels no kick. (Where two stretches of a polyline are equally near within r, the force turns round; the potential does
-not jump.) Nowhere is it stiffer than K but at a repelling line's middle, which pushes away. Rendered at period T it is
-passive while hand and device damp more than K T/2 (Colgate & Schenkel 1997); `viscosity` adds damping.
+Each is the gradient of a potential by d, so no closed path gives energy, and the force is continuous: a tool that
+enters feels no kick. (Where two stretches of a polyline are equally near within r, the force turns round; the potential
+does not jump.) Nowhere is it stiffer than K but at a repelling line's middle, which pushes away. Rendered at period T
+it is passive while hand and device damp more than K T/2 (Colgate & Schenkel 1997); `viscosity` adds damping.
 """
 
 import math

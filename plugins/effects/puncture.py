@@ -8,8 +8,9 @@ the shaft is left, in the frame of the body that was pierced:
 
 with s [m] the way along the entry axis â, the normal where it broke (a point has no axis of its own, and the direction
 in which it moves is the encoder's noise as slowly as skin breaks); D [N] the drag, which sticks by a spring of k [N/m]
-and slips as friction does (`plugins/effects/friction.py`); l [m] the way off the axis and K [N/m] the shaft's stiffness.
-The grip begins at no force, its springs give back what was put into them, and it ends when the tool is out again.
+and slips as friction does (`plugins/effects/friction.py`); l [m] the way off the axis and K [N/m] the shaft's
+stiffness. The grip begins at no force, its springs give back what was put into them, and it ends when the tool is out
+again.
 
 Each body is gripped by with the numbers of the swatch that broke, whatever is touched within it.
 """

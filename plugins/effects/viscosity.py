@@ -7,10 +7,10 @@ f_c [Hz], and g [1]: 1 in the region, falling to 0 over `margin_m` inside its bo
 region is a box (`box_m`, two opposite corners), a ball (`center_m` and `radius_m`), or, where neither is given,
 everywhere.
 
-For any g that changes with place or time, f·v = −b u² − (b/(4π f_c)) d(u²)/dt: what it stores is ½ b u²/(2π f_c), and it
-gives no more (that is why g stands twice). Sampled with period T, a free mass m is stable while b < 2 m/T, whatever f_c
-(the characteristic polynomial z² − (2 − κ − βκ/2) z + 1 − κ + βκ/2, β = bT/m, κ = 1 − e^(−2π f_c T), by Jury's test):
-90 N·s/m for the 45 g of an Omni at 1 kHz. Far below, the encoder's step Δ limits it: felt as a tick of b κ Δ/T.
+For any g that changes with place or time, f·v = −b u² − (b/(4π f_c)) d(u²)/dt: what it stores is ½ b u²/(2π f_c), and
+it gives no more (that is why g stands twice). Sampled with period T, a free mass m is stable while b < 2 m/T, whatever
+f_c (the characteristic polynomial z² − (2 − κ − βκ/2) z + 1 − κ + βκ/2, β = bT/m, κ = 1 − e^(−2π f_c T), by Jury's
+test): 90 N·s/m for the 45 g of an Omni at 1 kHz. Far below, the encoder's step Δ limits it: felt as a tick of b κ Δ/T.
 """
 
 import math
@@ -40,7 +40,7 @@ def depth_in(table: Any, x: float, y: float, z: float, radius_m: float) -> float
     dx, dy, dz = abs(x - table[at + 1]), abs(y - table[at + 2]), abs(z - table[at + 3])
     if table[at] == BALL:
         return max(0.0, radius_m - math.sqrt(dx * dx + dy * dy + dz * dz))
-    return max(0.0, min(table[at + 4] - dx, table[at + 5] - dy, table[at + 6] - dz))
+    return float(max(0.0, min(table[at + 4] - dx, table[at + 5] - dy, table[at + 6] - dz)))
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:

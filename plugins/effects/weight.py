@@ -3,8 +3,8 @@
     f = m g
 
 with mass m [kg] and gravity g [m/s²] in F (W, or a body that is named: a cabin that tilts). f follows m g by a low-pass
-of `ease_s`: after a reset, and where another mass is taken up (`Renderer.tune_field`), the hand feels no jump. The first
-tick of 1 ms has 2 % of it at 50 ms, 0.04 N of 0.2 kg, less than the dry friction of most devices.
+of `ease_s`: after a reset, and where another mass is taken up (`Renderer.tune_field`), the hand feels no jump. The
+first tick of 1 ms has 2 % of it at 50 ms, 0.04 N of 0.2 kg, less than the dry friction of most devices.
 
 It is weight alone; inertia would be a force by acceleration, which encoders do not give.
 """

@@ -1,5 +1,7 @@
 """Guides: forces by closed forms, potentials, and the nearest point of a polyline."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -48,7 +50,8 @@ def test_no_closed_path_gives_energy_and_no_step_is_felt(bench, ticks, setting, 
     """In through the border, about and out again; the midpoint rule's error falls with the square of the step."""
     turn = np.linspace(0.0, 2.0 * np.pi, 100_001)[:, None]
     rng = np.random.default_rng(3)
-    p = sum(0.007 / k * np.sin(k * turn + rng.uniform(0, 6, 3)) for k in (1, 2, 5)) + (0.004, 0.002, 0.001)
+    p = sum(0.007 / k * np.sin(k * turn + rng.uniform(0, 6, 3)) for k in (1, 2, 5))
+    p += np.array([0.004, 0.002, 0.001])
     f = forces(bench, ticks, 0.5 * (p[1:] + p[:-1]), repelling=repelling, **setting)
     felt = (f * np.diff(p, axis=0)).sum(axis=1)
     assert np.abs(felt).sum() > 1e-3 > 1e-7 > abs(felt.sum())
@@ -63,7 +66,7 @@ def test_the_nearest_point_of_a_polyline_is_exact(seed, count):
     points, p = rng.normal(size=(count, 3)), rng.normal(0.0, 2.0, 3)
     got = np.array(nearest_on_polyline(points.ravel(), 0, count, tuple(p)))
     best = np.linalg.norm(p - points, axis=1).min()
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         share = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
         best = min(best, np.linalg.norm(p - a - share * (b - a)))
         dense = a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a)

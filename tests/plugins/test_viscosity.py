@@ -54,7 +54,7 @@ def test_it_rides_on_its_body(bench, ticks):
 
 
 def test_it_is_passive_across_the_border(bench, ticks):
-    """Finely sampled, the work it has done on the hand is never above 0, in whatever path to and fro over the border."""
+    """Finely sampled, it never has done work on the hand, whatever the path to and fro over the border."""
     t_s = 1e-5 * np.arange(60_000)
     rng = np.random.default_rng(0)
     p = sum(a * np.sin(2 * np.pi * f * t_s[:, None] + rng.uniform(0, 6, 3)) for a, f in ((0.02, 7), (0.004, 61)))
