@@ -140,7 +140,7 @@ def test_a_device_softens_its_springs_and_says_so():
     r.repaint(scene())
     np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, clip.given * np.array([0.0, -0.01, -0.2]), atol=1e-12)
     assert clip.given == pytest.approx(10.0, rel=0.01)
-    with pytest.warns(hapscene.device.DeviceWarning, match="effect 'pull'"):
+    with pytest.warns(hapscene.device.DeviceWarning, match="and 2 more, see Renderer.clips"):
         on(soft, stiffness_N_m=60.0)
 
 
