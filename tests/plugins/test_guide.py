@@ -82,6 +82,16 @@ def test_it_stands_in_the_frame_of_its_body(bench, ticks):
     np.testing.assert_allclose(one.run(rows)["f_W_N"][0], (-K * 0.002 * 0.96**2, 0.0, 0.0), atol=1e-12)
 
 
+def test_of_two_bodies_it_stands_in_the_first(bench, ticks):
+    one = bench(EFFECT, settings=LINE)
+    poses = np.tile(one.table[:12], (2, 1))
+    poses[:, 9:] = (0.5, 0.0, 0.0), (9.0, 9.0, 9.0)
+    one.table = np.concatenate((poses.ravel(), one.table[12:]))
+    rows = ticks(1, p_WT_m=(0.5, 0.002, 0.0))
+    rows["tick"] = 1000
+    np.testing.assert_allclose(one.run(rows)["f_W_N"][0], (0.0, -K * 0.002 * 0.96**2, 0.0), atol=1e-12)
+
+
 def test_it_rises_after_a_reset(bench, ticks):
     f = bench(EFFECT, settings=POINT).run(ticks(100, p_WT_m=(0.001, 0.0, 0.0)))["f_W_N"][:, 0]
     np.testing.assert_allclose(f, -K * 0.001 * 0.99**2 * np.minimum(1.0, np.arange(100) / 50.0), atol=1e-15)

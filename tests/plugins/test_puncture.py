@@ -106,6 +106,21 @@ def test_the_grip_goes_with_its_body():
     np.testing.assert_allclose(f, X[:3, :3] @ first, atol=1e-9)
 
 
+def test_it_grips_in_the_frame_in_which_the_body_lies():
+    """The same way into a body that lies askew: the same forces, turned."""
+    R = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R * np.sign(np.linalg.det(R)), (0.3, -0.2, 0.1)
+    way = np.column_stack((np.linspace(0.0, 0.004, 300), np.linspace(0.0, -0.002, 300), np.linspace(0.0501, 0.03, 300)))
+    f, g = (np.zeros((300, 3)) for _ in range(2))
+    straight, askew = arm(), arm()
+    for k, p in enumerate(way):
+        f[k] = straight.step(p).f_W_N
+        g[k] = askew.step(X[:3, :3] @ p + X[:3, 3], {"skin": X}).f_W_N
+    assert askew.surface.touch[0].inside == 1 and np.abs(f[-1, :2]).min() > 0.1
+    np.testing.assert_allclose(g, f @ X[:3, :3].T, atol=1e-6)
+
+
 def test_no_more_is_given_back_than_was_put_in(bench, ticks):
     """Finely moved to and fro, along and sideways: the work of the grip on the hand never exceeds 0."""
     turn = 2.0 * np.pi * np.linspace(0.0, 1.0, 50_001)[:, None]
