@@ -45,9 +45,18 @@ TOUCH: Final = np.dtype(
 )
 """Contact as all effects see it, computed once a tick. The effects may read it and not write it."""
 
-OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("release", "i8"), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
+OUTPUT: Final = np.dtype(
+    [
+        ("f_W_N", "f8", (3,)),
+        ("f_inside_W_N", "f8", (PASSED_MAX, 3)),
+        ("release", "i8"),
+        ("a_m_s2", "f8", (BLOCK_MAX,)),
+    ],
+    align=True,
+)
 """What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples.
 
+`f_inside_W_N` is what of that force each of `touch.inside_body` gives: they get its reverse, the touched body the rest.
 `release` not 0 has the body that is touched let the tool in, from the next tick on until it is out again."""
 
 ROW: Final = np.dtype(

@@ -34,10 +34,22 @@ def to_frame(table: Any, p_W: Any) -> Vector:
 
 
 @native
+def turn(table: Any, v_F: Vector) -> Vector:
+    """A vector of F in W."""
+    x, y, z = v_F
+    return (
+        table[0] * x + table[1] * y + table[2] * z,
+        table[3] * x + table[4] * y + table[5] * z,
+        table[6] * x + table[7] * y + table[8] * z,
+    )
+
+
+@native
 def add_force(out: Any, table: Any, size: float, f_F: Vector) -> None:
     """Add `size` times a vector of F to the force in W."""
+    f = turn(table, f_F)
     for i in range(3):
-        out.f_W_N[i] += size * (table[3 * i] * f_F[0] + table[3 * i + 1] * f_F[1] + table[3 * i + 2] * f_F[2])
+        out.f_W_N[i] += size * f[i]
 
 
 @native

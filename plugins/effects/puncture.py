@@ -12,15 +12,16 @@ and slips as friction does (`plugins/effects/friction.py`); l [m] the way off th
 stiffness. The grip begins at no force, its springs give back what was put into them, and it ends when the tool is out
 again.
 
-Each body is gripped by with the numbers of the swatch that broke, whatever is touched within it.
+Each body grips with the numbers of the swatch that broke, whatever is touched within it, and gets the reverse.
 """
 
 from typing import Any
 
 from hapscene.constants import PASSED_MAX, STIFFNESS_N_M
+from hapscene.geometry import along, dot, sub
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
-from hapscene.surface.field_frame import add_force, to_frame
+from hapscene.surface.field_frame import to_frame, turn
 
 
 @native
@@ -41,13 +42,16 @@ def grip(touch: Any, s: Any, k: int, out: Any) -> None:
             axis[i] = X[i] * x + X[3 + i] * y + X[6 + i] * z
             entry[i] = tool[i]
         s.along_m[k] = s.z_m[k] = s.fresh[k] = 0.0
-    way = (tool[0] - entry[0], tool[1] - entry[1], tool[2] - entry[2])
-    along_m = way[0] * axis[0] + way[1] * axis[1] + way[2] * axis[2]
+    way, a = sub(tool, (entry[0], entry[1], entry[2])), (axis[0], axis[1], axis[2])
+    along_m = dot(way, a)
     most_m = s.drag_N[k] / s.drag_N_m[k]
     s.z_m[k] = min(max(s.z_m[k] + along_m - s.along_m[k], -most_m), most_m)
     s.along_m[k] = along_m
-    add_force(out, X, -s.drag_N_m[k] * s.z_m[k] + s.shaft_N_m[k] * along_m, (axis[0], axis[1], axis[2]))
-    add_force(out, X, -s.shaft_N_m[k], way)
+    drag_N, side_N_m = -s.drag_N_m[k] * s.z_m[k] + s.shaft_N_m[k] * along_m, s.shaft_N_m[k]
+    f = turn(X, along((-side_N_m * way[0], -side_N_m * way[1], -side_N_m * way[2]), drag_N, a))
+    for i in range(3):
+        out.f_W_N[i] += f[i]
+        out.f_inside_W_N[at, i] += f[i]
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:

@@ -79,6 +79,12 @@ def test_bone_under_skin_is_felt_beside_the_grip_that_the_skin_broke_with():
     z = 0.022 - 1e-4 * np.arange(40)
     f = press(renderer, z)
     np.testing.assert_allclose(f[:, 2], 0.3 + 1000.0 * np.maximum(0.0, 0.02 - z), atol=1e-6)
+    before, bone = renderer.impulse("skin").linear_N_s, renderer.impulse("bone").linear_N_s
+    press(renderer, z[-1])
+    np.testing.assert_allclose(renderer.impulse("skin").linear_N_s - before, (0.0, 0.0, -0.3e-3), atol=1e-9)
+    np.testing.assert_allclose(
+        renderer.impulse("bone").linear_N_s - bone, (0.0, 0.0, -1e-3 * (f[-1, 2] - 0.3)), atol=1e-9
+    )
 
 
 def test_what_is_within_breaks_too_and_each_grips_by_itself():
@@ -86,7 +92,11 @@ def test_what_is_within_breaks_too_and_each_grips_by_itself():
     renderer = arm((0.06, within))
     f = press(renderer, 0.05 - 1e-4 * np.arange(-5, 400))
     assert renderer.surface.touch[0].inside == 2 and f[-1, 2] == pytest.approx(0.5, abs=1e-9)
-    f = press(renderer, 0.0101 + 1e-4 * np.arange(300))
+    before = [renderer.impulse(name).linear_N_s for name in ("skin", "organ")]
+    press(renderer, 0.0101)
+    given = [renderer.impulse(n).linear_N_s - b for n, b in zip(("skin", "organ"), before, strict=True)]
+    np.testing.assert_allclose(given, [(0.0, 0.0, -0.3e-3), (0.0, 0.0, -0.2e-3)], atol=1e-12)
+    f = press(renderer, 0.0102 + 1e-4 * np.arange(300))
     assert f[-1, 2] == pytest.approx(-0.3, abs=1e-9)  # out of the organ
 
 
