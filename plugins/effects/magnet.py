@@ -2,10 +2,9 @@
 
     f = −Σ K d_i (1 − (d_i/r)²)²    over the points nearer than the reach r [m],    K = F / (0.286 r)
 
-d_i [m] leads from point i to the tool; F [N] is the strength, the largest force of one point, at r/√5 from it. It is
-the gradient of the sum of potentials K r²/6 (1 − (1 − (d_i/r)²)³): smooth, of finite reach, the same on the way in as
-on the way out, so no path gives energy, and nothing sticks that was not pulled. Points closer than r to each other
-share wells.
+d_i [m] leads from point i to the tool; F [N] is the strength, the largest force of one point, at r/√5 from it. Its
+potential is the sum of K r²/6 (1 − (1 − (d_i/r)²)³): smooth, of finite reach, the same on the way in as on the way out,
+so no path gives energy, and nothing sticks that was not pulled. Points closer than r to each other share wells.
 
 `points_m` (n, 3) are in F: the first named body, or W. The well is as stiff as a wall of K, 3.5 F/r, and needs as much
 damping from hand and device: more than K T/2 at period T.
