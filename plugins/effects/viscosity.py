@@ -74,7 +74,7 @@ def table(settings: Mapping[str, Any], rate_Hz: float) -> NDArray[np.float64]:
         if len(middle) != 1:
             raise EffectError(f"effect 'viscosity': center_m is one point (3,), not {middle.shape}")
         return np.array([BALL, *middle[0], 0.0, 0.0, 0.0])
-    return np.array([EVERYWHERE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return np.array([EVERYWHERE, *np.zeros(6)])
 
 
 EFFECT = Effect(

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 import hapscene
+from hapscene.constants import PASSED_MAX
 from hapscene.surface.swatch import Swatch
 from hapscene_plugins.effects.puncture import EFFECT
 
@@ -66,9 +67,9 @@ def test_turned_back_it_sticks_before_it_drags_the_other_way_and_ends_outside():
 def test_sideways_it_is_held_to_its_axis():
     renderer = arm()
     press(renderer, 0.05 - 1e-4 * np.arange(-5, 200), 0.01)
-    f = press(renderer, 0.0301, 0.01 + 1e-4 * np.arange(20))
-    np.testing.assert_allclose(f[:, 0], -100.0 * 1e-4 * np.arange(20), atol=1e-9)
-    np.testing.assert_allclose(f[:, 2], 0.3, atol=1e-9)
+    for k in range(20):
+        f_W_N = renderer.step((0.01 + 1e-4 * k, -2e-4 * k, 0.0301)).f_W_N
+        np.testing.assert_allclose(f_W_N, (-100.0 * 1e-4 * k, 100.0 * 2e-4 * k, 0.3), atol=1e-9)
 
 
 def test_bone_under_skin_is_felt_beside_the_grip_that_the_skin_broke_with():
@@ -129,6 +130,20 @@ def test_it_grips_in_the_frame_in_which_the_body_lies():
         g[k] = askew.step(X[:3, :3] @ p + X[:3, 3], {"skin": X}).f_W_N
     assert askew.surface.touch[0].inside == 1 and np.abs(f[-1, :2]).min() > 0.1
     np.testing.assert_allclose(g, f @ X[:3, :3].T, atol=1e-6)
+
+
+def test_where_all_that_can_let_in_have_done_so_the_next_holds(bench, ticks):
+    """And each goes on gripping: as many times the drag of one."""
+    one = bench(EFFECT, Swatch("skin", effects={"puncture": BREAKS}))
+    poses = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
+    rows = ticks(PASSED_MAX + 12, inside_body=np.arange(PASSED_MAX), inside_X_WB=poses, normal_force_N=2.0)
+    rows["body"] = np.minimum(np.arange(len(rows)), PASSED_MAX)
+    rows["inside"] = rows["body"]
+    rows["p_WT_m"][:, 2] = -1e-3 * np.arange(len(rows))
+    out = one.run(rows)
+    assert out["release"].tolist() == [1] * PASSED_MAX + [0] * 12
+    np.testing.assert_allclose(out["f_W_N"][-1], (0.0, 0.0, 0.3 * PASSED_MAX), atol=1e-12)
+    np.testing.assert_allclose(out["f_inside_W_N"][-1, :, 2], 0.3, atol=1e-12)
 
 
 def test_no_more_is_given_back_than_was_put_in(bench, ticks):
