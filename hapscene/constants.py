@@ -52,6 +52,9 @@ REACH_MAX_M: Final = 10_000.0
 """Farthest that a position may be from the origin of its frame [m]: of the tool, of a body, of a mesh's vertex. Beyond
 it a float32 ray misses by a millimetre: such numbers are in another unit."""
 
+PASSED_MAX: Final = 8
+"""Most bodies that the tool can be let into at once [count]; one more holds as before. Sets the size of `Touch`."""
+
 # --- description -----------------------------------------------------------------------------------------
 
 SLIP_CUTOFF_HZ: Final = 20.0

@@ -39,12 +39,26 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         p_WP = p_WT
         _set(memory.drag_m_s, (0.0, 0.0, 0.0))
         _leave(touch)
-    touch.inside = proxy.passed_count
+    _enter(world, touch)
     touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
     memory.fresh = 0
+
+
+@native
+def _enter(world: Any, touch: Any) -> None:
+    """The bodies that the tool is in, and where they are."""
+    proxy = world.proxy[0]
+    touch.inside = proxy.passed_count
+    for k in range(touch.inside):
+        body = world.bodies[proxy.passed[k]]
+        touch.inside_body[k] = proxy.passed[k]
+        for i in range(3):
+            for j in range(3):
+                touch.inside_X_WB[k, 3 * i + j] = body.R_WB[i, j]
+            touch.inside_X_WB[k, 9 + i] = body.p_WB_m[i]
 
 
 @native

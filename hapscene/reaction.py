@@ -1,8 +1,9 @@
 """A phase of the tick of its own: what the tool does to the bodies, the reverse of what the surface does to the hand.
 
 It acts at the proxy. Where the planes that hold the proxy are of several bodies, each takes the share of the normal
-force with which its planes push; what is tangential is the touched one's. Running totals are kept, so that whoever
-looks at them seldom, or misses a look, loses nothing.
+force with which its planes push; what is tangential is the touched one's. What an effect says that a body gives within
+which the tool is (`f_inside_W_N`) is that one's. Running totals are kept, so that whoever looks at them seldom, or
+misses a look, loses nothing.
 """
 
 from typing import Any
@@ -18,6 +19,10 @@ def react(world: Any, surface: Any) -> None:
     f = surface.total[0].f_W_N
     force = (-f[0], -f[1], -f[2])
     index = touch.body
+    for k in range(touch.inside):
+        g = surface.total[0].f_inside_W_N[k]
+        force = (force[0] + g[0], force[1] + g[1], force[2] + g[2])
+        _give(world, proxy.passed[k], touch, (-g[0], -g[1], -g[2]))
     if touch.touching == 0:
         index = proxy.passed[proxy.passed_count - 1] if proxy.passed_count > 0 else -1
     elif _is_shared(proxy, index, touch.depth_m):

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.constants import BLOCK_MAX
+from hapscene.constants import BLOCK_MAX, PASSED_MAX
 from hapscene.errors import HapsceneError
 
 TOUCH: Final = np.dtype(
@@ -25,6 +25,8 @@ TOUCH: Final = np.dtype(
         ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
         ("crossed", "i8"),  # 1 where the swatch is not the last tick's
         ("inside", "i8"),  # how many bodies have let the tool in (`OUTPUT`'s release) and still hold its shaft
+        ("inside_body", "i8", (PASSED_MAX,)),  # which, in the order of their letting in
+        ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # and their poses: R_WB row by row, p_WB
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool
         ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
@@ -43,9 +45,18 @@ TOUCH: Final = np.dtype(
 )
 """Contact as all effects see it, computed once a tick. The effects may read it and not write it."""
 
-OUTPUT: Final = np.dtype([("f_W_N", "f8", (3,)), ("release", "i8"), ("a_m_s2", "f8", (BLOCK_MAX,))], align=True)
+OUTPUT: Final = np.dtype(
+    [
+        ("f_W_N", "f8", (3,)),
+        ("f_inside_W_N", "f8", (PASSED_MAX, 3)),
+        ("release", "i8"),
+        ("a_m_s2", "f8", (BLOCK_MAX,)),
+    ],
+    align=True,
+)
 """What an effect adds: force on the hand in W [N], and acceleration along the handle [m/s²], block samples.
 
+`f_inside_W_N` is what of that force each of `touch.inside_body` gives: they get its reverse, the touched body the rest.
 `release` not 0 has the body that is touched let the tool in, from the next tick on until it is out again."""
 
 ROW: Final = np.dtype(

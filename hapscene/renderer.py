@@ -19,7 +19,7 @@ from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of, records
-from hapscene.surface.device_clipping import Clip, Fit, share_of
+from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
 from hapscene.surface.effect import check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
@@ -144,7 +144,7 @@ class Renderer:
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self.world = build_world(scene.bodies, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
-        _warn(messages)
+        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
         _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
@@ -225,8 +225,9 @@ class Renderer:
             raise EffectError(no_such("parameter", unknown[0], params))
         checked = {name: check_range(self._effects[first + k], params[name], v) for name, v in numbers.items()}
         self._fields[k].numbers.update(checked)
-        rows = {(first + k, name): value for name, value in checked.items()}
-        put_numbers(self.surface, self._effects, len(self._swatch_names), rows)
+        taken, clipped = self._field(k)
+        put_numbers(self.surface, self._effects, len(self._swatch_names), taken)
+        _warn([str(clip) for clip in clipped if clip.reported and clip.number in numbers])
 
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """The effects of the scene as they are set."""
@@ -236,15 +237,25 @@ class Renderer:
                 raise EffectError(no_such("effect of the scene", name, [effect.name for effect in of_scene]))
         return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
 
+    def _field(self, k: int) -> tuple[Numbers, list[Clip]]:
+        """What the device takes of the numbers of the k-th effect of the scene, and where that is not all."""
+        e = len(self._contact_effects) + k
+        asked = {(e, name): value for name, value in self._fields[k].numbers.items()}
+        taken = given(self.limits, self._effects, asked)
+        return taken, clips(self._effects[e].name, asked, taken, self.limits, self.tick_s, "effect")
+
     @property
     def clips(self) -> tuple[Clip, ...]:
-        """What the device does not take of the swatches' numbers, as they are tuned now."""
-        return tuple(clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index))
+        """What the device does not take of the swatches' numbers, and of the scene's effects', as they are now."""
+        of_swatches = [clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index)]
+        return tuple(of_swatches + [clip for k in range(len(self._fields)) for clip in self._field(k)[1]])
 
     def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
         """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
         fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
+        for k in range(len(self._fields)):
+            put_numbers(surface, self._effects, len(scene.swatches), self._field(k)[0])
         painted = set(np.unique(surface.paint).tolist())
         messages: list[str] = []
         for index, swatch in enumerate(scene.swatches):
@@ -417,11 +428,11 @@ class Renderer:
         """Indices of the moving bodies (m,), their poses (count, m, 4, 4), and which of them jump (m,): none."""
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
-        for m, (name, given) in enumerate(poses.items()):
+        for m, (name, X) in enumerate(poses.items()):
             if name not in self._body_names:
                 raise SceneError(no_such("body", name, self._body_names))
             moving[m] = self._body_names.index(name)
-            X_WB[:, m] = rigid(given, f"poses of body {name!r}", count)
+            X_WB[:, m] = rigid(X, f"poses of body {name!r}", count)
         return moving, X_WB, np.zeros(len(poses), np.int64)
 
 

@@ -228,6 +228,7 @@ def touch(
     *,
     t_s: NDArray[np.float64] | None = None,
     effects: Sequence[str] | None = None,
+    settings: Mapping[str, Mapping[str, Any]] | None = None,
     seed: int = 0,
     tick_s: float = TICK_S,
     a_rate_Hz: float = ACCELERATION_RATE_HZ,
@@ -244,6 +245,7 @@ def touch(
         p_WT: (n, 3) the tool's path, a row per tick [m].
         t_s: (n,) times of the ticks on the path's own clock [s]; else from 0.
         effects: names of effect plugins; else the renderer's own choice.
+        settings: of the scene's effects, as `Renderer` has them.
         seed: of what effects draw at random.
         tick_s: period of a tick [s].
         a_rate_Hz: rate of the acceleration channel [Hz].
@@ -266,7 +268,7 @@ def touch(
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"readying {_counted(scene)}"):
             names = EFFECTS if effects is None else effects
-            renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz)
+            renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings)
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT)
         if not recording.touching.any():

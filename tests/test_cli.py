@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene import __version__
+from hapscene import __version__, load_touch
 from hapscene.cli import _parser, main
 from hapscene.command.touch import HAND_DEFAULTS
 
@@ -40,6 +40,15 @@ def test_touch_along_a_path(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     summary = json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["effects"] == ["wall"] and summary["seed"] == 5 and summary["a_rate_Hz"] == 5000
     assert summary["ticks"] == 300 and summary["ticks_in_contact"] > 50
+
+
+def test_touch_sets_effects_of_the_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    settings = ["--set", "weight.mass_kg=0.2", "--set", "guide.points_m=[[0, 0, 1]]", "--set", "guide.bodies=cube"]
+    assert main([*TOUCH, "--path", "path.csv", "--effects", "wall,weight,guide", *settings]) == 0
+    f_W_N = load_touch(folder / "out" / "touch.npz").f_W_N
+    np.testing.assert_allclose(f_W_N[199, 2], -0.2 * 9.81, rtol=0.03)  # a millisecond before it touches
+    assert main([*TOUCH, "--effects", "weight", "--set", "weight.bodies=lid"]) == 2
+    assert "no body 'lid'; there are: cube" in capsys.readouterr().err
 
 
 def test_touch_without_a_path(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -312,9 +321,12 @@ def test_plugins_are_listed_with_units(capsys: pytest.CaptureFixture[str]) -> No
     assert "wall  (hapscene" in said and "damping_Ns_m" in said and "N·s/m" in said
     assert "  parameter                default  unit     meaning\n" in said
     assert "A swatch gives the parameters where it names them, and always the stiffness_N_m" in said
+    assert "of the scene: settings={'guide': {…}} takes its parameters, points_m, normal, bodies\n" in said
     assert main(["plugins", "--json"]) == 0
     listed = {item["name"]: item for item in json.loads(capsys.readouterr().out)}
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(listed)
+    assert (listed["wall"]["scope"], listed["guide"]["scope"]) == ("contact", "scene")
+    assert listed["guide"]["arrays"] == ["points_m", "normal"]
     assert all(
         {"name", "unit", "default", "minimum", "maximum", "meaning"} == set(p) for p in listed["wall"]["parameters"]
     )
@@ -384,6 +396,9 @@ def test_real_meshes_are_touched(
     [
         (["--swatch", "oka"], "no swatch 'oka'"),
         (["--effects", "wal"], "no effect 'wal'"),
+        (["--effects", "wall", "--set", "weight.mass_kg=1"], "effect of the scene that --effects names"),
+        (["--effects", "weight", "--set", "weight.mass_kg=-1"], "mass_kg of effect 'weight' is -1 kg"),
+        (["--effects", "weight", "--set", "weight.mas_kg=1"], "no setting 'mas_kg'"),
         (["--hand", "strok"], "no gesture 'strok'; there are: circle, explore, follow,"),
         (["--hand", "stroke", "--device", "omi"], "no device 'omi'"),
         (["--hand", "stroke", "--device", "ideal"], "no mass to move"),

@@ -2,6 +2,7 @@
 
 import argparse
 import inspect
+import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -291,6 +292,17 @@ seed = whole("a seed", 0)
 force = number("a force is a number of N")
 rate = number("a rate is a number of Hz", above=0.0)
 seconds = number("a duration is a number of seconds", above=0.0)
+
+
+def setting(text: str) -> tuple[str, str, Any]:
+    """An effect's setting as in "weight.mass_kg=0.2" or "guide.points_m=[[0, 0, 0.1]]": effect, name, value."""
+    where, equals, value = text.partition("=")
+    effect, dot, name = where.strip().partition(".")
+    if not (effect and dot and name and equals and value.strip()):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}: expected EFFECT.NAME=VALUE, as in weight.mass_kg=0.2")
+    with suppress(ValueError, RecursionError):
+        return effect, name, json.loads(value)
+    return effect, name, value.strip()  # the name of a body
 
 
 # The options that say what a recording file does not: its rate, its columns, its units.

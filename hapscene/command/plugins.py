@@ -32,6 +32,9 @@ def _plugins(options: argparse.Namespace) -> int:
             tell([*lines, f"  cannot be used: {item.error}"])
             continue
         lines.append(f"  {item.effect.summary}")
+        if item.effect.scope == "scene":
+            more = "".join(f", {name}" for name in (*item.effect.arrays, "bodies"))
+            lines.append(f"  of the scene: settings={{{item.name!r}: {{…}}}} takes its parameters{more}")
         if item.effect.params:
             lines.append(f"  {'parameter':<24} {'default':<8} {'unit':<8} meaning")
         rows = (
@@ -42,7 +45,8 @@ def _plugins(options: argparse.Namespace) -> int:
         print("no effect is installed: is hapscene itself installed?")
         return 0
     print("\nA swatch gives the parameters where it names them, and always the stiffness_N_m that all effects share;")
-    print("`hapscene swatch show NAME` tells them.")
+    print("`hapscene swatch show NAME` tells them. Effects of the scene belong to no swatch: Renderer(settings={…}),")
+    print("or `hapscene touch SCENE --effects wall,weight --set weight.mass_kg=0.2`.")
     return 0
 
 
@@ -50,7 +54,7 @@ def _described(item: Any) -> dict[str, Any]:
     """One effect as JSON; a bound that is infinite is null."""
     described = {key: getattr(item, key) for key in ("name", "distribution", "version", "module", "error")}
     if item.effect is not None:
-        described["summary"] = item.effect.summary
+        described |= {"summary": item.effect.summary, "scope": item.effect.scope, "arrays": list(item.effect.arrays)}
         keys = ("name", "unit", "default", "minimum", "maximum", "meaning")
         described["parameters"] = [
             {key: None if (value := getattr(param, key)) in (math.inf, -math.inf) else value for key in keys}

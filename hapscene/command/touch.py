@@ -1,7 +1,7 @@
 """`hapscene touch` and `hapscene demo`."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +17,7 @@ from hapscene.command.options import (
     load_input,
     rate,
     seed,
+    setting,
     whole,
 )
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
@@ -35,6 +36,10 @@ def add_touch(commands: Any) -> None:
     add_out_folder(command, None, "out/NAME, as out/bunny")
     add_mesh_options(command)
     command.add_argument("--effects", metavar="A,B,…", help="effects to sum; `hapscene plugins` lists them")
+    command.add_argument(
+        "--set", type=setting, action="append", default=[], metavar="EFFECT.NAME=VALUE", dest="settings",
+        help="of an effect of the scene: weight.mass_kg=0.2, guide.points_m=[[0,0,0.1]]; may stand several times",
+    )  # fmt: skip
     command.add_argument("--seed", type=seed, default=0, help="of what effects draw at random (default 0)")
     command.add_argument(
         "--rate",
@@ -70,6 +75,7 @@ def _touch(options: argparse.Namespace) -> int:
     for example:
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand
+      hapscene touch demo.scene.json --effects wall,weight --set weight.mass_kg=0.2
       hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke
     """
     check_scene(options.scene, options.unit, options.swatch)
@@ -79,12 +85,16 @@ def _touch(options: argparse.Namespace) -> int:
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
     if effects == []:
         raise EffectError("--effects names none; `hapscene plugins` lists them")
+    settings: dict[str, dict[str, Any]] = {}
+    for effect, name, value in options.settings:
+        settings.setdefault(effect, {})[name] = value
     _check_hand(options)
     if options.view:
         from hapscene.view.window import check_display
 
         check_display()  # before minutes are spent
     _check_names(options, effects or ())
+    _check_settings(settings, effects or ())
     from hapscene.motion.path_file import load_path
     from hapscene.touch import step, touch
 
@@ -93,7 +103,7 @@ def _touch(options: argparse.Namespace) -> int:
         options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
     )
     if options.hand is not None:
-        return _touch_by_hand(options, scene, effects, p_WT)
+        return _touch_by_hand(options, scene, effects, settings, p_WT)
     if p_WT is None:
         from hapscene.motion.hand_path import explore
 
@@ -105,6 +115,7 @@ def _touch(options: argparse.Namespace) -> int:
         p_WT,
         t_s=t_s,
         effects=effects,
+        settings=settings,
         seed=options.seed,
         a_rate_Hz=options.rate,
         title=Path(options.scene).name,
@@ -169,7 +180,19 @@ def _check_names(options: argparse.Namespace, effects: Iterable[str]) -> None:
             raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
 
 
-def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
+def _check_settings(settings: Mapping[str, Mapping[str, Any]], effects: Sequence[str]) -> None:
+    """Refuse, as early, what can be judged without the scene."""
+    from hapscene.surface.effect_registry import load_effect
+    from hapscene.surface.field_settings import field_setting
+
+    for name, given in settings.items():
+        effect = load_effect(name)
+        if name not in effects or effect.scope != "scene":
+            raise EffectError(f"--set {name}: give it to an effect of the scene that --effects names")
+        field_setting(effect, {key: value for key, value in given.items() if key != "bodies"}, (), ACCELERATION_RATE_HZ)
+
+
+def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settings: Any, p_WT: Any) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
@@ -191,6 +214,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
             scene,
             held,
             effects=effects or EFFECTS,
+            settings=settings,
             seed=options.seed,
             a_rate_Hz=options.rate,
             limits=limits_of(device, TICK_S, options.delay),

@@ -6,10 +6,10 @@ where the proxy is now, the last face it crossed is met from that side.
 
 from typing import Any
 
+from hapscene.constants import PASSED_MAX
 from hapscene.contact.embree import first_face
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.triangle import corners, plane, to_body, to_body_before
-from hapscene.contact.world import PASSED_MAX
 from hapscene.geometry import Vector, dot, norm, sub
 from hapscene.native import native
 

@@ -8,7 +8,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import NEAR_MAX, SKIN_RATIO, SKIN_RATIO_MIN
+from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.native import native
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
-
-PASSED_MAX: Final = 8
-"""Most bodies that the tool can be let into at once [count]; one more holds as before."""
 
 SLOTS: Final = ASIDE + 6
 """Slots for planes in all. About a vertex of a scan lie 6 faces."""

@@ -113,7 +113,7 @@ class Servo:
         scene: what is there.
         device: what the hand holds: a name, which brings its limits along, or a simulated device, as `Twin` has it.
         tick_s, a_rate_Hz: as `Renderer` has them.
-        made: more arguments of `Twin`: effects, seed, limits, handle, compensator, X_WD.
+        made: more arguments of `Twin`: effects, settings, seed, limits, handle, compensator, X_WD.
 
     Use it as a context: memory is taken and the process starts on entry; both end on exit, and with the application,
     however that ends. Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's

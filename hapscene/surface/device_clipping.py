@@ -30,7 +30,7 @@ Numbers = dict[tuple[int, str], float]
 
 @dataclass(frozen=True)
 class Clip:
-    """A number of a swatch that the device does not take.
+    """A number of a swatch, or of an effect of the scene, that the device does not take.
 
     Attributes:
         swatch: its name.
@@ -39,6 +39,7 @@ class Clip:
         given: what it is rendered with.
         device: what messages call the device.
         rate_Hz: of the tick.
+        whose: "swatch" or "effect".
     """
 
     swatch: str
@@ -47,6 +48,7 @@ class Clip:
     given: float
     device: str
     rate_Hz: float
+    whose: str = "swatch"
 
     @property
     def reported(self) -> bool:
@@ -58,11 +60,11 @@ class Clip:
         rate = f"{self.rate_Hz / 1000.0:g} kHz"
         if self.given > self.asked:
             needs = f"{self.number} of {self.asked:.3g} {unit} is too little for the {self.device} at {rate}"
-            return f"swatch {self.swatch!r}: {needs}: rendered with {self.given:.3g} {unit}"
+            return f"{self.whose} {self.swatch!r}: {needs}: rendered with {self.given:.3g} {unit}"
         what = "" if self.number == STIFFNESS else f"{self.number} of "
         holds = f"is more than the {self.device} holds at {rate} ({_figure(self.given)} {unit})"
         return (
-            f"swatch {self.swatch!r}: {what}{_figure(self.asked)} {unit} {holds}: "
+            f"{self.whose} {self.swatch!r}: {what}{_figure(self.asked)} {unit} {holds}: "
             f"rendered at {_figure(self.given)} {unit}"
         )
 
@@ -120,12 +122,18 @@ class Fit:
 
     def clips(self, swatch: int) -> list[Clip]:
         """Where what a swatch is given is not what it asks for."""
-        asked, taken = self.asked[swatch], self.given[swatch]
-        return [
-            Clip(self.names[swatch], name, value, taken[effect, name], self._limits.device, 1.0 / self._tick_s)
-            for (effect, name), value in asked.items()
-            if taken[effect, name] != value
-        ]
+        return clips(self.names[swatch], self.asked[swatch], self.given[swatch], self._limits, self._tick_s)
+
+
+def clips(
+    name: str, asked: Numbers, taken: Numbers, limits: Limits, tick_s: float, whose: str = "swatch"
+) -> list[Clip]:
+    """Where what somebody is given is not what it asks for."""
+    return [
+        Clip(name, number, value, taken[effect, number], limits.device, 1.0 / tick_s, whose)
+        for (effect, number), value in asked.items()
+        if taken[effect, number] != value
+    ]
 
 
 def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, float]) -> Numbers:

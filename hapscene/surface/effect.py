@@ -25,6 +25,7 @@ An effect of the scene (`scope="scene"`), a field or a fixture, belongs to no sw
 what it adds is felt by the hand alone, not by the body that is touched. Its parameters are set by
 `Renderer(settings={name: {…}})`. Its `table` begins with poses, 12 numbers each (R_WB row by row, p_WB in metres): of
 the bodies that its setting `bodies` names, or, where it names none, once that of W itself.
+`hapscene.surface.field_frame` has what ours share.
 """
 
 import math

@@ -21,7 +21,7 @@ def render(surface: Any) -> int:
     until the next reset, and the others go on.
     """
     touch, total = surface.touch[0], surface.total[0]
-    _clear(total, touch.block)
+    _clear(total, touch)
     total.release = 0
     flags = 0
     if touch.swatch >= 0:
@@ -53,8 +53,7 @@ def _call(surface: Any, e: int, swatch: int) -> int:
     touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
     if surface.muted[e] != 0:
         return _MUTED
-    block = touch.block
-    _clear(part, block)
+    _clear(part, touch)
     part.release = 0
     table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
     call_effect(
@@ -67,12 +66,14 @@ def _call(surface: Any, e: int, swatch: int) -> int:
         surface.state_start[e],
         part,
     )
-    if not _finite(part, block):
+    if not _finite(part, touch):
         surface.muted[e] = 1
         return _MUTED
     for i in range(3):
         total.f_W_N[i] += part.f_W_N[i]
-    for i in range(block):
+        for k in range(touch.inside):
+            total.f_inside_W_N[k, i] += part.f_inside_W_N[k, i]
+    for i in range(touch.block):
         total.a_m_s2[i] += part.a_m_s2[i]
     total.release |= part.release
     return 0
@@ -117,17 +118,22 @@ def limit(surface: Any) -> int:
 
 
 @native
-def _clear(out: Any, block: int) -> None:
+def _clear(out: Any, touch: Any) -> None:
     for i in range(3):
         out.f_W_N[i] = 0.0
-    for i in range(block):
+        for k in range(touch.inside):
+            out.f_inside_W_N[k, i] = 0.0
+    for i in range(touch.block):
         out.a_m_s2[i] = 0.0
 
 
 @native
-def _finite(out: Any, block: int) -> bool:
+def _finite(out: Any, touch: Any) -> bool:
     """Whether all an effect added is finite: one NaN or infinity makes the sum of zeros NaN."""
     check = 0.0 * out.f_W_N[0] + 0.0 * out.f_W_N[1] + 0.0 * out.f_W_N[2]
-    for i in range(block):
+    for i in range(touch.block):
         check += 0.0 * out.a_m_s2[i]
+    for k in range(touch.inside):
+        for i in range(3):
+            check += 0.0 * out.f_inside_W_N[k, i]
     return bool(check == 0.0)

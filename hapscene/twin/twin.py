@@ -39,7 +39,7 @@ class Twin:
         compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
         nominal: the handle that the compensator takes it for; else the same.
         X_WD: (4, 4) where an Omni stands in W; else its workspace is centred on the first intention.
-        effects, seed, tick_s, a_rate_Hz, limits: as `Renderer` has them.
+        effects, seed, tick_s, a_rate_Hz, limits, settings: as `Renderer` has them.
         delay_ticks: how many ticks later a force goes out: 0 for a loop that writes in the tick in which it read.
 
     Attributes:
@@ -66,6 +66,7 @@ class Twin:
         compensator: str = "adaptive",
         nominal: Plant | None = None,
         X_WD: ArrayLike | None = None,
+        settings: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
             raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
@@ -74,7 +75,9 @@ class Twin:
         self.device = simulated_device(device)
         if limits is None and not isinstance(device, PointMass | Omni):
             limits = limits_of(device, tick_s, delay_ticks)
-        self.renderer = Renderer(scene, effects, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, limits=limits)
+        self.renderer = Renderer(
+            scene, effects, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, limits=limits, settings=settings
+        )
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD
         self._seed = seed

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.contact.world import PASSED_MAX
+from hapscene.constants import PASSED_MAX
 from hapscene.records import TOUCH
 from hapscene.surface.effect import Effect, State
 from hapscene.surface.swatch import Swatch

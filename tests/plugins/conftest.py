@@ -15,6 +15,7 @@ from hapscene.dsp.noise import seeded_state
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import call_effect, compile_effect
+from hapscene.surface.field_settings import field_setting
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
@@ -52,22 +53,27 @@ def interpreted(function: Any) -> Callable[..., Any]:
 
 @dataclass
 class Bench:
-    """One effect with the parameters of one swatch, overruled by `params`. State lasts from call to call."""
+    """One effect with the parameters of one swatch, overruled by `params`. State lasts from call to call.
+
+    An effect of the scene has `settings` in the place of the swatch; it stands in W.
+    """
 
     effect: Effect
     swatch: Swatch = PLAIN
     seed: int = 0
     rate_Hz: float = 10_000.0
     params: Any = ()
+    settings: Any = ()
 
     def __post_init__(self) -> None:
         effect = self.effect
         self.p = np.zeros(1, effect.param_dtype)
         for param in effect.params:
             self.p[param.name] = self.swatch.parameter(effect.name, param.name, param.default)
-        for name, value in dict(self.params).items():
+        field = field_setting(effect, dict(self.settings), (), self.rate_Hz) if effect.scope == "scene" else None
+        for name, value in {**(field.numbers if field else {}), **dict(self.params)}.items():
             self.p[name] = value
-        self.table = self.table_of(self.swatch)
+        self.table = field.table if field else self.table_of(self.swatch)
         self.s = np.zeros(1, effect.state_dtype)
         for state in effect.state:
             if state.seeded:
@@ -108,7 +114,7 @@ def make_texture(seed: int = 0, order: int = 20, rate_Hz: float = 10_000.0) -> T
 
 
 def make_swatch(seed: int = 0, order: int = 20, **fields: Any) -> Swatch:
-    """A swatch with everything: friction, texture, taps."""
+    """A swatch with everything: friction, texture, taps; it breaks."""
     taps = Taps(np.array([0.05, 0.3]), np.array([5.0, 30.0]), np.array([180.0, 260.0]), np.array([70.0, 90.0]))
     given = dict(
         damping_Ns_m=0.5,
@@ -116,6 +122,7 @@ def make_swatch(seed: int = 0, order: int = 20, **fields: Any) -> Swatch:
         friction_dynamic=0.3,
         texture=make_texture(seed, order),
         taps=taps,
+        effects={"puncture": {"puncture_force_N": 0.5}},
     )
     return Swatch("made up", **{**given, **fields})
 

@@ -1,19 +1,37 @@
-"""What every effect must keep to, ours or anybody's: run over all that are installed.
+"""What every effect must keep to, ours or anybody's: run over all that are shipped or installed, of both scopes.
 
 Compiled and interpreted agree to rounding (to the bit where no sine or exponential is taken: those of the
 compiled code and of Python may differ in the last bit).
 """
 
 import keyword
+import pkgutil
+import tomllib
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import hapscene_plugins.effects
+from hapscene.constants import PASSED_MAX
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect_registry import listed
 
-EFFECTS = [pytest.param(entry.effect, id=name) for name, entry in listed().items() if entry.effect]
+SHIPPED = {
+    name: import_module(f"hapscene_plugins.effects.{name}").EFFECT
+    for _, name, _ in pkgutil.iter_modules(hapscene_plugins.effects.__path__)
+}
+EFFECTS = [
+    pytest.param(effect, id=name)
+    for name, effect in {**{name: entry.effect for name, entry in listed().items()}, **SHIPPED}.items()
+    if effect
+]
+LINE = [[0.0, 0.0, 0.0], [0.003, 0.0, 0.0], [0.003, 0.004, 0.0]]
+SETTINGS = {"guide": {"points_m": LINE}, "magnet": {"points_m": LINE}, "viscosity": {"center_m": LINE[0]}}
+"""Of effects of the scene: where the walks are."""
 UNITS = {
+    "kg": "kg",
     "m": "m",
     "s": "s",
     "N": "N",
@@ -26,6 +44,12 @@ UNITS = {
 LARGE = 1e6
 
 
+@pytest.fixture(scope="session")
+def bench(bench):
+    """One whose effects of the scene are set."""
+    return lambda effect, swatch, **more: bench(effect, swatch, settings=SETTINGS.get(effect.name, ()), **more)
+
+
 def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
     """A random path of contacts as the framework would describe it: consistent flags, all else at random."""
     rng = np.random.default_rng(seed)
@@ -36,6 +60,8 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
     depth = rng.exponential(1e-3 * large, count) * touching
     slip = rng.normal(0, 1e-4 * large, (count, 3)) * touching[:, None]
     slip -= np.einsum("ni,ni->n", slip, nhat)[:, None] * nhat
+    v = rng.normal(0, 0.1 * large, (count, 3))
+    turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     return ticks(
         count,
         touching=touching,
@@ -50,9 +76,13 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         slip_m_s=np.linalg.norm(slip, axis=1) / 1e-3,
         normal_force_N=500.0 * depth,
         force_N=500.0 * depth * rng.random(count),
-        p_WT_m=rng.normal(size=(count, 3)),
+        p_WT_m=np.cumsum(1e-3 * v, axis=0),
         p_WP_m=rng.normal(size=(count, 3)),
-        v_WT_m_s=rng.normal(0, 0.1 * large, (count, 3)),
+        v_WT_m_s=v,
+        body=np.where(touching, np.arange(count) // 40 % 3, -1),
+        inside=np.repeat(rng.integers(0, 3, count // 20), 20),
+        inside_body=np.where(rng.random((count, 1)) > 0.1, np.arange(PASSED_MAX), np.arange(PASSED_MAX)[::-1]),
+        inside_X_WB=np.concatenate((turned.ravel(), large * rng.normal(0, 1e-3, 3))),
     )
 
 
@@ -71,6 +101,13 @@ def test_ours_are_all_listed():
     names = listed()
     assert {"friction", "lpc_texture", "tap", "wall"} <= set(names)
     assert not [entry.error for entry in names.values() if entry.error]
+
+
+def test_each_shipped_file_is_an_entry_point():
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    points = {name: f"hapscene_plugins.effects.{name}:EFFECT" for name in SHIPPED}
+    assert project["entry-points"]["hapscene.effects"] == points
+    assert [effect.name for effect in SHIPPED.values()] == list(SHIPPED)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -140,8 +177,14 @@ def test_finite_at_the_corners(effect, bench, ticks, swatch_of):
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_silent_after_reset_in_the_air(effect, bench, ticks, swatch_of):
-    out = bench(effect, swatch_of()).run(ticks(20, touching=0, swatch=-1, body=-1))
-    assert not any(out[name].any() for name in OUTPUT.names)
+    """One of the scene begins there: with less than a twentieth of what it comes to."""
+    rows = ticks(1000, touching=0, swatch=-1, body=-1, p_WT_m=(0.002, 0.001, 0.003))
+    out = bench(effect, swatch_of()).run(rows)
+    if effect.scope == "scene":
+        size_N = np.linalg.norm(out["f_W_N"], axis=1)
+        assert size_N[0] <= 0.05 * size_N[-1]
+    else:
+        assert not any(out[name].any() for name in OUTPUT.names)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -167,4 +210,4 @@ def test_walks_cover_the_fields(ticks):
     """A field that the walks leave at zero would be untested: say so when one is added."""
     rows = walk(ticks, 0)
     left = {name for name in TOUCH.names if not rows[name].any()}
-    assert left <= {"body", "face", "swatch", "bary", "inside"}  # the last: tests/contact/test_passing.py
+    assert left <= {"face", "swatch", "bary"}

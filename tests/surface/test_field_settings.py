@@ -123,6 +123,27 @@ def test_what_it_cannot_be_set_to_is_refused(setting, says):
         renderer(**setting)
 
 
+def test_a_device_softens_its_springs_and_says_so():
+    def on(device, **setting):
+        return hapscene.Renderer(
+            scene(), [PULL], device=device, settings={"pull": {"points_m": [[0, 0, 0.1]], **setting}}
+        )
+
+    soft = hapscene.device.PointMass(0.05, 0.01)  # holds 2 b/T = 20 N/m, by a margin of 2
+    with pytest.warns(hapscene.device.DeviceWarning, match="swatch"):
+        r = on(soft)
+    assert {clip.whose for clip in r.clips} == {"swatch"}
+    with pytest.warns(hapscene.device.DeviceWarning, match="effect 'pull': 50 N/m is more than the point mass holds"):
+        r.tune_field("pull", stiffness_N_m=50.0)
+    (clip,) = (clip for clip in r.clips if clip.whose == "effect")
+    assert (clip.swatch, clip.number, clip.asked) == ("pull", "stiffness_N_m", 50.0)
+    r.repaint(scene())
+    np.testing.assert_allclose(r.step((0.0, 0.01, 0.3)).f_W_N, clip.given * np.array([0.0, -0.01, -0.2]), atol=1e-12)
+    assert clip.given == pytest.approx(10.0, rel=0.01)
+    with pytest.warns(hapscene.device.DeviceWarning, match="and 2 more, see Renderer.clips"):
+        on(soft, stiffness_N_m=60.0)
+
+
 def test_a_scope_is_one_of_two():
     with pytest.raises(EffectError, match="its scope is 'contact' or 'scene', not 'world'"):
         Effect("x", "", _pull, scope="world")  # type: ignore[arg-type]

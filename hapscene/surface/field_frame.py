@@ -1,0 +1,89 @@
+"""What effects of the scene share: the frame they stand in, how their force begins and ends, what they are set to.
+
+The frame F is that of the first body that the setting `bodies` names, or W. Own numbers of a table lie behind all
+poses.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import EffectError
+from hapscene.geometry import Vector
+from hapscene.native import native
+
+POINT_MAX: Final = 1000
+"""Most points of a field [count]: each is looked at in every tick, at about 5 ns."""
+
+EASE_S: Final = 0.05
+"""How long a field takes to rise after a reset [s]: at 0 a tool that starts inside one is kicked."""
+
+
+@native
+def to_frame(table: Any, p_W: Any) -> Vector:
+    """A point of W in F."""
+    x, y, z = p_W[0] - table[9], p_W[1] - table[10], p_W[2] - table[11]
+    return (
+        table[0] * x + table[3] * y + table[6] * z,
+        table[1] * x + table[4] * y + table[7] * z,
+        table[2] * x + table[5] * y + table[8] * z,
+    )
+
+
+@native
+def turn(table: Any, v_F: Vector) -> Vector:
+    """A vector of F in W."""
+    x, y, z = v_F
+    return (
+        table[0] * x + table[1] * y + table[2] * z,
+        table[3] * x + table[4] * y + table[5] * z,
+        table[6] * x + table[7] * y + table[8] * z,
+    )
+
+
+@native
+def add_force(out: Any, table: Any, size: float, f_F: Vector) -> None:
+    """Add `size` times a vector of F to the force in W."""
+    f = turn(table, f_F)
+    for i in range(3):
+        out.f_W_N[i] += size * f[i]
+
+
+@native
+def fade(ratio2: float) -> float:
+    """(1 − q²)² by q² = (d/r)²: 1 at a field's middle, 0 from its reach r on, without a kink.
+
+    A spring of stiffness K so faded pulls with K d (1 − q²)², the gradient of K r²/6 (1 − (1 − q²)³); nowhere is it
+    stiffer than K, and it pulls hardest at d = r/√5.
+    """
+    return float((1.0 - ratio2) ** 2) if ratio2 < 1.0 else 0.0
+
+
+FADED_MOST: Final = 16.0 / 25.0 / math.sqrt(5.0)
+"""Largest force of a faded spring over K r [1], at d = r/√5."""
+
+
+@native
+def eased(touch: Any) -> float:
+    """Share of a field's force since the last reset [1]: 0 in the first tick, 1 after `EASE_S`."""
+    return float(min(1.0, touch.tick * touch.tick_s / EASE_S))
+
+
+def field_array(effect: str, settings: Mapping[str, Any], name: str, rows: str) -> NDArray[np.float64]:
+    """The rows of three that a setting gives, (n, 3); `rows` says what is expected where they are none.
+
+    Raises:
+        EffectError: no rows of three finite numbers, or more than `POINT_MAX`.
+    """
+    try:
+        array = np.atleast_2d(np.asarray(settings[name], np.float64))
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0 or not np.isfinite(array).all():
+        raise EffectError(f"effect {effect!r} needs {name}, {rows}: settings={{{effect!r}: {{{name!r}: [[x, y, z]]}}}}")
+    if len(array) > POINT_MAX:
+        raise EffectError(f"effect {effect!r}: {name} are {len(array):,}; expected at most {POINT_MAX:,}")
+    return array

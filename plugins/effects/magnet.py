@@ -1,0 +1,53 @@
+"""Magnets: the tool snaps to points.
+
+    f = −Σ K d_i (1 − (d_i/r)²)²    over the points nearer than the reach r [m],    K = F / (0.286 r)
+
+d_i [m] leads from point i to the tool; F [N] is the strength, the largest force of one point, at r/√5 from it. Its
+potential is the sum of K r²/6 (1 − (1 − (d_i/r)²)³): smooth, of finite reach, the same on the way in as on the way out,
+so no path gives energy, and nothing sticks that was not pulled. Points closer than r to each other share wells.
+
+`points_m` (n, 3) are in F: the first named body, or W. The well is as stiff as a wall of K, 3.5 F/r, and needs as much
+damping from hand and device: more than K T/2 at period T.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.geometry import dot, sub
+from hapscene.surface.effect import Effect, Param
+from hapscene.surface.field_frame import FADED_MOST, add_force, eased, fade, field_array, to_frame
+
+
+def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
+    """Add the pull of the points [N]."""
+    tool, reach2 = to_frame(table, touch.p_WT_m), p.reach_m * p.reach_m
+    stiffness = eased(touch) * p.strength_N / (FADED_MOST * p.reach_m)
+    count = int(table[len(table) - 1])
+    for at in range(len(table) - 1 - 3 * count, len(table) - 1, 3):
+        away = sub(tool, (table[at], table[at + 1], table[at + 2]))
+        d2 = dot(away, away)
+        if d2 < reach2:
+            add_force(out, table, -stiffness * fade(d2 / reach2), away)
+
+
+def table(settings: Mapping[str, Any], rate_Hz: float) -> NDArray[np.float64]:
+    """The points, and how many there are."""
+    points = field_array("magnet", settings, "points_m", "(n, 3)")
+    return np.array([*points.ravel(), len(points)])
+
+
+EFFECT = Effect(
+    "magnet",
+    "Snaps the tool to points.",
+    render,
+    params=(
+        Param("strength_N", 0.5, "N", "largest force of a point", 0.0, 100.0),
+        Param("reach_m", 0.01, "m", "distance at which it begins", 1e-4, 10.0),
+    ),
+    table=table,
+    scope="scene",
+    arrays=("points_m",),
+)

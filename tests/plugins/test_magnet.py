@@ -1,0 +1,61 @@
+"""Magnets: strength and reach as set, and the gradient of a potential."""
+
+import numpy as np
+import pytest
+
+from hapscene.errors import EffectError
+from hapscene_plugins.effects.magnet import EFFECT
+
+POINTS = np.array([(0.0, 0.0, 0.0), (0.008, 0.0, 0.0), (0.0, 0.1, 0.0)])
+F, R = 0.5, 0.01
+K = F * 25.0 * np.sqrt(5.0) / (16.0 * R)
+
+
+def forces(bench, ticks, p, points=POINTS):
+    rows = ticks(len(p), p_WT_m=p, touching=0)
+    rows["tick"] += 1000
+    return bench(EFFECT, settings={"points_m": points}).run(rows)["f_W_N"]
+
+
+def test_it_pulls_hardest_by_its_strength_and_ends_at_its_reach(bench, ticks):
+    d = np.linspace(0.0, 0.012, 1201)
+    f = forces(bench, ticks, np.outer(d, (0.0, 0.6, 0.8)), POINTS[:1])
+    pull_N = -f @ (0.0, 0.6, 0.8)
+    np.testing.assert_allclose(pull_N, K * d * np.maximum(0.0, 1.0 - (d / R) ** 2) ** 2, atol=1e-15)
+    assert pull_N.max() == pytest.approx(F, rel=1e-5) and d[pull_N.argmax()] == pytest.approx(R / np.sqrt(5), rel=2e-3)
+    assert not pull_N[d > R].any()
+
+
+def test_work_is_what_the_potential_loses_whatever_the_path(bench, ticks):
+    """Between places chosen at random, by ways that bend through the wells of two magnets that overlap."""
+
+    def potential_J(p):
+        y = np.maximum(0.0, 1.0 - ((p - POINTS) ** 2).sum(axis=1) / R**2)
+        return -(K * R**2 / 6.0 * y**3).sum()
+
+    rng = np.random.default_rng(1)
+    way = np.linspace(0.0, 1.0, 20_001)[:, None]
+    for _ in range(5):
+        a, b, bend = rng.normal((0.004, 0.0, 0.0), 0.005, (3, 3))
+        p = a + way * (b - a) + np.sin(np.pi * way) * bend
+        work_J = (forces(bench, ticks, 0.5 * (p[1:] + p[:-1])) * np.diff(p, axis=0)).sum()
+        assert work_J == pytest.approx(potential_J(a) - potential_J(b), abs=1e-10)
+
+
+def test_the_way_out_is_the_way_in(bench, ticks):
+    p = np.column_stack((np.linspace(-0.02, 0.02, 401), np.full((401, 2), 0.001)))
+    f = forces(bench, ticks, np.vstack((p, p[::-1])))
+    assert f[:401].tobytes() == f[:400:-1].tobytes() and np.abs(f).max() > 0.4
+
+
+def test_it_stands_in_the_frame_of_its_body(bench, ticks):
+    one = bench(EFFECT, settings={"points_m": POINTS[2:]})
+    one.table[:12] = [0, -1, 0, 1, 0, 0, 0, 0, 1, 0.5, 0.0, 0.0]  # its point is at (0.4, 0, 0) of W
+    rows = ticks(1, p_WT_m=(0.4, 0.005, 0.0))
+    rows["tick"] = 1000
+    np.testing.assert_allclose(one.run(rows)["f_W_N"][0], (0.0, -K * 0.005 * 0.75**2, 0.0), atol=1e-12)
+
+
+def test_without_points_it_is_refused(bench):
+    with pytest.raises(EffectError, match=r"'magnet' needs points_m, \(n, 3\)"):
+        bench(EFFECT)
