@@ -3,14 +3,13 @@
 import importlib.util
 import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.bridge.mujoco_geom import geom_mesh
-from hapscene.bridge.simulation import Bridge
+from hapscene.bridge.simulation import Bridge, crosses
 from hapscene.errors import SceneError, no_such, warn
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
@@ -20,15 +19,22 @@ if TYPE_CHECKING:
     from hapscene.moving_bodies import MovingBodies
     from hapscene.recording import Recording
     from hapscene.renderer import Command, Renderer
+    from hapscene.twin.hand_intent import Intent
+    from hapscene.twin.twin import Twin
+    from hapscene.twin.twin_recording import Feel
 
 Array = NDArray[np.float64]
 
 
-def load_mujoco(path: str | os.PathLike[str]) -> tuple[Any, Any]:
-    """A model from its MJCF or URDF file, and its data at the start.
+def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | None = None) -> "MuJoCo":
+    """A model from its MJCF or URDF file, at its start.
+
+    Args:
+        path: the file.
+        swatches: see `MuJoCo`.
 
     Raises:
-        SceneError: MuJoCo is not installed, or does not take the file.
+        SceneError: MuJoCo is not installed, or does not take the file; what `MuJoCo` refuses.
     """
     _check_installed(f"{os.fspath(path)}: ")
     import mujoco
@@ -37,7 +43,7 @@ def load_mujoco(path: str | os.PathLike[str]) -> tuple[Any, Any]:
         model = mujoco.MjModel.from_xml_path(os.fspath(path))
     except ValueError as error:
         raise SceneError(f"{os.fspath(path)}: MuJoCo says {' '.join(str(error).split())!r}") from None
-    return model, mujoco.MjData(model)
+    return MuJoCo(model, mujoco.MjData(model), swatches)
 
 
 def _check_installed(where: str) -> None:
@@ -79,7 +85,7 @@ class MuJoCo:
 
         self.model, self.data = model, data
         self.step_s = float(model.opt.timestep)
-        mujoco.mj_kinematics(model, data)
+        mujoco.mj_forward(model, data)
         self.scene, self._index = _scene(model, data, dict(swatches or {}), visual)
         self.names = tuple(self._index)
         self._bodies = np.array(list(self._index.values()), np.intp)
@@ -108,6 +114,10 @@ class MuJoCo:
     def run(self, renderer: "Renderer", p_WT: ArrayLike) -> "Recording":
         """Touch along a path (n, 3) [m], a position per tick, while MuJoCo goes on: see `Bridge.run`."""
         return self._bridge.run(renderer, p_WT)
+
+    def live(self, twin: "Twin", intent: "Intent") -> "Feel":
+        """Live through an intention of a hand in closed loop, while MuJoCo goes on: see `Bridge.live`."""
+        return self._bridge.live(twin, intent)
 
     # For a loop of one's own: poses, ticks, apply, mj_step.
 
@@ -178,7 +188,8 @@ class MuJoCo:
         self._theirs = data.xfrc_applied.copy()
         force, torque = wrench_W[:, :3], wrench_W[:, 3:]
         data.xfrc_applied[bodies, :3] += force  # at the centre of mass
-        data.xfrc_applied[bodies, 3:] += torque - np.cross(data.xipos[bodies] - data.xpos[bodies], force)
+        data.xfrc_applied[bodies, 3:] += torque
+        data.xfrc_applied[bodies, 3:] -= (crosses(data.xipos[bodies] - data.xpos[bodies]) @ force[:, :, None])[:, :, 0]
         self._ours = data.xfrc_applied.copy()
 
     def _take_out(self) -> None:
@@ -189,9 +200,7 @@ class MuJoCo:
             self._ours = None
 
 
-def _scene(
-    model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool
-) -> tuple[Scene, dict[str, int]]:
+def _scene(model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
     """A scene of a model's geoms, and the bodies of it that can move: their numbers in the model."""
     import mujoco
 

@@ -15,6 +15,7 @@ from hapscene.command.options import (
     check_scene,
     check_there,
     load_input,
+    loading,
     rate,
     seed,
     whole,
@@ -28,7 +29,11 @@ HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "
 
 def add_touch(commands: Any) -> None:
     command = add_command(commands, "touch", _touch)
-    command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
+    command.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="a scene (.scene.json), a file that export wrote, a mesh, or a model of MuJoCo (.xml)",
+    )
     command.add_argument(
         "--path", metavar="CSV", help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above"
     )
@@ -71,6 +76,7 @@ def _touch(options: argparse.Namespace) -> int:
       hapscene touch bunny.ply --unit m --swatch wood
       hapscene touch demo.scene.json --path hand.csv --out out/hand
       hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke
+      hapscene touch table.xml --path push.csv   # a model of MuJoCo, whose bodies are pushed
     """
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.path, PathError)
@@ -86,14 +92,20 @@ def _touch(options: argparse.Namespace) -> int:
         check_display()  # before minutes are spent
     _check_names(options, effects or ())
     from hapscene.motion.path_file import load_path
-    from hapscene.touch import step, touch
+    from hapscene.touch import is_model, open_model, step, touch
 
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
-    scene = load_input(
-        options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
-    )
+    bridge = None
+    if is_model(options.scene):
+        with step(say, loading(options.scene)):
+            bridge = open_model(options.scene, options.unit, options.swatch, options.two_sided)
+        scene = bridge.scene
+    else:
+        scene = load_input(
+            options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
+        )
     if options.hand is not None:
-        return _touch_by_hand(options, scene, effects, p_WT)
+        return _touch_by_hand(options, scene, effects, p_WT, bridge)
     if p_WT is None:
         from hapscene.motion.hand_path import explore
 
@@ -111,6 +123,7 @@ def _touch(options: argparse.Namespace) -> int:
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        bridge=bridge,
     )
     name_made(made)
     _show(options, scene)
@@ -169,7 +182,7 @@ def _check_names(options: argparse.Namespace, effects: Iterable[str]) -> None:
             raise PathError("an ideal device has no mass to move; choose --device omni, phantom-1.0 or premium-1.5")
 
 
-def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any) -> int:
+def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: Any, bridge: Any) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
@@ -208,6 +221,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        bridge=bridge,
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
     name_made(made)
