@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterable
+from copy import copy
 from pathlib import Path
 from typing import Any, Final
 
@@ -110,7 +111,7 @@ def _touch(options: argparse.Namespace) -> int:
         from hapscene.motion.hand_path import explore
 
         with step(say, "no --path: a hand feels it from above"):
-            p_WT = explore(scene, TICK_S)
+            p_WT = explore(_aimed_at(scene, bridge), TICK_S)
     made = touch(
         scene,
         options.out,
@@ -196,7 +197,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     assert held is not None  # as was checked
     with step(say, f"the hand: {options.hand}"):
         intent = (
-            act(options.hand, scene, TICK_S, grip=options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+            act(options.hand, _aimed_at(scene, bridge), TICK_S, grip=options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
         )
 
     def ready() -> Twin:
@@ -227,6 +228,15 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     name_made(made)
     _show(options, scene)
     return 0
+
+
+def _aimed_at(scene: Any, bridge: Any) -> Any:
+    """What a hand goes for: of a model the bodies that move, if any do."""
+    if bridge is None or not bridge.names:
+        return scene
+    moving = copy(scene)
+    moving.bodies = [body for body in scene.bodies if body.name in bridge.names]
+    return moving
 
 
 def add_demo(commands: Any) -> None:
