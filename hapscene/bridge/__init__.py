@@ -4,11 +4,12 @@
 import hapscene
 import mujoco
 
-model = mujoco.MjModel.from_xml_path("table.xml")
+crate = '<body name="crate"><freejoint/><geom type="box" size=".05 .05 .05" mass=".2"/></body>'
+model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{crate}</worldbody></mujoco>")
 data = mujoco.MjData(model)
 bridge = hapscene.bridge.MuJoCo(model, data, swatches={"crate": "wood"})
 renderer = hapscene.Renderer(bridge.scene)
-command = bridge.step(renderer, (0.0, 0.0, 0.2))  # one step of the physics, the ticks in it, and what the tool pushes
+command = bridge.step(renderer, (0.0, 0.0, 0.06))  # a step of MuJoCo, the ticks in it, and what the tool pushes
 ```
 """
 

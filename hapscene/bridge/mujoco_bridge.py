@@ -240,7 +240,7 @@ def _scene(model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool)
         for index, swatch in enumerate(chosen):
             if swatch is not None:
                 scene.paint(body_name, swatch, mesh.group == index)
-        if model.body_weldid[body] != 0:
+        if model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0:
             moving[body_name] = body
     for name in swatches.keys() - known:
         raise SceneError(no_such("geom, material or body", name, known))

