@@ -14,6 +14,7 @@ from . import teleoperation as teleoperation
 from . import touch as touch
 from . import twin as twin
 from . import view as view
+from .contact_events import ContactEvent as ContactEvent
 from .contact_info import Contact as Contact
 from .contact_info import Impulse as Impulse
 from .errors import HapsceneError as HapsceneError

@@ -62,6 +62,7 @@ ROW: Final = np.dtype(
         ("normal_force_N", "f8"),
         ("f_W_N", "f8", (3,)),
         ("began", "i8"),
+        ("approach_m_s", "f8"),  # speed into the surface when the contact began
         ("f_body_W_N", "f8", (3,)),  # on the touched body
         ("flags", "i8"),
         ("tick_ns", "i8"),  # time of the whole tick

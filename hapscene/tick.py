@@ -124,6 +124,7 @@ def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     row.depth_m = touch.depth_m
     row.touching = touch.touching
     row.began = touch.began
+    row.approach_m_s = touch.approach_m_s
     row.body = touch.body
     row.face = touch.face
     row.swatch = touch.swatch if touch.touching == 1 else -1

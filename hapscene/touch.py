@@ -242,8 +242,9 @@ def _check_memory(count: int, tick_s: float, a_rate_Hz: float, more_B: int = 0) 
     left_B = memory_left_B()
     each_B = _TICK_B + _SAMPLE_B * tick_s * a_rate_Hz + more_B
     if count * each_B > left_B:
+        needed_MB = np.rint(count * each_B / 1e6)
         raise PathError(
-            f"the path lasts {count * tick_s:,.0f} s: what is felt takes {count * each_B / 1e6:,.0f} MB of memory, and "
+            f"the path lasts {count * tick_s:,.0f} s: what is felt takes {needed_MB:,.9g} MB of memory, and "
             f"{left_B / 1e6:,.0f} are left, enough for {left_B / each_B * tick_s:,.0f} s: cut it into shorter ones"
         )
 

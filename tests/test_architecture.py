@@ -21,6 +21,7 @@ FLOOR = (
 CORE = (
     *FLOOR,
     "contact",
+    "contact_events",
     "contact_info",
     "describe",
     "device",

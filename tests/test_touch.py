@@ -119,6 +119,8 @@ def test_a_path_that_does_not_fit_into_the_memory_is_refused_before(
     monkeypatch.setattr("hapscene.touch.memory_left_B", lambda: 2e6)
     with pytest.raises(PathError, match=r"lasts 3,600 s: .* 2 are left, enough for 2 s: cut it"):
         touch(scene, tmp_path / "out", np.zeros((3_600_000, 3)))
+    with pytest.raises(PathError, match=r"takes 5e\+299 MB of memory"):
+        touch(scene, tmp_path / "out", np.zeros((10_000, 3)), a_rate_Hz=1e303)
     assert list(tmp_path.iterdir()) == []
 
 

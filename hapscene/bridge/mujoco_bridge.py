@@ -2,11 +2,11 @@
 
 import importlib.util
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hapscene.bridge.mujoco_geom import geom_mesh
 from hapscene.bridge.simulation import Bridge, crosses
@@ -17,11 +17,7 @@ from hapscene.surface.swatch import SwatchLike
 
 if TYPE_CHECKING:
     from hapscene.moving_bodies import MovingBodies
-    from hapscene.recording import Recording
-    from hapscene.renderer import Command, Renderer
-    from hapscene.twin.hand_intent import Intent
-    from hapscene.twin.twin import Twin
-    from hapscene.twin.twin_recording import Feel
+    from hapscene.renderer import Renderer
 
 Array = NDArray[np.float64]
 
@@ -51,8 +47,11 @@ def _check_installed(where: str) -> None:
         raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")
 
 
-class MuJoCo:
+class MuJoCo(Bridge):
     """A model of MuJoCo that is touched: a body of the scene for each of its bodies that has geoms.
+
+    `step`, `run`, `live` and `teleport` are those of `Bridge`. What the tool gives the bodies is added to
+    `data.xfrc_applied` for a step, and taken out again. `mj_resetData` is seen: bodies appear where they began.
 
     Felt is the surface of each geom as MuJoCo has it, of a mesh its faces, while MuJoCo lets bodies meet by its convex
     hull. What is static is felt where it is, body "world" among it. A geom's name, or else its material's, names its
@@ -86,10 +85,9 @@ class MuJoCo:
         self.model, self.data = model, data
         self.step_s = float(model.opt.timestep)
         mujoco.mj_forward(model, data)
-        self.scene, self._index = _scene(model, data, dict(swatches or {}), visual)
-        self.names = tuple(self._index)
-        self._bodies = np.array(list(self._index.values()), np.intp)
-        self._bridge = Bridge(self)
+        self.scene, moving = _scene(model, data, dict(swatches or {}), visual)
+        self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
+        super().__init__(self)
         self._theirs, self._ours = data.xfrc_applied.copy(), None
         self._before = np.zeros((len(self.scene.bodies), 6))
         self._time_s = float(data.time)
@@ -97,27 +95,6 @@ class MuJoCo:
     def __repr__(self) -> str:
         count = len(self.names)
         return f"<MuJoCo: {count} moving {'body' if count == 1 else 'bodies'}; {self.scene!r}>"
-
-    def step(
-        self,
-        renderer: "Renderer",
-        p_WT: "ArrayLike | Callable[[], ArrayLike]",
-        each: "Callable[[Command], None] | None" = None,
-    ) -> "Command":
-        """One `mj_step`, and the ticks that fall into it: see `Bridge.step`.
-
-        What the tool gives the bodies in these ticks is added to `data.xfrc_applied` for this step, and taken out
-        again. Steps longer than a tick are predicted.
-        """
-        return self._bridge.step(renderer, p_WT, each)
-
-    def run(self, renderer: "Renderer", p_WT: ArrayLike) -> "Recording":
-        """Touch along a path (n, 3) [m], a position per tick, while MuJoCo goes on: see `Bridge.run`."""
-        return self._bridge.run(renderer, p_WT)
-
-    def live(self, twin: "Twin", intent: "Intent") -> "Feel":
-        """Live through an intention of a hand in closed loop, while MuJoCo goes on: see `Bridge.live`."""
-        return self._bridge.live(twin, intent)
 
     # For a loop of one's own: poses, ticks, apply, mj_step.
 
@@ -127,25 +104,17 @@ class MuJoCo:
         After `mj_step` alone, `data.xpos` is of the step before; this brings it up to date.
         """
         self._take_out()
-        bodies = self._bridge._bind(renderer)
+        bodies = self._bind(renderer)
         self.read(bodies.X_WB)
-        bodies.teleported[[bodies.names.index(name) for name in self._bridge._jumps]] = 1
-        self._bridge._jumps.clear()
+        bodies.teleported[[bodies.names.index(name) for name in self._jumps]] = 1
+        self._jumps.clear()
         self._before = renderer.world.impulse[bodies.index]
         return bodies
 
     def apply(self, renderer: "Renderer") -> None:
         """Add to `data.xfrc_applied` what the tool gave the bodies since `poses`, as a wrench over the next step."""
-        bodies = self._bridge._bind(renderer)
+        bodies = self._bind(renderer)
         self._put((renderer.world.impulse[bodies.index] - self._before) / self.step_s)
-
-    def teleport(self, name: str) -> None:
-        """In the next step the body appears where `data` has it, touching nothing on its way; a reset is seen as such.
-
-        Raises:
-            SceneError: no such body that moves.
-        """
-        self._bridge.teleport(name)
 
     # What a bridge needs of a simulation.
 
@@ -155,11 +124,11 @@ class MuJoCo:
 
         model, data = self.model, self.data
         if data.time < self._time_s:
-            self._bridge._jumps.update(self.names)
+            self._jumps.update(self.names)
         self._time_s = float(data.time)
         mujoco.mj_kinematics(model, data)
-        X_WB[:, :3, :3] = data.xmat[self._bodies].reshape(-1, 3, 3)
-        X_WB[:, :3, 3] = data.xpos[self._bodies]
+        X_WB[:, :3, :3] = data.xmat[self._ids].reshape(-1, 3, 3)
+        X_WB[:, :3, 3] = data.xpos[self._ids]
 
     def mobility(self, body: int) -> Array:
         """How a body gives way to a wrench (6, 6), with its joints and what is tied to it, but none of its contacts."""
@@ -170,7 +139,7 @@ class MuJoCo:
             return np.zeros((6, 6))
         jacobian, response = np.zeros((6, model.nv)), np.zeros((6, model.nv))
         mujoco.mj_comPos(model, data)
-        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self._bodies[body])
+        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self._ids[body])
         mujoco.mj_solveM(model, data, response, jacobian)
         return np.asarray(jacobian @ response.T)
 
@@ -184,7 +153,7 @@ class MuJoCo:
         self._take_out()
 
     def _put(self, wrench_W: Array) -> None:
-        data, bodies = self.data, self._bodies
+        data, bodies = self.data, self._ids
         self._theirs = data.xfrc_applied.copy()
         force, torque = wrench_W[:, :3], wrench_W[:, 3:]
         data.xfrc_applied[bodies, :3] += force  # at the centre of mass

@@ -145,7 +145,7 @@ def _fit_one(options: argparse.Namespace) -> int:
     if options.plot is not None:  # before the fit: it shows why one may fail
         write_states(parts, options.plot, [Path(path).name for path in options.recordings])
         made.append(Path(options.plot))
-    with step(say, "fitting"):
+    with step(say, "fitting"), refusing(CaptureError, ", ".join(options.recordings)):
         swatch = fit_parts(parts, options.name or Path(options.out).stem, **fit_options(options))
     files = printable(", ".join(Path(path).name for path in options.recordings))
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()

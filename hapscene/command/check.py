@@ -95,7 +95,6 @@ def _files(path: Path) -> list[Path]:
     from hapscene.scene.mesh_file import FORMATS
 
     if not path.is_dir():
-        check_there(path, MeshError, "file or folder")
         return [path]
     return sorted(
         file for file in path.iterdir() if file.suffix.lower().lstrip(".") in FORMATS and not file.name.startswith(".")
@@ -126,6 +125,7 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
+            check_there(file, MeshError, "file or folder")
             own = file.suffix.lower().lstrip(".") not in (*UNITLESS, "zip")
             mesh = load_mesh(file, None if own else options.unit, accept_damaged=options.accept_damaged)
             report = examine(mesh)

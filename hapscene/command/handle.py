@@ -56,12 +56,14 @@ def _play(options: argparse.Namespace) -> int:
     options.out = options.out or f"out/{base_name(options.file)}"
     check_out_folder(options.out)
     from hapscene.dsp.spectrogram import spectrogram_error
-    from hapscene.files import whole_folder
+    from hapscene.files import refusing, whole_folder
+    from hapscene.handle.compensator import find_compensator
     from hapscene.handle.handle_file import load_handle
     from hapscene.handle.plant import Plant
     from hapscene.handle.playback import play
     from hapscene.handle.playback_report import write_playback, write_wave
 
+    find_compensator(options.compensator)
     nominal = plant = Plant()
     if options.handle is not None:
         handle = load_handle(options.handle)
@@ -72,8 +74,9 @@ def _play(options: argparse.Namespace) -> int:
             plant = handle.plant_in(handle.grips[options.grip - 1])
     check_there(options.file, CaptureError)
     desired, rate_Hz = _desired(options)
-    played = play(desired, rate_Hz, plant, compensator=options.compensator, nominal=nominal, seed=options.seed)
-    error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
+    with refusing(HandleError, options.file):
+        played = play(desired, rate_Hz, plant, compensator=options.compensator, nominal=nominal, seed=options.seed)
+        error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
     told = f"{Path(options.file).name} by {options.compensator}: spectrogram error {100 * error:.1f} %"
     with whole_folder(options.out) as out:
         full_m_s2 = write_wave(played.acceleration_m_s2, rate_Hz, out / "felt.wav")

@@ -94,8 +94,12 @@ def _paint(options: argparse.Namespace) -> int:
                 say("open to the network: whoever has this address may paint here, and save over your files\n")
             if not options.no_browser and (opener := write_opener(page)) is not None:
                 webbrowser.open(opener.as_uri())
+            told = ""
             while True:
                 time.sleep(NAP_S)
+                if (problem := page.context.touch.problem) != told:
+                    say(f"{problem}\n" if problem else "")
+                    told = problem
         except KeyboardInterrupt:
             heard()
     if page.kept:

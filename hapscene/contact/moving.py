@@ -83,20 +83,25 @@ def _stop(body: Any) -> None:
 @native
 def _take(body: Any, X: Any) -> bool:
     """Set a body's pose from (4, 4), its rotation mended; False, and nothing set, where it is none."""
-    far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
-    row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # a transposed pose has its place there
-    off = _off(X)
-    if not (off <= MENDED and row <= MENDED and far <= REACH_MAX_M) or _determinant(X) < 0.0:  # not: NaN is neither
+    if not is_pose(X):
         return False
     R = body.R_WB
     for i in range(3):
         for j in range(3):
             R[i, j] = X[i, j]
         body.p_WB_m[i] = X[i, 3]
-    while off > EXACT:  # the error is squared each time
+    while _off(R) > EXACT:  # the error is squared each time
         _mend(R)
-        off = _off(R)
     return True
+
+
+@native
+def is_pose(X: Any) -> bool:
+    """Whether (4, 4) is a rotation, give or take what is mended, and a translation within reach."""
+    far = max(abs(X[0, 3]), abs(X[1, 3]), abs(X[2, 3]))
+    row = max(abs(X[3, 0]), abs(X[3, 1]), abs(X[3, 2]), abs(X[3, 3] - 1.0))  # a transposed pose has its place there
+    fits = _off(X) <= MENDED and row <= MENDED and far <= REACH_MAX_M  # NaN is neither
+    return bool(fits and _determinant(X) > 0.0)
 
 
 @native

@@ -44,6 +44,9 @@ XML_RATIO: Final = 25
 TIME_3MF_S: Final = (5.0, 1e-6)
 """Longest that a 3MF file may take, and more for each byte of it, unpacked [s, s/byte]: ten times what it takes."""
 
+NESTED_3MF_MAX: Final = 3_000
+"""Most steps from object to object within those of a 3MF file [count]: trimesh takes a second for 2,000 places."""
+
 PARTS_MAX_B: Final = 2_000_000_000
 """Most that is taken of a 3MF file [bytes]: what it names over and over is there over and over."""
 
@@ -321,8 +324,20 @@ def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]
 
 def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
     """In the process: the parts of a 3MF file as one, names and unit as JSON."""
-    loaded = _load(Path(where), "3mf", file.read(), None)
+    import trimesh.graph
+
+    content = file.read()
+    graph: Any = trimesh.graph
+    paths = graph.multigraph_paths  # by itself it finds 138 of 10 x 10 x 10
+    graph.multigraph_paths = lambda G, source: paths(G, source, NESTED_3MF_MAX + 2 * G.number_of_edges())
+    loaded = _load(Path(where), "3mf", content, None)
     parts = parts_of(loaded, where)
+    found, placed = sum(len(part.faces) for part in parts), _placed(content)
+    if found < placed:
+        raise MeshError(
+            f"{where}: its items and components place {placed:,} faces, of which {found:,} can be read: an object is "
+            "missing, has the part number of another, or is placed too often; export it anew, or as .stl"
+        )
     whole = merged(parts, Path(where))
     return {
         "vertices": whole.vertices,
@@ -331,6 +346,28 @@ def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
         "colour_rgb": np.zeros((0, 3), np.uint8) if whole.colour_rgb is None else whole.colour_rgb,
         "words": np.frombuffer(json.dumps([whole.names, loaded.units]).encode(), np.uint8),
     }
+
+
+def _placed(content: bytes) -> int:
+    """Faces of a 3MF file, each object's as often as it is placed; of one that is missing at least one."""
+    from lxml import etree
+
+    count: dict[str, int] = {}
+    total = 0
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        model = next(name for name in archive.namelist() if "3d/3dmodel.model" in name.lower())
+        with archive.open(model) as file:
+            for _, found in etree.iterparse(file, tag=("{*}object", "{*}item"), resolve_entities=False):
+                if found.tag.endswith("}item"):
+                    total += count.get(found.get("objectid"), 1)
+                    continue
+                inner = list(found.iter("{*}component"))
+                here = [c.get("objectid") for c in inner if not any(key.endswith("path") for key in c.attrib)]
+                count[found.get("id")] = (
+                    sum(count.get(name, 1) for name in here) if inner else sum(1 for _ in found.iter("{*}triangle"))
+                )  # what lies in files of their own is not counted
+                found.clear()
+    return total
 
 
 def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:

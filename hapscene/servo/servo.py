@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.clock import now_here_ns
-from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, REACH_MAX_M, TICK_S
+from hapscene.contact.prediction import HORIZON_S
+from hapscene.contact_events import ContactEvent, events_of
+from hapscene.contact_info import Impulse
 from hapscene.device.hand import Grip, grip_named
-from hapscene.errors import HapsceneError
+from hapscene.errors import HapsceneError, PathError, SceneError, no_such
 from hapscene.flags import Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
-from hapscene.records import block_of
+from hapscene.records import ROW, block_of
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel
 
@@ -35,6 +38,15 @@ START_S: Final = 300.0
 
 ANSWER_S: Final = 20.0
 """How long it may take to answer [s]."""
+
+
+_FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
+
+
+_AT: Final = {name: int(place[1]) // 8 for name, place in dict(ROW.fields or {}).items()}
+"""Where each field of a row begins, in numbers of 8 bytes."""
+
+_VECTORS: Final = [(name, _AT[name]) for name in ("p_WT_m", "p_WP_m", "nhat_W", "f_W_N")]
 
 
 class ServoState(NamedTuple):
@@ -126,6 +138,13 @@ class Servo:
         self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
+        self._body_names = tuple(body.name for body in scene.bodies)
+        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
+        self._moving: list[int] = []
+        self._told = np.zeros((len(self._body_names), 6))
+        self._aim: Any = None  # views of what is opened below: at the very end they must go before it
+        self._ticks: Any = None
+        self._frames: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
@@ -146,7 +165,8 @@ class Servo:
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         try:
             with _shielded():  # it starts Python's resource tracker
-                self._opened = open_channel(self._length, self._block)
+                self._opened = open_channel(self._length, self._block, bodies=len(self._body_names))
+            self._look(self._opened)
             self._wire, theirs = context.Pipe()
             arguments = (theirs, self._opened.memory.name, self._length)
             process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
@@ -166,6 +186,13 @@ class Servo:
             self.close()
             raise
         return self
+
+    def _look(self, shared: Channel) -> None:
+        """Keep views of what is often read or written: by name, each look costs microseconds."""
+        channel = shared.channel.view(np.ndarray)
+        self._aim = channel["aim"][0], channel["aim_count"]
+        self._ticks = shared.rows.view(np.ndarray), channel["done"], channel["done_ns"]
+        self._frames = shared.frames.view(np.ndarray)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -194,6 +221,7 @@ class Servo:
                 self._process.join()
         if self._wire is not None:
             self._wire.close()
+        self._aim = self._ticks = self._frames = None
         self._opened.close(unlink=not self._shared)
         self._opened = None
 
@@ -224,12 +252,22 @@ class Servo:
         p = positions(numbers(p_WT).reshape(1, -1))[0]
         self.aim(p, grip)
         self._order("start", tuple(p.tolist()))
+        self._told[:] = 0.0
 
     def rest(self) -> None:
-        """Stop to touch: no ticks until the next `start`."""
+        """Stop to touch: no ticks until the next `start`, or `resume`."""
         self._order("rest")
 
-    @old_spellings(p_W_m="p_WT")
+    pause = rest
+
+    def resume(self) -> None:
+        """Go on after `pause` from where it stopped, contact kept.
+
+        Raises:
+            HapsceneError: it never started.
+        """
+        self._order("resume")
+
     def aim(self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """Have the hand mean the tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 
@@ -237,14 +275,124 @@ class Servo:
             PathError: not three finite numbers.
             HapsceneError: no such grip, or the process has ended.
         """
-        p = positions(numbers(p_WT).reshape(1, -1))[0]
-        push = positions(numbers(push_W_N).reshape(1, -1))[0]
         held = grip_named(grip) if isinstance(grip, str) else grip
+        p, push = numbers(p_WT), numbers(push_W_N)
+        if p.size != 3 or push.size != 3:
+            raise PathError(f"a hand aims at, and pushes with, three numbers; not {p.size} and {push.size}")
+        p, push = p.reshape(3), push.reshape(3)
+        if not max(np.abs(p).max(), np.abs(push).max()) <= REACH_MAX_M:  # NaN is not, either
+            positions(np.array([p, push]))  # says what is wrong
         row = held.row()
-        channel = self._channel.channel[0]
-        channel.aim_count |= 1  # also where Ctrl-C once left it odd
-        channel.aim_W_m, channel.grip, channel.push_W_N = p, row, push
-        channel.aim_count += 1
+        _ = self._channel  # raises where none runs
+        aim, count = self._aim
+        count[0] |= 1  # also where Ctrl-C once left it odd
+        aim[0], aim[1], aim[2] = p, row, push
+        count[0] += 1
+
+    @old_spellings()
+    def move(
+        self,
+        body: str,
+        X_WB: ArrayLike,
+        *,
+        v_W_m_s: ArrayLike | None = None,
+        w_W_rad_s: ArrayLike | None = None,
+        seen: Impulse | None = None,
+        teleport: bool = False,
+    ) -> None:
+        """Say where a body is by now: as often as you know it, some 60 times a second.
+
+        Between two such frames it is predicted (`hapscene.contact.prediction`): without velocities it goes straight to
+        each frame in the time between two; with them it goes on; one that is `free` is pushed as well.
+
+        Args:
+            body: its name.
+            X_WB: (4, 4) its pose. One that is none is flagged (`Flag.POSE_REFUSED`), and the last good one kept.
+            v_W_m_s: (3,) velocity of its centre of mass.
+            w_W_rad_s: (3,) how fast it turns.
+            seen: how much of the tool's impulse this contains; without it, as much as `impulse` told last.
+            teleport: it appears there, and meets nothing on its way.
+
+        Raises:
+            SceneError: no such body, or a pose that is no matrix (4, 4).
+            HapsceneError: the process has ended.
+        """
+        index = self._index(body)
+        if np.shape(X_WB) != (4, 4):
+            raise SceneError(f"pose of body {body!r}: a pose is a matrix (4, 4), not {np.shape(X_WB)}")
+        pose, v = numbers(X_WB), np.zeros(6)
+        for part, given in ((slice(0, 3), v_W_m_s), (slice(3, 6), w_W_rad_s)):
+            if given is not None:
+                v[part] = given
+        got = self._told[index] if seen is None else np.concatenate(seen)
+        if not np.isfinite((v, got)).all():
+            raise SceneError(f"body {body!r}: velocities, and the impulse it has seen, must be finite")
+        shared = self._channel
+        frame = self._frames[index]
+        frame["count"] |= 1
+        frame["time_ns"], frame["lasts_s"] = now_here_ns(), HORIZON_S
+        frame["X_WB"], frame["v"], frame["seen"] = pose, v, got
+        frame["jumps"] += teleport
+        frame["count"] += 1
+        if index not in self._moving:
+            shared.moving[len(self._moving)] = index
+            self._moving.append(index)
+            shared.channel[0].moving_count = len(self._moving)
+
+    @old_spellings()
+    def free(
+        self, body: str, mass_kg: float, *, inertia_B_kg_m2: ArrayLike, com_B_m: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Have a body that is moved be pushed by the tool between its frames, as its mass and inertia have it.
+
+        Args:
+            body: its name.
+            mass_kg: infinite for one that is not pushed.
+            inertia_B_kg_m2: (3,) or (3, 3) about its centre of mass, in its own axes.
+            com_B_m: (3,) its centre of mass.
+
+        Raises:
+            SceneError: no such body; a mass or an inertia that no body has.
+        """
+        index, inertia = self._index(body), numbers(inertia_B_kg_m2)
+        inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
+        if inertia.shape != (3, 3) or not mass_kg > 0.0 or not (np.linalg.eigvalsh(inertia) > 0.0).all():
+            raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3)")
+        _ = self._channel
+        frame = self._frames[index]
+        frame["lightness"] = 1.0 / mass_kg
+        frame["com_B_m"] = positions(numbers(com_B_m).reshape(1, -1))[0]
+        frame["yields_B"] = np.linalg.inv(inertia) if math.isfinite(mass_kg) else 0.0
+
+    def impulse(self, body: str) -> Impulse:
+        """What the tool has given a body since the last `start`: running totals, so that a missed look loses nothing.
+
+        Raises:
+            SceneError: no such body.
+            HapsceneError: the process has ended.
+        """
+        index, shared = self._index(body), self._channel
+        total = shared.impulse[index].copy()
+        while not np.array_equal(total, again := shared.impulse[index].copy()):  # a tick wrote meanwhile
+            total = again
+        self._told[index] = total
+        return Impulse(total[:3], total[3:])
+
+    def events(self, since: int = 0) -> tuple[list[ContactEvent], int]:
+        """What began, ended or changed from tick `since` on, and from which tick on to ask the next time.
+
+        Goes back as far as the flight recorder does.
+
+        Raises:
+            HapsceneError: the process has ended.
+        """
+        log = self.read(max(since - 1, 0))  # with the tick before: what changes, changes from there
+        return events_of(log.rows, log.first, since, self._body_names, self._swatch_names), log.first + len(log.rows)
+
+    def _index(self, body: str) -> int:
+        if body not in self._body_names:
+            raise SceneError(no_such("body", body, self._body_names))
+        return self._body_names.index(body)
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
@@ -257,6 +405,7 @@ class Servo:
             SceneError: other bodies.
         """
         self._order("repaint", scene)
+        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
 
     def state(self) -> ServoState:
         """The newest complete tick.
@@ -264,27 +413,26 @@ class Servo:
         Raises:
             HapsceneError: the process has ended; one that only hangs is seen by the state's age.
         """
-        shared = self._channel
-        channel = shared.channel[0]
+        _ = self._channel  # raises where none runs
+        rows, done, done_ns = self._ticks
         while True:
-            done, done_ns = int(channel.done), int(channel.done_ns)
-            row = shared.rows[(done - 1) % self._length].copy()
-            if int(channel.done) < done + self._length - 1:
+            count, at_ns = done.item(), done_ns.item()
+            row = bytearray(rows[(count - 1) % self._length].tobytes())  # to copy a record takes longer
+            if done.item() < count + self._length - 1:
                 break
+        real, whole = np.frombuffer(row), np.frombuffer(row, np.int64)
+        vectors = {name: real[at : at + 3] for name, at in _VECTORS}
         return ServoState(
-            tick=done - 1,
-            p_WT_m=row["p_WT_m"].copy(),
-            p_WP_m=row["p_WP_m"].copy(),
-            nhat_W=row["nhat_W"].copy(),
-            f_W_N=row["f_W_N"].copy(),
-            depth_m=float(row["depth_m"]),
-            slip_m_s=float(row["slip_m_s"]),
-            touching=bool(row["touching"]),
-            body=int(row["body"]),
-            face=int(row["face"]),
-            swatch=int(row["swatch"]),
-            flags=Flag(int(row["flags"])),
-            age_s=max(now_here_ns() - done_ns, 0) * 1e-9 if done else math.inf,
+            tick=count - 1,
+            **vectors,
+            depth_m=float(real[_AT["depth_m"]]),
+            slip_m_s=float(real[_AT["slip_m_s"]]),
+            touching=bool(whole[_AT["touching"]]),
+            body=int(whole[_AT["body"]]),
+            face=int(whole[_AT["face"]]),
+            swatch=int(whole[_AT["swatch"]]),
+            flags=_FLAGS[whole[_AT["flags"]]],
+            age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
     def read(self, since: int = 0, *, after_end: bool = False) -> TickLog:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from hapscene.clock import now_ns, sleep_ns
 from hapscene.constants import TINY
+from hapscene.contact.moving import place_bodies
+from hapscene.contact.prediction import predict_bodies
 from hapscene.native import INTERPRETED, native
 from hapscene.twin.twin_loop import beat, take_grip
 
@@ -87,11 +89,22 @@ cases where nothing is in its way. Without, the tick is 10 to 20 µs late, and l
 still in the caches. Costs 5 % of a core."""
 
 
+class ServoBodies(NamedTuple):
+    """The scene's bodies as the application moves them. b bodies."""
+
+    frames: Any  # (b,) FRAME
+    predicted: Any  # (b,) PREDICTED
+    moving: NDArray[np.int64]  # (b,) those that move, as many as the channel says
+    X_WB: NDArray[np.float64]  # (1, b, 4, 4) where they are
+    teleported: NDArray[np.int64]  # (b,)
+
+
 @native
 def serve(
     world: Any,
     surface: Any,
     body: Any,
+    bodies: ServoBodies,
     channel: Any,
     rows: Any,
     felt: Any,
@@ -107,6 +120,7 @@ def serve(
         due, start = await_tick(channel, clock, due + tick_ns, tick_ns)
         _read_aim(channel, aim, clock)
         _follow(body, aim, surface.touch[0].tick_s)
+        _move_bodies(world, surface, bodies, channel.moving_count, start, clock)
         slot = channel.done % len(rows)
         beat(world, surface, body, rows[slot], a_m_s2[slot], felt[slot], a_handle_m_s2[slot])
         # the clock is a call the compiler knows nothing of: what is above stays above
@@ -136,11 +150,22 @@ def await_tick(channel: Any, clock: NDArray[np.int64], due: int, tick_ns: int) -
 
 
 @native
+def _move_bodies(world: Any, surface: Any, bodies: ServoBodies, count: int, now: int, clock: NDArray[np.int64]) -> None:
+    """Put the bodies that the application moves where they are by now."""
+    if count == 0:
+        return
+    moving, X_WB, teleported = bodies.moving[:count], bodies.X_WB[:, :count], bodies.teleported[:count]
+    tick_s = surface.touch[0].tick_s
+    predict_bodies(bodies.frames, bodies.predicted, moving, world.impulse, X_WB, teleported, now, clock, tick_s)
+    place_bodies(world, surface, moving, X_WB, teleported, 0)
+
+
+@native
 def _read_aim(channel: Any, aim: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
     """Take over the application's aim, unless it is being written."""
     count = channel.aim_count
     now_ns(clock)  # keeps the two looks at the count apart
-    p, grip, push = channel.aim_W_m, channel.grip, channel.push_W_N
+    p, grip, push = channel.aim[0], channel.aim[1], channel.aim[2]
     x, y, z = p[0], p[1], p[2]
     k, b, m = grip[0], grip[1], grip[2]
     u, v, w = push[0], push[1], push[2]

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapscene.clock import new_clock
+from hapscene.contact.prediction import PREDICTED
 from hapscene.errors import HapsceneError
-from hapscene.servo.servo_loop import request_realtime_priority, serve
+from hapscene.records import records
+from hapscene.servo.servo_loop import ServoBodies, request_realtime_priority, serve
 from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
@@ -27,11 +29,11 @@ def run(wire: Connection, name: str, length: int) -> None:
     """
     from hapscene.twin import Twin
 
-    channel = desk = None
+    channel = twin = desk = None
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         twin = Twin(**_heard(wire))
-        channel = open_channel(length, twin.renderer.block, name)
+        channel = open_channel(length, twin.renderer.block, name, len(twin.renderer.world.bodies))
         desk = Desk(twin, channel)
         wire.send((None, None))
         while True:
@@ -51,8 +53,8 @@ def run(wire: Connection, name: str, length: int) -> None:
         raise
     finally:
         if desk is not None:
-            desk.rest()
-            del desk
+            desk.end()
+        twin = desk = None  # they look at the memory that is given back
         if channel is not None:
             channel.close(unlink=False)
 
@@ -78,6 +80,16 @@ class Desk:
         self._aim = np.zeros((5, 3))
         self._clock = new_clock()
         self._loop: threading.Thread | None = None
+        self._started = False
+        count = len(channel.frames)
+        self._bodies = ServoBodies(
+            channel.frames,
+            records(count, PREDICTED),
+            channel.moving,
+            np.tile(np.eye(4), (1, count, 1, 1)),
+            np.zeros(count, np.int64),
+        )
+        twin.renderer.world = twin.renderer.world._replace(impulse=channel.impulse)  # where the application sees it
         twin.reset((0.0, 0.0, 0.0))
         channel.channel.pause = 1
         serve(*self._arguments())  # has it compiled, and returns at once
@@ -86,9 +98,19 @@ class Desk:
         """Run, the tool at rest at a place (3,)."""
         self.rest()
         self._twin.reset(p_WT_m)
+        self._channel.frames["seen"] = 0.0  # impulses begin anew
+        self._bodies.predicted.view(np.uint8)[:] = 0
         self._aim[:3] = 0.0
         self._aim[0] = self._aim[1] = p_WT_m
+        self._started = True
         self._go()
+
+    def resume(self) -> None:
+        """Go on from where `rest` stopped, contact and memory kept."""
+        if not self._started:
+            raise HapsceneError("a servo that never started has nothing to resume: start it")
+        if self._loop is None:
+            self._go()
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
@@ -111,6 +133,12 @@ class Desk:
         self._loop = None
         return True
 
+    def end(self) -> None:
+        """Stop for good, and let go of the shared memory."""
+        self.rest()
+        world = self._twin.renderer.world
+        self._twin.renderer.world = world._replace(impulse=np.zeros_like(world.impulse))
+
     def _go(self) -> None:
         self._channel.channel.pause = 0
         self._loop = threading.Thread(target=self._tick, daemon=True)
@@ -122,5 +150,5 @@ class Desk:
 
     def _arguments(self) -> tuple[Any, ...]:
         renderer, c = self._twin.renderer, self._channel
-        state = (renderer.world, renderer.surface, self._twin.body)
+        state = (renderer.world, renderer.surface, self._twin.body, self._bodies)
         return *state, c.channel[0], c.rows, c.felt, c.a_m_s2, c.a_handle_m_s2, self._aim, self._clock

@@ -7,13 +7,14 @@ number (8 bytes) is written whole; what is longer carries a count that is odd wh
 import errno
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.contact.prediction import FRAME
 from hapscene.errors import HapsceneError
 from hapscene.records import ROW
 from hapscene.servo.servo_loop import BIN_COUNT
@@ -23,10 +24,9 @@ CHANNEL: Final = np.dtype(
     [
         # by the application
         ("aim_count", "i8"),  # odd while the aim is being written
-        ("aim_W_m", "f8", (3,)),
-        ("grip", "f8", (3,)),  # k_N_m, b_Ns_m, mass_kg
-        ("push_W_N", "f8", (3,)),
+        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
         ("pause", "i8"),  # 1: the loop shall return
+        ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
         # by the servo
         ("done", "i8"),  # complete ticks
         ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
@@ -47,34 +47,38 @@ class Channel:
     felt: Any  # (length,) FELT
     a_m_s2: NDArray[np.float64]  # (length, block) asked for
     a_handle_m_s2: NDArray[np.float64]  # (length, block) of the handle
+    frames: Any  # (bodies,) FRAME, by the application
+    moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
+    impulse: NDArray[np.float64]  # (bodies, 6) as `World.impulse`, by the servo
     memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
         """Let go of the memory. The views must not be used afterwards."""
-        for name in ("channel", "rows", "felt", "a_m_s2", "a_handle_m_s2"):
+        for name in (field.name for field in fields(self) if field.name != "memory"):
             object.__setattr__(self, name, None)
         self.memory.close()
         if unlink:
             self.memory.unlink()
 
 
-def open_channel(length: int, block: int, name: str | None = None) -> Channel:
-    """A new block, all 0, or, by its name, one that is there.
+def open_channel(length: int, block: int, name: str | None = None, bodies: int = 0) -> Channel:
+    """A new block, all 0, for so many ticks, samples and bodies; or, by its name, one that is there.
 
     Raises:
         HapsceneError: the system has no room for a new one, or no place.
     """
     sizes = [CHANNEL.itemsize, length * ROW.itemsize, length * FELT.itemsize, *[length * block * 8] * 2]
+    sizes += [bodies * FRAME.itemsize, bodies * 8, bodies * 48]
     starts = np.concatenate(([0], np.cumsum(sizes)))
     memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
-    dtypes = (CHANNEL, ROW, FELT, np.dtype("f8"), np.dtype("f8"))
+    dtypes = (CHANNEL, ROW, FELT, np.dtype("f8"), np.dtype("f8"), FRAME, np.dtype("i8"), np.dtype("f8"))
     parts = [
         np.frombuffer(cast(memoryview, memory.buf), dtype, size // dtype.itemsize, int(start))
         for dtype, size, start in zip(dtypes, sizes, starts[:-1], strict=True)
     ]
-    channel, rows, felt = (part.view(np.recarray) for part in parts[:3])
-    a_m_s2, a_handle_m_s2 = (part.reshape(length, block) for part in parts[3:])
-    return Channel(channel, rows, felt, a_m_s2, a_handle_m_s2, memory)
+    channel, rows, felt, frames = (part.view(np.recarray) for part in (*parts[:3], parts[5]))
+    a_m_s2, a_handle_m_s2 = (part.reshape(length, block) for part in parts[3:5])
+    return Channel(channel, rows, felt, a_m_s2, a_handle_m_s2, frames, parts[6], parts[7].reshape(bodies, 6), memory)
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"

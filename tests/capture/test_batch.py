@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,10 +20,12 @@ import pytest
 
 from hapscene import __version__
 from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_batch, gather, outputs, read_list
-from hapscene.capture.batch_pool import ClusterPool, Job, fit_job
+from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, fit_job
+from hapscene.capture.swatch_fit import fit_parts
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
+from hapscene.surface.swatch import Swatch
 
 LIMIT_S = 60.0
 """Longest that a test waits for another process [s]."""
@@ -112,6 +115,44 @@ def test_a_batch_from_the_command_line_is_gone_on_with(tmp_path: Path, capsys: p
     assert load_swatch(out / "r03.swatch").name == "r03"
 
 
+class Here(ClusterPool):
+    """A pool that is this process."""
+
+    sends_content = False
+
+    def __init__(self, jobs: int) -> None:
+        """Nothing is connected."""
+
+    def room(self) -> int:
+        return 1
+
+    def submit(self, job: Job) -> "Future[FitOutcome]":
+        future: Future[FitOutcome] = Future()
+        future.set_result(fit_job(job))
+        return future
+
+    def close(self, at_once: bool) -> None:
+        """Nothing is held."""
+
+
+def test_a_fit_that_fails_by_a_fault_of_ours_is_a_line_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fit(parts: object, name: str, **given: object) -> Swatch:
+        if name == "r00":
+            raise UnboundLocalError("cannot access\nlocal variable")
+        return fit_parts(parts, name, **given)  # type: ignore[arg-type]
+
+    write_recordings(tmp_path / "in", 2)
+    monkeypatch.setattr("hapscene.capture.batch.ProcessPool", Here)
+    monkeypatch.setattr("hapscene.capture.swatch_fit.fit_parts", fit)
+    assert main(["capture", "batch", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *WORDS]) == 1
+    said = "".join(capsys.readouterr())
+    (line,) = (line for line in said.splitlines() if "UnboundLocalError" in line)
+    assert f"{tmp_path / 'in' / 'r00.csv'}: cannot be fitted, by a fault of ours or a damaged file (Unb" in line
+    assert "cannot access local variable" in line and "Traceback" not in said and "1 fitted" in said
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
 def test_a_recording_that_kills_every_process_is_given_up_and_the_others_go_on(tmp_path: Path) -> None:
     """The process that reads it is known to be in it: the recording is a pipe, and opening it is noticed."""
@@ -192,7 +233,7 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pyt
     """Workers of a real local cluster, in processes of their own; one is killed with SIGKILL while it fits. Then
     `capture fit` goes on with it on the same cluster: only a new recording is fitted."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    items = write_recordings(tmp_path / "in", 24)
+    items = write_recordings(tmp_path / "in", 10)
     (tmp_path / "in" / "bad.csv").write_text("acceleration\n")
     items.append(Item(tmp_path / "in" / "bad.csv", "bad"))
     with distributed.LocalCluster(
@@ -203,13 +244,13 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(tmp_path: Path, capsys: pyt
         once = Once(5, lambda: os.kill(pid, signal.SIGKILL))
         reading, fitting, address = READING | {"columns": {}}, FITTING | CHOSEN, cluster.scheduler_address
         result = fit_batch(items, tmp_path / "out", reading, fitting, scheduler=address, after=once)
-        assert len(result.fitted) == 24 and set(once.through.values()) == {1}
+        assert len(result.fitted) == 10 and set(once.through.values()) == {1}
         assert [Path(e.recording).name for e in result.failed] == ["bad.csv"]
         new = write_recording(tmp_path / "in" / "new.csv", 99)
         words = ["capture", "fit", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--scheduler", address]
         assert main([*words, *WORDS]) == 1
-        assert "1 fitted, 24 done before, 1 failed" in capsys.readouterr().out
-    for item in [*items[:24], Item(new, "new")]:
+        assert "1 fitted, 10 done before, 1 failed" in capsys.readouterr().out
+    for item in [*items[:10], Item(new, "new")]:
         check_swatch(item, tmp_path / "out")
 
 

@@ -128,6 +128,10 @@ def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path) -> None:
         run(path, "-o", out, "--rate", "2000", "--units", UNITS)
     with pytest.raises(CaptureError, match=r"a\.csv: .*at least 0\.5 s"):
         run(str(write(tmp_path / "a.csv", count=100)), "-o", out, "--rate", "2000", *given)
+    lone = tmp_path / "a.csv"
+    lone.write_text("accel,force\n" + "0.001,0\n" * 2000 + "1,1\n-1,1\n" * 200 + "0.001,0\n" * 2000)
+    with pytest.raises(CaptureError, match=r"a\.csv, .*a\.csv: the tool slides for 0\.4"):
+        run(str(lone), str(lone), "-o", out, "--rate", "2000", *given)
     with pytest.raises(SwatchError, match=r"must end in \.swatch"):
         run(path, "-o", str(tmp_path / "oak.json"))
     with pytest.raises(SystemExit):

@@ -97,8 +97,20 @@ def test_nor_beside_a_scene_that_is_saved(folder: Path, unhung: None) -> None:
 
 def test_a_link_that_leads_nowhere_is_not_what_was_meant(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("meshes/gone.glb").symlink_to("nowhere")
-    assert main(["check", "meshes/a.ply", "meshes/gone.glb"]) == 2
-    assert capsys.readouterr().err == "hapscene: meshes/gone.glb: no such file or folder\n"
+    assert main(["check", "meshes/gone.glb"]) == 2
+    assert capsys.readouterr().err == "hapscene: meshes/gone.glb: no such file\n"
+
+
+def test_one_that_is_missing_is_told_among_the_others(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["meshes/b.glb", "meshes/none.glb", "nowhere/none.stl", "meshes/a.ply"]
+    assert main(["check", *words, "--unit", "mm"]) == 2
+    assert capsys.readouterr().out.splitlines() == [
+        "meshes/b.glb: felt",
+        "meshes/none.glb: not readable: no such file or folder",
+        "nowhere/none.stl: not readable: no such file or folder: there is no folder nowhere",
+        "meshes/a.ply: felt",
+        "4 meshes: 2 felt, 2 not readable",
+    ]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")

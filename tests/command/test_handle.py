@@ -98,12 +98,27 @@ def test_a_touch_is_played_as_it_was_recorded(tmp_path: Path) -> None:
         (["show", "none.handle"], "none.handle: no such file"),
         (["play", "none.csv", "--grip", "1", "--out", "o"], "--grip needs --handle"),
         (["play", "none.csv", "--out", "o"], "none.csv: no such file"),
+        (["play", "none.csv", "--out", "o", "--compensator", "flot"], "hapscene: no compensator 'flot'; there are: "),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["handle", *words]) == 2
     error = capsys.readouterr().err
     assert told in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("count", "rate", "told"), [(3, "10000", "shorter than"), (9999, "10000", "silent"), (9999, "100", "rate_Hz")]
+)
+def test_a_recording_that_cannot_be_played_is_named(
+    count: int, rate: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "still.csv"
+    path.write_text("acceleration\n" + "0\n" * count)
+    given = ["--rate", rate, "--units", "acceleration=m/s2"]
+    assert main(["handle", "play", str(path), *given, "--out", str(tmp_path / "o")]) == 2
+    error = capsys.readouterr().err
+    assert f"{path}: " in error and told in error
 
 
 def test_a_grip_that_is_not_there(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """`hapscene paint` as a process, and what it opens."""
 
 import argparse
+import errno
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,6 +23,7 @@ import trimesh
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 from hapscene.cli import main
+from hapscene.command import paint
 from hapscene.command.paint import DEMO, _copy_demo, open_session, write_opener
 from hapscene.errors import SceneError
 from hapscene.paint.document import find_recovery
@@ -126,6 +129,34 @@ def served(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[str],
             yield process, line.split()[0]
         finally:
             process.kill()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pages are reserved on Linux")
+def test_a_hand_that_cannot_start_is_told_on_terminal_and_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*asked: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    class Watched(Page):
+        def __enter__(self) -> Page:
+            pages.append(self)
+            return super().__enter__()
+
+    def nap(time_s: float) -> None:
+        if time.monotonic() > end_s or any(pages[0]._state()["word"] + "\n" == text for text in said):
+            raise KeyboardInterrupt
+        time.sleep(0.01)
+
+    pages: list[Page] = []
+    said: list[str] = []
+    end_s = time.monotonic() + 60.0
+    monkeypatch.setattr(os, "posix_fallocate", fail)
+    monkeypatch.setattr("hapscene.paint.web.page.Page", Watched)
+    monkeypatch.setattr(paint, "time", SimpleNamespace(sleep=nap))
+    monkeypatch.setattr(paint, "say", said.append)
+    assert main(["paint", "cube.ply", "--unit", "m", "--port", "0", "--no-browser"]) == 0
+    assert time.monotonic() < end_s
+    (line,) = (text for text in said if text.startswith("The hand cannot touch: the servo needs "))
+    assert "/dev/shm has " in line and line.count("\n") == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is no signal there")

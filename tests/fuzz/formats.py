@@ -338,7 +338,7 @@ FORMATS: Mapping[str, Format] = {
     "off": Format(ball("off"), read_mesh),
     "glb": Format(ball("glb"), read_mesh),
     "gltf": Format(gltf, read_mesh),
-    "3mf": Format(ball("3mf"), read_mesh),
+    "3mf": Format(ball("3mf"), read_mesh, quick=3),
     "zip": Format(packed, read_mesh),
     "step": Format(step, read_mesh, soak=90, quick=2),
     "painted-glb": painted("x.glb"),

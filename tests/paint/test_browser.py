@@ -324,7 +324,7 @@ def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Wi
         window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
         return painting.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
 
-    page.context.tools.choose_swatch("wood", "wood")
+    page.context.tools.choose_swatch("leather", "leather")  # nothing wears it yet, whatever was painted before
     tab.mouse.move(*window.at(FRONT))
     tab.keyboard.press("1")
     tab.keyboard.press("l")

@@ -437,11 +437,51 @@ def test_an_off_file_of_an_endless_line_is_refused_before_it_is_taken(tmp_path):
         load_mesh(tmp_path / "a.off", "m")
 
 
+def write_3mf(path, items, objects=""):
+    """A box, the object 1, placed by those items, among other objects."""
+    trimesh.creation.box().export(path)
+    with zipfile.ZipFile(path) as box:
+        files = {name: box.read(name) for name in box.namelist()}
+    with zipfile.ZipFile(path, "w") as made:
+        for name, content in files.items():
+            content = content.replace(b"</resources>", objects.encode() + b"</resources>")
+            made.writestr(name, re.sub(rb"<item [^>]*>", items.encode(), content))
+    return path
+
+
+def nested(depth):
+    """Objects of ten of the one before: 1 is the first."""
+    names = ["1", *(f"n{k}" for k in range(depth))]
+    tens = [
+        "".join(f'<component objectid="{name}" transform="1 0 0 0 1 0 0 0 1 {i * 2**k} 0 0"/>' for i in range(10))
+        for k, name in enumerate(names)
+    ]
+    return "".join(
+        f'<object id="{name}"><components>{ten}</components></object>'
+        for name, ten in zip(names[1:], tens, strict=False)
+    )
+
+
+def test_a_3mf_of_assemblies_in_assemblies_is_read_whole(tmp_path):
+    path = write_3mf(tmp_path / "a.3mf", '<item objectid="n2"/>', nested(3))
+    assert len(load_mesh(path).faces) == 12 * 10**3
+
+
+@pytest.mark.parametrize(
+    ("items", "said"),
+    [
+        ('<item objectid="n7"/>', r"place 1,200,000,000 faces, of which [\d,]+ can be read"),
+        ('<item objectid="1"/><item objectid="none"/>', "place 13 faces, of which 12 can be read"),
+        ('<item objectid="1" partnumber="a"/>' * 2, "place 24 faces, of which 12 can be read"),
+    ],
+)
+def test_a_3mf_of_which_a_part_would_be_lost_is_refused(tmp_path, items, said):
+    with pytest.raises(MeshError, match=said):
+        load_mesh(write_3mf(tmp_path / "a.3mf", items, nested(8)))
+
+
 def test_a_3mf_that_names_an_object_over_and_over_is_given_up(tmp_path, monkeypatch):
-    trimesh.creation.box().export(tmp_path / "box.3mf")
-    with zipfile.ZipFile(tmp_path / "box.3mf") as box, zipfile.ZipFile(tmp_path / "a.3mf", "w") as made:
-        for name in box.namelist():
-            made.writestr(name, re.sub(rb"<item [^>]*>", lambda found: found[0] * 300_000, box.read(name)))
+    write_3mf(tmp_path / "a.3mf", '<item objectid="1"/>' * 300_000)
     monkeypatch.setattr(mesh_file, "TIME_3MF_S", (0.5, 0.0))
     with pytest.raises(MeshError, match=r"had not read it after 0\.5 s"):
         load_mesh(tmp_path / "a.3mf")

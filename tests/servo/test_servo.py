@@ -16,7 +16,8 @@ import trimesh
 import hapscene
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
-from hapscene.errors import HapsceneError, PathError
+from hapscene.errors import HapsceneError, PathError, SceneError
+from hapscene.flags import Flag
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
@@ -102,12 +103,76 @@ def test_repainting_while_it_runs(servo: Servo) -> None:
         servo.repaint(Scene())
 
 
+def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: Servo) -> None:
+    """A plate on a slide, which an application steps 60 times a second: its momentum is the impulse it was told."""
+    servo.start((0.0, 0.0, 0.005))
+    servo.free("plate", 0.3, inertia_B_kg_m2=(1e-3, 1e-3, 1e-3))
+    z, v, told = -0.01, 0.0, np.zeros(3)
+    servo.aim((0.0, 0.0, -0.02), "medium")
+    since = servo.state().tick + 1
+    for k in range(40):
+        until_tick(servo, since + round(k * 1000 / 60))
+        given = servo.impulse("plate").linear_N_s
+        v += (given[2] - told[2]) / 0.3
+        z, told = z + v / 60, given
+        X_WB = np.eye(4)
+        X_WB[2, 3] = z
+        servo.move("plate", X_WB, v_W_m_s=(0.0, 0.0, v))
+    log = servo.read(since)
+    assert v < -0.01 and 0.3 * v == pytest.approx(told[2], rel=1e-12)
+    assert np.abs(np.diff(log.rows["f_W_N"], axis=0)).max() < 0.5  # tests/contact/test_prediction.py has the figure
+    felt = 1e-3 * np.cumsum(log.rows["f_body_W_N"][:, 2])
+    assert felt[-1] == pytest.approx(servo.impulse("plate").linear_N_s[2], rel=0.1)
+    events, after = servo.events(since)
+    began = next(event for event in events if event.kind == "began")
+    assert (began.body, began.swatch) == ("plate", "wood") and began.approach_m_s > 0.01
+    assert after >= log.first + len(log.rows)
+    servo.start((0.0, 0.0, 0.005))
+    assert not np.any(servo.impulse("plate"))
+    servo.free("plate", np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+    X_WB[2, 3] = -0.01
+    servo.move("plate", X_WB, teleport=True)
+
+
+def test_paused_it_stands_and_goes_on_in_contact(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.0))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    until(lambda: servo.state().touching)
+    servo.pause()
+    before = servo.state()
+    assert servo.state().tick == before.tick
+    servo.resume()
+    until_tick(servo, before.tick + 50)
+    assert servo.read(before.tick + 1).rows["touching"].all() and not servo.read(before.tick + 1).rows["began"].any()
+
+
+def test_a_pose_that_is_none_is_flagged_and_the_body_stays(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.01))
+    bad = np.eye(4)
+    bad[0, 3] = np.nan
+    servo.move("plate", bad)
+    until(lambda: Flag.POSE_REFUSED in servo.state().flags)
+    good = np.eye(4)
+    good[2, 3] = -0.01
+    servo.move("plate", good)
+    until(lambda: Flag.POSE_REFUSED not in servo.state().flags)
+
+
 def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
     with pytest.raises(HapsceneError, match="no swatch 'oka'"):
         servo.tune("oka", stiffness_N_m=1.0)
     with pytest.raises(PathError):
         servo.aim((0.0, np.nan, 0.0))
+    with pytest.raises(PathError, match="at most 10000 m"):
+        servo.aim((0.0, 0.0, 2e4))
+    with pytest.raises(SceneError, match="no body 'lid'; there are: plate"):
+        servo.move("lid", np.eye(4))
+    with pytest.raises(SceneError, match="a pose is a matrix"):
+        servo.move("plate", np.eye(3))
+    for wrong in ((-1.0, (1.0, 1.0, 1.0)), (1.0, (1.0, 0.0, 1.0)), (1.0, 1.0)):
+        with pytest.raises(SceneError, match="mass and inertia"):
+            servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
     with pytest.raises(HapsceneError, match="no grip 'fist'"):
         servo.aim((0.0, 0.0, 0.0), "fist")
     tick = servo.state().tick

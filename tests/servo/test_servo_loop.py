@@ -16,7 +16,7 @@ from hapscene.device.point import PointMass
 from hapscene.native import INTERPRETED
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import servo_loop
+from hapscene.servo import servo_loop, servo_process
 from hapscene.servo.servo_loop import (
     BIN_COUNT,
     BIN_NS,
@@ -101,10 +101,18 @@ def make_cube() -> Scene:
 @pytest.fixture
 def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
     twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
-    desk = Desk(twin, open_channel(2000, twin.renderer.block))
+    desk = Desk(twin, open_channel(2000, twin.renderer.block, bodies=1))
     yield desk
     desk.rest()
     desk._channel.memory.unlink()  # whoever still looks at it may do so
+
+
+@pytest.mark.parametrize("desk", [1e-3], indirect=True)
+def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[3].pause))
+    Desk(desk._twin, desk._channel)
+    assert asked == [1]  # paused: it returns at once
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
@@ -135,7 +143,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
     channel, aim, clock = desk._channel.channel[0], np.full((5, 3), 7.0), new_clock()
-    channel.aim_W_m, channel.grip, channel.push_W_N = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)
+    channel.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
     channel.aim_count = 3
     _read_aim(channel, aim, clock)
     assert (aim == 7.0).all()

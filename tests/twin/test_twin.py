@@ -129,6 +129,8 @@ def test_wrong_input_is_answered(plate: Scene) -> None:
         Twin(plate, 3.0)  # type: ignore[arg-type]
     with pytest.raises(PathError, match="must be finite"):
         Intent.along([[0.0, 0.0, np.nan]])
+    with pytest.raises(PathError, match=r"target_W_m must be \(1, 3\), a row per tick; it is \(0, 3\)"):
+        Intent(*np.empty((3, 0, 3)))
 
 
 @pytest.mark.parametrize(

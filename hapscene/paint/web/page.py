@@ -87,7 +87,7 @@ class Monitor:
         if touch.status == "starting":
             return "The hand gets ready …"
         if touch.status != "ready":
-            return "There is no hand to touch with."
+            return touch.problem or "There is no hand to touch with."
         if state is None or state.tick < 0:
             return "The hand is ready: press 7, hold Shift and drag on the surface."
         if not state.touching or not 0 <= state.swatch < len(session.scene.swatches):

@@ -71,6 +71,7 @@ class TouchHand:
 
     Attributes:
         status: "starting", "ready", "failed" or "closed".
+        problem: why it failed, in a sentence; else nothing.
         touching: whether the button is held.
         config: what it holds: another grip at once, all else from the next `open` on.
     """
@@ -86,7 +87,7 @@ class TouchHand:
         self._executor = ThreadPoolExecutor(1, "hapscene hand")
         self._servo: Any = None
         self._servo_made: Any = None
-        self.status = "closed"
+        self.status, self.problem = "closed", ""
         self.touching = False
         self.config = config
         self._contact: Contact | None = None  # waits until the start is through
@@ -106,7 +107,7 @@ class TouchHand:
 
     async def open(self, scene: Scene, tick_s: float) -> None:
         """Start the process, in place of one that is there; says so if it cannot. The last of several orders counts."""
-        self.status = "starting"
+        self.status, self.problem = "starting", ""
         self._servo, self._running, self.touching = None, False, False
         opening = self._wanted is not None
         self._wanted = (scene, self.config, tick_s)
@@ -116,8 +117,8 @@ class TouchHand:
                 servo = await self._in_thread(partial(self._start, *wanted))
                 self.status, self._since = "ready", 0
             except (HapsceneError, OSError) as error:
-                servo, self.status = None, "failed"
-                self._say(f"The hand cannot touch: {error}", "error")
+                servo = None
+                self._fail(f"The hand cannot touch: {error}")
             if self._wanted is wanted:
                 self._wanted, self._servo = None, servo
                 self._send()  # what changed meanwhile
@@ -299,9 +300,12 @@ class TouchHand:
         if self._servo.alive:
             return True
         if self.status == "ready":
-            self.status, self._running, self.touching = "failed", False, False
-            self._say("The hand's process has ended; to start a new one choose another device, then this one.", "error")
+            self._fail("The hand's process has ended; to start a new one choose another device, then this one.")
         return False
+
+    def _fail(self, problem: str) -> None:
+        self.status, self.problem, self._running, self.touching = "failed", problem, False, False
+        self._say(problem, "error")
 
     def _order(self, order: Callable[[], Any]) -> None:
         """Have the hand do something; nothing where its process has ended, which is told once."""

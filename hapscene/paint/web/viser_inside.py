@@ -6,7 +6,6 @@ control, and its share button opens a tunnel to the net.
 
 import logging
 import math
-from collections.abc import Mapping
 from typing import Any, Final
 
 TEXT_MAX: Final = 4096
@@ -20,25 +19,6 @@ TAKEN: Final = ("ViewerCameraMessage", UPDATE)
 """The messages of viser's that a page of ours sends: where it looks from, and what its user did to a control."""
 
 UNWANTED: Final = ("ShareUrlRequest", "ShareUrlDisconnect")
-
-
-def private_names(server: Any) -> Mapping[str, object]:
-    """What is used of viser that it promises nobody, by name.
-
-    Raises:
-        AttributeError: this viser lacks one.
-    """
-    from viser import _messages
-
-    gui = server.gui
-    return {
-        "GuiApi._gui_input_handle_from_uuid": gui._gui_input_handle_from_uuid,
-        "GuiApi._handle_gui_updates": gui._handle_gui_updates,
-        "GuiApi._websock_interface.queue_message": gui._websock_interface.queue_message,
-        "ViserServer._websock_server.register_handler": server._websock_server.register_handler,
-        "ViserServer._websock_server.unregister_handler": server._websock_server.unregister_handler,
-        **{f"viser._messages.{name}": getattr(_messages, name) for name in (*TAKEN, *UNWANTED)},
-    }
 
 
 def harden(server: Any, log: logging.Logger) -> None:

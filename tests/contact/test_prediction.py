@@ -1,0 +1,161 @@
+"""Bodies between frames: where closed forms say that they are, and without a jump."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import hapscene
+from hapscene.clock import new_clock
+from hapscene.contact.prediction import FRAME, HORIZON_S, PREDICTED, predict_bodies
+from hapscene.records import records
+from hapscene.surface.swatch import Swatch
+
+TICK_S, FRAME_S = 1e-3, 1.0 / 60.0
+START_NS = 10**12
+
+
+class Line:
+    """Frames of one body, 60 a second, and what is made of them tick by tick."""
+
+    def __init__(self, mass_kg: float = np.inf, inertia: float = 1e-4, com_B_m=(0.0, 0.0, 0.0)) -> None:
+        self.frames, self.predicted = records(1, FRAME), records(1, PREDICTED)
+        frame = self.frames[0]
+        frame.lightness, frame.com_B_m = 1.0 / mass_kg, com_B_m
+        frame.yields_B = np.eye(3) / inertia if np.isfinite(mass_kg) else 0.0
+        self.impulse, self.clock = np.zeros((1, 6)), new_clock()
+        self.X, self.teleported = np.eye(4)[None, None].copy(), np.zeros(1, np.int64)
+
+    def say(self, tick: int, p=(0, 0, 0), R=None, v=(0, 0, 0), w=(0, 0, 0), seen=None) -> None:
+        frame = self.frames[0]
+        frame.count += 1
+        frame.X_WB = np.eye(4)
+        frame.X_WB[:3, 3] = p
+        if R is not None:
+            frame.X_WB[:3, :3] = R
+        frame.v, frame.seen = np.r_[v, w], self.impulse[0] if seen is None else seen
+        frame.time_ns, frame.lasts_s = START_NS + round(tick * 1e6), HORIZON_S
+        frame.count += 1
+
+    def tick(self, tick: int) -> np.ndarray:
+        now = START_NS + round(tick * 1e6)
+        moving = np.zeros(1, np.int64)
+        predict_bodies(
+            self.frames, self.predicted, moving, self.impulse, self.X, self.teleported, now, self.clock, TICK_S
+        )
+        return self.X[0, 0].copy()
+
+
+def frames_at(ticks: int) -> set[int]:
+    return set(np.ceil(np.arange(0.0, ticks * TICK_S, FRAME_S) / TICK_S).astype(int).tolist())
+
+
+def test_without_velocities_it_goes_straight_from_frame_to_frame_and_stands_on_the_last() -> None:
+    line = Line()
+    line.say(0, (0, 0, 0))
+    line.tick(0)
+    line.say(20, (0.02, 0, 0), Rotation.from_rotvec([0, 0, 0.4]).as_matrix())
+    seen = np.array([line.tick(20 + k) for k in range(30)])
+    np.testing.assert_allclose(seen[:, 0, 3], np.minimum(np.arange(1, 31), 20) * 1e-3, atol=1e-12)
+    turned = Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2]
+    np.testing.assert_allclose(turned, np.minimum(np.arange(1, 31), 20) * 0.02, atol=1e-12)
+
+
+def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
+    line = Line(com_B_m=(0.1, 0.0, 0.0))
+    line.say(0, (0.0, 0, 0), v=(0.3, 0, 0), w=(0, 0, 2.0))
+    seen = np.array([line.tick(k) for k in range(200)])
+    com = seen[:, :3, :3] @ [0.1, 0, 0] + seen[:, :3, 3]
+    t = np.minimum(np.arange(200), HORIZON_S / TICK_S - 1) * TICK_S
+    np.testing.assert_allclose(com, np.c_[0.1 + 0.3 * t, 0 * t, 0 * t], atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
+
+
+@pytest.mark.parametrize("late", [0, 5])
+def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
+    """A steady force off the centre, which the program has not seen yet; also where the frame is old when it comes."""
+    line, force, place = Line(0.2, 1e-3), np.array([1.0, 0, 0]), np.array([0.0, 0.01, 0.0])
+    line.say(-late)
+    for k in range(60):
+        line.impulse[0, :3] += TICK_S * force
+        line.impulse[0, 3:] += TICK_S * np.cross(place, force)
+        X = line.tick(k)
+    t = 60 * TICK_S
+    assert X[0, 3] == pytest.approx(0.5 * 5.0 * t * t, rel=0.03 + 0.1 * late)
+    turn = Rotation.from_matrix(X[:3, :3]).as_rotvec()
+    assert turn[2] == pytest.approx(-0.5 * 10.0 * t * t, rel=0.03 + 0.1 * late)
+
+
+def test_what_leans_against_the_push_is_learnt_from_the_frames() -> None:
+    """It rests against a wall, pushed with 1 N: the program says that it stands, and it does not wander off."""
+    line, away, frames = Line(0.2), [], frames_at(1000)
+    for k in range(1000):
+        if k in frames:
+            line.say(k)
+        line.impulse[0, 0] += TICK_S * 1.0
+        away.append(line.tick(k)[0, 3])
+    assert max(np.abs(away[:50])) > 5e-4  # at first it gives way
+    assert max(np.abs(away[100:])) < 1e-4
+
+
+def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
+    line = Line(0.2)
+    line.say(0)
+    line.tick(0)
+    line.say(17, (0.01, 0, 0))
+    way = [line.tick(17 + k)[0, 3] for k in range(40)]
+    assert max(np.diff([0.0, *way])) < 0.01 / 16 and way[-1] == pytest.approx(0.01, abs=1e-15)
+    line.frames[0].jumps += 1
+    line.say(70, (0.5, 0, 0))
+    assert line.tick(70)[0, 3] == 0.5 and line.teleported[0] == 1
+
+
+def test_a_frame_that_is_no_pose_leaves_it_where_it_was_going() -> None:
+    line = Line()
+    line.say(0, v=(0.1, 0, 0))
+    assert line.tick(0)[0, 3] == 0.0
+    line.say(1, (np.nan, 0, 0))
+    assert np.isnan(line.tick(1)[0, 3])  # which the tick refuses, and flags
+    line.say(2, (0.0002, 0, 0), R=2.0 * np.eye(3))
+    assert np.isnan(line.tick(2)[0, 3])
+    line.say(3, (0.0003, 0, 0), v=(0.1, 0, 0))
+    assert [line.tick(k)[0, 3] for k in range(3, 40)] == pytest.approx([1e-4 * k for k in range(3, 40)], abs=3e-4)
+
+
+def test_a_frame_that_is_being_written_is_left_alone() -> None:
+    line = Line()
+    line.say(0, (0.1, 0, 0))
+    line.tick(0)
+    line.frames[0].X_WB[0, 3] = 9.0
+    line.frames[0].count += 1
+    assert line.tick(1)[0, 3] == 0.1
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: float) -> None:
+    """0.2 kg at 650 N/m: held still between frames it is met again and again, at up to a newton; so it is not."""
+    scene, mass_kg = hapscene.Scene(), 0.2
+    scene.add(trimesh.creation.box((0.05,) * 3), name="crate", unit="m", swatch=Swatch("s", stiffness_N_m=650.0))
+    changes, steps = {}, {}
+    for held in (True, False):
+        renderer, line = hapscene.Renderer(scene, ["wall"]), Line(mass_kg)
+        slots, frames = renderer.moving(["crate"]), frames_at(3000)
+        line.impulse = renderer.world.impulse
+        x = v = told = 0.0
+        forces, touching = [], []
+        for k in range(3000):
+            if k in frames:
+                given, told = renderer.world.impulse[0, 0] - told, renderer.world.impulse[0, 0]
+                v += given / mass_kg
+                v -= np.sign(v) * min(friction * 9.81 * FRAME_S, abs(v))
+                x += v * FRAME_S
+                line.say(k, (x, 0, 0), v=(v, 0, 0))
+            slots.X_WB[0] = line.tick(k)
+            if held:
+                slots.X_WB[0, 0, 3] = x
+            command = renderer.step((-0.026 + 0.05 * max(0.0, (k - 50) * TICK_S), 0, 0), slots)
+            forces.append(command.f_W_N)
+            touching.append(command.contact is not None)
+        changes[held] = int(np.abs(np.diff(touching, axis=0)).sum())
+        steps[held] = np.abs(np.diff(forces, axis=0)).max()
+    assert steps[False] < 0.1 < steps[True] and changes[False] <= 2 < changes[True]
