@@ -8,14 +8,14 @@ from trimesh.creation import box, capsule, cylinder, icosphere
 
 Array = NDArray[np.float64]
 
-AROUND: Final = 128
+AROUND: Final = 64
 """Faces around a cylinder or capsule [count]."""
 
-SUBDIVISIONS: Final = 5
-"""Of a sphere: 20,480 faces."""
+SUBDIVISIONS: Final = 4
+"""Of a sphere: 5,120 faces."""
 
-SAG: Final = 1e-3
-"""Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/128) around, less on a sphere."""
+SAG: Final = 1.3e-3
+"""Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/64) around, about as much on a sphere."""
 
 PLANE_RATIO: Final = 5.0
 """Half the width that an endless plane is given, of the model's extent [1]."""
