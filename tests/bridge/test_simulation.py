@@ -122,8 +122,8 @@ def test_prediction_leaves_no_steps_of_force(scene: hapscene.Scene) -> None:
         bridge.step(renderer, lambda: (-0.0505 + 1e-5 * next(at), 0.0, 0.0), felt.append)
     f_N = np.array([c.f_W_N[0] for c in felt])
     assert abs(f_N).max() > 1.9
-    assert abs(np.diff(f_N)).max() < 0.1
-    assert np.count_nonzero(np.diff([c.contact is not None for c in felt])) <= 2
+    assert abs(np.diff(f_N)).max() < 0.03  # 0.06 where what holds against it is forgotten
+    assert np.count_nonzero(np.diff([c.contact is not None for c in felt])) == 1
 
 
 def test_a_body_that_is_put_elsewhere_appears_there(scene: hapscene.Scene) -> None:
