@@ -15,7 +15,7 @@ SUBDIVISIONS: Final = 4
 """Of a sphere: 5,120 faces."""
 
 SAG: Final = 1.3e-3
-"""Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/64) around, about as much on a sphere."""
+"""Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/64) around, a sphere's too."""
 
 PLANE_RATIO: Final = 5.0
 """Half the width that an endless plane is given, of the model's extent [1]."""
