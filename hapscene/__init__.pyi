@@ -1,3 +1,4 @@
+from . import bridge as bridge
 from . import capture as capture
 from . import device as device
 from . import dsp as dsp

@@ -24,6 +24,7 @@ from hapscene.memory import memory_left_B
 from hapscene.recording import Recording
 
 if TYPE_CHECKING:
+    from hapscene.bridge import MuJoCo
     from hapscene.scene.scene import Scene
     from hapscene.twin import Intent, Twin
 
@@ -163,7 +164,7 @@ def open_scene(
     """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
     Args:
-        path: a scene file (.scene.json), or a mesh file of any known format.
+        path: a scene file (.scene.json), a mesh file of any known format, or a model of MuJoCo (.xml), as it starts.
         unit: of the mesh, where its file carries none.
         swatch: for the whole mesh, whatever else its file says: a name, or a .swatch file.
         two_sided: whether the mesh's inner side is felt as well.
@@ -183,6 +184,8 @@ def open_scene(
             if value:
                 raise SceneError(f"{path}: is a scene file, which says this itself; leave {option} out")
         return load_scene(path)
+    if is_model(path):
+        return open_model(path, unit, swatch, two_sided).scene
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
 
@@ -197,6 +200,31 @@ def open_scene(
             say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)
     return scene
+
+
+MODELS: Final = (".xml", ".mjcf", ".urdf")
+"""Ends of the names of models of MuJoCo."""
+
+
+def is_model(path: str | Path) -> bool:
+    """Whether a file is a model of MuJoCo, by its name."""
+    return str(path).lower().endswith(MODELS)
+
+
+def open_model(
+    path: str | Path, unit: str | None = None, swatch: str | None = None, two_sided: bool = False
+) -> "MuJoCo":
+    """A model of MuJoCo, to be touched; all of it of one swatch, where one is given.
+
+    Raises:
+        SceneError: MuJoCo is missing or does not take it, or an option that a model answers itself.
+    """
+    from hapscene.bridge import load_mujoco
+
+    for option, value in (("--unit", unit), ("--two-sided", two_sided)):
+        if value:
+            raise SceneError(f"{path}: is a model of MuJoCo, in metres and felt from outside; leave {option} out")
+    return load_mujoco(path, {} if swatch is None else {"default": swatch})
 
 
 _TICK_B: Final = 500
@@ -236,6 +264,7 @@ def touch(
     with_picture: bool = True,
     dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
+    bridge: "MuJoCo | None" = None,
 ) -> list[Path]:
     """Touch a scene along a path and write `MADE` into a folder: all of it, or, where it fails, nothing.
 
@@ -253,6 +282,7 @@ def touch(
         with_picture: whether to draw scene.png. Where it cannot be drawn, `say` gets one line why.
         dark: whether pictures are on dark ground.
         say: is given the progress, piece by piece.
+        bridge: whose scene it is, and which goes on meanwhile; pictures show it as it was at first.
 
     Returns:
         The files written.
@@ -270,7 +300,7 @@ def touch(
             names = EFFECTS if effects is None else effects
             renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings)
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
-            recording = renderer.run(p_WT)
+            recording = renderer.run(p_WT) if bridge is None else bridge.run(renderer, p_WT)
         if not recording.touching.any():
             say(f"nothing was touched: {why_nothing(scene, p_WT)}\n")
         if t_s is not None:
@@ -289,12 +319,13 @@ def touch_by_hand(
     with_picture: bool = True,
     dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
+    bridge: "MuJoCo | None" = None,
     **told: Any,
 ) -> list[Path]:
     """Touch a scene in closed loop, contact forces moving the tool; write `MADE_BY_HAND` into a folder, or nothing.
 
     Args:
-        scene, out, title, with_picture, dark, say: as `touch` has them.
+        scene, out, title, with_picture, dark, say, bridge: as `touch` has them.
         intent: what the hand means to do.
         ready: makes the twin.
         told: goes into the summary's `hand`.
@@ -315,7 +346,7 @@ def touch_by_hand(
         with step(say, f"readying {_counted(scene)}"):
             twin = ready()
         with step(say, f"living through {len(intent) * twin.renderer.tick_s:.1f} s"):
-            feel = twin.run(intent)
+            feel = twin.run(intent) if bridge is None else bridge.live(twin, intent)
         if not feel.recording.touching.any():
             say(f"nothing was touched: {why_nothing(scene, feel.recording.p_WT_m)}\n")
         hand = {**told, **summarise_feel(feel)}

@@ -15,6 +15,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 WORDS = {
     "step": "check part.step",
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
+    "mujoco": "touch box.xml --no-picture",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
@@ -29,6 +30,7 @@ def test_an_extra_that_is_missing_is_named(
     trimesh.creation.box((20, 20, 20)).export("cube.stl")
     Path("part.step").write_text("ISO-10303-21;\nEND-ISO-10303-21;\n")
     Path("oak.csv").write_text("acceleration,force\n" + "0,1\n" * 100)
+    Path("box.xml").write_text("<mujoco/>")
     for text in PROJECT["optional-dependencies"][extra]:
         monkeypatch.setitem(sys.modules, Requirement(text).name.replace("-", "_"), None)
     assert main(WORDS[extra].split()) == 2

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from hapscene.command.options import (
     check_scene,
     check_there,
     load_input,
+    loading,
     rate,
     seed,
     setting,
@@ -29,7 +31,11 @@ HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "
 
 def add_touch(commands: Any) -> None:
     command = add_command(commands, "touch", _touch)
-    command.add_argument("scene", metavar="SCENE", help="a scene (.scene.json), a file that export wrote, or a mesh")
+    command.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="a scene (.scene.json), a file that export wrote, a mesh, or a model of MuJoCo (.xml)",
+    )
     command.add_argument(
         "--path", metavar="CSV", help="path of the tool: columns t,x,y,z in s and m; else a hand feels it from above"
     )
@@ -77,6 +83,7 @@ def _touch(options: argparse.Namespace) -> int:
       hapscene touch demo.scene.json --path hand.csv --out out/hand
       hapscene touch demo.scene.json --effects wall,weight --set weight.mass_kg=0.2
       hapscene touch demo.scene.json --hand stroke --grip light --device omni --out out/stroke
+      hapscene touch table.xml --path push.csv   # a model of MuJoCo, whose bodies are pushed
     """
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.path, PathError)
@@ -96,19 +103,25 @@ def _touch(options: argparse.Namespace) -> int:
     _check_names(options, effects or ())
     _check_settings(settings, effects or ())
     from hapscene.motion.path_file import load_path
-    from hapscene.touch import step, touch
+    from hapscene.touch import is_model, open_model, step, touch
 
     t_s, p_WT = (None, None) if options.path is None else load_path(options.path, TICK_S)
-    scene = load_input(
-        options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
-    )
+    bridge = None
+    if is_model(options.scene):
+        with step(say, loading(options.scene)):
+            bridge = open_model(options.scene, options.unit, options.swatch, options.two_sided)
+        scene = bridge.scene
+    else:
+        scene = load_input(
+            options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
+        )
     if options.hand is not None:
-        return _touch_by_hand(options, scene, effects, settings, p_WT)
+        return _touch_by_hand(options, scene, effects, settings, p_WT, bridge)
     if p_WT is None:
         from hapscene.motion.hand_path import explore
 
         with step(say, "no --path: a hand feels it from above"):
-            p_WT = explore(scene, TICK_S)
+            p_WT = explore(_aimed_at(scene, bridge), TICK_S)
     made = touch(
         scene,
         options.out,
@@ -122,6 +135,7 @@ def _touch(options: argparse.Namespace) -> int:
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        bridge=bridge,
     )
     name_made(made)
     _show(options, scene)
@@ -192,7 +206,9 @@ def _check_settings(settings: Mapping[str, Mapping[str, Any]], effects: Sequence
         field_setting(effect, {key: value for key, value in given.items() if key != "bodies"}, (), ACCELERATION_RATE_HZ)
 
 
-def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settings: Any, p_WT: Any) -> int:
+def _touch_by_hand(
+    options: argparse.Namespace, scene: Any, effects: Any, settings: Any, p_WT: Any, bridge: Any
+) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
@@ -206,7 +222,9 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settin
     assert held is not None  # as was checked
     with step(say, f"the hand: {options.hand}"):
         intent = (
-            act(options.hand, scene, TICK_S, grip=options.grip) if p_WT is None else Intent.along(p_WT, options.grip)
+            act(options.hand, _aimed_at(scene, bridge), TICK_S, grip=options.grip)
+            if p_WT is None
+            else Intent.along(p_WT, options.grip)
         )
 
     def ready() -> Twin:
@@ -232,11 +250,21 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settin
         with_picture=not options.no_picture,
         dark=options.dark,
         say=say,
+        bridge=bridge,
         **{option: getattr(options, option) for option in ("hand", *HAND_DEFAULTS)},
     )
     name_made(made)
     _show(options, scene)
     return 0
+
+
+def _aimed_at(scene: Any, bridge: Any) -> Any:
+    """What a hand goes for: of a model the bodies that move, if any do."""
+    if bridge is None or not bridge.names:
+        return scene
+    moving = copy(scene)
+    moving.bodies = [body for body in scene.bodies if body.name in bridge.names]
+    return moving
 
 
 def add_demo(commands: Any) -> None:

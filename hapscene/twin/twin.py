@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
+Notes = tuple[Any, NDArray[np.float64], Any, NDArray[np.float64]]
+
 
 class Twin:
     """A hand that touches a scene with a device: the real tick, closed over a simulated arm.
@@ -126,18 +128,36 @@ class Twin:
         Raises:
             SceneError: poses for an unknown body, of another length, or not rigid.
         """
+        self._begin(intent)
+        slots = self.renderer._poses(poses or {}, len(intent))
+        notes = self._notes(len(intent))
+        self._live(intent, slice(0, len(intent)), slots, notes)
+        return self._feel(intent, notes)
+
+    # The same piece by piece, for what answers between ticks.
+
+    def _begin(self, intent: Intent) -> None:
+        """At rest at the intention's first target, unless it goes on."""
         if self.body is None:
             if self.X_WD is None and isinstance(self.device, Omni):
                 self.X_WD = stand(0.5 * (intent.target_W_m.min(axis=0) + intent.target_W_m.max(axis=0)))
             self.reset(intent.target_W_m[0])
-        n, renderer = len(intent), self.renderer
-        rows, felt = records(n, ROW), records(n, FELT)
-        a_m_s2, a_handle_m_s2 = np.zeros((n, renderer.block)), np.zeros((n, renderer.block))
-        hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        slots = renderer._poses(poses or {}, n)
-        live(renderer.world, renderer.surface, self.body, *hand, *slots, rows, a_m_s2, felt, a_handle_m_s2)
+
+    def _notes(self, n: int) -> Notes:
+        """What `_live` fills: rows of the ticks, samples, rows of what is felt, the handle's samples."""
+        block = self.renderer.block
+        return records(n, ROW), np.zeros((n, block)), records(n, FELT), np.zeros((n, block))
+
+    def _live(self, intent: Intent, ticks: slice, slots: tuple[Any, ...], notes: Notes) -> None:
+        """Some ticks of an intention."""
+        ahead = slice(ticks.start, ticks.stop + 1)
+        hand = (intent.target_W_m[ahead], intent.grip[ahead], intent.push_W_N[ahead])
+        live(self.renderer.world, self.renderer.surface, self.body, *hand, *slots, *(note[ticks] for note in notes))
+
+    def _feel(self, intent: Intent, notes: Notes) -> Feel:
+        rows, a_m_s2, felt, a_handle_m_s2 = notes
         return Feel(
-            recording=renderer.recording(rows, a_m_s2),
+            recording=self.renderer.recording(rows, a_m_s2),
             p_W_m=_column(felt, "p_W_m"),
             v_W_m_s=_column(felt, "v_W_m_s"),
             target_W_m=intent.target_W_m,
@@ -145,7 +165,7 @@ class Twin:
             f_hand_W_N=_column(felt, "f_hand_W_N"),
             work_J=_column(felt, "work_J"),
             a_handle_m_s2=a_handle_m_s2,
-            latency_s=0.0 if self.handle is None else float(self.body.handle.delay[0] / renderer.a_rate_Hz),
+            latency_s=0.0 if self.handle is None else float(self.body.handle.delay[0] / self.renderer.a_rate_Hz),
             f_coil_N=_column(felt, "f_coil_N"),
             heat=_column(felt, "heat"),
             trouble=np.ascontiguousarray(felt["trouble"]),

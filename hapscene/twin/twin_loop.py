@@ -61,10 +61,11 @@ def live(
 ) -> None:
     """n ticks of an `Intent`, the scene's bodies `moving` (m,) at poses `X_WB` (n, m, 4, 4).
 
-    Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block).
+    Fills `rows` (n,) ROW, `felt` (n,) FELT and the samples (n, block). The intent may have a row more, for what it goes
+    on to.
     """
     tick_s = surface.touch[0].tick_s
-    for k in range(len(target_W_m)):
+    for k in range(len(rows)):
         place_bodies(world, surface, moving, X_WB, teleported, k)
         _intend(body, target_W_m, grip, push_W_N, k, tick_s)
         beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])

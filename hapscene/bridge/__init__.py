@@ -1,0 +1,18 @@
+"""Simulations whose bodies are touched: MuJoCo, and whatever has the three methods of `Simulation`.
+
+```python
+import hapscene
+import mujoco
+
+crate = '<body name="crate"><freejoint/><geom type="box" size=".05 .05 .05" mass=".2"/></body>'
+model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{crate}</worldbody></mujoco>")
+data = mujoco.MjData(model)
+bridge = hapscene.bridge.MuJoCo(model, data, swatches={"crate": "wood"})
+renderer = hapscene.Renderer(bridge.scene)
+command = bridge.step(renderer, (0.0, 0.0, 0.06))  # a step of MuJoCo, the ticks in it, and what the tool pushes
+```
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,229 @@
+"""A model of MuJoCo, touched: a scene of its geoms, and what the tool does to its bodies."""
+
+import importlib.util
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.bridge.mujoco_geom import geom_mesh
+from hapscene.bridge.simulation import Bridge, crosses
+from hapscene.errors import SceneError, no_such, warn
+from hapscene.scene.mesh import Mesh, MeshWarning
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import SwatchLike
+
+if TYPE_CHECKING:
+    from hapscene.moving_bodies import MovingBodies
+    from hapscene.renderer import Renderer
+
+Array = NDArray[np.float64]
+
+
+def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | None = None) -> "MuJoCo":
+    """A model from its MJCF or URDF file, at its start.
+
+    Args:
+        path: the file.
+        swatches: see `MuJoCo`.
+
+    Raises:
+        SceneError: MuJoCo is not installed, or does not take the file; what `MuJoCo` refuses.
+    """
+    _check_installed(f"{os.fspath(path)}: ")
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_path(os.fspath(path))
+    except ValueError as error:
+        raise SceneError(f"{os.fspath(path)}: MuJoCo says {' '.join(str(error).split())!r}") from None
+    return MuJoCo(model, mujoco.MjData(model), swatches)
+
+
+def _check_installed(where: str) -> None:
+    if importlib.util.find_spec("mujoco") is None:
+        raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")
+
+
+class MuJoCo(Bridge):
+    """A model of MuJoCo that is touched: a body of the scene for each of its bodies that has geoms.
+
+    `step`, `run`, `live` and `teleport` are those of `Bridge`. What the tool gives the bodies is added to
+    `data.xfrc_applied` for a step, and taken out again. `mj_resetData` is seen: bodies appear where they began.
+
+    Felt is the surface of each geom as MuJoCo has it, of a mesh its faces, while MuJoCo lets bodies meet by its convex
+    hull. What is static is felt where it is, body "world" among it. A geom's name, or else its material's, names its
+    faces (`scene.paint("table", "oak", "top")`). Flexes, skins and signed distance fields are not felt.
+
+    Args:
+        model, data: `mujoco.MjModel` and its `MjData`; both stay yours.
+        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others.
+        visual: also the geoms that take no part in collisions (contype and conaffinity 0), which are left out.
+
+    Attributes:
+        model, data: as given.
+        scene: the bodies, where they are now.
+        names: of the bodies that can move.
+        step_s: the model's timestep [s].
+
+    Raises:
+        SceneError: MuJoCo is not installed, a swatch for a name that the model lacks, or no geom to touch.
+        SwatchError: an unknown or broken swatch.
+
+    Warns:
+        MeshWarning: a geom of a kind that has no mesh.
+    """
+
+    def __init__(
+        self, model: Any, data: Any, swatches: Mapping[str, SwatchLike] | None = None, *, visual: bool = False
+    ) -> None:
+        _check_installed("")
+        import mujoco
+
+        self.model, self.data = model, data
+        self.step_s = float(model.opt.timestep)
+        mujoco.mj_forward(model, data)
+        self.scene, moving = _scene(model, data, dict(swatches or {}), visual)
+        self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
+        super().__init__(self)
+        self._theirs, self._ours = data.xfrc_applied.copy(), None
+        self._before = np.zeros((len(self.scene.bodies), 6))
+        self._time_s = float(data.time)
+
+    def __repr__(self) -> str:
+        count = len(self.names)
+        return f"<MuJoCo: {count} moving {'body' if count == 1 else 'bodies'}; {self.scene!r}>"
+
+    # For a loop of one's own: poses, ticks, apply, mj_step.
+
+    def poses(self, renderer: "Renderer") -> "MovingBodies":
+        """The bodies where they are now, for `Renderer.step`; what `apply` added last is taken out.
+
+        After `mj_step` alone, `data.xpos` is of the step before; this brings it up to date.
+        """
+        self._take_out()
+        bodies = self._bind(renderer)
+        self.read(bodies.X_WB)
+        bodies.teleported[[bodies.names.index(name) for name in self._jumps]] = 1
+        self._jumps.clear()
+        self._before = renderer.world.impulse[bodies.index]
+        return bodies
+
+    def apply(self, renderer: "Renderer") -> None:
+        """Add to `data.xfrc_applied` what the tool gave the bodies since `poses`, as a wrench over the next step."""
+        bodies = self._bind(renderer)
+        self._put((renderer.world.impulse[bodies.index] - self._before) / self.step_s)
+
+    # What a bridge needs of a simulation.
+
+    def read(self, X_WB: Array) -> None:
+        """Write the present poses of the moving bodies into X_WB (n, 4, 4)."""
+        import mujoco
+
+        model, data = self.model, self.data
+        if data.time < self._time_s:
+            self._jumps.update(self.names)
+        self._time_s = float(data.time)
+        mujoco.mj_kinematics(model, data)
+        X_WB[:, :3, :3] = data.xmat[self._ids].reshape(-1, 3, 3)
+        X_WB[:, :3, 3] = data.xpos[self._ids]
+
+    def mobility(self, body: int) -> Array:
+        """How a body gives way to a wrench (6, 6), with its joints and what is tied to it, but none of its contacts."""
+        import mujoco
+
+        model, data = self.model, self.data
+        if model.nv == 0:
+            return np.zeros((6, 6))
+        jacobian, response = np.zeros((6, model.nv)), np.zeros((6, model.nv))
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self._ids[body])
+        mujoco.mj_solveM(model, data, response, jacobian)
+        return np.asarray(jacobian @ response.T)
+
+    def advance(self, wrench_W: Array) -> None:
+        """One `mj_step` under forces on the moving bodies and torques about their origins (n, 6)."""
+        import mujoco
+
+        self._take_out()
+        self._put(wrench_W)
+        mujoco.mj_step(self.model, self.data)
+        self._take_out()
+
+    def _put(self, wrench_W: Array) -> None:
+        data, bodies = self.data, self._ids
+        self._theirs = data.xfrc_applied.copy()
+        force, torque = wrench_W[:, :3], wrench_W[:, 3:]
+        data.xfrc_applied[bodies, :3] += force  # at the centre of mass
+        data.xfrc_applied[bodies, 3:] += torque
+        data.xfrc_applied[bodies, 3:] -= (crosses(data.xipos[bodies] - data.xpos[bodies]) @ force[:, :, None])[:, :, 0]
+        self._ours = data.xfrc_applied.copy()
+
+    def _take_out(self) -> None:
+        """Give back the user's forces as they were; what was written over in the meantime stays."""
+        if self._ours is not None:
+            untouched = self.data.xfrc_applied == self._ours
+            self.data.xfrc_applied[untouched] = self._theirs[untouched]
+            self._ours = None
+
+
+def _scene(model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
+    """A scene of a model's geoms, and the bodies of it that can move: their numbers in the model."""
+    import mujoco
+
+    kinds = mujoco.mjtObj
+
+    def name_of(kind: Any, index: int, otherwise: str) -> str:
+        return mujoco.mj_id2name(model, kind, index) or otherwise
+
+    known = {"default"}
+    scene, moving = Scene(), {}
+    for body in range(model.nbody):
+        body_name = name_of(kinds.mjOBJ_BODY, body, f"body_{body}")
+        parts, chosen = [], []
+        for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
+            material = model.geom_matid[geom]
+            names = [
+                name_of(kinds.mjOBJ_GEOM, geom, f"geom_{geom}"),
+                *([name_of(kinds.mjOBJ_MATERIAL, material, f"material_{material}")] if material >= 0 else []),
+            ]
+            known |= {body_name, *names}
+            if not (visual or model.geom_contype[geom] or model.geom_conaffinity[geom]):
+                continue
+            made = geom_mesh(model, geom)
+            if made is None:
+                warn(f"geom {names[0]!r} of body {body_name!r} is not felt: its kind has no mesh", MeshWarning)
+                continue
+            R = np.zeros(9)
+            mujoco.mju_quat2Mat(R, model.geom_quat[geom])
+            parts.append((made[0] @ R.reshape(3, 3).T + model.geom_pos[geom], made[1], "/".join(names)))
+            chosen.append(next((swatches[n] for n in (*names, body_name, "default") if n in swatches), None))
+        if not parts:
+            continue
+        X_WB = np.eye(4)
+        X_WB[:3, :3], X_WB[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+        mesh = _merged(parts)
+        scene.add(mesh, name=body_name, pose=X_WB)
+        for index, swatch in enumerate(chosen):
+            if swatch is not None:
+                scene.paint(body_name, swatch, mesh.group == index)
+        if model.body_weldid[body] != 0 or model.body_mocapid[model.body_rootid[body]] >= 0:
+            moving[body_name] = body
+    for name in swatches.keys() - known:
+        raise SceneError(no_such("geom, material or body", name, known))
+    if not scene.bodies:
+        raise SceneError("the model has no geom to touch; those without collisions are felt with visual=True")
+    return scene, moving
+
+
+def _merged(parts: list[tuple[Array, NDArray[np.int64], str]]) -> Mesh:
+    """One mesh of vertices, faces and names, a group each."""
+    first = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts[:-1])])
+    return Mesh(
+        np.vstack([vertices for vertices, _, _ in parts]),
+        np.vstack([faces + offset for (_, faces, _), offset in zip(parts, first, strict=True)]).astype(np.int32),
+        np.repeat(np.arange(len(parts)), [len(faces) for _, faces, _ in parts]).astype(np.int16),
+        tuple(name for _, _, name in parts),
+    )

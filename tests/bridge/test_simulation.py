@@ -1,0 +1,150 @@
+"""The loop of two rates, with a simulation of some lines: momentum, prediction, and which masses chatter."""
+
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+import hapscene
+from hapscene.bridge.simulation import RATIO_MAX, ratio_max
+
+Array = NDArray[np.float64]
+
+STIFFNESS_N_M = 650.0
+SIDE_M = 0.1
+
+
+class Box:
+    """A box that slides and turns, by the semi-implicit Euler method, under a constant force and dry friction."""
+
+    names = ("box",)
+
+    def __init__(self, mass_kg: float, step_s: float, f_N: float = 0.0, drag_N: float = 0.0, turns: bool = True):
+        self.mass_kg, self.step_s, self.f_N, self.drag_N = mass_kg, step_s, np.array([f_N, 0.0, 0.0]), drag_N
+        self.inertia_kg_m2 = mass_kg * SIDE_M**2 / 6.0 if turns else 1e30
+        self.X_WB, self.v_m_s, self.w_rad_s = np.eye(4), np.zeros(3), np.zeros(3)
+
+    def read(self, X_WB: Array) -> None:
+        X_WB[0] = self.X_WB
+
+    def mobility(self, body: int) -> Array:
+        return hapscene.bridge.free_mobility(self.mass_kg, 3 * [self.inertia_kg_m2], self.X_WB[:3, :3])
+
+    def advance(self, wrench_W: Array) -> None:
+        from scipy.spatial.transform import Rotation
+
+        self.v_m_s += (wrench_W[0, :3] + self.f_N) / self.mass_kg * self.step_s
+        most_m_s = self.drag_N / self.mass_kg * self.step_s
+        self.v_m_s -= np.clip(self.v_m_s, -most_m_s, most_m_s)
+        self.w_rad_s += wrench_W[0, 3:] / self.inertia_kg_m2 * self.step_s
+        self.X_WB[:3, 3] += self.v_m_s * self.step_s
+        self.X_WB[:3, :3] = Rotation.from_rotvec(self.w_rad_s * self.step_s).as_matrix() @ self.X_WB[:3, :3]
+
+
+@pytest.fixture(scope="module")
+def scene() -> hapscene.Scene:
+    scene = hapscene.Scene()
+    swatch = hapscene.Swatch("test", stiffness_N_m=STIFFNESS_N_M)
+    scene.add(trimesh.creation.box(3 * [SIDE_M]), name="box", unit="m", swatch=swatch)
+    return scene
+
+
+@pytest.mark.parametrize("step_s", [2.5e-4, 1e-3, 1.5e-3, 1 / 60])
+def test_what_the_hand_loses_the_body_gets(scene: hapscene.Scene, step_s: float) -> None:
+    box = Box(0.2, step_s)
+    bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
+    hand = np.zeros(3)
+    start = np.array([-0.051, 0.02, 0.01])
+    for k in range(round(0.5 / step_s)):
+        bridge.step(
+            renderer,
+            start + 0.1 * k * step_s * np.array([1.0, 0.0, 0.0]),
+            lambda c: np.add(hand, c.f_W_N * renderer.tick_s, out=hand),
+        )
+    impulse = renderer.impulse("box")
+    assert np.linalg.norm(impulse.linear_N_s) > 0.01 and impulse.angular_N_m_s[2] < 0.0
+    assert box.mass_kg * box.v_m_s == pytest.approx(impulse.linear_N_s, rel=1e-12, abs=1e-17)
+    assert box.inertia_kg_m2 * box.w_rad_s == pytest.approx(impulse.angular_N_m_s, rel=1e-12, abs=1e-17)
+    assert hand == pytest.approx(-impulse.linear_N_s, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize(("step_s", "ticks"), [(1e-3, 1000), (4e-4, 400), (1.5e-3, 1500), (1 / 60, 1000)])
+def test_as_many_ticks_as_the_time_takes(scene: hapscene.Scene, step_s: float, ticks: int) -> None:
+    bridge, renderer, counted = hapscene.bridge.Bridge(Box(0.2, step_s)), hapscene.Renderer(scene), []
+    for _ in range(round(ticks * 1e-3 / step_s)):
+        bridge.step(renderer, (-0.1, 0.0, 0.0), counted.append)
+    assert len(counted) == ticks
+
+
+def held_against_the_tool(scene: hapscene.Scene, ratio: float, count: int) -> tuple[Array, Array]:
+    """A mass that presses on the tool by a constant force, K T²/m being `ratio`, T `count` ticks: force, contact."""
+    step_s = count * 1e-3
+    mass_kg = STIFFNESS_N_M * step_s**2 / ratio
+    box = Box(mass_kg, step_s, -0.3, turns=False)
+    box.X_WB[0, 3] = -0.97 * 0.3 / STIFFNESS_N_M  # near where it rests
+    bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene, effects=["wall"])
+    renderer.tune("test", damping_Ns_m=0.0)
+    at = -0.5 * SIDE_M
+    renderer.reset((at - 1e-3, 0.0, 0.0))
+    felt: list[hapscene.Command] = []
+    for _ in range(200 + 800 // count):
+        bridge.step(renderer, lambda: (at, 0.0, 0.0), felt.append)
+    return np.array([c.f_W_N[0] for c in felt]), np.array([c.contact is not None for c in felt])
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 17])
+def test_it_chatters_from_the_ratio_on_that_is_warned_of(scene: hapscene.Scene, count: int) -> None:
+    most = ratio_max(count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, touching = held_against_the_tool(scene, 0.93 * most, count)
+    half = len(touching) // 2
+    assert touching[half:].all()
+    with pytest.warns(hapscene.bridge.ChatterWarning, match=r"body 'box' will chatter: .* at 650 N/m, .* steps of"):
+        _, touching = held_against_the_tool(scene, 1.07 * most, count)
+    assert not touching[half:].all()
+
+
+def test_the_most_that_holds_is_that_of_the_semi_implicit_method() -> None:
+    assert ratio_max(1) == RATIO_MAX == 4.0
+    assert ratio_max(2) == pytest.approx(1.754, abs=1e-3)
+    assert ratio_max(1000) == pytest.approx(2.237, abs=2e-3)
+
+
+def test_prediction_leaves_no_steps_of_force(scene: hapscene.Scene) -> None:
+    """Pushed at 60 Hz against friction as strong as the push: what holds against a body is expected to go on."""
+    bridge = hapscene.bridge.Bridge(Box(0.2, 1 / 60, drag_N=2.0, turns=False))
+    renderer, felt, at = hapscene.Renderer(scene, effects=["wall"]), list[hapscene.Command](), itertools.count()
+    for _ in range(180):
+        bridge.step(renderer, lambda: (-0.0505 + 1e-5 * next(at), 0.0, 0.0), felt.append)
+    f_N = np.array([c.f_W_N[0] for c in felt])
+    assert abs(f_N).max() > 1.9
+    assert abs(np.diff(f_N)).max() < 0.03  # 0.06 where what holds against it is forgotten
+    assert np.count_nonzero(np.diff([c.contact is not None for c in felt])) == 1
+
+
+def test_a_body_that_is_put_elsewhere_appears_there(scene: hapscene.Scene) -> None:
+    box = Box(0.2, 1 / 60)
+    bridge, renderer, felt = hapscene.bridge.Bridge(box), hapscene.Renderer(scene), list[hapscene.Command]()
+    for _ in range(3):
+        bridge.step(renderer, (0.2, 0.0, 0.0), felt.append)
+    box.X_WB[0, 3] = 0.4
+    bridge.teleport("box")
+    for _ in range(3):
+        bridge.step(renderer, (0.2, 0.0, 0.0), felt.append)
+    assert not any(c.contact for c in felt) and box.v_m_s[0] == 0.0
+    with pytest.raises(hapscene.HapsceneError, match="no moving body 'bux'; there are: box"):
+        bridge.teleport("bux")
+
+
+def test_what_does_not_fit_is_said(scene: hapscene.Scene) -> None:
+    bridge = hapscene.bridge.Bridge(Box(0.2, 1e-3))
+    with pytest.raises(hapscene.HapsceneError, match="three numbers in metres; it has 2"):
+        bridge.step(hapscene.Renderer(scene), (0.0, 1.0))
+    other = hapscene.Scene()
+    other.add(trimesh.creation.box(3 * [SIDE_M]), name="bux", unit="m")
+    with pytest.raises(hapscene.HapsceneError, match="no body 'box'; there are: bux"):
+        bridge.step(hapscene.Renderer(other), (0.0, 0.0, 1.0))
