@@ -2,7 +2,6 @@
 
 import random
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
@@ -20,26 +18,9 @@ sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
 import hapscene_client as client_file  # noqa: E402  # from the folder above
 from hapscene_client import AIM, FRAME, HELLO, ORDER, Client, pack  # noqa: E402
 
+from .served import Served  # noqa: E402
+
 MASS_KG = 0.2
-
-
-class Served:
-    """`hapscene serve` of a cube of 50 mm, and the port it listens at."""
-
-    def __init__(self, folder: Path) -> None:
-        trimesh.creation.box((0.05, 0.05, 0.05)).export(folder / "crate.stl")
-        words = ["-m", "hapscene", "serve", "crate.stl", "--unit", "m", "--swatch", "wood", "--udp", "0"]
-        self.process = subprocess.Popen(
-            [sys.executable, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        assert self.process.stdout is not None
-        while "udp" not in (line := self.process.stdout.readline()):
-            assert line, "it ended"
-        self.port = int(line.split(":")[1].split()[0])
-
-    def end(self) -> str:
-        self.process.terminate()
-        return self.process.communicate(timeout=60.0)[0]
 
 
 @pytest.fixture(scope="module")
