@@ -47,3 +47,8 @@ def test_a_program_in_cpp_pushes_a_crate(served: Served, tmp_path: Path) -> None
     program = tmp_path / "push"
     ran("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-O1", "-o", program, ENGINES / "cpp" / "push.cpp")
     assert_pushed(ran(program, served.port))
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no Node.js here: apt-get install nodejs")
+def test_a_program_in_javascript_pushes_a_crate(served: Served) -> None:
+    assert_pushed(ran("node", ENGINES / "javascript" / "push.mjs", served.port))
