@@ -30,6 +30,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.handle import add_handle
     from hapscene.command.paint import add_paint
     from hapscene.command.plugins import add_plugins
+    from hapscene.command.serve import add_serve
     from hapscene.command.stability import add_stability
     from hapscene.command.swatch import add_swatch
     from hapscene.command.teleoperate import add_teleoperate
@@ -37,7 +38,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.view import add_view
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
-    further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate)
+    further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
     return first, (*further, add_plugins, add_bench)
 
 

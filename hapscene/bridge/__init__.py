@@ -1,4 +1,5 @@
-"""Simulations whose bodies are touched: MuJoCo, and whatever has the three methods of `Simulation`.
+"""Other programs, whose bodies are touched: MuJoCo, whatever has the three methods of `Simulation`, and by a socket
+whatever speaks `docs/bridge-protocol.md`.
 
 ```python
 import hapscene

@@ -1,5 +1,6 @@
 from .mujoco_bridge import MuJoCo as MuJoCo
 from .mujoco_bridge import load_mujoco as load_mujoco
+from .server import BridgeServer as BridgeServer
 from .simulation import Bridge as Bridge
 from .simulation import ChatterWarning as ChatterWarning
 from .simulation import Simulation as Simulation

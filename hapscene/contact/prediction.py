@@ -48,6 +48,7 @@ PREDICTED: Final = np.dtype(
         ("jumps", "i8"),
         ("refused", "i8"),  # 1 while the last frame had a pose that is none
         ("time_ns", "i8"),  # of that frame
+        ("period_s", "f8"),  # from frame to frame, in the mean of the last few
         ("left_s", "f8"),  # until nothing is left of the last difference
         ("com_W_m", "f8", (3,)),  # as predicted: without what is left of the last difference
         ("R_WB", "f8", (3, 3)),
@@ -67,6 +68,9 @@ PREDICTED: Final = np.dtype(
 
 HORIZON_S: Final = 0.1
 """How long a body goes on without a new frame [s]: six of them at 60 Hz. Then it stands where it is."""
+
+SHARE: Final = 0.2
+"""Share of the newest in the mean time between frames [1]: of two that come at once, late, the second is no jump."""
 
 PERIOD_S: Final = 1.0 / 60.0
 """Time between two frames until there were two [s]."""
@@ -123,7 +127,9 @@ def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
     known = body.count > 0
     age_s = min(max(1e-9 * (now - frame.time_ns), 0.0), frame.lasts_s)
     span_s = 1e-9 * (frame.time_ns - body.time_ns) if known else 0.0
-    body.left_s = min(span_s, HORIZON_S) if span_s > 0.0 else PERIOD_S
+    if span_s > 0.0:
+        body.period_s += (span_s - body.period_s) * (SHARE if body.period_s > 0.0 else 1.0)
+    body.left_s = min(body.period_s, HORIZON_S) if body.period_s > 0.0 else PERIOD_S
     body.time_ns = frame.time_ns
     _turn(body.shown_R, (body.off_rad[0], body.off_rad[1], body.off_rad[2]), body.R_WB)
     for i in range(3):

@@ -98,6 +98,20 @@ def test_what_leans_against_the_push_is_learnt_from_the_frames() -> None:
     assert max(np.abs(away[100:])) < 1e-4
 
 
+def test_frames_that_come_late_and_at_once_are_no_jump() -> None:
+    """60 a second on a steady way, of which some are held up and come with the next: no tick is much faster."""
+    line, way = Line(), []
+    due = {round(k * 1000 / 60): k for k in range(60)}
+    for k in list(due)[10:50:7]:
+        due[k + 15] = due.pop(k)
+    for k in range(1000):
+        if k in due:
+            line.say(k, (0.1 * due[k] / 60, 0, 0))
+        way.append(line.tick(k)[0, 3])
+    steps = np.abs(np.diff(way))[50:]
+    assert steps.max() < 3 * 0.1 * TICK_S
+
+
 def test_a_frame_elsewhere_is_no_jump_and_a_teleport_is_one() -> None:
     line = Line(0.2)
     line.say(0)

@@ -1,0 +1,155 @@
+"""A client of hapscene's bridge in one file, of Python's own library alone: `docs/bridge-protocol.md`, version 1.
+
+client = Client(up="y", handed="right")
+bridge.order("free", body="crate", mass=0.2, inertia=[1e-4] * 3)
+bridge.order("start", p=[0.0, 0.1, 0.0])
+while running:
+    crate.velocity += (client.impulse("crate")[:3] - got) / 0.2 ...
+    client.frame(aim=mouse, bodies=[Body("crate", p, q, v, w)])
+"""
+
+import contextlib
+import json
+import random
+import socket
+import struct
+import time
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+HELLO, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED = range(1, 9)
+HEAD, CHECK = struct.Struct("<4sBBHQI"), struct.Struct("<I")
+AIM, BODY = struct.Struct("<BBHI3d"), struct.Struct("<HHI3d4d3d3d6d")
+STATES, IMPULSE, EVENT = struct.Struct("<Qd3d3d3d3dddiiiIIHH"), struct.Struct("<HHI6d"), struct.Struct("<QBBHHHd")
+KINDS = {1: "began", 2: "crossed", 3: "ended"}
+
+
+def pack(kind: int, key: int, sequence: int, payload: bytes) -> bytes:
+    head = HEAD.pack(b"HSB1", kind, 0, HEAD.size + CHECK.size + len(payload), key, sequence)
+    return head + CHECK.pack(zlib.crc32(head + payload)) + payload
+
+
+def unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
+    """Kind, key, sequence and payload; None where it is no packet."""
+    start = HEAD.size + CHECK.size
+    if len(data) < start:
+        return None
+    magic, kind, _, size, key, sequence = HEAD.unpack_from(data)
+    whole = magic == b"HSB1" and size == len(data)
+    if not whole or zlib.crc32(data[: HEAD.size] + data[start:]) != CHECK.unpack_from(data, HEAD.size)[0]:
+        return None
+    return kind, key, sequence, data[start:]
+
+
+class Client:
+    """A session. `state` is the newest that was told, `events` all that happened since they were last taken."""
+
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 47700,
+        up: str = "z",
+        handed: str = "right",
+        metres: float = 1.0,
+        patience_s: float = 10.0,
+    ) -> None:
+        self.patience_s = patience_s
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect((host, port))
+        self.socket.settimeout(0.05)
+        self.key = self.sequence = self.orders = self.event_count = 0
+        self.state: dict[str, Any] | None = None
+        self.events: list[tuple[int, str, str, str, float]] = []
+        self.totals: dict[str, tuple[float, ...]] = {}
+        hello = {"version": 1, "nonce": random.getrandbits(53), "up": up, "handed": handed, "metres": metres}
+        kind, self.key, told = self._ask(HELLO, 1, hello, (WELCOME, REFUSED))
+        if kind == REFUSED:
+            raise ConnectionError(told["error"])
+        self.bodies, self.swatches, self.tick_s = told["bodies"], told["swatches"], told["tick_s"]
+
+    def order(self, order: str, **what: Any) -> dict[str, Any]:
+        """Have something done once; raises ValueError with the reason where it was not."""
+        self.orders += 1
+        _, _, told = self._ask(ORDER, self.orders, {"order": order, **what}, (ANSWER,))
+        if "error" in told:
+            raise ValueError(told["error"])
+        return told
+
+    def frame(self, aim: Sequence[float] | None = None, bodies: Sequence[Any] = ()) -> None:
+        """Say where the hand aims and where bodies are: (name, p, q) or (name, p, q, v, w), q as x y z w, each with
+        `teleport=True` as a last member if it jumps. Waits for nothing; `poll` takes what was told."""
+        parts = [AIM.pack(aim is not None, len(bodies), 0, self.event_count, *(aim if aim is not None else (0, 0, 0)))]
+        for body in bodies:
+            body, jumps = (body[:-1], body[-1]) if isinstance(body[-1], bool) else (body, False)
+            name, p, q, *moving = body
+            v, w = moving or ((0, 0, 0), (0, 0, 0))
+            seen = self.totals.get(name, (0.0,) * 6)
+            parts.append(BODY.pack(self.bodies.index(name), jumps | 2 * bool(moving), 0, *p, *q, *v, *w, *seen))
+        self.sequence += 1
+        self._send(pack(FRAME, self.key, self.sequence, b"".join(parts)))
+
+    def poll(self, wait_s: float = 0.0) -> bool:
+        """Take what was told; whether a state came."""
+        came, end_s = False, time.monotonic() + wait_s
+        while True:
+            self.socket.settimeout(max(end_s - time.monotonic(), 0.0) if not came else 0.0)
+            try:
+                packet = unpack(self.socket.recv(65536))
+            except (BlockingIOError, TimeoutError):
+                return came
+            except ConnectionError:
+                continue
+            if packet and packet[:2] == (STATE, self.key):
+                came = self._take(packet[2], packet[3]) or came
+
+    def impulse(self, name: str) -> tuple[float, ...]:
+        """What the tool has given a body so far, as last told: six numbers, N·s and N·m·s."""
+        return self.totals.get(name, (0.0,) * 6)
+
+    def close(self) -> None:
+        self._send(pack(BYE, self.key, 0, b""))
+        self.socket.close()
+
+    def _take(self, sequence: int, payload: bytes) -> bool:
+        if self.state is not None and sequence <= self.state["sequence"]:
+            return False  # overtaken
+        tick, age_s, *n = STATES.unpack_from(payload)
+        names = ("tool", "proxy", "normal", "force")
+        state: dict[str, Any] = {name: tuple(n[3 * i : 3 * i + 3]) for i, name in enumerate(names)}
+        rest = ("depth", "slip", "body", "face", "swatch", "flags", "first_event", "events", "bodies")
+        state |= dict(zip(rest, n[12:], strict=True)) | {"tick": tick, "age_s": age_s, "sequence": sequence}
+        at = STATES.size
+        for _ in range(state["bodies"]):
+            body, _, _, *total = IMPULSE.unpack_from(payload, at)
+            self.totals[self.bodies[body]] = tuple(total)
+            at += IMPULSE.size
+        for number in range(state["first_event"], state["first_event"] + state["events"]):
+            tick, kind, _, body, swatch, _, speed = EVENT.unpack_from(payload, at)
+            at += EVENT.size
+            if number >= self.event_count:
+                self.events.append((tick, KINDS[kind], self.bodies[body], self.swatches[swatch], speed))
+        self.event_count = max(self.event_count, state["first_event"] + state["events"])
+        self.state = state
+        return True
+
+    def _ask(
+        self, kind: int, sequence: int, what: dict[str, Any], answers: tuple[int, ...]
+    ) -> tuple[int, int, dict[str, Any]]:
+        packet, end_s = pack(kind, self.key, sequence, json.dumps(what).encode()), time.monotonic() + self.patience_s
+        self.socket.settimeout(0.1)
+        while time.monotonic() < end_s:
+            self._send(packet)
+            try:
+                told = unpack(self.socket.recv(65536))
+            except (TimeoutError, ConnectionError):
+                continue
+            if told and told[0] in answers and told[2] == sequence:
+                return told[0], told[1], json.loads(told[3])
+            if told and told[:2] == (STATE, self.key):
+                self._take(told[2], told[3])
+        raise TimeoutError("nobody answers: does `hapscene serve` run?")
+
+    def _send(self, packet: bytes) -> None:
+        with contextlib.suppress(ConnectionError):  # told of an earlier one that nobody took
+            self.socket.send(packet)

@@ -1,0 +1,203 @@
+"""The bridge's packets, byte for byte as `docs/bridge-protocol.md` has them: little-endian, version 1."""
+
+import json
+import struct
+import zlib
+from typing import Any, Final, NamedTuple
+
+from hapscene.errors import FormatError
+
+VERSION: Final = 1
+MAGIC: Final = b"HSB1"
+
+HELLO, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED = range(1, 9)
+
+SIZE_MAX: Final = 32_768
+"""Longest packet [bytes]: what a datagram on one's own machine takes, twice over."""
+
+BODIES_MAX: Final = 200
+"""Most bodies of a frame [count]: more go into several."""
+
+EVENTS_MAX: Final = 64
+"""Most events of a state [count]; the others follow."""
+
+_HEAD: Final = struct.Struct("<4sBBHQI")
+_CHECK: Final = struct.Struct("<I")
+_AIM: Final = struct.Struct("<BBHI3d")
+_BODY: Final = struct.Struct("<HHI3d4d3d3d6d")
+_STATE: Final = struct.Struct("<Qd3d3d3d3dddiiiIIHH")
+_IMPULSE: Final = struct.Struct("<HHI6d")
+_EVENT: Final = struct.Struct("<QBBHHHd")
+
+
+class PacketError(FormatError):
+    """Bytes that are no packet of this protocol."""
+
+
+class Packet(NamedTuple):
+    """One datagram.
+
+    Attributes:
+        kind: HELLO … REFUSED.
+        key: of the session, 0 before there is one.
+        sequence: counts up from 1, by the client; an answer has the number of what it answers.
+        payload: bytes.
+    """
+
+    kind: int
+    key: int
+    sequence: int
+    payload: bytes
+
+
+class BodyFrame(NamedTuple):
+    """Where a body is, in the client's frame and unit: quaternion x y z w; velocities None where it says none."""
+
+    body: int
+    teleport: bool
+    p: tuple[float, ...]
+    q: tuple[float, ...]
+    v: tuple[float, ...] | None
+    w: tuple[float, ...] | None
+    seen: tuple[float, ...]
+
+
+class Frame(NamedTuple):
+    """What a client says, as often as it draws: where the hand aims (None: as before), bodies, events it has got."""
+
+    aim: tuple[float, ...] | None
+    event_count: int
+    bodies: tuple[BodyFrame, ...]
+
+
+class Event(NamedTuple):
+    """A change of contact: kind 1 began, 2 crossed, 3 ended; indices into the lists of the WELCOME."""
+
+    tick: int
+    kind: int
+    body: int
+    swatch: int
+    approach: float
+
+
+class State(NamedTuple):
+    """What a client is told, in its frame and unit; forces in N, impulses in N·s."""
+
+    tick: int
+    age_s: float
+    tool: tuple[float, ...]
+    proxy: tuple[float, ...]
+    normal: tuple[float, ...]
+    force: tuple[float, ...]
+    depth: float
+    slip: float
+    body: int
+    face: int
+    swatch: int
+    flags: int
+    first_event: int
+    impulses: tuple[tuple[int, tuple[float, ...]], ...]
+    events: tuple[Event, ...]
+
+
+def pack(packet: Packet) -> bytes:
+    """The bytes of a packet."""
+    size = _HEAD.size + _CHECK.size + len(packet.payload)
+    if size > SIZE_MAX:
+        raise PacketError(f"a packet of {size} bytes; expected at most {SIZE_MAX}")
+    head = _HEAD.pack(MAGIC, packet.kind, 0, size, packet.key, packet.sequence)
+    return head + _CHECK.pack(zlib.crc32(head + packet.payload)) + packet.payload
+
+
+def unpack(data: bytes) -> Packet:
+    """The packet of bytes that came from anybody.
+
+    Raises:
+        PacketError: they are none.
+    """
+    start = _HEAD.size + _CHECK.size
+    if not start <= len(data) <= SIZE_MAX:
+        raise PacketError(f"{len(data)} bytes; expected {start} to {SIZE_MAX}")
+    magic, kind, _, size, key, sequence = _HEAD.unpack_from(data)
+    if magic != MAGIC or size != len(data) or not HELLO <= kind <= REFUSED:
+        raise PacketError("no packet of version 1")
+    if zlib.crc32(data[: _HEAD.size] + data[start:]) != _CHECK.unpack_from(data, _HEAD.size)[0]:
+        raise PacketError("a wrong checksum")
+    return Packet(kind, key, sequence, data[start:])
+
+
+def pack_json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def unpack_json(payload: bytes) -> dict[str, Any]:
+    """An object.
+
+    Raises:
+        PacketError: it is none.
+    """
+    try:
+        content = json.loads(payload)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict):
+        raise PacketError("expected a JSON object")
+    return content
+
+
+def pack_frame(frame: Frame) -> bytes:
+    aim = frame.aim or (0.0, 0.0, 0.0)
+    parts = [_AIM.pack(frame.aim is not None, len(frame.bodies), 0, frame.event_count, *aim)]
+    for body in frame.bodies:
+        bits = body.teleport | 2 * (body.v is not None)
+        v, w = body.v or (0.0,) * 3, body.w or (0.0,) * 3
+        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.seen))
+    return b"".join(parts)
+
+
+def unpack_frame(payload: bytes) -> Frame:
+    """A frame.
+
+    Raises:
+        PacketError: its length is not that of the bodies it counts.
+    """
+    if len(payload) < _AIM.size:
+        raise PacketError("a frame that is cut short")
+    aims, count, _, event_count, *aim = _AIM.unpack_from(payload)
+    if len(payload) != _AIM.size + count * _BODY.size:
+        raise PacketError(f"a frame of {count} bodies in {len(payload)} bytes")
+    bodies = []
+    for at in range(_AIM.size, len(payload), _BODY.size):
+        body, bits, _, *n = _BODY.unpack_from(payload, at)
+        v, w = (tuple(n[7:10]), tuple(n[10:13])) if bits & 2 else (None, None)
+        bodies.append(BodyFrame(body, bool(bits & 1), tuple(n[:3]), tuple(n[3:7]), v, w, tuple(n[13:19])))
+    return Frame(tuple(aim) if aims else None, event_count, tuple(bodies))
+
+
+def pack_state(state: State) -> bytes:
+    vectors = (*state.tool, *state.proxy, *state.normal, *state.force)
+    numbers = (state.depth, state.slip, state.body, state.face, state.swatch, state.flags, state.first_event)
+    parts = [_STATE.pack(state.tick, state.age_s, *vectors, *numbers, len(state.events), len(state.impulses))]
+    parts += [_IMPULSE.pack(body, 0, 0, *impulse) for body, impulse in state.impulses]
+    parts += [_EVENT.pack(e.tick, e.kind, 0, e.body, e.swatch, 0, e.approach) for e in state.events]
+    return b"".join(parts)
+
+
+def unpack_state(payload: bytes) -> State:
+    """A state.
+
+    Raises:
+        PacketError: its length is not that of what it counts.
+    """
+    if len(payload) < _STATE.size:
+        raise PacketError("a state that is cut short")
+    tick, age_s, *n = _STATE.unpack_from(payload)
+    tool, proxy, normal, force = (tuple(n[i : i + 3]) for i in (0, 3, 6, 9))
+    depth, slip, body, face, swatch, flags, first_event, event_count, body_count = n[12:]
+    at = _STATE.size + body_count * _IMPULSE.size
+    if len(payload) != at + event_count * _EVENT.size:
+        raise PacketError("a state of another length than it says")
+    impulses = [(index, tuple(J)) for index, _, _, *J in _IMPULSE.iter_unpack(payload[_STATE.size : at])]
+    events = [Event(t, kind, on, of, v) for t, kind, _, on, of, _, v in _EVENT.iter_unpack(payload[at:])]
+    contact = (depth, slip, body, face, swatch, flags, first_event)
+    return State(tick, age_s, tool, proxy, normal, force, *contact, tuple(impulses), tuple(events))
