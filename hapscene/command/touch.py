@@ -206,9 +206,7 @@ def _check_settings(settings: Mapping[str, Mapping[str, Any]], effects: Sequence
         field_setting(effect, {key: value for key, value in given.items() if key != "bodies"}, (), ACCELERATION_RATE_HZ)
 
 
-def _touch_by_hand(
-    options: argparse.Namespace, scene: Any, effects: Any, settings: Any, p_WT: Any, bridge: Any
-) -> int:
+def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settings: Any, p_WT: Any, bridge: Any) -> int:
     from hapscene.device.model import device_named, limits_of
     from hapscene.device.omni import Omni
     from hapscene.handle import Plant
