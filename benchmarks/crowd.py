@@ -1,6 +1,7 @@
 """Many bodies: what it costs to ask each that a ball lets through, at rest and while some of them move."""
 
 import math
+import time
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,9 @@ MOVING_SHARE: Final = 0.1
 SWAY_M, SWAY_HZ = 0.005, 1.6
 """How far and how often they move to and fro [m], [Hz]: 0.05 m/s at most."""
 
+BOUND_COUNTS: Final = (1, 100, 1000)
+"""Bodies that all move, bound to slots, in steps from Python [count]."""
+
 MOVING_TICKS: Final = 1000
 """Ticks with moving bodies [count]: a pose of each body for each tick takes memory."""
 
@@ -51,6 +55,25 @@ def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
         sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
         if count * MOVING_SHARE >= 1.0:
             _measure_moving(sheet, name, scene, place, path, repeats)
+    for count in BOUND_COUNTS:
+        measure_bound(sheet, count, repeats)
+
+
+def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
+    """A whole step from Python, in contact, while all bodies move: their poses written into slots."""
+    place = grid(count)
+    renderer = Renderer(_scene(place), effects=["wall"])
+    slots = renderer.moving([f"body {i}" for i in range(count)])
+    X_WB = _sway(place, MOVING_TICKS)
+    took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
+    renderer.step((0.0, 0.0, 0.06))
+    for repeat in range(repeats):
+        for k in range(MOVING_TICKS):
+            slots.X_WB[:] = X_WB[k]
+            start_ns = time.perf_counter_ns()
+            renderer.step((X_WB[k, 0, 0, 3], 0.0, 0.049 + X_WB[k, 0, 2, 3]), slots)
+            took_ns[repeat, k] = time.perf_counter_ns() - start_ns
+    sheet.add(f"moving {count}", "step with bound bodies", 1e-3 * float(np.median(took_ns.min(axis=0))), "µs")
 
 
 def _measure_moving(sheet: Sheet, name: str, scene: Scene, place: Array, path: Array, repeats: int) -> None:
