@@ -110,7 +110,7 @@ def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[3].pause))
+    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[4].pause))
     Desk(desk._twin, desk._channel)
     assert asked == [1]  # paused: it returns at once
 
