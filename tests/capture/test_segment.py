@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.segment import InteractionState, noise, runs, segment
+from hapscene.capture.segment import LEVEL_S, InteractionState, _mark_bursts, noise, runs, segment
 from hapscene.capture.segment_plot import write_states
 from hapscene.capture.streams import clean
 
@@ -117,3 +117,16 @@ def test_a_plot_of_the_states(tmp_path, handled_recording):
     write_states([(channels, segment(channels)), (short, segment(short))], tmp_path / "states.png", ["one", "two"])
     assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
     assert [path.name for path in tmp_path.iterdir()] == ["states.png"]
+
+
+@pytest.mark.parametrize(("loudest_s", "tap"), [(0.0, True), (0.9 * LEVEL_S, True), (1.5 * LEVEL_S, False)])
+@pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])
+def test_a_burst_is_a_tap_if_it_is_loudest_at_its_start_as_sharp_as_a_level_is_known(rate_Hz, loudest_s, tap):
+    level = np.zeros(round(rate_Hz))
+    start, count = round(0.3 * rate_Hz), round(2.4 * LEVEL_S * rate_Hz)
+    level[start : start + count] = 1.0
+    level[start + round(loudest_s * rate_Hz)] = 10.0
+    states = np.zeros(len(level), np.int8)
+    _mark_bursts(states, level > 0.0, level, rate_Hz)
+    found = np.flatnonzero(states == InteractionState.TAP)
+    assert found.tolist() == (list(range(start, start + count)) if tap else [])
