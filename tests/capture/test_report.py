@@ -18,6 +18,7 @@ from hapscene.capture.report import report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
 from hapscene.capture.report_plots import (
     _bent,
+    plot_bands,
     plot_friction,
     plot_models,
     plot_plane,
@@ -105,6 +106,7 @@ def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
     force, speed = np.full(4000, 1.0), np.full(4000, 0.1)
     frequency, density = spectrum_along(texture, force, speed)
     assert density.sum() * frequency[1] == pytest.approx(texture.power([1.0], [0.1])[0], rel=0.01)
+    force[::20], force[19::20] = 9.0, 0.0  # each block of 10 ms is what it is in its middle
     speed[2000:] = 0.0  # silence in the second half
     assert spectrum_along(texture, force, speed)[1] == pytest.approx(0.5 * density)
 
@@ -297,6 +299,16 @@ def test_a_spectrum_s_axes_hold_what_is_heard_of_it(axes) -> None:
     assert axes.get_xticks().tolist() == [20, 50, 100, 200, 500, 1000] and not len(axes.get_xticks(minor=True))
     heard = levels[:, (frequency >= 20.0) & (frequency <= 1000.0)]
     assert axes.get_ylim() == pytest.approx((heard.min() - 3.0, heard.max() + 3.0))
+
+
+@pytest.mark.parametrize(("worst_dB", "reach_dB"), [(1.0, 4.0), (-8.0, 9.2)])
+def test_bands_are_drawn_on_a_scale_of_at_least_4_dB(worst_dB, reach_dB, axes) -> None:
+    band = np.array([worst_dB, *np.full(11, 0.5)])
+    plot_bands(SimpleNamespace(band_dB=band, level_dB=0.0))
+    assert axes.get_ylim() == pytest.approx((-reach_dB, reach_dB))
+    bars = {group.get_label(): [bar.get_height() for bar in group] for group in axes.containers}
+    felt = {"felt": [worst_dB]} if abs(worst_dB) > 4.0 else {}
+    assert bars == felt | {"not felt": [level for level in band if not (felt and level == worst_dB)]}
 
 
 def test_a_place_where_the_texture_is_silent_takes_no_room_in_its_spectra(axes) -> None:

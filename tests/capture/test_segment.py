@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.segment import LEVEL_S, InteractionState, _mark_bursts, noise, runs, segment
-from hapscene.capture.segment_plot import write_states
+from hapscene.capture.segment import LEVEL_S, InteractionState, Segmentation, _mark_bursts, noise, runs, segment
+from hapscene.capture.segment_plot import draw_states, write_states
 from hapscene.capture.streams import clean
 
 TOLERANCE_S = 0.02
@@ -130,3 +130,15 @@ def test_a_burst_is_a_tap_if_it_is_loudest_at_its_start_as_sharp_as_a_level_is_k
     _mark_bursts(states, level > 0.0, level, rate_Hz)
     found = np.flatnonzero(states == InteractionState.TAP)
     assert found.tolist() == (list(range(start, start + count)) if tap else [])
+
+
+def test_what_tells_a_state_is_marked_on_its_stream():
+    t = np.arange(20_000) / 10_000.0
+    channels = clean(np.sin(500.0 * t), 10_000.0, 1.0 - np.cos(3.0 * t), 0.1 + 0.0 * t)
+    found = Segmentation(10_000.0, np.zeros(len(t), np.int8), (), 0.25, None)
+    panels = draw_states([(channels, found)], ["one"]).subfigs[0].axes
+    (force,) = (axes for axes in panels if axes.get_ylabel().startswith("normal force"))
+    assert [(text.get_text(), text.xy[1]) for text in force.texts] == [("on", 0.25)]
+    assert [line.get_ydata()[0] for line in force.lines] == [0.25]
+    assert not any(axes.texts for axes in panels if axes is not force)
+    assert panels[-1].get_xlabel() == "time [s]"
