@@ -196,6 +196,12 @@ def test_a_recording_too_short_for_halves_is_reported_on_all_the_same() -> None:
     assert "Cannot be judged on held-out data" in text
 
 
+@pytest.mark.parametrize(("source", "said"), [("a.csv", "a.csv: "), ("", "")])
+def test_a_recording_that_cannot_be_used_is_told_by_its_name(source: str, said: str) -> None:
+    with pytest.raises(CaptureError, match=f"^{said}the acceleration "):
+        report(PLAIN, replace(recorded(4000), acceleration_m_s2=np.zeros(4000)), source)
+
+
 def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="cannot be written"):
         write_report(PLAIN, tmp_path / "none" / "a.html")
