@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.segment import LEVEL_S, InteractionState, Segmentation, _mark_bursts, noise, runs, segment
+from hapscene.capture.segment import LEVEL_S, TAP_S, InteractionState, Segmentation, _mark_bursts, noise, runs, segment
 from hapscene.capture.segment_plot import draw_states, write_states
 from hapscene.capture.streams import clean
 
@@ -119,12 +119,25 @@ def test_a_plot_of_the_states(tmp_path, handled_recording):
     assert [path.name for path in tmp_path.iterdir()] == ["states.png"]
 
 
-@pytest.mark.parametrize(("loudest_s", "tap"), [(0.0, True), (0.9 * LEVEL_S, True), (1.5 * LEVEL_S, False)])
+@pytest.mark.parametrize(
+    ("start_s", "length_s", "loudest_s", "rest", "tap"),
+    [
+        (0.3, 2.4 * LEVEL_S, 0.0, 1.0, True),
+        (0.3, 2.4 * LEVEL_S, 0.9 * LEVEL_S, 1.0, True),  # no later than a level is known to
+        (0.3, 2.4 * LEVEL_S, 1.5 * LEVEL_S, 1.0, False),
+        (0.3, 0.95 * TAP_S, 0.3 * TAP_S, 1.0, True),
+        (0.3, 0.95 * TAP_S, 0.4 * TAP_S, 1.0, False),
+        (0.3, 1.05 * TAP_S, 0.0, 1.0, False),
+        (0.0, 2.4 * LEVEL_S, 0.0, 1.0, False),  # it began before the recording
+        (0.3, 2.4 * LEVEL_S, 0.0, 2.5, False),  # its last quarter is too loud
+    ],
+)
 @pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])
-def test_a_burst_is_a_tap_if_it_is_loudest_at_its_start_as_sharp_as_a_level_is_known(rate_Hz, loudest_s, tap):
+def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_s, length_s, loudest_s, rest, tap):
     level = np.zeros(round(rate_Hz))
-    start, count = round(0.3 * rate_Hz), round(2.4 * LEVEL_S * rate_Hz)
+    start, count = round(start_s * rate_Hz), round(length_s * rate_Hz)
     level[start : start + count] = 1.0
+    level[start + 3 * count // 4 : start + count] = rest
     level[start + round(loudest_s * rate_Hz)] = 10.0
     states = np.zeros(len(level), np.int8)
     _mark_bursts(states, level > 0.0, level, rate_Hz)
