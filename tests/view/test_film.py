@@ -80,16 +80,20 @@ def test_path_and_tool_are_in_the_legend_of_a_touch_alone(
     scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
+    needed_px: list[int] = []
 
     def listening(entries: Sequence[LegendEntry], *rest: Any) -> Any:
         told.extend(entry.text for entry in entries)
-        return lay_out(entries, *rest)
+        placed, height_px = lay_out(entries, *rest)
+        needed_px.append(height_px)
+        return placed, height_px
 
     monkeypatch.setattr(film, "lay_out", listening)
-    _compose(scene, None, SMALL, 6)
+    strips = [_compose(scene, None, replace(SMALL, size=(280, 240)), 6)[1]]
     assert told == ["green"]
-    _compose(scene, recording, SMALL, 6)
+    strips.append(_compose(scene, recording, replace(SMALL, size=(160, 400)), 6)[1])
     assert {"tool", "path on the surface"} <= set(told)
+    assert [strip.height for strip in strips] == needed_px  # its measures have their room, and no more
 
 
 def test_what_a_film_cannot_be_is_said_before_it_is_drawn(
