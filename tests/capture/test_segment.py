@@ -145,13 +145,22 @@ def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_
     assert found.tolist() == (list(range(start, start + count)) if tap else [])
 
 
-def test_what_tells_a_state_is_marked_on_its_stream():
+def test_the_streams_that_change_are_drawn_with_what_tells_a_state():
     t = np.arange(20_000) / 10_000.0
-    channels = clean(np.sin(500.0 * t), 10_000.0, 1.0 - np.cos(3.0 * t), 0.1 + 0.0 * t)
-    found = Segmentation(10_000.0, np.zeros(len(t), np.int8), (), 0.25, None)
-    panels = draw_states([(channels, found)], ["one"]).subfigs[0].axes
-    (force,) = (axes for axes in panels if axes.get_ylabel().startswith("normal force"))
-    assert [(text.get_text(), text.xy[1]) for text in force.texts] == [("on", 0.25)]
-    assert [line.get_ydata()[0] for line in force.lines] == [0.25]
-    assert not any(axes.texts for axes in panels if axes is not force)
+    moved = 1.0 - np.cos(3.0 * t)
+    both = clean(np.sin(500.0 * t), 10_000.0, 0.4 * moved, 0.1 * moved, depth_m=2e-3 * moved)
+    one = clean(np.sin(500.0 * t), 10_000.0, 1.0, 0.1)
+    states = np.zeros(len(t), np.int8)
+    parts = [
+        (both, Segmentation(10_000.0, states, (), 0.25, 0.02)),
+        (one, Segmentation(10_000.0, states, (), None, None)),
+    ]
+    panels, short = (panel.axes for panel in draw_states(parts, ["all", "one"]).subfigs)
+    drawn = {axes.get_ylabel().split("\n")[0]: axes for axes in panels[1:]}
+    assert list(drawn) == ["acceleration", "normal force", "speed", "depth"] and len(short) == 2
+    for name, top, on in (("normal force", 0.8, [0.25]), ("speed", 200.0, [20.0]), ("depth", 4.0, [])):
+        axes = drawn[name]
+        assert axes.collections[-1].get_datalim(axes.transData).y1 == pytest.approx(top, rel=0.01)
+        assert [(text.get_text(), text.xy[1]) for text in axes.texts] == [("on", at) for at in on]
+        assert [line.get_ydata()[0] for line in axes.lines] == on
     assert panels[-1].get_xlabel() == "time [s]"
