@@ -1,5 +1,6 @@
 """The main job, from a scene and a path to the files."""
 
+import io
 import json
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
-from hapscene.touch import MADE, open_scene, summarise, touch, touch_by_hand, why_nothing
+from hapscene.touch import MADE, open_scene, speak, summarise, touch, touch_by_hand, why_nothing
 from hapscene.view.palette import DARK, LIGHT
 
 
@@ -206,3 +207,10 @@ def test_a_hand_that_touches_nothing_is_told_why(tmp_path: Path) -> None:
 
     touch_by_hand(made_of, tmp_path / "out", Intent.along(into, "light"), ready, with_picture=False, say=said.append)
     assert "nothing was touched: the path goes through 'bowl'" in "".join(said)
+
+
+def test_progress_is_spoken_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(heard, "utf-8"))
+    speak("half done, ")
+    assert heard.getvalue() == b"half done, "

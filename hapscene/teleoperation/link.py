@@ -39,9 +39,7 @@ LINE: Final = np.dtype(
         ("rng", "u8", (4,)),
         ("head", "i8"),  # oldest message that may still be under way
         ("tail", "i8"),  # next free number; number n lies in slot n % SLOT_COUNT
-        ("sent", "i8"),
         ("lost", "i8"),
-        ("held", "i8"),
     ],
     align=True,
 )
@@ -97,13 +95,11 @@ def new_link(impairment: Impairment, tick_s: float, seed: int, name: str) -> Lin
 def post(link: Any, tick: int, message: Any) -> None:
     """Give the line a message (1,) in tick `tick` of the sender."""
     line = link.line[0]
-    line.sent += 1
     delay = line.delay_ticks
     if line.jitter_ticks > 0.0:
         delay += line.jitter_ticks * min(-math.log(1.0 - uniform(line.rng)), JITTER_MOST)
     if line.reorder > 0.0 and uniform(line.rng) < line.reorder:
         delay += line.held_ticks
-        line.held += 1
     if (line.loss > 0.0 and uniform(line.rng) < line.loss) or line.tail - line.head == SLOT_COUNT:
         line.lost += 1
         return

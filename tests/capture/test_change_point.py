@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture.change_point import (
+    FLOOR,
     ORDER,
     _cheapest,
     _excess_kurtosis,
@@ -102,3 +103,12 @@ def test_bursts_are_no_changes(seed):
 def test_too_short_for_two_pieces_has_none():
     x = signal((300, 1.0, 320), (500, 5.0, 320))
     assert change_points(x[:570], RATE_HZ) == [] and len(change_points(x, RATE_HZ)) == 1
+
+
+def test_tones_that_a_model_foretells_wholly_change_too():
+    """Nothing is left of them but the floor: each piece has noise beneath it, −60 dB."""
+    x = np.concatenate([np.sin(2.0 * np.pi * f * np.arange(2000) / RATE_HZ) for f in (300.0, 500.0)])
+    assert np.abs(np.array(change_points(x, RATE_HZ)) - 2000).min() < 0.01 * RATE_HZ
+    sums = _product_sums(x, 50)
+    (left,) = _residual((sums[20] - sums[10])[None])
+    assert FLOOR < left / np.sum(x[500:1000] ** 2) < 10.0 * FLOOR

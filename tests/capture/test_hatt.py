@@ -1,6 +1,7 @@
 """Files of the Penn Haptic Texture Toolkit, held to an independent reference of its query."""
 
 import random
+import re
 import shutil
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
@@ -268,6 +269,17 @@ def test_odd_but_readable_files(tmp_path: Path) -> None:
     assert swatch.friction_dynamic == 0 and swatch.texture is not None
     np.testing.assert_allclose(swatch.texture.lsf_rad, plain.lsf_rad, atol=1e-6)
     assert "mu is missing" in swatch.provenance and "more of this kind" in swatch.provenance
+
+
+def test_coefficients_that_are_not_those_of_the_frequencies_are_told_of(tmp_path: Path) -> None:
+    path = write_models(tmp_path / "Models_x.xml", 0)
+    plain, text = import_hatt(path), path.read_text(encoding="utf-8")
+    assert "rad off" not in plain.provenance
+    (first,) = re.findall(r"<ARlsf><value>(.+?)</value>", text)[:1]
+    path.write_text(edited(text, (f"<ARlsf><value>{first}", f"<ARlsf><value>{0.9 * float(first)}")), encoding="utf-8")
+    swatch = import_hatt(path)
+    assert f"ARlsf is {0.1 * float(first):.2g} rad off ARcoeff: ARlsf is used" in swatch.provenance
+    assert swatch.texture.lsf_rad[0, 0] == 0.9 * float(first)
 
 
 BAD: dict[str, tuple[tuple[str, str], str]] = {

@@ -1,10 +1,12 @@
 """What the simulated probe prints: strokes whose friction, level and spectrum are known."""
 
 from itertools import islice
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from hapscene.capture import record_simulator
 from hapscene.capture.record_simulator import BLOCK_S, COLUMNS, FRICTION, LEVEL, lines, strokes
 
 RATE_HZ = 3200.0
@@ -44,3 +46,21 @@ def test_a_header_each_second_and_as_many_lines_lost_as_said() -> None:
     rows = b"".join(text).count(b"\n") - 2
     assert rows / (2 * RATE_HZ) == pytest.approx(0.9, abs=0.02)
     assert list(islice(lines(RATE_HZ, drop=0.1), 200)) == text != list(islice(lines(RATE_HZ, 1, 0.1), 200))
+
+
+def test_it_prints_as_time_goes_by_and_catches_up_where_it_was_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, written_s = [100.0], []
+
+    def sleep(seconds: float) -> None:
+        assert seconds >= 0.0
+        clock[0] += seconds
+
+    def write(wire: int, text: bytes) -> None:
+        written_s.append(clock[0] - 100.0)
+        clock[0] += 0.025 if len(written_s) == 3 else 0.0  # the machine is busy
+
+    monkeypatch.setattr(record_simulator, "simulated_port", lambda parser: 9)
+    monkeypatch.setattr(record_simulator, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
+    monkeypatch.setattr(record_simulator, "os", SimpleNamespace(write=write))
+    assert record_simulator.main(["--seconds", "0.08"]) == 0
+    assert written_s == pytest.approx([0.0, 0.01, 0.02, 0.045, 0.045, 0.05, 0.06, 0.07])

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,16 @@ from hapscene.capture import fit, load_recording, report_plots
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.report import report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
-from hapscene.capture.report_plots import _bent, plot_friction, plot_plane
+from hapscene.capture.report_plots import (
+    _bent,
+    plot_bands,
+    plot_friction,
+    plot_models,
+    plot_plane,
+    plot_spectra,
+    plot_taps,
+    plot_transients,
+)
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.streams import Streams, clean
 from hapscene.constants import EXCITATION_SPAN
@@ -86,6 +96,9 @@ def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecord
     assert held.goodness_of_fit > 0.95 and abs(held.kurtosis) < 0.2
     assert judgement.spectrogram_error == pytest.approx(0.655, abs=0.05)
     assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 3
+    off = replace(judgement, held_out=replace(held, band_dB=np.array([0.0, -4.0, 0.0, 3.5, *np.zeros(8)])))
+    (bands,) = (row for row in rows(off) if row.measure.startswith("bands"))
+    assert bands.value == "2 of 12" and "−4.0 dB" in bands.held_to
 
 
 def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
@@ -93,6 +106,7 @@ def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:
     force, speed = np.full(4000, 1.0), np.full(4000, 0.1)
     frequency, density = spectrum_along(texture, force, speed)
     assert density.sum() * frequency[1] == pytest.approx(texture.power([1.0], [0.1])[0], rel=0.01)
+    force[::20], force[19::20] = 9.0, 0.0  # each block of 10 ms is what it is in its middle
     speed[2000:] = 0.0  # silence in the second half
     assert spectrum_along(texture, force, speed)[1] == pytest.approx(0.5 * density)
 
@@ -154,12 +168,13 @@ def test_a_recording_without_sliding_leaves_the_rest_of_the_page(swatch: Swatch)
     assert "slides for less than" in text and "Force and speed" in text
 
 
+WAVE = np.exp(-60 * np.arange(200) / RATE) * np.sin(2 * np.pi * 150 * np.arange(200) / RATE)
+TAPS = Taps([0.1, 0.2], [5.0, 9.0], [150.0, 150.0], [60.0, 60.0], np.stack([5 * WAVE, 9 * WAVE]), RATE)
+
+
 def test_measured_taps_are_drawn_with_their_intervals(swatch: Swatch) -> None:
-    t = np.arange(200) / RATE
-    wave = np.exp(-60 * t) * np.sin(2 * np.pi * 150 * t)
-    taps = Taps([0.1, 0.2], [5.0, 9.0], [150.0, 150.0], [60.0, 60.0], np.stack([5 * wave, 9 * wave]), RATE)
     told = replace(
-        swatch, taps=taps, intervals={"taps.frequency_Hz[0]": (140.0, 160.0), "stiffness_N_m": (400.0, 600.0)},
+        swatch, taps=TAPS, intervals={"taps.frequency_Hz[0]": (140.0, 160.0), "stiffness_N_m": (400.0, 600.0)},
         absent={"friction_static": "<b>never</b> at rest"},
     )  # fmt: skip
     text = report(told)
@@ -179,6 +194,12 @@ def test_names_and_texts_of_strangers_are_escaped() -> None:
 def test_a_recording_too_short_for_halves_is_reported_on_all_the_same() -> None:
     text = report(load_swatch("wood"), recorded(1500))
     assert "Cannot be judged on held-out data" in text
+
+
+@pytest.mark.parametrize(("source", "said"), [("a.csv", "a.csv: "), ("", "")])
+def test_a_recording_that_cannot_be_used_is_told_by_its_name(source: str, said: str) -> None:
+    with pytest.raises(CaptureError, match=f"^{said}the acceleration "):
+        report(PLAIN, replace(recorded(4000), acceleration_m_s2=np.zeros(4000)), source)
 
 
 def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
@@ -216,13 +237,13 @@ def test_the_density_of_a_bent_excitation_is_that_of_its_samples() -> None:
 
 @pytest.fixture
 def axes(monkeypatch: pytest.MonkeyPatch):
-    """Axes on which the next plot of a report is drawn."""
+    """Axes on which the next plot of a report is drawn; its further panels are those of the same figure."""
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()
 
-    def drawn(name, draw):
-        draw(axes)
+    def drawn(name, draw, *size, panels=(1,), **legend):
+        draw(axes, *(axes.figure.add_subplot() for _ in panels[1:]))
         return ""
 
     monkeypatch.setattr(report_plots, "drawn", drawn)
@@ -270,3 +291,53 @@ def test_the_plane_says_how_much_of_what_touched_lies_beyond_the_models(axes) ->
     force = np.repeat([0.01, 1.0, 3.0], [500, 300, 100])
     told = plot_plane(texture, Streams(1000.0, np.zeros(900), force, np.full(900, 0.1), np.zeros(900)))
     assert "25 % of the recording lies beyond them" in told.caption
+
+
+def test_a_spectrum_s_axes_hold_what_is_heard_of_it(axes) -> None:
+    """All that is drawn between 20 and 1000 Hz, 3 dB of air about it."""
+    frequency = np.geomspace(5.0, 5000.0, 200)
+    levels = -40.0 - 20.0 * np.log10(frequency / 20.0) + np.array([[0.0], [4.0], [-6.0]])
+    fitted, other, model = 10.0 ** (levels / 10.0)
+    plot_spectra(SimpleNamespace(frequency_Hz=frequency, fitted=fitted, held_out=other, model=model, distance_dB=1.0,
+                                 floor_dB=1.0))  # fmt: skip
+    assert axes.get_xlim() == (20.0, 1000.0)
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["20", "50", "100", "200", "500", "1000"]
+    assert axes.get_xticks().tolist() == [20, 50, 100, 200, 500, 1000] and not len(axes.get_xticks(minor=True))
+    heard = levels[:, (frequency >= 20.0) & (frequency <= 1000.0)]
+    assert axes.get_ylim() == pytest.approx((heard.min() - 3.0, heard.max() + 3.0))
+
+
+@pytest.mark.parametrize(("worst_dB", "reach_dB"), [(1.0, 4.0), (-8.0, 9.2)])
+def test_bands_are_drawn_on_a_scale_of_at_least_4_dB(worst_dB, reach_dB, axes) -> None:
+    band = np.array([worst_dB, *np.full(11, 0.5)])
+    plot_bands(SimpleNamespace(band_dB=band, level_dB=0.0))
+    assert axes.get_ylim() == pytest.approx((-reach_dB, reach_dB))
+    bars = {group.get_label(): [bar.get_height() for bar in group] for group in axes.containers}
+    felt = {"felt": [worst_dB]} if abs(worst_dB) > 4.0 else {}
+    assert bars == felt | {"not felt": [level for level in band if not (felt and level == worst_dB)]}
+
+
+def test_a_place_where_the_texture_is_silent_takes_no_room_in_its_spectra(axes) -> None:
+    force, speed = [0.5, 1.0, 0.5, 1.0], [0.1, 0.1, 0.2, 0.2]
+    texture = Texture.from_models(2000.0, force, speed, a=[[1.0, -0.5]] * 4, variance_m2_s4=[0.0, 1.0, 1.0, 1.0])
+    plot_models(texture)
+    levels = np.array([line.get_ydata() for line in axes.lines])
+    assert levels[0].max() == -300.0
+    assert axes.get_ylim() == pytest.approx((levels[1:].min() - 3.0, levels[1:].max() + 3.0))
+
+
+def test_taps_are_drawn_from_0_with_all_of_their_intervals(axes) -> None:
+    plot_taps(TAPS, {"taps.amplitude_m_s2[1]": (1.0, 30.0), "taps.decay_1_s[0]": (5.0, 61.0)})
+    assert [panel.get_ylim() for panel in axes.figure.axes] == [(0.0, 1.2 * top) for top in (30.0, 150.0, 61.0)]
+    assert [panel.get_ylabel().split("\n")[0] for panel in axes.figure.axes] == ["amplitude", "frequency", "decay"]
+    assert axes.figure.axes[-1].get_xlabel() == "approach speed [mm/s]"
+
+
+def test_each_transient_is_drawn_at_its_speed_with_its_sinusoid(axes) -> None:
+    plot_transients(TAPS)
+    assert [panel.get_title() for panel in axes.figure.axes] == ["at 100 mm/s", "at 200 mm/s"]
+    assert {panel.get_ylabel() for panel in axes.figure.axes} == {"[m/s²]"}
+    assert axes.figure.axes[-1].get_xlabel() == "time from the onset [ms]"
+    for panel, wave in zip(axes.figure.axes, TAPS.wave_m_s2, strict=True):
+        for line in panel.lines:
+            np.testing.assert_allclose(line.get_ydata(), wave, atol=1e-12)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.segment import InteractionState, noise, runs, segment
-from hapscene.capture.segment_plot import write_states
+from hapscene.capture.segment import LEVEL_S, TAP_S, InteractionState, Segmentation, _mark_bursts, noise, runs, segment
+from hapscene.capture.segment_plot import draw_states, write_states
 from hapscene.capture.streams import clean
 
 TOLERANCE_S = 0.02
@@ -117,3 +117,50 @@ def test_a_plot_of_the_states(tmp_path, handled_recording):
     write_states([(channels, segment(channels)), (short, segment(short))], tmp_path / "states.png", ["one", "two"])
     assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
     assert [path.name for path in tmp_path.iterdir()] == ["states.png"]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "length_s", "loudest_s", "rest", "tap"),
+    [
+        (0.3, 2.4 * LEVEL_S, 0.0, 1.0, True),
+        (0.3, 2.4 * LEVEL_S, 0.9 * LEVEL_S, 1.0, True),  # no later than a level is known to
+        (0.3, 2.4 * LEVEL_S, 1.5 * LEVEL_S, 1.0, False),
+        (0.3, 0.95 * TAP_S, 0.3 * TAP_S, 1.0, True),
+        (0.3, 0.95 * TAP_S, 0.4 * TAP_S, 1.0, False),
+        (0.3, 1.05 * TAP_S, 0.0, 1.0, False),
+        (0.0, 2.4 * LEVEL_S, 0.0, 1.0, False),  # it began before the recording
+        (0.3, 2.4 * LEVEL_S, 0.0, 2.5, False),  # its last quarter is too loud
+    ],
+)
+@pytest.mark.parametrize("rate_Hz", [1_000.0, 10_000.0])
+def test_a_burst_that_is_brief_and_loudest_at_its_start_is_a_tap(rate_Hz, start_s, length_s, loudest_s, rest, tap):
+    level = np.zeros(round(rate_Hz))
+    start, count = round(start_s * rate_Hz), round(length_s * rate_Hz)
+    level[start : start + count] = 1.0
+    level[start + 3 * count // 4 : start + count] = rest
+    level[start + round(loudest_s * rate_Hz)] = 10.0
+    states = np.zeros(len(level), np.int8)
+    _mark_bursts(states, level > 0.0, level, rate_Hz)
+    found = np.flatnonzero(states == InteractionState.TAP)
+    assert found.tolist() == (list(range(start, start + count)) if tap else [])
+
+
+def test_the_streams_that_change_are_drawn_with_what_tells_a_state():
+    t = np.arange(20_000) / 10_000.0
+    moved = 1.0 - np.cos(3.0 * t)
+    both = clean(np.sin(500.0 * t), 10_000.0, 0.4 * moved, 0.1 * moved, depth_m=2e-3 * moved)
+    one = clean(np.sin(500.0 * t), 10_000.0, 1.0, 0.1)
+    states = np.zeros(len(t), np.int8)
+    parts = [
+        (both, Segmentation(10_000.0, states, (), 0.25, 0.02)),
+        (one, Segmentation(10_000.0, states, (), None, None)),
+    ]
+    panels, short = (panel.axes for panel in draw_states(parts, ["all", "one"]).subfigs)
+    drawn = {axes.get_ylabel().split("\n")[0]: axes for axes in panels[1:]}
+    assert list(drawn) == ["acceleration", "normal force", "speed", "depth"] and len(short) == 2
+    for name, top, on in (("normal force", 0.8, [0.25]), ("speed", 200.0, [20.0]), ("depth", 4.0, [])):
+        axes = drawn[name]
+        assert axes.collections[-1].get_datalim(axes.transData).y1 == pytest.approx(top, rel=0.01)
+        assert [(text.get_text(), text.xy[1]) for text in axes.texts] == [("on", at) for at in on]
+        assert [line.get_ydata()[0] for line in axes.lines] == on
+    assert panels[-1].get_xlabel() == "time [s]"

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from hapscene.capture import stiffness
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.stiffness import RANGE, _deming, _loadings, _slope, _weighted_sums, fit_stiffness
+from hapscene.capture.stiffness import RANGE, _deming, _loadings, _noise_ratio, _slope, _weighted_sums, fit_stiffness
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Streams
 
 RATE_HZ, FORCE_ON_N = 1000.0, 0.05
@@ -100,3 +101,19 @@ def test_few_loadings_have_an_interval_too():
     found = fit_stiffness(pressed(500.0, 0.05, 1e-4, count=1))
     low, high = found.interval
     assert low < 500.0 < high and high - low < 150.0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_interval_of_few_loadings_is_drawn_from_a_dozen_pieces_or_more(count, monkeypatch):
+    sizes = []
+    monkeypatch.setattr(stiffness, "_weighted_sums", lambda d, *rest: sizes.append(len(d)) or _weighted_sums(d, *rest))
+    fit_stiffness(pressed(500.0, 0.05, 1e-4, count=count))
+    assert 12 <= sum(size < max(sizes) for size in sizes) <= 16  # the others are of the line through all
+
+
+def test_neither_stream_counts_as_exact():
+    """Where one has no noise, it is held to have a hundredth of the other's, both over their ranges."""
+    for (noise_N, noise_m), share in (((0.0, 8e-4), 0.01), ((0.05, 0.0), 100.0)):
+        ((streams, states),) = pressed(500.0, noise_N, noise_m)
+        span = np.ptp(streams.force_N) / np.ptp(streams.depth_m)
+        assert _noise_ratio([(streams, states)]) == pytest.approx(share * span)

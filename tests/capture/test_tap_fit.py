@@ -119,6 +119,9 @@ def test_other_frequencies(frequency_Hz, decay_1_s):
     assert found is not None
     assert found.value[1] == pytest.approx(frequency_Hz, rel=0.03)
     assert found.value[2] == pytest.approx(decay_1_s, rel=0.10)
+    late = run[0] - 50  # and where the recording begins 5 ms before it
+    early = measure_tap(clean(10.0 * noisy[late:], rate), (50, run[1] - late), 0.1)
+    assert early is not None and early.value[1] == pytest.approx(frequency_Hz, rel=0.03)
 
 
 def tap(approach_m_s, decay_1_s, error_1_s=1.0, level=1.0):

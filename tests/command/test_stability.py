@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,6 +10,7 @@ from hapscene.cli import main
 from hapscene.stability import z_width
 from hapscene.stability.study import stability
 from hapscene.surface.swatch import Swatch
+from hapscene_experiments import stability_page
 
 
 def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -26,6 +28,28 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
     words = (tmp_path / "out" / "words.txt").read_text(encoding="utf-8")
     assert "steel: 20000 N/m buzzes at 1 kHz; the device's cap makes it" in words
     assert "felt" in words
+
+
+def test_the_page_of_documents_is_made_beside_a_copy_of_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chart = tmp_path / "z_width.png"
+    chart.write_bytes(b"a chart")
+
+    def find(folder: Path, *rest: object) -> SimpleNamespace:
+        (folder / "words.txt").write_text("one\ntwo\n", encoding="utf-8")
+        return SimpleNamespace()
+
+    monkeypatch.setattr("hapscene.stability.study.stability", lambda *given: [chart])
+    monkeypatch.setattr(stability_page, "find", find)
+    monkeypatch.setattr(stability_page, "write_page", lambda file, found, name: file.write_text(" ".join(found.words)))
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    assert main(["stability", "--out", str(tmp_path / "out"), "--docs", str(docs)]) == 0
+    said = capsys.readouterr().out
+    assert str(chart) in said and str(docs / "stability.md") in said
+    assert (docs / "stability.md").read_text() == "one two"
+    assert (docs / "stability" / "z_width.png").read_bytes() == b"a chart"
 
 
 @pytest.mark.parametrize(

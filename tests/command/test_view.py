@@ -1,5 +1,6 @@
 """`hapscene view`, and `hapscene touch --view`."""
 
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import trimesh
 from PIL import Image
 
 from hapscene.cli import main
+from hapscene.command.view import SIDE_MAX, size
 from hapscene.recording import Recording
 from hapscene.scene.scene import Scene
 from hapscene.view.palette import DARK, Theme
@@ -55,12 +57,24 @@ def test_what_cannot_be_drawn_is_one_line(
     assert not Path(arguments[1]).exists()
 
 
-@pytest.mark.parametrize(
-    ("option", "value"), [("--size", "800"), ("--size", "9x9"), ("--frames", "1"), ("--seconds", "0")]
-)
+@pytest.mark.parametrize(("option", "value"), [("--frames", "1"), ("--seconds", "0")])
 def test_numbers_that_are_none_are_refused(plate: str, option: str, value: str) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["view", plate, "--out", "a.gif", option, value])
+
+
+@pytest.mark.parametrize("value", ["800", "800x", "x600", "x", "-800x600", "800xa", "ax600", "8e2x600"])
+def test_a_size_is_two_whole_numbers(value: str, plate: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["view", plate, "--out", "a.gif", f"--size={value}"])
+    assert f"as 800x600, not '{value}'" in capsys.readouterr().err
+
+
+def test_a_size_has_its_bounds_on_both_sides() -> None:
+    assert size("160x160") == (160, 160) and size(f"{SIDE_MAX}X{SIDE_MAX}") == (SIDE_MAX, SIDE_MAX)
+    for value in ("159x600", "600x159", f"{SIDE_MAX + 1}x600", f"600x{SIDE_MAX + 1}"):
+        with pytest.raises(ArgumentTypeError, match="160 to"):
+            size(value)
 
 
 def test_touch_is_shown_in_a_window_when_it_is_done(

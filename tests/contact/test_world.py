@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from hapscene.constants import SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.triangle import to_body, to_body_before, to_world
-from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball, shapes_of
+from hapscene.contact.world import BODY, HALF_TURN, build_world, place_ball, shapes_of, skin_of
 from hapscene.records import records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -144,3 +145,10 @@ def test_a_second_world_of_the_same_meshes_shares_them():
     assert one.corners_m is two.corners_m and (one.bodies.search == two.bodies.search).all()
     assert one.bodies is not two.bodies and one.proxy is not two.proxy
     assert build_world(scene.bodies, 0.5).corners_m is not one.corners_m
+
+
+@pytest.mark.parametrize(("large_m", "skin_m"), [(0.2, SKIN_RATIO * 0.1), (10.0, SKIN_RATIO_MIN * 10.0)])
+def test_one_skin_is_as_fine_as_the_smallest_body_asks_and_the_largest_can_hold(large_m: float, skin_m: float) -> None:
+    small, large = (Mesh([[0, 0, 0], [0.6 * size, 0, 0], [0, 0.8 * size, 0]], [[0, 1, 2]]) for size in (0.1, large_m))
+    assert skin_of(small) == pytest.approx(SKIN_RATIO * 0.1)
+    assert skin_of(small, large, small) == pytest.approx(skin_m)

@@ -25,6 +25,8 @@ from hapscene.device.omni_record import OMNI, OmniFlag
 from hapscene.device.omni_step import (
     STEP_MAX_S,
     STOP_OVER_RAD,
+    _times,
+    _transposed,
     apparent_mass,
     coriolis_at,
     coriolis_matrix,
@@ -313,6 +315,14 @@ def test_coriolis_is_lagrange_s(q: NDArray[np.float64], dq: NDArray[np.float64])
     rate = (mass_matrix(q + dq * step) - mass_matrix(q - dq * step)) / (2 * step)
     slope = [dq @ (mass_matrix(q + e) - mass_matrix(q - e)) @ dq / (4 * step) for e in np.eye(3) * step]
     assert coriolis_matrix(q, dq) @ dq == pytest.approx(rate @ dq - slope, abs=1e-6)
+
+
+@given(postures, speeds)
+def test_speeds_and_forces_go_through_the_jacobian(q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+    J = jacobian(q)
+    rows = tuple(map(tuple, J.tolist()))
+    assert _times(rows, tuple(v)) == pytest.approx(J @ v, abs=1e-12)
+    assert _transposed(rows, tuple(v)) == pytest.approx(J.T @ v, abs=1e-12)
 
 
 @given(postures, speeds)

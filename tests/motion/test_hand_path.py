@@ -76,6 +76,14 @@ def test_explore_touches_every_body_smoothly_and_repeats() -> None:
     assert not np.ptp(p_WT[-round(0.2 / TICK_S) :], axis=0).any()  # it waits in the air
 
 
+def test_explore_goes_no_deeper_into_a_small_body_than_befits_it() -> None:
+    for size_m, deep_m in ((0.01, 0.05 * 0.01), (0.2, DEPTH_M)):
+        scene = Scene()
+        scene.add(Mesh.from_trimesh(trimesh.creation.box((size_m,) * 3), "m"))
+        assert 0.5 * size_m - explore(scene, TICK_S)[:, 2].min() == pytest.approx(2 * deep_m, rel=0.1)  # the press
+        assert 0.5 * size_m - explore(scene, TICK_S, 1e-4)[:, 2].min() == pytest.approx(2e-4, rel=0.1)
+
+
 def test_explore_strokes_across_the_border_of_two_swatches() -> None:
     scene = Scene()
     plate = trimesh.creation.box((0.12, 0.08, 0.01)).subdivide().subdivide()

@@ -72,6 +72,8 @@ def test_colours_of_vertices(tmp_path):
     assert read(tmp_path, text).colour_rgb.tolist() == [[85, 85, 85]]
     with pytest.raises(MeshError, match="line 1: expected a colour"):
         read(tmp_path, "v 0 0 0 red 0 0\n")
+    weighted = "v 0 0 0 1\nv 1 0 0 0.5 0.5\nv 0 1 0 1\nf 1 2 3\n"  # too few numbers for a colour are none
+    assert read(tmp_path, weighted).colour_rgb is None
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,10 @@ def test_nearest_face_is_the_one_under_a_point():
         part = Mesh(BALL.vertices_m, BALL.faces[:2000])
         best = np.linalg.norm(expected - p, axis=1)
         assert best[nearest_face(part, p)] == pytest.approx(best.min(), abs=1e-12)
+    far_and_near = Mesh(
+        [[1, 0, 0], [1.1, 0, 0], [1, 0.1, 0], [0, 0, 0], [-9, 5, 0], [-9, -5, 0]], [[0, 1, 2], [3, 4, 5]]
+    )
+    assert nearest_face(far_and_near, (0.3, 0.0, 0.0)) == 1  # by its nearest edge, however far the others are
 
 
 @pytest.mark.parametrize(

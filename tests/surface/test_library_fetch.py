@@ -152,6 +152,22 @@ def test_or_begun_again_where_the_server_cannot(server: Server) -> None:
     assert fetched(server) == oak()
 
 
+@pytest.mark.parametrize("code", [206, 416])
+def test_or_where_the_server_sends_another_part(server: Server, code: int) -> None:
+    server.publish("oak", DATA)
+    first = cut(7000, resumable=False, times=1)
+
+    def bend(handler: Any, data: bytes) -> None:
+        if handler.headers.get("Range"):
+            send(handler, data[9000:], code, Content_Range=f"bytes 9000-{len(data) - 1}/{len(data)}")
+        else:
+            first(handler, data)
+
+    server.bend["oak.swatch"] = bend
+    assert fetched(server) == oak()
+    assert [r for name, r in server.asked if name == "oak.swatch"] == [None, "bytes=7000-", None]
+
+
 def test_what_broke_off_for_good_is_taken_up_by_a_later_call(server: Server, home: Path) -> None:
     server.publish("oak", DATA)
     server.bend["oak.swatch"] = cut(1000, resumable=True, times=library.TRIES)

@@ -1,5 +1,7 @@
 """Taps over approach speed: between, below and beyond what was recorded."""
 
+from unittest.mock import ANY
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,12 @@ def test_at_the_speeds_and_between() -> None:
     assert TAPS.at(0.1) == (5.0, 100.0, 80.0)
     assert TAPS.at(0.3) == (20.0, 140.0, 60.0)
     assert TAPS.at(0.2) == pytest.approx((12.5, 120.0, 70.0))
+
+
+def test_they_are_equal_by_their_numbers() -> None:
+    same = Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 60.0])
+    assert same == TAPS and hash(same) == hash(TAPS) and TAPS == ANY  # which says so itself
+    assert Taps([0.1, 0.3], [5.0, 20.0], [100.0, 140.0], [80.0, 61.0]) != TAPS and TAPS != 5
 
 
 def test_below_the_lowest_it_fades_and_beyond_the_highest_it_stays() -> None:

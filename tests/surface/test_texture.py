@@ -1,12 +1,15 @@
 """The texture: what is asked for lies between the models, is stable, and has the power it should have."""
 
+from dataclasses import replace
+from unittest.mock import ANY
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import freqz, lfilter
 
-from hapscene.constants import EXCITATION_KNOTS
+from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.surface.library import load_swatch
@@ -238,3 +241,15 @@ def test_coefficients_of_a_single_filter_are_told() -> None:
     k, power = two.lattice([2.0, 0.5, 0.0], [0.2, 0.1, 0.1])
     assert k.shape == (3, 2)
     assert np.allclose(power, two.power([2.0, 0.5, 0.0], [0.2, 0.1, 0.1]))
+
+
+def test_textures_are_equal_by_all_that_they_hold() -> None:
+    texture = make_texture()
+    assert texture == make_texture() and hash(texture) == hash(make_texture())
+    assert texture != 5 and texture == ANY  # which says so itself
+    assert texture != replace(texture, rate_Hz=9_000.0) and texture != replace(texture, interpolation="reflection")
+    for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
+        assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
+    assert texture != replace(texture, triangles=texture.triangles[::-1])
+    noise = np.linspace(-1.0, 1.0, EXCITATION_KNOTS) * EXCITATION_SPAN
+    assert texture != replace(texture, excitation=noise)

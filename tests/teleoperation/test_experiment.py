@@ -5,10 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from hapscene.errors import HapsceneError
-from hapscene.teleoperation.experiment import MADE, Rendering, compare_handles, write_experiment, write_experiment_plot
+from hapscene.teleoperation.experiment import (
+    MADE,
+    Rendering,
+    _draw,
+    compare_handles,
+    write_experiment,
+    write_experiment_plot,
+)
 from hapscene_experiments.delay_study import (
     DelayOutcome,
     operate_case,
@@ -38,6 +46,25 @@ def test_latency_is_taken_out(renderings: list[Rendering]) -> None:
     lags = np.arange(-20, 21)
     match = [np.dot(desired[late], np.roll(rendered, lag)[late]) for lag in lags]
     assert abs(lags[int(np.argmax(match))]) <= 1
+
+
+def test_the_columns_of_the_plot_share_their_scales() -> None:
+    """Times below, numbers at the left: each is told once, since all columns have the same."""
+    noise = np.random.default_rng(0).standard_normal((2, 5000))
+    figure = Figure(figsize=(9.0, 6.0))
+    _draw(figure, [Rendering("none", noise[0], 3.0 * noise[1], 0.0, {"all": 1.0, "tap": 0.5})])
+    *columns, levels = figure.axes
+    told = [(axes.xaxis.get_major_ticks()[0].label1, axes.yaxis.get_major_ticks()[0].label1) for axes in columns]
+    assert [(x.get_visible(), y.get_visible()) for x, y in told] == [(0, 1), (1, 1), (0, 0), (1, 0)]
+    most_m_s2 = 1.05 * max(np.abs(noise[0]).max(), 3.0 * np.abs(noise[1]).max())
+    assert {axes.get_ylim() for axes in columns[::2]} == {(-most_m_s2, most_m_s2)}
+    assert (
+        len({axes.get_ylim() for axes in columns[1::2]})
+        == len({axes.images[0].get_clim() for axes in columns[1::2]})
+        == 1
+    )
+    assert {axes.get_xlim() for axes in columns} == {(0.0, columns[1].images[0].get_extent()[1])}
+    assert "error: all 100 %, taps 50 %" in columns[2].get_title() and levels.get_ylabel() == "dB re 1 m/s²"
 
 
 def test_the_plots_are_drawn(renderings: list[Rendering], tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import Operation
-from hapscene.teleoperation.test_plate import START_M, explore, plate
+from hapscene.teleoperation.test_plate import START_M, explore, plate, swing
 from hapscene.twin.hand_intent import Intent
 from hapscene_experiments.delay_study import (
     BAD,
@@ -87,6 +87,12 @@ def test_positions_do_not_drift_apart_over_a_bad_line() -> None:
     apart = [operation.run(intent) for _ in range(5)]
     apart_m = [float(np.linalg.norm(o.leader_W_m[-1] - o.follower_W_m[-1])) for o in apart]
     assert max(apart_m) - min(apart_m) < 0.5e-3
+
+
+def test_a_swing_begins_gently_stays_within_its_centimetre_and_ends() -> None:
+    z_m = swing("light").target_W_m[:, 2]
+    assert np.abs(z_m - 0.03).max() == pytest.approx(0.01, rel=1e-3)
+    assert np.abs(z_m[:100] - 0.03).max() < 0.005 and np.all(z_m[2000:] == 0.03)
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:

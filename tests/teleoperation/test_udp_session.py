@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,25 @@ from hapscene.teleoperation.leader_follower import new_leader
 from hapscene.teleoperation.link import Impairment
 from hapscene.teleoperation.operation import UP
 from hapscene.teleoperation.test_plate import START_M, explore
-from hapscene.teleoperation.udp_session import UdpSession, run_follower
+from hapscene.teleoperation.udp_session import Pace, UdpSession, run_follower
 
 HOST = "127.0.0.1"
+
+
+def test_a_pace_tells_how_late_it_was_in_us(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_ns = [0]
+    monkeypatch.setattr(Pace, "_sleep_idly", staticmethod(lambda: [1_000]))
+    monkeypatch.setattr(module, "_sleep_until", lambda due_ns: due_ns + 20_000)
+    monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter_ns=lambda: now_ns[0]))
+    pace = Pace()
+    pace.start()
+    for tick in range(4):
+        pace.await_tick()
+        now_ns[0] = (tick + 1) * 1_000_000 + 170_000  # 20 µs late, then 150 µs of work
+    told = pace.summary()
+    assert told["slipped_ticks"] == 0
+    for name, us in (("late_us", 20.0), ("late_of_empty_loop_us", 1.0), ("work_us", 150.0)):
+        assert set(told[name].values()) == {us}, name
 
 
 @pytest.fixture

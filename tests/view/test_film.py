@@ -1,8 +1,10 @@
 """GIF and MP4."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.view import film
 from hapscene.view.film import Film, _compose, write_film
+from hapscene.view.legend import LegendEntry, lay_out
 
 SMALL = Film(size=(320, 240), frame_count=6)
 
@@ -70,6 +74,26 @@ def test_touch_is_played_in_its_own_time_after_the_painting(scene: Scene, record
     assert all(np.array_equal(frame.X_SC, drawing.frames[0].X_SC) for frame in drawing.frames)
     stages = [tuple(part for part in sorted(parts) if part >= 4) for parts in shown[:11]]
     assert len(set(stages)) > 5
+
+
+def test_path_and_tool_are_in_the_legend_of_a_touch_alone(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    needed_px: list[int] = []
+
+    def listening(entries: Sequence[LegendEntry], *rest: Any) -> Any:
+        told.extend(entry.text for entry in entries)
+        placed, height_px = lay_out(entries, *rest)
+        needed_px.append(height_px)
+        return placed, height_px
+
+    monkeypatch.setattr(film, "lay_out", listening)
+    strips = [_compose(scene, None, replace(SMALL, size=(280, 240)), 6)[1]]
+    assert told == ["green"]
+    strips.append(_compose(scene, recording, replace(SMALL, size=(160, 400)), 6)[1])
+    assert {"tool", "path on the surface"} <= set(told)
+    assert [strip.height for strip in strips] == needed_px  # its measures have their room, and no more
 
 
 def test_what_a_film_cannot_be_is_said_before_it_is_drawn(

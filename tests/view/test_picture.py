@@ -1,6 +1,7 @@
 """scene.png and its kin, where a GL can be had."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from hapscene.recording import Recording
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
+from hapscene.view import picture
+from hapscene.view.legend import lay_out
+from hapscene.view.offscreen import Drawing
 from hapscene.view.palette import DARK, rgb
 from hapscene.view.picture import write_picture
 
@@ -41,6 +45,29 @@ def test_picture_shows_swatch_path_and_force_and_repeats(tmp_path: Path, recordi
     assert np.count_nonzero((red < 10) & (green > 90) & (blue > 0.6 * green)) > 60  # arrows
     write_picture(scene, recording, tmp_path / "b.png", (640, 480))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(("touched", "width"), [(False, 280), (True, 200)])
+def test_the_legend_has_the_room_that_it_needs(
+    touched: bool, width: int, tmp_path: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here a strip for one measure more would be a row too high, one for one less a row too low."""
+    needed_px, given_px = [], []
+
+    def listening(*given: Any) -> Any:
+        placed, height_px = lay_out(*given)
+        needed_px.append(height_px)
+        return placed, height_px
+
+    def draw(drawing: Drawing) -> list[np.ndarray]:
+        given_px.append(400 - drawing.size[1])
+        return [np.zeros((*drawing.size[::-1], 3), np.uint8)]
+
+    monkeypatch.setattr(picture, "lay_out", listening)
+    monkeypatch.setattr(picture, "draw", draw)
+    scene = scene_of(trimesh.creation.box((0.1, 0.1, 0.02)))
+    write_picture(scene, recording if touched else None, tmp_path / "a.png", size=(width, 400))
+    assert given_px == needed_px and len(needed_px) == 1
 
 
 def test_scale_bar_measures_what_is_drawn_in_the_dark(tmp_path: Path) -> None:

@@ -48,7 +48,10 @@ def test_no_two_texts_overlap(recording: Recording) -> None:
 
 
 def test_spectrogram_is_brightest_where_the_sine_is(recording: Recording) -> None:
-    image = draw_plot(recording).axes[4].images[0]
+    silent = replace(recording, a_m_s2=np.zeros_like(recording.a_m_s2))
+    axes, quiet = (draw_plot(one).axes[4] for one in (recording, silent))
+    assert axes.get_ylim() == quiet.get_ylim() == (0.0, 1000.0) and quiet.texts[0].get_text() == "silence"
+    image = axes.images[0]
     level_dB = np.asarray(image.get_array())
     frequency_Hz = np.linspace(*image.get_extent()[2:], len(level_dB))
     assert abs(frequency_Hz[level_dB.max(axis=1).argmax()] - 250.0) <= 10.0

@@ -169,7 +169,7 @@ class TouchHand:
         finally:
             self._starting = False
         if servo is self._servo:
-            self._running, self._since = True, max(int(servo.state().tick) + 1, 0)
+            self._running, self._since = True, int(servo.state().tick) + 1
             self._on_surface, self._surface_tick = False, self._since
             self._aim()
 

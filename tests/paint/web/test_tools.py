@@ -88,6 +88,15 @@ def test_a_stroke_that_changes_nothing_says_why(page: Page, tab: Tab) -> None:
     assert not page.context.session.document.changed
 
 
+@pytest.mark.parametrize("tool", ["brush", "eraser", "fill", "box", "sphere"])
+def test_who_presses_beside_the_surface_is_told(page: Page, tab: Tab, tool: str) -> None:
+    tab.send("tool", name=tool)
+    tab.point("down", np.array([0.0, 0.9, 0.0]))
+    tab.settle()
+    assert sum("Beside the surface" in said for said in tab.said) == 1
+    assert not page.context.session.document.changed
+
+
 def test_on_a_scene_without_swatches_the_first_stroke_is_seen(tmp_path: Path) -> None:
     make_scene(tmp_path)
     scene = hapscene.Scene()

@@ -31,6 +31,7 @@ class Notes:
     def __init__(self, hold: HandConfig, refuse: str | None = None) -> None:
         self.hold, self.refuse, self.alive, self.closed = hold, refuse, True, False
         self.orders: list[tuple[Any, ...]] = []
+        self.read_from: list[int] = []
 
     def __enter__(self) -> "Notes":
         if self.refuse:
@@ -62,6 +63,7 @@ class Notes:
         return ServoState(9, PLACE, PLACE, UP, zero, 0.0, 0.0, True, 0, 0, 0, 0)  # type: ignore[arg-type]
 
     def read(self, since: int) -> TickLog:
+        self.read_from.append(since)
         rows = np.zeros(3, [("f_W_N", "f8", (3,))])
         rows["f_W_N"][:, 2] = 2.0
         return TickLog(since, rows, np.zeros((3, 10)), np.ones((3, 10)))
@@ -116,6 +118,7 @@ def test_a_touch_comes_down_strokes_and_lifts_and_then_rests() -> None:
         read = touch.read(0.0)
         assert read is not None and read[1] == pytest.approx([2.0] * 3)
         assert read[2].shape == (3, 10) and (read[2] == 1.0).all()  # the handle's
+        assert made[0].read_from == [made[0].state().tick + 1]  # nothing of the touch before
         touch.move(PLACE + 0.001, UP, 1.0, 500.0)
         touch.lift(5.0)
         assert made[0].orders[-1] == ("aim", tuple(PLACE + LIFT_M * UP))
