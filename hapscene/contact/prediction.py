@@ -97,19 +97,19 @@ def predict_bodies(
         count = frame.count
         if count != body.count and count % 2 == 0:
             now_ns(clock)  # keeps the two looks at the count apart
-            body.refused = 0 if is_pose(frame.X_WB) else 1
+            body.refused, jumps = 0 if is_pose(frame.X_WB) else 1, frame.jumps
             if body.refused == 0:
                 _begin(frame, body, given, now)
             now_ns(clock)
             if frame.count == count:  # else it was being written, and is taken again in the next tick
                 body.count = count
+                if body.refused == 0 and jumps != body.jumps:
+                    body.jumps = jumps
+                    teleported[m] = 1
         elif now - body.time_ns < 1e9 * frame.lasts_s:
             _go_on(frame, body, given, tick_s)
         for i in range(6):
             body.given[i] = given[i]
-        if frame.jumps != body.jumps:
-            body.jumps = frame.jumps
-            teleported[m] = 1
         fades = teleported[m] == 0 and body.left_s > tick_s
         fade = (body.left_s - tick_s) / body.left_s if fades else 0.0
         body.left_s -= tick_s
@@ -147,10 +147,14 @@ def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
         body.com_W_m[i] = frame.X_WB[i, 3] + arm[i] + mean_s * (frame.v[i] + body.v[i])
     w = (frame.v[3] + body.v[3], frame.v[4] + body.v[4], frame.v[5] + body.v[5])
     _turn(body.R_WB, (mean_s * w[0], mean_s * w[1], mean_s * w[2]), body.R_WB)
-    off = _between(body.R_WB, body.shown_R) if known else (0.0, 0.0, 0.0)
+    off, check = _between(body.R_WB, body.shown_R), 0.0
     for i in range(3):
-        body.off_m[i] = body.off_m[i] - body.com_W_m[i] if known else 0.0
+        body.off_m[i] -= body.com_W_m[i]
         body.off_rad[i] = off[i]
+        check += 0.0 * body.off_m[i] + 0.0 * off[i]
+    if not (known and check == 0.0):  # a frame that led to infinity is not held against the next
+        for i in range(3):
+            body.off_m[i] = body.off_rad[i] = 0.0
 
 
 @native
