@@ -106,6 +106,7 @@ class BridgeServer:
         self._socket.setblocking(False)
         self.address: Address = self._socket.getsockname()
         self._session: _Session | None = None
+        self._freed: set[str] = set()
         self._forget()
 
     def _forget(self) -> None:
@@ -195,6 +196,9 @@ class BridgeServer:
         self._forget()
         self._events_from = self.servo.state().tick + 1
         self._before = -self._given()  # totals are of the session
+        for name in self._freed:
+            self.servo.free(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+        self._freed.clear()
         self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {})
         self._heard_s = time.monotonic()
         self.counts["hello"] += 1
@@ -323,6 +327,7 @@ class BridgeServer:
             mass_kg, com = float(order["mass"]), frame.place(order.get("com", (0.0, 0.0, 0.0)))
             inertia = frame.inertia(numbers(order["inertia"]))
             self.servo.free(str(order["body"]), mass_kg, inertia_B_kg_m2=inertia, com_B_m=com)
+            self._freed.add(str(order["body"]))
         elif name == "counts":
             return {"done": name, "counts": dict(self.counts)}
         else:

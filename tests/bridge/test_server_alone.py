@@ -38,7 +38,7 @@ class Still:
     alive, tick_s = True, 1e-3
 
     def __init__(self) -> None:
-        self.total, self.seen, self.grips = np.zeros(6), np.zeros(6), ["light"]
+        self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
 
     def impulse(self, body: str) -> Impulse:
         return Impulse(self.total[:3].copy(), self.total[3:].copy())
@@ -54,7 +54,9 @@ class Still:
         self.seen = np.concatenate(seen)
 
     def free(self, body: str, mass_kg: float, **how: Any) -> None:
-        raise SceneError("no body; there are: " + 10_000 * "crate, ")
+        if body != "crate":
+            raise SceneError("no body; there are: " + 10_000 * "crate, ")
+        self.mass_kg = mass_kg
 
     def state(self) -> ServoState:
         zeros = np.zeros(3)
@@ -135,6 +137,14 @@ def test_totals_go_on_over_a_start_and_begin_anew_with_a_client(server: BridgeSe
     other = Talk(server, up="y", handed="left")
     assert other.frame().impulses[0][1] == (0.0,) * 6
     np.testing.assert_array_equal(servo.seen, 0.5)
+
+
+def test_what_one_client_frees_is_not_pushed_with_the_next(server: BridgeServer) -> None:
+    servo: Any = server.servo
+    Talk(server).order(b'{"order": "free", "body": "crate", "mass": 0.2, "inertia": [1, 1, 1]}')
+    assert servo.mass_kg == 0.2
+    Talk(server)
+    assert servo.mass_kg == np.inf
 
 
 def test_a_flood_does_not_keep_it_from_ending(server: BridgeServer) -> None:

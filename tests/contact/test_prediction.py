@@ -175,6 +175,17 @@ def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: f
     assert steps[False] < 0.1 < steps[True] and changes[False] <= 2 < changes[True]
 
 
+def test_another_centre_of_mass_does_not_move_the_body() -> None:
+    line = Line(0.2)
+    line.say(0, (0.3, 0, 0))
+    line.tick(0)
+    line.frames[0].com_B_m = (0.1, 0.2, 0.0)
+    for tick in range(1, 40):
+        if tick == 17:
+            line.say(tick, (0.3, 0, 0))
+        np.testing.assert_allclose(line.tick(tick)[:3, 3], (0.3, 0, 0), atol=1e-12)
+
+
 def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None:
     line = Line()
     line.say(0)
