@@ -1,6 +1,7 @@
 """The server without sockets or a servo's process: what clients may say, and what becomes of the totals."""
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from hapscene.flags import Flag
 from hapscene.servo.servo import ServoState
 
 HERE = ("127.0.0.1", 1)
+NONCES = count()
 
 
 class Still:
@@ -78,7 +80,7 @@ class Talk:
     def __init__(self, server: BridgeServer, **hello: Any) -> None:
         self.server, self.key, self.sequence = server, 0, 0
         server._heard_s = -np.inf  # whoever was here is gone
-        welcome = self.say(HELLO, pack_json({"version": 1, "nonce": id(self), **hello}))
+        welcome = self.say(HELLO, pack_json({"version": 1, "nonce": next(NONCES), **hello}))
         self.key, self.kind, self.told = welcome.key, welcome.kind, unpack_json(welcome.payload)
 
     def say(self, kind: int, payload: bytes) -> Packet:
