@@ -12,7 +12,7 @@ class MovingBodies:
     """The bodies that a program moves: made by `Renderer.moving`, given to `Renderer.step`.
 
     Attributes:
-        names: of the bodies.
+        names: of the bodies; body_names: of all bodies of their scene.
         X_WB: (n, 4, 4) their poses, in that order; write into it.
     """
 
@@ -22,7 +22,7 @@ class MovingBodies:
         Raises:
             SceneError: an unknown body, or one that is named twice.
         """
-        self.names = tuple(names)
+        self.names, self.body_names = tuple(names), body_names
         for name in self.names:
             if name not in body_names:
                 raise SceneError(no_such("body", name, body_names))

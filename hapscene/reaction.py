@@ -1,9 +1,9 @@
 """A phase of the tick of its own: what the tool does to the bodies, the reverse of what the surface does to the hand.
 
-It acts at the proxy. Where the planes that hold the proxy are of several bodies, each takes the share of the normal
-force with which its planes push; what is tangential is the touched one's. What an effect says that a body gives within
-which the tool is (`f_inside_W_N`) is that one's. Running totals are kept, so that whoever looks at them seldom, or
-misses a look, loses nothing.
+It acts at the proxy. Where the planes that hold the proxy are of several bodies, the others take the share of the
+normal force with which their planes push, and the touched one the rest, with all that is tangential: the sum is exact.
+What an effect says that a body gives within which the tool is (`f_inside_W_N`) is that one's. Running totals are kept,
+so that whoever looks at them seldom, or misses a look, loses nothing.
 """
 
 from typing import Any
@@ -25,16 +25,13 @@ def react(world: Any, surface: Any) -> None:
         _give(world, proxy.passed[k], touch, (-g[0], -g[1], -g[2]))
     if touch.touching == 0:
         index = proxy.passed[proxy.passed_count - 1] if proxy.passed_count > 0 else -1
-    elif _is_shared(proxy, index, touch.depth_m):
-        n = (touch.nhat_W[0], touch.nhat_W[1], touch.nhat_W[2])
-        normal_N = dot(force, n)
-        force = along(force, -normal_N, n)
+    elif touch.depth_m > 0.0:
+        normal_N = dot(force, (touch.nhat_W[0], touch.nhat_W[1], touch.nhat_W[2]))
         for i in range(proxy.count):
-            share_N = normal_N * proxy.push_m[i] / touch.depth_m
-            n = (proxy.nhat_W[i, 0], proxy.nhat_W[i, 1], proxy.nhat_W[i, 2])
-            if proxy.body[i] == index:
-                force = along(force, share_N, n)
-            else:
+            if proxy.body[i] != index:
+                share_N = normal_N * proxy.push_m[i] / touch.depth_m
+                n = (proxy.nhat_W[i, 0], proxy.nhat_W[i, 1], proxy.nhat_W[i, 2])
+                force = along(force, -share_N, n)
                 _give(world, proxy.body[i], touch, (share_N * n[0], share_N * n[1], share_N * n[2]))
     if index < 0:
         force = (0.0, 0.0, 0.0)
@@ -42,15 +39,6 @@ def react(world: Any, surface: Any) -> None:
         _give(world, index, touch, force)
     for i in range(3):
         memory.f_body_W_N[i] = force[i]
-
-
-@native
-def _is_shared(proxy: Any, index: int, depth_m: float) -> bool:
-    """Whether another body pushes as well."""
-    for i in range(proxy.count):
-        if proxy.body[i] != index and proxy.push_m[i] > 0.0 and depth_m > 0.0:
-            return True
-    return False
 
 
 @native

@@ -184,7 +184,9 @@ class Renderer:
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1
-        self.world.bodies["moved"] = self.world.bodies["passed"] = 0
+        bodies = self.world.bodies
+        bodies["moved"] = bodies["passed"] = 0
+        bodies["was_R_WB"], bodies["was_p_WB_m"] = bodies["R_WB"], bodies["p_WB_m"]
         self.world.moved[0] = self.world.proxy[0].passed_count = 0
         self.world.impulse[:] = 0.0
         put(self.world, (p[0], p[1], p[2]))
@@ -301,6 +303,7 @@ class Renderer:
         Raises:
             SceneError: an unknown body, or one that is named twice.
         """
+        self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
         X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"]
@@ -318,7 +321,7 @@ class Renderer:
 
         Raises:
             PathError: a position that is not three numbers.
-            SceneError: poses for an unknown body, or of another shape.
+            SceneError: poses for an unknown body, or of another shape; bodies bound by another renderer.
         """
         p = numbers(p_WT).reshape(1, -1)
         if p.shape != (1, 3):
@@ -327,11 +330,12 @@ class Renderer:
             if not np.isfinite(p).all():
                 return Command(np.zeros(3), np.zeros(self.block), Flag.TOOL_NOT_FINITE)
             self.reset(p[0])
-        if self._scene.pose_count != self._seen:
-            self._see_poses()
+        self._see_poses()
         slots = _STILL
         if poses:
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
+            if bodies.body_names is not self._body_names:
+                raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
@@ -373,8 +377,7 @@ class Renderer:
         slots = self._poses(poses or {}, n)
         if not self._started:
             self.reset(path[0])
-        if self._scene.pose_count != self._seen:
-            self._see_poses()
+        self._see_poses()
         rows = records(n, ROW)
         a_m_s2 = np.zeros((n, self.block))
         self._play(self.world, self.surface, path, *slots, rows, a_m_s2)
@@ -414,13 +417,15 @@ class Renderer:
         )
 
     def _see_poses(self) -> None:
-        """Have the bodies whose pose in the scene is another one appear there."""
-        changed = [body for body, was in zip(self._scene.bodies, self._seen_X_WB, strict=False) if body.X_WB is not was]
-        slots = self.moving([body.name for body in changed])
-        slots.take({body.name: body.X_WB for body in changed})
+        """Have the bodies whose pose in the scene is another one since the last look appear there."""
+        if self._scene.pose_count == self._seen:
+            return
+        X_WB = [body.X_WB for body in self._scene.bodies]
+        changed = [name for name, X, was in zip(self._body_names, X_WB, self._seen_X_WB, strict=False) if X is not was]
+        slots = MovingBodies(changed, self._body_names, np.array(X_WB))
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
-        self._seen, self._seen_X_WB = self._scene.pose_count, [body.X_WB for body in self._scene.bodies]
+        self._seen, self._seen_X_WB = self._scene.pose_count, X_WB
 
     def _poses(
         self, poses: Mapping[str, ArrayLike], count: int

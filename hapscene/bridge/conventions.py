@@ -1,6 +1,7 @@
 """A program's frame and unit, said once: which axis is up, which hand, how many metres a unit is."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -43,7 +44,7 @@ class Convention:
             raise PacketError(f"metres in a unit is a number from 1e-6 to 1e6, not {metres!r:.20}")
         return cls(np.array(_AXES[up, handed], np.float64), float(metres))
 
-    @property
+    @cached_property
     def _sense(self) -> float:
         """−1 where turning right becomes turning left."""
         return float(np.sign(np.linalg.det(self.C)))

@@ -89,7 +89,7 @@ class MuJoCo(Bridge):
         self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
         super().__init__(self)
         self._theirs, self._ours = data.xfrc_applied.copy(), None
-        self._before = np.zeros((len(self.scene.bodies), 6))
+        self._before = np.zeros((len(self.names), 6))
         self._time_s = float(data.time)
 
     def __repr__(self) -> str:
@@ -114,6 +114,7 @@ class MuJoCo(Bridge):
     def apply(self, renderer: "Renderer") -> None:
         """Add to `data.xfrc_applied` what the tool gave the bodies since `poses`, as a wrench over the next step."""
         bodies = self._bind(renderer)
+        self._take_out()
         self._put((renderer.world.impulse[bodies.index] - self._before) / self.step_s)
 
     # What a bridge needs of a simulation.

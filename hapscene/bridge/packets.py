@@ -15,9 +15,6 @@ HELLO, WELCOME, FRAME, STATE, ORDER, ANSWER, BYE, REFUSED = range(1, 9)
 SIZE_MAX: Final = 32_768
 """Longest packet [bytes]: what a datagram on one's own machine takes, twice over."""
 
-BODIES_MAX: Final = 200
-"""Most bodies of a frame [count]: more go into several."""
-
 EVENTS_MAX: Final = 64
 """Most events of a state [count]; the others follow."""
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import (
@@ -52,6 +53,9 @@ ANSWER_COUNT: Final = 64
 
 NAP_S: Final = 0.2
 """How often it is looked whether to end [s]."""
+
+FLOOD: Final = 1000
+"""Packets that are answered before it is looked again whether to end [count]."""
 
 KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
 
@@ -102,6 +106,7 @@ class BridgeServer:
         self._socket.setblocking(False)
         self.address: Address = self._socket.getsockname()
         self._session: _Session | None = None
+        self._freed: set[str] = set()
         self._forget()
 
     def _forget(self) -> None:
@@ -110,6 +115,7 @@ class BridgeServer:
         self._last = self._last_order = self._first_event = 0
         self._events_from = 0
         self._grip = DEFAULT_GRIP
+        self._before = np.zeros((len(self.body_names), 6))
 
     def __enter__(self) -> "BridgeServer":
         return self
@@ -124,8 +130,8 @@ class BridgeServer:
                 self.answer_all()
 
     def answer_all(self) -> None:
-        """Answer all that has come."""
-        while True:
+        """Answer all that has come; of a flood, some at a time."""
+        for _ in range(FLOOD):
             try:
                 data, address = self._socket.recvfrom(SIZE_MAX + 1)
             except BlockingIOError:
@@ -176,7 +182,10 @@ class BridgeServer:
             return self._refuse(packet, "another client is here")
         if hello.get("version") != VERSION:
             return self._refuse(packet, f"version {VERSION} is spoken here")
-        frame, key = Convention.of(hello), secrets.randbits(64) or 1
+        try:
+            frame, key = Convention.of(hello), secrets.randbits(64) or 1
+        except PacketError as error:
+            return self._refuse(packet, str(error))
         told = {
             "version": VERSION,
             "bodies": self.body_names,
@@ -186,10 +195,18 @@ class BridgeServer:
         welcome = pack(Packet(WELCOME, key, packet.sequence, pack_json(told)))
         self._forget()
         self._events_from = self.servo.state().tick + 1
+        self._before = -self._given()  # totals are of the session
+        for name in self._freed:
+            self.servo.free(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
+        self._freed.clear()
         self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {})
         self._heard_s = time.monotonic()
         self.counts["hello"] += 1
         return welcome
+
+    def _given(self) -> NDArray[np.float64]:
+        """What the tool has given the bodies since the servo started (b, 6)."""
+        return np.array([np.concatenate(self.servo.impulse(name)) for name in self.body_names])
 
     @staticmethod
     def _refuse(packet: Packet, why: str) -> bytes:
@@ -217,7 +234,7 @@ class BridgeServer:
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
 
     def _move(self, frame: Convention, body: Any) -> None:
-        got = np.array(body.seen)
+        seen, before = np.array(body.seen), self._before[body.body]
         moving = {}
         if body.v is not None:
             moving = {"v_W_m_s": frame.place(body.v), "w_W_rad_s": frame.turning(body.w)}
@@ -225,7 +242,7 @@ class BridgeServer:
             self.servo.move(
                 self.body_names[body.body],
                 frame.pose(body.p, body.q),
-                seen=Impulse(frame.force(got[:3]), frame.turning(got[3:])),
+                seen=Impulse(frame.force(seen[:3]) - before[:3], frame.turning(seen[3:]) - before[3:]),
                 teleport=body.teleport,
                 **moving,
             )
@@ -248,7 +265,8 @@ class BridgeServer:
             self._first_event += 1
         impulses = []
         for body in frame.bodies:
-            linear, angular = self.servo.impulse(self.body_names[body.body])
+            total = np.concatenate(self.servo.impulse(self.body_names[body.body])) + self._before[body.body]
+            linear, angular = total[:3], total[3:]
             impulses.append((body.body, (*to.told_force(linear), *to.told_turning(angular))))
         return State(
             max(state.tick, 0),
@@ -283,8 +301,8 @@ class BridgeServer:
         except HapsceneError as error:
             if not self.servo.alive:
                 raise
-            told = {"error": str(error)}
-        except (KeyError, TypeError, ValueError) as error:
+            told = {"error": f"{error!s:.1000}"}
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             told = {"error": f"order {order.get('order')!r:.40} lacks something, or has it wrong: {error!s:.100}"}
         self._last_order = packet.sequence
         self.counts["orders"] += 1
@@ -297,9 +315,10 @@ class BridgeServer:
     def _do(self, frame: Convention, order: dict[str, Any]) -> dict[str, Any]:
         name = order["order"]
         if name == "start":
-            self._grip = str(order.get("grip", DEFAULT_GRIP))
-            self.servo.start(frame.place(order["p"]), self._grip)
-            self._events_from = self.servo.state().tick + 1
+            grip, given = str(order.get("grip", DEFAULT_GRIP)), self._given()
+            self.servo.start(frame.place(order["p"]), grip)
+            self._grip = grip
+            self._before += given  # the servo begins at 0 again, the session's totals go on
         elif name in ("pause", "resume"):
             getattr(self.servo, name)()
         elif name == "tune":
@@ -308,6 +327,7 @@ class BridgeServer:
             mass_kg, com = float(order["mass"]), frame.place(order.get("com", (0.0, 0.0, 0.0)))
             inertia = frame.inertia(numbers(order["inertia"]))
             self.servo.free(str(order["body"]), mass_kg, inertia_B_kg_m2=inertia, com_B_m=com)
+            self._freed.add(str(order["body"]))
         elif name == "counts":
             return {"done": name, "counts": dict(self.counts)}
         else:

@@ -46,9 +46,10 @@ def place_bodies(
             body.was_p_WB_m[i] = body.p_WB_m[i]
         if not _take(body, X_WB[k, m]):
             proxy.refused = 1
-        body.moved = 1 - fresh
-        if teleported[m] != 0:
+        body.moved = 1
+        if fresh == 1 or teleported[m] != 0:
             _stop(body)
+        if teleported[m] != 0:
             jumps += 1
         nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
     proxy.near_room_m -= nearer
@@ -150,16 +151,31 @@ def _start(world: Any, surface: Any) -> None:
 
 @native
 def _let_go(world: Any, surface: Any, moving: NDArray[Any], teleported: NDArray[Any]) -> None:
-    """Have the bodies that jump hold the proxy no more; where nothing else holds it, it begins anew at the tool."""
+    """Have the bodies that jump hold proxy and shaft no more; where no plane is left, the proxy begins at the tool."""
     proxy = world.proxy[0]
+    kept, count = 0, proxy.passed_count
+    for i in range(count):
+        index = proxy.passed[i]
+        if _jumps(index, moving, teleported):
+            world.bodies[index].passed = 0
+        else:
+            proxy.passed[kept] = index
+            kept += 1
+    proxy.passed_count = kept
     kept, count = 0, proxy.count
     for i in range(count):
-        jumped = False
-        for m in range(len(moving)):
-            jumped |= bool(teleported[m] != 0 and moving[m] == proxy.body[i])
-        if not jumped:
+        if not _jumps(proxy.body[i], moving, teleported):
             copy_plane(proxy, i, kept)
             kept += 1
     proxy.count = kept
     if kept == 0 < count:
         _start(world, surface)
+
+
+@native
+def _jumps(index: int, moving: NDArray[Any], teleported: NDArray[Any]) -> bool:
+    """Whether this body is among those that jump."""
+    for m in range(len(moving)):
+        if moving[m] == index and teleported[m] != 0:
+            return True
+    return False

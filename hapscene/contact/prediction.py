@@ -50,6 +50,7 @@ PREDICTED: Final = np.dtype(
         ("time_ns", "i8"),  # of that frame
         ("period_s", "f8"),  # from frame to frame, in the mean of the last few
         ("left_s", "f8"),  # until nothing is left of the last difference
+        ("com_B_m", "f8", (3,)),  # as the frame it goes on from had it
         ("com_W_m", "f8", (3,)),  # as predicted: without what is left of the last difference
         ("R_WB", "f8", (3, 3)),
         ("v", "f8", (6,)),
@@ -97,26 +98,26 @@ def predict_bodies(
         count = frame.count
         if count != body.count and count % 2 == 0:
             now_ns(clock)  # keeps the two looks at the count apart
-            body.refused = 0 if is_pose(frame.X_WB) else 1
+            body.refused, jumps = 0 if is_pose(frame.X_WB) else 1, frame.jumps
             if body.refused == 0:
                 _begin(frame, body, given, now)
             now_ns(clock)
             if frame.count == count:  # else it was being written, and is taken again in the next tick
                 body.count = count
+                if body.refused == 0 and jumps != body.jumps:
+                    body.jumps = jumps
+                    teleported[m] = 1
         elif now - body.time_ns < 1e9 * frame.lasts_s:
             _go_on(frame, body, given, tick_s)
         for i in range(6):
             body.given[i] = given[i]
-        if frame.jumps != body.jumps:
-            body.jumps = frame.jumps
-            teleported[m] = 1
         fades = teleported[m] == 0 and body.left_s > tick_s
         fade = (body.left_s - tick_s) / body.left_s if fades else 0.0
         body.left_s -= tick_s
         for i in range(3):
             body.off_m[i] *= fade
             body.off_rad[i] *= fade
-        _show(frame, body, X_WB[0, m])
+        _show(body, X_WB[0, m])
         if body.refused == 1:
             X_WB[0, m, 0, 3] = math.nan  # has it flagged, and the body left where it is
 
@@ -135,22 +136,29 @@ def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
     for i in range(3):
         body.off_m[i] += body.com_W_m[i]  # where it is shown, until it is known where it should be
         for j in range(3):
+            body.off_m[i] += body.shown_R[i, j] * (frame.com_B_m[j] - body.com_B_m[j])
             body.R_WB[i, j] = frame.X_WB[i, j]
+    for i in range(3):
+        body.com_B_m[i] = frame.com_B_m[i]
     _note_others(frame, body, span_s)
     for i in range(6):
         body.v[i] = frame.v[i]
     _push(frame, body, frame.seen, given)
     for i in range(6):
         body.v[i] += body.other[i] * age_s
-    arm, mean_s = _arm(frame, body), 0.5 * age_s
+    arm, mean_s = _arm(body), 0.5 * age_s
     for i in range(3):
         body.com_W_m[i] = frame.X_WB[i, 3] + arm[i] + mean_s * (frame.v[i] + body.v[i])
     w = (frame.v[3] + body.v[3], frame.v[4] + body.v[4], frame.v[5] + body.v[5])
     _turn(body.R_WB, (mean_s * w[0], mean_s * w[1], mean_s * w[2]), body.R_WB)
-    off = _between(body.R_WB, body.shown_R) if known else (0.0, 0.0, 0.0)
+    off, check = _between(body.R_WB, body.shown_R), 0.0
     for i in range(3):
-        body.off_m[i] = body.off_m[i] - body.com_W_m[i] if known else 0.0
+        body.off_m[i] -= body.com_W_m[i]
         body.off_rad[i] = off[i]
+        check += 0.0 * body.off_m[i] + 0.0 * off[i]
+    if not (known and check == 0.0):  # a frame that led to infinity is not held against the next
+        for i in range(3):
+            body.off_m[i] = body.off_rad[i] = 0.0
 
 
 @native
@@ -187,7 +195,7 @@ def _push(frame: Any, body: Any, before: Any, after: Any) -> None:
     if frame.lightness == 0.0:
         return
     J = (after[0] - before[0], after[1] - before[1], after[2] - before[2])
-    about = cross(_arm(frame, body), J)
+    about = cross(_arm(body), J)
     R = body.R_WB
     L = (after[3] - before[3] - about[0], after[4] - before[4] - about[1], after[5] - before[5] - about[2])
     L_B = (
@@ -207,21 +215,21 @@ def _push(frame: Any, body: Any, before: Any, after: Any) -> None:
 
 
 @native
-def _show(frame: Any, body: Any, X_WB: Any) -> None:
+def _show(body: Any, X_WB: Any) -> None:
     """The pose, with what is left of the last difference."""
     _turn(body.shown_R, (body.off_rad[0], body.off_rad[1], body.off_rad[2]), body.R_WB)
     for i in range(3):
         turned = 0.0
         for j in range(3):
             X_WB[i, j] = body.shown_R[i, j]
-            turned += body.shown_R[i, j] * frame.com_B_m[j]
+            turned += body.shown_R[i, j] * body.com_B_m[j]
         X_WB[i, 3] = body.com_W_m[i] + body.off_m[i] - turned
 
 
 @native
-def _arm(frame: Any, body: Any) -> Vector:
+def _arm(body: Any) -> Vector:
     """From the body's origin to its centre of mass, in W."""
-    R, c = body.R_WB, frame.com_B_m
+    R, c = body.R_WB, body.com_B_m
     return (
         R[0, 0] * c[0] + R[0, 1] * c[1] + R[0, 2] * c[2],
         R[1, 0] * c[0] + R[1, 1] * c[1] + R[1, 2] * c[2],

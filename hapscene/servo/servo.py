@@ -140,7 +140,8 @@ class Servo:
         self._length = max(math.ceil(RING_S / tick_s), 2)
         self._body_names = tuple(body.name for body in scene.bodies)
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._moving: list[int] = []
+        self._index_of = {name: index for index, name in enumerate(self._body_names)}
+        self._moving: set[int] = set()
         self._told = np.zeros((len(self._body_names), 6))
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
@@ -314,7 +315,7 @@ class Servo:
             teleport: it appears there, and meets nothing on its way.
 
         Raises:
-            SceneError: no such body, or a pose that is no matrix (4, 4).
+            SceneError: no such body, a pose that is no matrix (4, 4), or a velocity that is not three numbers.
             HapsceneError: the process has ended.
         """
         index = self._index(body)
@@ -323,7 +324,9 @@ class Servo:
         pose, v = numbers(X_WB), np.zeros(6)
         for part, given in ((slice(0, 3), v_W_m_s), (slice(3, 6), w_W_rad_s)):
             if given is not None:
-                v[part] = given
+                if np.shape(given) != (3,):
+                    raise SceneError(f"body {body!r}: a velocity is three numbers, not {np.shape(given)}")
+                v[part] = numbers(given)
         got = self._told[index] if seen is None else np.concatenate(seen)
         if not np.isfinite((v, got)).all():
             raise SceneError(f"body {body!r}: velocities, and the impulse it has seen, must be finite")
@@ -336,7 +339,7 @@ class Servo:
         frame["count"] += 1
         if index not in self._moving:
             shared.moving[len(self._moving)] = index
-            self._moving.append(index)
+            self._moving.add(index)
             shared.channel[0].moving_count = len(self._moving)
 
     @old_spellings()
@@ -356,8 +359,10 @@ class Servo:
         """
         index, inertia = self._index(body), numbers(inertia_B_kg_m2)
         inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
-        if inertia.shape != (3, 3) or not mass_kg > 0.0 or not (np.linalg.eigvalsh(inertia) > 0.0).all():
-            raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3)")
+        above_0 = np.finfo(np.float64).tiny  # whose inverse is finite, too
+        good = inertia.shape == (3, 3) and mass_kg >= above_0 and (np.linalg.eigvalsh(inertia) >= above_0).all()
+        if not (good and np.abs(inertia - inertia.T).max() <= 1e-6 * np.abs(inertia).max()):
+            raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3), symmetric")
         _ = self._channel
         frame = self._frames[index]
         frame["lightness"] = 1.0 / mass_kg
@@ -390,9 +395,9 @@ class Servo:
         return events_of(log.rows, log.first, since, self._body_names, self._swatch_names), log.first + len(log.rows)
 
     def _index(self, body: str) -> int:
-        if body not in self._body_names:
+        if body not in self._index_of:
             raise SceneError(no_such("body", body, self._body_names))
-        return self._body_names.index(body)
+        return self._index_of[body]
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""

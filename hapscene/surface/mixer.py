@@ -22,7 +22,6 @@ def render(surface: Any) -> int:
     """
     touch, total = surface.touch[0], surface.total[0]
     _clear(total, touch)
-    total.release = 0
     flags = 0
     if touch.swatch >= 0:
         for e in range(surface.contact_count[0]):
@@ -54,7 +53,6 @@ def _call(surface: Any, e: int, swatch: int) -> int:
     if surface.muted[e] != 0:
         return _MUTED
     _clear(part, touch)
-    part.release = 0
     table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
     call_effect(
         surface.effects[e],
@@ -119,6 +117,7 @@ def limit(surface: Any) -> int:
 
 @native
 def _clear(out: Any, touch: Any) -> None:
+    out.release = 0
     for i in range(3):
         out.f_W_N[i] = 0.0
         for k in range(touch.inside):

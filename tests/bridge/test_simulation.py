@@ -140,6 +140,16 @@ def test_a_body_that_is_put_elsewhere_appears_there(scene: hapscene.Scene) -> No
         bridge.teleport("bux")
 
 
+def test_a_pose_that_is_none_is_forgotten_with_the_next(scene: hapscene.Scene) -> None:
+    """As of a simulation that blew up, and was begun anew."""
+    box = Box(0.2, 0.01)
+    bridge, renderer = hapscene.bridge.Bridge(box), hapscene.Renderer(scene)
+    for x, flagged in ((0.0, False), (np.nan, True), (0.02, False), (0.02, False)):
+        box.X_WB[0, 3] = x
+        assert bool(bridge.step(renderer, (0.0, 0.0, 0.3)).flags & hapscene.Flag.POSE_REFUSED) == flagged
+    assert renderer.world.bodies[0].p_WB_m[0] == 0.02
+
+
 def test_what_does_not_fit_is_said(scene: hapscene.Scene) -> None:
     bridge = hapscene.bridge.Bridge(Box(0.2, 1e-3))
     with pytest.raises(hapscene.HapsceneError, match="three numbers in metres; it has 2"):

@@ -182,3 +182,33 @@ def test_slots_that_cannot_be_are_refused():
         with pytest.raises(SceneError, match="body 'box 0': a pose is a matrix"):
             renderer.step((0, 0, 1), {"box 0": bad})
     assert repr(renderer.moving(["box 1", "box 0"])) == "<MovingBodies: box 1, box 0>"
+
+
+def test_bodies_bound_by_another_renderer_are_refused():
+    """Of another scene their numbers would lead anywhere; of the same one a jump would be felt once."""
+    slots = hapscene.Renderer(boxes((0, 0, 0), (1, 0, 0))).moving(["box 1"])
+    with pytest.raises(SceneError, match="another renderer's"):
+        hapscene.Renderer(SCENE, []).step((0.0, 0.0, 9.0), slots)
+
+
+def test_bodies_are_bound_where_the_scene_has_them():
+    scene = boxes((0, 0, 0))
+    renderer = hapscene.Renderer(scene, ["wall"])
+    renderer.step((0.01, 0.02, 0.06))
+    scene.pose("box 0", at((0.3, 0.0, 0.0)))
+    slots = renderer.moving(["box 0"])
+    assert slots.X_WB[0, 0, 3] == 0.3
+    assert renderer.step((0.01, 0.02, 0.04), slots).contact is None
+
+
+@pytest.mark.parametrize("when", ["first", "before a reset"])
+def test_a_body_that_appears_is_in_no_motion(when):
+    renderer = hapscene.Renderer(boxes((0, 0, 0)), ["wall"])
+    if when != "first":
+        renderer.step((0.0, 0.0, 0.3))
+    renderer.step((0.0, 0.0, 0.3), {"box 0": at((0.1, 0.0, 0.0))})
+    if when != "first":
+        renderer.reset((0.0, 0.0, 0.3))
+    renderer.step((0.0, 0.0, 0.3))
+    body = renderer.world.bodies[0]
+    assert body.was_p_WB_m.tolist() == body.p_WB_m.tolist() == [0.1, 0.0, 0.0]

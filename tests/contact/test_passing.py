@@ -77,6 +77,16 @@ def test_a_body_that_moves_keeps_the_tool_in():
     assert renderer.surface.touch[0].inside == 0
 
 
+def test_a_body_that_is_teleported_lets_go_of_the_shaft():
+    renderer = arm()
+    feel(renderer, 0.06, 0.035)
+    slots = renderer.moving(["skin"])
+    slots.X_WB[0, 2, 3] = -0.01  # still about the tool, which never went in there
+    slots.teleport("skin")
+    assert renderer.step((0.001, 0.002, 0.035), slots).contact is None
+    assert renderer.surface.touch[0].inside == 0 and not renderer.world.bodies["passed"].any()
+
+
 def test_what_holds_the_shaft_is_given_to_the_body_that_was_passed():
     def grip(touch, p, table, s, out):
         if touch.inside and not touch.touching:

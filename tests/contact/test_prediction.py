@@ -173,3 +173,39 @@ def test_a_box_that_is_pushed_at_60_frames_a_second_feels_as_one_box(friction: f
         changes[held] = int(np.abs(np.diff(touching, axis=0)).sum())
         steps[held] = np.abs(np.diff(forces, axis=0)).max()
     assert steps[False] < 0.1 < steps[True] and changes[False] <= 2 < changes[True]
+
+
+def test_another_centre_of_mass_does_not_move_the_body() -> None:
+    line = Line(0.2)
+    line.say(0, (0.3, 0, 0))
+    line.tick(0)
+    line.frames[0].com_B_m = (0.1, 0.2, 0.0)
+    for tick in range(1, 40):
+        if tick == 17:
+            line.say(tick, (0.3, 0, 0))
+        np.testing.assert_allclose(line.tick(tick)[:3, 3], (0.3, 0, 0), atol=1e-12)
+
+
+def test_a_body_jumps_with_the_whole_frame_that_says_so_and_not_before() -> None:
+    line = Line()
+    line.say(0)
+    line.tick(0)
+    frame = line.frames[0]
+    frame.count += 1  # it is being written
+    frame.jumps += 1
+    frame.X_WB[0, 3] = np.nan
+    assert line.tick(1)[0, 3] == 0.0 and not line.teleported[0]
+    frame.count += 1
+    line.tick(2)
+    assert not line.teleported[0]  # a pose that is none: it is yet to jump
+    line.say(3, (0.5, 0, 0))
+    assert line.tick(3)[0, 3] == 0.5 and line.teleported[0] == 1
+
+
+def test_a_frame_that_leads_to_infinity_is_not_held_against_the_next() -> None:
+    line = Line()
+    for tick, v in ((0, 0.0), (16, 1e308), (40, 0.0)):
+        line.say(tick, (0.001 * tick, 0, 0), v=(v, v, v))
+        for k in range(tick, tick + 16):
+            line.tick(k)
+    assert line.tick(80)[0, 3] == pytest.approx(0.04)

@@ -170,7 +170,10 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
         servo.move("lid", np.eye(4))
     with pytest.raises(SceneError, match="a pose is a matrix"):
         servo.move("plate", np.eye(3))
-    for wrong in ((-1.0, (1.0, 1.0, 1.0)), (1.0, (1.0, 0.0, 1.0)), (1.0, 1.0)):
+    with pytest.raises(SceneError, match="a velocity is three numbers"):
+        servo.move("plate", np.eye(4), v_W_m_s=(1.0, 2.0))
+    lopsided = [[1.0, 0.9, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    for wrong in ((-1.0, (1.0,) * 3), (1.0, (1.0, 0.0, 1.0)), (1.0, 1.0), (1e-320, (1.0,) * 3), (1.0, lopsided)):
         with pytest.raises(SceneError, match="mass and inertia"):
             servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
     with pytest.raises(HapsceneError, match="no grip 'fist'"):

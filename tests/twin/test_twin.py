@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import trimesh
 
 from hapscene.device.hand import GRIPS, Grip
 from hapscene.device.omni import Omni, stand
@@ -26,6 +27,17 @@ def test_it_is_the_renderers_own_tick(plate: Scene) -> None:
     assert feel.recording.touching.any()
     for name in ("p_WP_m", "f_W_N", "a_m_s2", "flags", "slip_m_s"):
         assert np.array_equal(getattr(again, name), getattr(feel.recording, name)), name
+
+
+def test_it_sees_a_body_that_the_scene_puts_elsewhere() -> None:
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="box", unit="m")
+    twin = Twin(scene, MASS, effects=["wall"])
+    press = Intent.hold((0.0, 0.0, 0.04), 100)
+    twin.reset((0.0, 0.0, 0.0505))
+    assert twin.run(press).recording.touching.any()
+    scene.pose("box", np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]))
+    assert not twin.run(press).recording.touching.any()
 
 
 def test_a_push_rests_where_the_spring_carries_it(plate: Scene) -> None:

@@ -1,0 +1,160 @@
+"""The server without sockets or a servo's process: what clients may say, and what becomes of the totals."""
+
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.bridge.packets import (
+    ANSWER,
+    FRAME,
+    HELLO,
+    ORDER,
+    REFUSED,
+    BodyFrame,
+    Frame,
+    Packet,
+    State,
+    pack_frame,
+    pack_json,
+    unpack,
+    unpack_json,
+    unpack_state,
+)
+from hapscene.bridge.server import FLOOD, BridgeServer
+from hapscene.contact_info import Impulse
+from hapscene.device.hand import grip_named
+from hapscene.errors import SceneError
+from hapscene.flags import Flag
+from hapscene.servo.servo import ServoState
+
+HERE = ("127.0.0.1", 1)
+NONCES = count()
+
+
+class Still:
+    """In the place of a servo: nothing ticks; notes what it is told."""
+
+    alive, tick_s = True, 1e-3
+
+    def __init__(self) -> None:
+        self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
+
+    def impulse(self, body: str) -> Impulse:
+        return Impulse(self.total[:3].copy(), self.total[3:].copy())
+
+    def start(self, p_WT: Any, grip: str) -> None:
+        grip_named(grip)
+        self.total[:] = 0.0
+
+    def aim(self, p_WT: Any, grip: str) -> None:
+        self.grips.append(grip)
+
+    def move(self, body: str, X_WB: Any, *, seen: Impulse, **how: Any) -> None:
+        self.seen = np.concatenate(seen)
+
+    def free(self, body: str, mass_kg: float, **how: Any) -> None:
+        if body != "crate":
+            raise SceneError("no body; there are: " + 10_000 * "crate, ")
+        self.mass_kg = mass_kg
+
+    def state(self) -> ServoState:
+        zeros = np.zeros(3)
+        return ServoState(0, zeros, zeros, zeros, zeros, 0.0, 0.0, False, -1, -1, -1, Flag(0))
+
+    def events(self, since: int) -> tuple[list[Any], int]:
+        return [], since
+
+
+@pytest.fixture
+def server() -> Iterator[BridgeServer]:
+    with BridgeServer(Still(), ("crate",), ("plain",), "127.0.0.1", 0) as server:  # type: ignore[arg-type]
+        yield server
+
+
+class Talk:
+    """A client that is always heard."""
+
+    def __init__(self, server: BridgeServer, **hello: Any) -> None:
+        self.server, self.key, self.sequence = server, 0, 0
+        server._heard_s = -np.inf  # whoever was here is gone
+        welcome = self.say(HELLO, pack_json({"version": 1, "nonce": next(NONCES), **hello}))
+        self.key, self.kind, self.told = welcome.key, welcome.kind, unpack_json(welcome.payload)
+
+    def say(self, kind: int, payload: bytes) -> Packet:
+        self.sequence += 1
+        answer = self.server._answer(Packet(kind, self.key, self.sequence, payload), HERE)
+        assert answer is not None
+        return unpack(answer)
+
+    def order(self, payload: bytes) -> dict[str, Any]:
+        answer = self.say(ORDER, payload)
+        assert answer.kind == ANSWER
+        return unpack_json(answer.payload)
+
+    def frame(self, seen: tuple[float, ...] = (0.0,) * 6) -> State:
+        body = BodyFrame(0, False, (0.0,) * 3, (0.0, 0.0, 0.0, 1.0), None, None, seen)
+        return unpack_state(self.say(FRAME, pack_frame(Frame((0.0,) * 3, 0, (body,)))).payload)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        b'{"order": "tune", "swatch": "plain", "numbers": [1]}',
+        b'{"order": "free", "body": "crate", "mass": 1%s, "inertia": [1, 1, 1]}' % (400 * b"0"),
+        b'{"order": "start", "p": [1%s, 0, 0]}' % (400 * b"0"),
+        b'{"order": "start", "p": {"x": 1}}',
+        b'{"order": "free", "body": "ghost", "mass": 1, "inertia": [1, 1, 1]}',  # of a scene of many names
+    ],
+)
+def test_orders_that_are_wrong_in_any_way_are_answered(server: BridgeServer, order: bytes) -> None:
+    assert "error" in Talk(server).order(order)
+
+
+def test_a_start_that_is_refused_leaves_the_grip(server: BridgeServer) -> None:
+    talk = Talk(server)
+    assert "error" in talk.order(b'{"order": "start", "p": [0, 0, 0], "grip": "iron"}')
+    talk.frame()
+    assert server.servo.grips[-1] == "light"  # type: ignore[attr-defined]
+
+
+def test_axes_that_are_none_are_refused_in_words(server: BridgeServer) -> None:
+    talk = Talk(server, up="x")
+    assert talk.kind == REFUSED and "up is y or z" in talk.told["error"]
+
+
+def test_totals_go_on_over_a_start_and_begin_anew_with_a_client(server: BridgeServer) -> None:
+    servo: Any = server.servo
+    talk = Talk(server)
+    servo.total[:] = 1.0
+    first = talk.frame().impulses[0][1]
+    assert first == (1.0,) * 6
+    talk.order(b'{"order": "start", "p": [0, 0, 0]}')
+    assert talk.frame(first).impulses[0][1] == first
+    assert not servo.seen.any()  # all of it, none since the start
+    servo.total[:] = 0.5
+    assert talk.frame(first).impulses[0][1] == (1.5,) * 6
+    other = Talk(server, up="y", handed="left")
+    assert other.frame().impulses[0][1] == (0.0,) * 6
+    np.testing.assert_array_equal(servo.seen, 0.5)
+
+
+def test_what_one_client_frees_is_not_pushed_with_the_next(server: BridgeServer) -> None:
+    servo: Any = server.servo
+    Talk(server).order(b'{"order": "free", "body": "crate", "mass": 0.2, "inertia": [1, 1, 1]}')
+    assert servo.mass_kg == 0.2
+    Talk(server)
+    assert servo.mass_kg == np.inf
+
+
+def test_a_flood_does_not_keep_it_from_ending(server: BridgeServer) -> None:
+    class Flood:
+        def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
+            assert server.counts["bad"] < 10 * FLOOD, "for ever"
+            return b"", HERE
+
+    server._socket, real = Flood(), server._socket  # type: ignore[assignment]
+    server.answer_all()
+    server._socket = real
