@@ -33,7 +33,7 @@ from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.reaction import react
-from hapscene.surface.mixer import limit, render, render_fields
+from hapscene.surface.mixer import limit, read_poses, render
 
 _NOT_FINITE = int(Flag.TOOL_NOT_FINITE)
 _UNSETTLED = int(Flag.UNSETTLED)
@@ -59,10 +59,11 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
     describe(world, surface, p_WT)
     if world.proxy[0].crease_cos < NO_SHADE:
         shade(world, surface)
-    flags |= render(surface)
+    flags |= render(surface, False)
     react(world, surface)
     if len(surface.effects) > surface.contact_count[0]:
-        flags |= render_fields(world, surface)
+        read_poses(world, surface)
+        flags |= render(surface, True)
     if surface.total[0].release != 0:
         let_in(world)
     if surface.limits[0].guard_Ns_m > 0.0:

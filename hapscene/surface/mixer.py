@@ -14,67 +14,60 @@ _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 
 @native
-def render(surface: Any) -> int:
-    """Call the effects of contact with the touched swatch's parameters; sum into `surface.total[0]`. Returns flags.
+def render(surface: Any, of_scene: bool) -> int:
+    """Call the effects of contact with the touched swatch's parameters, or those of the scene; returns flags.
 
-    Each effect writes to a clean record of its own, so that one that returns NaN or infinity is known: it is mute
-    until the next reset, and the others go on.
+    They are summed into `surface.total[0]`, which those of contact begin anew. Each effect writes to a clean record of
+    its own, so that one that returns NaN or infinity is known: it is mute until the next reset, and the others go on.
     """
-    touch, total = surface.touch[0], surface.total[0]
-    _clear(total, touch)
-    flags = 0
-    if touch.swatch >= 0:
-        for e in range(surface.contact_count[0]):
-            flags |= _call(surface, e, touch.swatch)
-    return flags
-
-
-@native
-def render_fields(world: Any, surface: Any) -> int:
-    """Call the effects of the scene, in contact and in the air, and add to the sum. Returns flags."""
-    flags = 0
-    for k in range(len(surface.frame_body)):
-        start, index = surface.frame_at[k], surface.frame_body[k]
-        if index >= 0:
-            body = world.bodies[index]
-            for i in range(3):
-                for j in range(3):
-                    surface.tables[start + 3 * i + j] = body.R_WB[i, j]
-                surface.tables[start + 9 + i] = body.p_WB_m[i]
-    for e in range(surface.contact_count[0], len(surface.effects)):
-        flags |= _call(surface, e, len(surface.stiffness_N_m))
-    return flags
-
-
-@native
-def _call(surface: Any, e: int, swatch: int) -> int:
-    """Call an effect with its parameters of a swatch, and add what it gives. Returns flags."""
     touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
-    if surface.muted[e] != 0:
-        return _MUTED
-    _clear(part, touch)
-    table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
-    call_effect(
-        surface.effects[e],
-        touch,
-        surface.params,
-        surface.param_start[swatch, e],
-        table,
-        surface.states,
-        surface.state_start[e],
-        part,
-    )
-    if not _finite(part, touch):
-        surface.muted[e] = 1
-        return _MUTED
-    for i in range(3):
-        total.f_W_N[i] += part.f_W_N[i]
-        for k in range(touch.inside):
-            total.f_inside_W_N[k, i] += part.f_inside_W_N[k, i]
-    for i in range(touch.block):
-        total.a_m_s2[i] += part.a_m_s2[i]
-    total.release |= part.release
-    return 0
+    first, stop, swatch = 0, surface.contact_count[0], touch.swatch
+    if of_scene:
+        first, stop, swatch = stop, len(surface.effects), len(surface.stiffness_N_m)
+    else:
+        _clear(total, touch)
+    flags = 0
+    if swatch < 0:
+        return 0
+    for e in range(first, stop):
+        if surface.muted[e] != 0:
+            flags |= _MUTED
+            continue
+        _clear(part, touch)
+        table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
+        call_effect(
+            surface.effects[e],
+            touch,
+            surface.params,
+            surface.param_start[swatch, e],
+            table,
+            surface.states,
+            surface.state_start[e],
+            part,
+        )
+        if not _finite(part, touch):
+            surface.muted[e] = 1
+            flags |= _MUTED
+            continue
+        for i in range(3):
+            total.f_W_N[i] += part.f_W_N[i]
+            for k in range(touch.inside):
+                total.f_inside_W_N[k, i] += part.f_inside_W_N[k, i]
+        for i in range(touch.block):
+            total.a_m_s2[i] += part.a_m_s2[i]
+        total.release |= part.release
+    return flags
+
+
+@native
+def read_poses(world: Any, surface: Any) -> None:
+    """Put the poses that effects of the scene read into their tables."""
+    for k in range(len(surface.frame_body)):
+        start, body = surface.frame_at[k], world.bodies[surface.frame_body[k]]
+        for i in range(3):
+            for j in range(3):
+                surface.tables[start + 3 * i + j] = body.R_WB[i, j]
+            surface.tables[start + 9 + i] = body.p_WB_m[i]
 
 
 @native
