@@ -263,7 +263,8 @@ class Bridge:
         X_WB = np.empty_like(self._X_WB)
         X_WB[:, 3] = (0.0, 0.0, 0.0, 1.0)
         self.simulation.read(X_WB)
-        jumps = [bodies.names.index(name) for name in self._jumps]
+        lost = [not np.isfinite(X).all() for X in self._X_WB + bodies.X_WB]  # it has burst, and began anew
+        jumps = [i for i, name in enumerate(bodies.names) if name in self._jumps or lost[i]]
         bodies.teleported[jumps] = 1
         self._jumps.clear()
         if not slow:
@@ -271,7 +272,7 @@ class Bridge:
             return self._twist
         self._X_WB[jumps] = bodies.X_WB[jumps] = X_WB[jumps]
         twist = _between(self._X_WB, X_WB) / self.simulation.step_s
-        twist[jumps] = self._twist[jumps] = self._push[jumps] = 0.0
+        twist[jumps] = self._twist[jumps] = self._push[jumps] = self._held[jumps] = 0.0
         rest = (twist - self._twist) / self.simulation.step_s - self._push
         for part in (slice(0, 3), slice(3, 6)):  # a shock lasts one step, and is not expected again
             size, before = (np.linalg.norm(a[:, part], axis=1) for a in (rest, self._held))

@@ -151,6 +151,8 @@ def _begin(frame: Any, body: Any, given: Any, now: int) -> None:
     for i in range(3):
         body.off_m[i] = body.off_m[i] - body.com_W_m[i] if known else 0.0
         body.off_rad[i] = off[i]
+    if not math.isfinite(norm((body.off_m[0], body.off_m[1], body.off_m[2])) + norm(off)):
+        body.off_m[:] = body.off_rad[:] = 0.0  # it was thought to be nowhere, from where nothing leads back
 
 
 @native

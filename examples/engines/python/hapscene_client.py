@@ -1,11 +1,12 @@
 """A client of hapscene's bridge in one file, of Python's own library alone: `docs/bridge-protocol.md`, version 1.
 
 client = Client(up="y", handed="right")
-bridge.order("free", body="crate", mass=0.2, inertia=[1e-4] * 3)
-bridge.order("start", p=[0.0, 0.1, 0.0])
+client.order("free", body="crate", mass=0.2, inertia=[1e-4] * 3)
+client.order("start", p=[0.0, 0.1, 0.0])
 while running:
+    client.poll()
     crate.velocity += (client.impulse("crate")[:3] - got) / 0.2 ...
-    client.frame(aim=mouse, bodies=[Body("crate", p, q, v, w)])
+    client.frame(aim=mouse, bodies=[("crate", p, q, v, w)])
 """
 
 import contextlib
