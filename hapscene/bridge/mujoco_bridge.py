@@ -69,7 +69,8 @@ class MuJoCo(Bridge):
         step_s: the model's timestep [s].
 
     Raises:
-        SceneError: MuJoCo is not installed, a swatch for a name that the model lacks, or no geom to touch.
+        SceneError: MuJoCo is not installed, data of another model, a swatch for a name that the model lacks, or no
+            geom to touch.
         SwatchError: an unknown or broken swatch.
 
     Warns:
@@ -83,6 +84,10 @@ class MuJoCo(Bridge):
         import mujoco
 
         self.model, self.data = model, data
+        if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
+            raise SceneError("expected a mujoco.MjModel and its MjData")
+        if (len(data.qpos), len(data.xpos), len(data.geom_xpos)) != (model.nq, model.nbody, model.ngeom):
+            raise SceneError("the data is of another model; make it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)
         mujoco.mj_forward(model, data)
         self.scene, moving = _scene(model, data, dict(swatches or {}), visual)

@@ -89,7 +89,7 @@ class BridgeServer:
         counts: packets by what became of them.
 
     Raises:
-        HapsceneError: the port is taken, the host not ours.
+        HapsceneError: the port is taken, the host not ours; more names than a packet takes.
     """
 
     def __init__(
@@ -102,8 +102,20 @@ class BridgeServer:
             self._socket.bind((host, port))
         except OSError as error:
             self._socket.close()
-            raise HapsceneError(f"cannot listen at {host}:{port}: {error.strerror}; say another --udp port") from None
+            another = f"cannot listen at {host}:{port}: {error.strerror}; say another --udp port or --host"
+            raise HapsceneError(another) from None
         self._socket.setblocking(False)
+        self._welcome = pack_json(
+            {"version": VERSION, "bodies": body_names, "swatches": swatch_names, "tick_s": servo.tick_s}
+        )
+        try:
+            pack(Packet(WELCOME, 0, 0, self._welcome))
+        except PacketError:
+            self._socket.close()
+            raise HapsceneError(
+                f"the names of {len(body_names):,} bodies and {len(swatch_names):,} swatches take "
+                f"{len(self._welcome):,} bytes, and a packet holds {SIZE_MAX:,}; give them shorter names"
+            ) from None
         self.address: Address = self._socket.getsockname()
         self._session: _Session | None = None
         self._freed: set[str] = set()
@@ -183,16 +195,11 @@ class BridgeServer:
         if hello.get("version") != VERSION:
             return self._refuse(packet, f"version {VERSION} is spoken here")
         try:
-            frame, key = Convention.of(hello), secrets.randbits(64) or 1
+            frame = Convention.of(hello)
         except PacketError as error:
             return self._refuse(packet, str(error))
-        told = {
-            "version": VERSION,
-            "bodies": self.body_names,
-            "swatches": self.swatch_names,
-            "tick_s": self.servo.tick_s,
-        }
-        welcome = pack(Packet(WELCOME, key, packet.sequence, pack_json(told)))
+        key = secrets.randbits(64) or 1
+        welcome = pack(Packet(WELCOME, key, packet.sequence, self._welcome))
         self._forget()
         self._events_from = self.servo.state().tick + 1
         self._before = -self._given()  # totals are of the session

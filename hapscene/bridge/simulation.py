@@ -263,8 +263,8 @@ class Bridge:
         X_WB = np.empty_like(self._X_WB)
         X_WB[:, 3] = (0.0, 0.0, 0.0, 1.0)
         self.simulation.read(X_WB)
-        jumps = [bodies.names.index(name) for name in self._jumps]
-        jumps += np.flatnonzero(~np.isfinite(self._X_WB).all(axis=(1, 2))).tolist()  # it was nowhere
+        lost = [not np.isfinite(X).all() for X in self._X_WB + bodies.X_WB]  # it has burst, and began anew
+        jumps = [i for i, name in enumerate(bodies.names) if name in self._jumps or lost[i]]
         bodies.teleported[jumps] = 1
         self._jumps.clear()
         if not slow:

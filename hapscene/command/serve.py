@@ -43,13 +43,14 @@ def _serve(options: argparse.Namespace) -> int:
         scene = open_scene(options.scene, options.unit, options.swatch, accept_damaged=options.accept_damaged)
     bodies, swatches = (tuple(part.name for part in parts) for parts in (scene.bodies, scene.swatches))
     with ExitStack() as stack:
-        with step(say, f"starting the {options.device}"):
-            servo = stack.enter_context(Servo(scene, options.device))
+        servo = Servo(scene, options.device)
         server = stack.enter_context(BridgeServer(servo, bodies, swatches, options.host, options.udp))
-        say(f"udp {server.address[0]}:{server.address[1]}   (Ctrl-C ends)\n")
-        if options.host != HOST:
-            say("open to the network: whoever speaks first from anywhere moves what is felt\n")
+        with step(say, f"starting the {options.device}"):
+            stack.enter_context(servo)
         with interrupt_noted() as noted:
+            say(f"udp {server.address[0]}:{server.address[1]}   (Ctrl-C ends)\n")
+            if not server.address[0].startswith("127."):
+                say("open to the network: whoever speaks first from anywhere moves what is felt\n")
             server.serve(noted)
         told = ", ".join(f"{name} {count:,}" for name, count in sorted(server.counts.items()))
     say(f"ended; {told or 'nobody came'}\n")

@@ -322,14 +322,17 @@ class Servo:
         if np.shape(X_WB) != (4, 4):
             raise SceneError(f"pose of body {body!r}: a pose is a matrix (4, 4), not {np.shape(X_WB)}")
         pose, v = numbers(X_WB), np.zeros(6)
-        for part, given in ((slice(0, 3), v_W_m_s), (slice(3, 6), w_W_rad_s)):
-            if given is not None:
-                if np.shape(given) != (3,):
-                    raise SceneError(f"body {body!r}: a velocity is three numbers, not {np.shape(given)}")
-                v[part] = numbers(given)
-        got = self._told[index] if seen is None else np.concatenate(seen)
-        if not np.isfinite((v, got)).all():
-            raise SceneError(f"body {body!r}: velocities, and the impulse it has seen, must be finite")
+        got = self._told[index].copy()
+        given = (v, v_W_m_s, 0), (v, w_W_rad_s, 3), *((got, part, 3 * k) for k, part in enumerate(seen or ()))
+        for out, values, at in given:
+            if values is None:
+                continue
+            vector = numbers(values)
+            if vector.shape != (3,) or at > 3 or not np.isfinite(vector).all():
+                raise SceneError(
+                    f"body {body!r}: velocities, and the impulse it has seen, are three finite numbers each"
+                )
+            out[at : at + 3] = vector
         shared = self._channel
         frame = self._frames[index]
         frame["count"] |= 1
@@ -357,10 +360,11 @@ class Servo:
         Raises:
             SceneError: no such body; a mass or an inertia that no body has.
         """
-        index, inertia = self._index(body), numbers(inertia_B_kg_m2)
+        index, inertia, mass = self._index(body), numbers(inertia_B_kg_m2), numbers(mass_kg)
         inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
         above_0 = np.finfo(np.float64).tiny  # whose inverse is finite, too
-        good = inertia.shape == (3, 3) and mass_kg >= above_0 and (np.linalg.eigvalsh(inertia) >= above_0).all()
+        known = inertia.shape == (3, 3) and np.isfinite(inertia).all() and mass.shape == () and mass >= above_0
+        good = known and (np.linalg.eigvalsh(inertia) >= above_0).all()
         if not (good and np.abs(inertia - inertia.T).max() <= 1e-6 * np.abs(inertia).max()):
             raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3), symmetric")
         _ = self._channel

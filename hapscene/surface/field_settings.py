@@ -47,7 +47,7 @@ def field_setting(
         numbers[name] = param.default
         if name in given:
             numbers[name] = check_range(effect, param, given[name])
-    names = given.get("bodies", ())
+    names = given.get("bodies") or ()
     bodies = []
     for name in (names,) if isinstance(names, str) else names:
         if name not in body_names:

@@ -242,6 +242,26 @@ def test_after_a_reset_bodies_appear_where_they_began() -> None:
     assert abs(data.qpos[0]) < 1e-9
 
 
+def test_a_simulation_that_burst_and_began_anew_is_felt_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of it
+    model, data = crates(0.002)
+    bridge = hapscene.bridge.MuJoCo(model, data)
+    renderer = hapscene.Renderer(bridge.scene)
+    for k in range(8):
+        if k == 3:
+            data.qpos[:] = np.nan  # which MuJoCo resets in its next step
+        command = bridge.step(renderer, (0.0, 0.0, 0.2))
+    assert command.flags == 0
+
+
+def test_what_is_no_model_with_its_data_is_told() -> None:
+    model, _ = crates(0.002)
+    with pytest.raises(hapscene.HapsceneError, match="of another model"):
+        hapscene.bridge.MuJoCo(model, compiled("<mujoco/>")[1])
+    with pytest.raises(hapscene.HapsceneError, match=r"expected a mujoco\.MjModel"):
+        hapscene.bridge.MuJoCo(model, None)
+
+
 def test_a_hinged_door_gives_way_as_its_joint_has_it() -> None:
     model, data = compiled("""<mujoco><option gravity="0 0 0"/><worldbody>
       <body name="door"><joint name="hinge" axis="0 0 1"/>

@@ -7,10 +7,14 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+
+from hapscene.bridge.server import BridgeServer
+from hapscene.errors import HapsceneError
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
@@ -163,6 +167,9 @@ def test_orders_are_answered_in_words(client: Client) -> None:
         ({"order": "tune", "swatch": "oka", "numbers": {}}, "no swatch 'oka'"),
         ({"order": "free", "body": "crate", "mass": -1, "inertia": [1, 1, 1]}, "must be above 0"),
         ({"order": "start", "p": [1e9, 0, 0]}, "is it in mm"),
+        ({"order": "tune", "swatch": "wood", "numbers": [300]}, "has it wrong"),
+        ({"order": "tune", "swatch": "wood", "numbers": {"stiffness_N_m": 10**400}}, "has it wrong"),
+        ({"order": "free", "body": "crate", "mass": 10**400, "inertia": [1, 1, 1]}, "has it wrong"),
     ):
         with pytest.raises(ValueError, match=says):
             client.order(**order)
@@ -175,6 +182,8 @@ def test_another_client_waits_until_the_first_is_gone(served: Served, client: Cl
     client.close()
     other = Client(port=served.port)
     other.close()
+    with pytest.raises(ConnectionError, match="up is y or z"):
+        Client(port=served.port, up="x")
     client.__init__(port=served.port)  # type: ignore[misc]  # for the fixture to close
 
 
@@ -188,6 +197,11 @@ def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -
     client.bodies.append("ghost")
     client.frame(bodies=[("ghost", (0, 0, 0), (0, 0, 0, 1))])
     assert client.order("counts")["counts"]["bad"] == bad + 1
+
+
+def test_more_names_than_a_packet_holds_are_refused_before_anybody_comes() -> None:
+    with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
+        BridgeServer(SimpleNamespace(tick_s=1e-3), tuple(f"{k:040}" for k in range(1000)), (), "127.0.0.1", 0)  # type: ignore[arg-type]
 
 
 def test_it_ends_with_ctrl_c_and_says_what_came(served: Served) -> None:

@@ -136,6 +136,15 @@ def test_a_frame_that_is_no_pose_leaves_it_where_it_was_going() -> None:
     assert [line.tick(k)[0, 3] for k in range(3, 40)] == pytest.approx([1e-4 * k for k in range(3, 40)], abs=3e-4)
 
 
+def test_a_body_that_spun_beyond_all_numbers_comes_back_with_its_next_frame() -> None:
+    line = Line()
+    line.say(0, w=(1e300, 0, 0))
+    assert not np.isfinite([line.tick(0), line.tick(1)]).all()
+    for k in (17, 34):
+        line.say(k, (0.1, 0, 0))
+        np.testing.assert_array_equal(line.tick(k)[:3, 3], (0.1, 0, 0))
+
+
 def test_a_frame_that_is_being_written_is_left_alone() -> None:
     line = Line()
     line.say(0, (0.1, 0, 0))

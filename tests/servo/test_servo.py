@@ -170,10 +170,19 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
         servo.move("lid", np.eye(4))
     with pytest.raises(SceneError, match="a pose is a matrix"):
         servo.move("plate", np.eye(3))
-    with pytest.raises(SceneError, match="a velocity is three numbers"):
-        servo.move("plate", np.eye(4), v_W_m_s=(1.0, 2.0))
+    for wrong_motion in ({"v_W_m_s": (0.0, 1.0)}, {"w_W_rad_s": 1.0}, {"seen": [0.0] * 6}, {"v_W_m_s": [np.nan] * 3}):
+        with pytest.raises(SceneError, match="three finite numbers each"):
+            servo.move("plate", np.eye(4), **wrong_motion)
     lopsided = [[1.0, 0.9, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    for wrong in ((-1.0, (1.0,) * 3), (1.0, (1.0, 0.0, 1.0)), (1.0, 1.0), (1e-320, (1.0,) * 3), (1.0, lopsided)):
+    for wrong in (
+        (-1.0, (1.0, 1.0, 1.0)),
+        (1.0, (1.0, 0.0, 1.0)),
+        (1.0, 1.0),
+        ([1, 2], (1, 1, 1)),
+        (1.0, [np.nan] * 3),
+        (1e-320, (1.0, 1.0, 1.0)),
+        (1.0, lopsided),
+    ):
         with pytest.raises(SceneError, match="mass and inertia"):
             servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
     with pytest.raises(HapsceneError, match="no grip 'fist'"):
