@@ -26,6 +26,8 @@ def sheet() -> Sheet:
     sheet.add("method", "path", 10.0, "s")
     sheet.add("method", "hot runs", 5, "1")
     sheet.add("clock", "between two reads median", 20, "ns")
+    for count in (1, 100, 1000):
+        sheet.add(f"moving {count}", "step with bound bodies", 5.0 + 0.1 * count, "µs")
     for count in TRIANGLES:
         name = f"sphere {short(count)}"
         sheet.add(name, "triangles", count, "1")
@@ -107,6 +109,7 @@ def test_aims_are_judged(made: list[Path]) -> None:
     page = made[-1].read_text(encoding="utf-8")
     assert "| load of 82 k triangles to the first tick, warm cache | ≤ 3 s | 3.5 s | **no** |" in page
     assert "| harness of the effect calls | ≤ 0.3 µs | 0.0625 µs | yes |" in page
+    assert "| `step()` with 1,000 bodies that move | ≤ 120 µs | 105 µs | yes |" in page
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
 
 
