@@ -161,6 +161,14 @@ def test_what_is_damaged_is_told_and_taken_if_asked_for(name: str, step) -> None
             assert re.search("failed on it|nothing is left", str(error))
 
 
+def test_a_file_promises_a_closed_body_by_its_shells_alone() -> None:
+    """Not where one is open, and not where there is none."""
+    whole = box_step()
+    assert promised_by(whole.encode(), "box.step").is_closed
+    for other in (whole.replace("CLOSED_SHELL", "OPEN_SHELL"), whole.replace("CLOSED_SHELL", "A_SHELL")):
+        assert other != whole and not promised_by(other.encode(), "box.step").is_closed
+
+
 def test_a_closed_shell_that_comes_back_open_is_told(step) -> None:
     text = BOX.replace(VERTEX, VERTEX.replace(named_in(VERTEX, 1), named_in(of("VERTEX_POINT", 1), 1)))
     with pytest.warns(
