@@ -43,6 +43,19 @@ def norm(a: Vector) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
+def rotation_of(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrix (3, 3) of a quaternion x, y, z, w of any length; the identity for one of none."""
+    norm = math.sqrt(float(q @ q)) or 1.0
+    x, y, z, w = (q / norm).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 # What a caller gives, checked: each answers in one sentence what is wrong.
 
 

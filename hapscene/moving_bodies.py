@@ -1,5 +1,6 @@
 """Bodies bound to slots, whose poses a program writes in place, tick by tick."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -23,12 +24,13 @@ class MovingBodies:
             SceneError: an unknown body, or one that is named twice.
         """
         self.names, self.body_names = tuple(names), body_names
-        for name in self.names:
-            if name not in body_names:
+        place = {name: index for index, name in enumerate(body_names)}
+        for name, count in Counter(self.names).items():
+            if name not in place:
                 raise SceneError(no_such("body", name, body_names))
-            if self.names.count(name) > 1:
+            if count > 1:
                 raise SceneError(f"body {name!r} is named twice; each has one slot")
-        self.index = np.array([list(body_names).index(name) for name in self.names], np.int64)
+        self.index = np.array([place[name] for name in self.names], np.int64)
         self.poses: NDArray[np.float64] = X_WB[self.index][None].copy()  # as the tick takes them: (1, n, 4, 4)
         self.teleported = np.zeros(len(self.names), np.int64)
 

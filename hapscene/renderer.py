@@ -13,7 +13,7 @@ from hapscene.contact.world import build_world, crowd
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
-from hapscene.flags import Flag
+from hapscene.flags import FLAGS, Flag
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED
@@ -36,7 +36,6 @@ EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
 
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
-_FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
 
 
 class _Command(NamedTuple):
@@ -340,7 +339,7 @@ class Renderer:
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
         f_W_N, flags, touching = self._out
-        command = Command(f_W_N.copy(), self._samples[0].copy(), _FLAGS[flags.item()])
+        command = Command(f_W_N.copy(), self._samples[0].copy(), FLAGS[flags.item()])
         if touching.item():
             command.contact = Contact(self._told.tobytes(), self._body_names, self._swatch_names)
         return command

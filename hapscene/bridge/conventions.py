@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.bridge.packets import PacketError
+from hapscene.geometry import rotation_of
 
 _AXES: Final = {
     ("z", "right"): ((1, 0, 0), (0, 1, 0), (0, 0, 1)),  # hapscene, MuJoCo, Blender
@@ -63,16 +64,8 @@ class Convention:
 
     def pose(self, p: ArrayLike, q: ArrayLike) -> NDArray[np.float64]:
         """X_WB (4, 4), from a place and a quaternion x y z w; of length 0 or not finite: NaN, which is refused."""
-        x, y, z, w = (float(n) for n in np.asarray(q, np.float64))
-        length = x * x + y * y + z * z + w * w
-        s = 2.0 / length if length > 0.0 else np.nan
-        R = np.array(
-            [
-                [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-                [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-                [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-            ]
-        )
+        turn = np.asarray(q, np.float64)
+        R = rotation_of(turn) if turn.any() else np.full((3, 3), np.nan)
         X_WB = np.eye(4)
         X_WB[:3, :3] = self.C @ R @ self.C.T
         X_WB[:3, 3] = self.place(p)

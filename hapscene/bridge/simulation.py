@@ -89,7 +89,7 @@ def ratio_max(count: int) -> float:
 
     Of one tick it is `RATIO_MAX`. Of more, the body is predicted: where it is felt, x, its velocity v, and where it is
     simulated, p, to which it is led by p − x within the step, in units of a step. A tick is the first matrix below, the
-    end of the step the second; together they hold until an eigenvalue leaves the unit circle: at 1.80 for two ticks,
+    end of the step the second; together they hold until an eigenvalue leaves the unit circle: at 1.75 for two ticks,
     at 2.24 for many.
     """
     if count < 2:

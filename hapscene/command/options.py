@@ -56,6 +56,9 @@ def print_help(parser: argparse.ArgumentParser) -> int:
     return 0
 
 
+HOST: Final = "127.0.0.1"
+"""This machine alone: where what can be reached over a network listens unless told otherwise."""
+
 # What is read: a file that is there, a mesh whose unit is known. Asked for before anything else is done or imported.
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import add_command, add_mesh_options, base_name, check_scene, loading, port
+from hapscene.command.options import HOST, add_command, add_mesh_options, base_name, check_scene, loading, port
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.interrupt import heard
 
@@ -50,7 +50,7 @@ def add_paint(commands: Any) -> None:
     command.add_argument("--port", type=port, default=8080, help="where the page is (default 8080; the next if taken)")
     command.add_argument(
         "--host",
-        default="127.0.0.1",
+        default=HOST,
         metavar="ADDRESS",
         help="to serve at (default 127.0.0.1: this computer alone). At any other, whoever has the printed address "
         "may do all that the page can, without a password: paint, touch, save and export to any file that you may "

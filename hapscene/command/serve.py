@@ -5,11 +5,8 @@ from contextlib import ExitStack
 from typing import Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import add_command, add_reading_options, check_scene, port
+from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, port
 from hapscene.interrupt import interrupt_noted
-
-HOST: Final = "127.0.0.1"
-"""This machine alone."""
 
 PORT: Final = 47700
 """Where engines find it unless told otherwise; in the range that nobody has registered."""

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from hapscene.command.console import name_made, say
 from hapscene.command.options import (
+    HOST,
     add_command,
     add_group,
     add_out_folder,
@@ -23,9 +24,6 @@ from hapscene.command.options import (
 )
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.errors import CaptureError, HapsceneError
-
-HOST: Final = "127.0.0.1"
-"""This machine alone."""
 
 PORT: Final = 47600
 """Where a follower listens unless told otherwise; in the range that nobody has registered."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hapscene.clock import now_ns
 from hapscene.contact.moving import is_pose
+from hapscene.contact.triangle import turn_to_body, turn_to_world
 from hapscene.geometry import Vector, along, cross, dot, norm
 from hapscene.native import native
 
@@ -196,22 +197,20 @@ def _push(frame: Any, body: Any, before: Any, after: Any) -> None:
         return
     J = (after[0] - before[0], after[1] - before[1], after[2] - before[2])
     about = cross(_arm(body), J)
-    R = body.R_WB
     L = (after[3] - before[3] - about[0], after[4] - before[4] - about[1], after[5] - before[5] - about[2])
-    L_B = (
-        R[0, 0] * L[0] + R[1, 0] * L[1] + R[2, 0] * L[2],
-        R[0, 1] * L[0] + R[1, 1] * L[1] + R[2, 1] * L[2],
-        R[0, 2] * L[0] + R[1, 2] * L[1] + R[2, 2] * L[2],
-    )
+    L_B = turn_to_body(body, L)
     Y = frame.yields_B
-    spin_B = (
-        Y[0, 0] * L_B[0] + Y[0, 1] * L_B[1] + Y[0, 2] * L_B[2],
-        Y[1, 0] * L_B[0] + Y[1, 1] * L_B[1] + Y[1, 2] * L_B[2],
-        Y[2, 0] * L_B[0] + Y[2, 1] * L_B[1] + Y[2, 2] * L_B[2],
+    spin = turn_to_world(
+        body,
+        (
+            Y[0, 0] * L_B[0] + Y[0, 1] * L_B[1] + Y[0, 2] * L_B[2],
+            Y[1, 0] * L_B[0] + Y[1, 1] * L_B[1] + Y[1, 2] * L_B[2],
+            Y[2, 0] * L_B[0] + Y[2, 1] * L_B[1] + Y[2, 2] * L_B[2],
+        ),
     )
     for i in range(3):
         body.v[i] += frame.lightness * J[i]
-        body.v[3 + i] += R[i, 0] * spin_B[0] + R[i, 1] * spin_B[1] + R[i, 2] * spin_B[2]
+        body.v[3 + i] += spin[i]
 
 
 @native
@@ -229,12 +228,8 @@ def _show(body: Any, X_WB: Any) -> None:
 @native
 def _arm(body: Any) -> Vector:
     """From the body's origin to its centre of mass, in W."""
-    R, c = body.R_WB, body.com_B_m
-    return (
-        R[0, 0] * c[0] + R[0, 1] * c[1] + R[0, 2] * c[2],
-        R[1, 0] * c[0] + R[1, 1] * c[1] + R[1, 2] * c[2],
-        R[2, 0] * c[0] + R[2, 1] * c[1] + R[2, 2] * c[2],
-    )
+    c = body.com_B_m
+    return turn_to_world(body, (c[0], c[1], c[2]))
 
 
 @native

@@ -48,6 +48,12 @@ def turn_to_world(body: Any, v_B: Vector) -> Vector:
 
 
 @native
+def turn_to_body(body: Any, v_W: Vector) -> Vector:
+    """Direction from the world's frame to the body's."""
+    return _into(body.R_WB, (0.0, 0.0, 0.0), v_W)
+
+
+@native
 def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
     """The three corners of a face in the body's frame [m]."""
     row = body.face + face

@@ -3,7 +3,6 @@
 import base64
 import binascii
 import itertools
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +14,7 @@ from hapscene.errors import SceneError
 from hapscene.exchange.gltf import DRAFT_NAMES
 from hapscene.exchange.swatch_payload import Piece, Reader, check_version, is_digest, join, known_swatch, lose, restore
 from hapscene.files import read_bytes, refusing
-from hapscene.geometry import RIGID_TOLERANCE
+from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.scene.gltf_check import items_of, parse_gltf
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import FILE_MAX_B
@@ -309,7 +308,7 @@ class _Reader(Tree):
             return self.numbers(node["matrix"], 16, f"{where}.matrix").reshape(4, 4).T
         X = np.eye(4)
         if "rotation" in node:
-            X[:3, :3] = _rotation(self.numbers(node["rotation"], 4, f"{where}.rotation"))
+            X[:3, :3] = rotation_of(self.numbers(node["rotation"], 4, f"{where}.rotation"))
         if "scale" in node:
             X[:3, :3] *= self.numbers(node["scale"], 3, f"{where}.scale")
         if "translation" in node:
@@ -411,16 +410,3 @@ def _printable(name: Any) -> str:
 
 def _indices(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list) else []
-
-
-def _rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrix (3, 3) of a quaternion x, y, z, w."""
-    norm = math.sqrt(float(q @ q)) or 1.0
-    x, y, z, w = (q / norm).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -19,7 +19,7 @@ from hapscene.contact_events import ContactEvent, events_of
 from hapscene.contact_info import Impulse
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError, PathError, SceneError, no_such
-from hapscene.flags import Flag
+from hapscene.flags import FLAGS, Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
@@ -38,9 +38,6 @@ START_S: Final = 300.0
 
 ANSWER_S: Final = 20.0
 """How long it may take to answer [s]."""
-
-
-_FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]  # to make one costs a microsecond
 
 
 _AT: Final = {name: int(place[1]) // 8 for name, place in dict(ROW.fields or {}).items()}
@@ -440,7 +437,7 @@ class Servo:
             body=int(whole[_AT["body"]]),
             face=int(whole[_AT["face"]]),
             swatch=int(whole[_AT["swatch"]]),
-            flags=_FLAGS[whole[_AT["flags"]]],
+            flags=FLAGS[whole[_AT["flags"]]],
             age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 

@@ -91,22 +91,23 @@ def build_surface(
     """
     swatches = scene.swatches
     contact = effects[: len(effects) - len(fields)]
-    params = [[_params(effect, swatch) for effect in contact] + [_NO_BYTES] * len(fields) for swatch in swatches]
-    params += [
-        [_NO_BYTES] * len(contact)
-        + [_packed(e, f.numbers) for e, f in zip(effects[len(contact) :], fields, strict=True)]
-    ]
-    tables = [
-        [_table(effect, swatch, a_rate_Hz) for effect in contact] + [_NO_NUMBERS] * len(fields) for swatch in swatches
-    ]
-    tables += [[_NO_NUMBERS] * len(contact) + [field.table for field in fields]]
+    params = _by_row(
+        [[_params(effect, swatch) for effect in contact] for swatch in swatches],
+        [_packed(e, field.numbers) for e, field in zip(effects[len(contact) :], fields, strict=True)],
+        np.uint8,
+    )
+    tables = _by_row(
+        [[_table(effect, swatch, a_rate_Hz) for effect in contact] for swatch in swatches],
+        [field.table for field in fields],
+        np.float64,
+    )
     shape = len(swatches) + 1, len(effects)
-    param_start, table_start = _starts(map(len, chain(*params))), _starts(map(len, chain(*tables)))
+    param_start, table_start = _starts(map(len, params)), _starts(map(len, tables))
     last = table_start[len(effects) * np.arange(1, len(swatches) + 2)]  # where each swatch's tables end
     state_start = _starts(effect.state_dtype.itemsize for effect in effects)
     frames = [
         (body, start + POSE_SIZE * i)
-        for field, start in zip(fields, table_start[:-1][len(table_start) - 1 - len(fields) :], strict=True)
+        for field, start in zip(fields, table_start[-1 - len(fields) : -1], strict=True)
         for i, body in enumerate(field.bodies)
     ]
     surface = Surface(
@@ -115,9 +116,9 @@ def build_surface(
         paint_start=_starts(len(body.face_swatch) for body in scene.bodies),
         effects=np.array([compile_effect(effect) for effect in effects], np.int64),
         contact_count=np.array([len(contact)]),
-        params=np.concatenate([_NO_BYTES, *chain(*params)]),
+        params=np.concatenate([np.zeros(0, np.uint8), *params]),
         param_start=param_start[:-1].reshape(shape),
-        tables=np.concatenate([_NO_NUMBERS, *chain(*tables)]),
+        tables=np.concatenate([np.zeros(0), *tables]),
         table_start=np.column_stack((table_start[:-1].reshape(shape), last)),
         frame_body=np.array([body for body, _ in frames], np.int64),
         frame_at=np.array([at for _, at in frames], np.int64),
@@ -137,8 +138,11 @@ def build_surface(
     return surface
 
 
-_NO_BYTES: Final = np.zeros(0, np.uint8)
-_NO_NUMBERS: Final = np.zeros(0)
+def _by_row(of_swatches: Sequence[list[Any]], of_fields: list[Any], kind: Any) -> list[Any]:
+    """Pieces one after another: a row for each swatch, of those of contact, and one of those of the scene."""
+    none = [np.zeros(0, kind)]
+    contact_count = len(of_swatches[0])
+    return [*chain(*(row + none * len(of_fields) for row in of_swatches)), *(none * contact_count), *of_fields]
 
 
 def _starts(sizes: Iterable[int]) -> NDArray[np.int64]:
