@@ -266,6 +266,7 @@ class Servo:
         """
         self._order("resume")
 
+    @old_spellings(p_W_m="p_WT")
     def aim(self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         """Have the hand mean the tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 
