@@ -158,6 +158,19 @@ class MuJoCo(Bridge):
         mujoco.mj_step(self.model, self.data)
         self._take_out()
 
+    def contact(self, body: int) -> Array:
+        """Force (3,) by which other bodies of the model touched a body in the last step, in W [N]."""
+        import mujoco
+
+        force_N, total_N = np.zeros(6), np.zeros(3)
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            sides = self.model.geom_bodyid[[contact.geom1, contact.geom2]] == self._ids[body]
+            if sides.any():
+                mujoco.mj_contactForce(self.model, self.data, i, force_N)  # of the first on the second
+                total_N += (int(sides[1]) - int(sides[0])) * (force_N[:3] @ contact.frame.reshape(3, 3))
+        return total_N
+
     def _put(self, wrench_W: Array) -> None:
         data, bodies = self.data, self._ids
         self._theirs = data.xfrc_applied.copy()

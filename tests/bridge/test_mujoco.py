@@ -278,6 +278,16 @@ def test_a_hinged_door_gives_way_as_its_joint_has_it() -> None:
     assert data.qvel[0] > 0.1
 
 
+def test_what_touches_a_body_is_told_by_its_force() -> None:
+    model, data = crates(1e-3, -9.81)
+    data.qpos[7:10] = (0.0, 0.0, 0.15)  # the second on the crate, which so is of both sides
+    bridge = hapscene.bridge.MuJoCo(model, data)
+    for _ in range(500):
+        bridge.advance(np.zeros((2, 6)))
+    for body, mass_kg in ((0, 0.2), (1, 0.3)):
+        assert bridge.contact(body) == pytest.approx([0.0, 0.0, 9.81 * mass_kg], abs=1e-3)
+
+
 def test_a_mass_too_light_is_told_by_its_name() -> None:
     model, data = compiled(CRATE.format(step_s=1 / 60, gravity=0, height=1.0).replace('mass=".2"', 'mass=".02"'))
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
