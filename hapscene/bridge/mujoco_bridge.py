@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | None = None) -> "MuJoCo":
+def load_mujoco(
+    path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | SwatchLike | None = None
+) -> "MuJoCo":
     """A model from its MJCF or URDF file, at its start.
 
     Args:
@@ -39,7 +41,10 @@ def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike]
         model = mujoco.MjModel.from_xml_path(os.fspath(path))
     except ValueError as error:
         raise SceneError(f"{os.fspath(path)}: MuJoCo says {' '.join(str(error).split())!r}") from None
-    return MuJoCo(model, mujoco.MjData(model), swatches)
+    try:
+        return MuJoCo(model, mujoco.MjData(model), swatches)
+    except SceneError as error:
+        raise SceneError(f"{os.fspath(path)}: {error}") from None
 
 
 def _check_installed(where: str) -> None:
@@ -59,7 +64,8 @@ class MuJoCo(Bridge):
 
     Args:
         model, data: `mujoco.MjModel` and its `MjData`; both stay yours.
-        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others.
+        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others; or one
+            for all.
         visual: also the geoms that take no part in collisions (contype and conaffinity 0), which are left out.
 
     Attributes:
@@ -78,7 +84,12 @@ class MuJoCo(Bridge):
     """
 
     def __init__(
-        self, model: Any, data: Any, swatches: Mapping[str, SwatchLike] | None = None, *, visual: bool = False
+        self,
+        model: Any,
+        data: Any,
+        swatches: Mapping[str, SwatchLike] | SwatchLike | None = None,
+        *,
+        visual: bool = False,
     ) -> None:
         _check_installed("")
         import mujoco
@@ -90,7 +101,8 @@ class MuJoCo(Bridge):
             raise SceneError("the data is of another model; make it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)
         mujoco.mj_forward(model, data)
-        self.scene, moving = _scene(model, data, dict(swatches or {}), visual)
+        worn = swatches if isinstance(swatches, Mapping) else {"default": swatches} if swatches else {}
+        self.scene, moving = _scene(model, data, worn, visual)
         self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
         super().__init__(self)
         self._theirs, self._ours = data.xfrc_applied.copy(), None
@@ -188,7 +200,7 @@ class MuJoCo(Bridge):
             self._ours = None
 
 
-def _scene(model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
+def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
     """A scene of a model's geoms, and the bodies of it that can move: their numbers in the model."""
     import mujoco
 

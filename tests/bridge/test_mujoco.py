@@ -144,6 +144,9 @@ def test_all_geoms_of_a_body_are_one_body_and_swatches_go_by_name() -> None:
     assert scene.paint("cart", swatches["default"], "bed") == 12
     whole = hapscene.bridge.MuJoCo(model, data, visual=True).scene.body("cart")
     assert len(whole.mesh.faces) == len(cart.mesh.faces) + 12
+    for one, name in (("wood", "wood"), (swatches["handle"], "cork")):
+        alike = hapscene.bridge.MuJoCo(model, data, one).scene
+        assert {alike.swatches[i].name for body in alike.bodies for i in body.face_swatch} == {name}
     with pytest.raises(hapscene.HapsceneError, match=r"no geom, material or body 'craet'; there are: .*cart"):
         hapscene.bridge.MuJoCo(model, data, {"craet": "wood"})
 
@@ -316,4 +319,8 @@ def test_a_model_is_touched_from_the_command_line(
     Path("empty.xml").write_text("<mujoco/>")
     assert main(["touch", "empty.xml"]) == 2
     said = capsys.readouterr().err
-    assert "leave --unit out" in said and "bad.xml: MuJoCo says" in said and "no geom to touch" in said
+    assert (
+        "leave --unit out" in said
+        and "bad.xml: MuJoCo says" in said
+        and "empty.xml: the model has no geom to touch" in said
+    )
