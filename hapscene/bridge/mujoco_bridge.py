@@ -1,6 +1,5 @@
 """A model of MuJoCo, touched: a scene of its geoms, and what the tool does to its bodies."""
 
-import importlib.util
 import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -8,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.bridge.mujoco_file import check_installed, load_model
 from hapscene.bridge.mujoco_geom import geom_mesh
 from hapscene.bridge.simulation import Bridge, crosses
 from hapscene.errors import SceneError, no_such, warn
+from hapscene.files import refusing
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike
@@ -34,22 +35,11 @@ def load_mujoco(
     Raises:
         SceneError: MuJoCo is not installed, or does not take the file; what `MuJoCo` refuses.
     """
-    _check_installed(f"{os.fspath(path)}: ")
+    model = load_model(path)
     import mujoco
 
-    try:
-        model = mujoco.MjModel.from_xml_path(os.fspath(path))
-    except ValueError as error:
-        raise SceneError(f"{os.fspath(path)}: MuJoCo says {' '.join(str(error).split())!r}") from None
-    try:
+    with refusing(SceneError, path):
         return MuJoCo(model, mujoco.MjData(model), swatches)
-    except SceneError as error:
-        raise SceneError(f"{os.fspath(path)}: {error}") from None
-
-
-def _check_installed(where: str) -> None:
-    if importlib.util.find_spec("mujoco") is None:
-        raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")
 
 
 class MuJoCo(Bridge):
@@ -91,7 +81,7 @@ class MuJoCo(Bridge):
         *,
         visual: bool = False,
     ) -> None:
-        _check_installed("")
+        check_installed("")
         import mujoco
 
         self.model, self.data = model, data

@@ -300,6 +300,41 @@ def test_a_mass_too_light_is_told_by_its_name() -> None:
         bridge.step(renderer, (-0.045, 0.0, 1.0))
 
 
+FIELD = '<mujoco><asset><hfield name="a" nrow="{0}" ncol="{0}" size="1 1 1 1"/></asset></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (FIELD.format(2**31 - 1), "MuJoCo (failed on it|says)"),  # which crashes MuJoCo 4.0
+        ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', "MuJoCo says"),
+        ('<mujoco><include file="gone.xml"/></mujoco>', "MuJoCo says .*gone"),
+        (None, "cannot be read: No such file"),
+    ],
+)
+def test_a_strangers_model_that_ends_mujoco_is_one_error(tmp_path: Path, text: str | None, says: str) -> None:
+    path = tmp_path / "their model.xml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(hapscene.HapsceneError, match=f"their model.xml: {says}"):
+        hapscene.bridge.load_mujoco(path)
+
+
+def test_a_model_is_the_same_from_its_file_with_what_it_includes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trimesh.creation.icosphere(1, 0.05).export(tmp_path / "ball.stl")
+    (tmp_path / "inner.xml").write_text('<mujoco><asset><mesh name="m" file="ball.stl"/></asset></mujoco>')
+    body = '<body name="b"><freejoint/><geom type="mesh" mesh="m"/></body>'
+    (tmp_path / "outer.xml").write_text(f'<mujoco><include file="inner.xml"/><worldbody>{body}</worldbody></mujoco>')
+    monkeypatch.chdir(tmp_path.parent)
+    bridge = hapscene.bridge.load_mujoco(f"{tmp_path.name}/outer.xml")
+    direct = mujoco.MjModel.from_xml_path(str(tmp_path / "outer.xml"))
+    assert bridge.names == ("b",)
+    for name in ("mesh_vert", "mesh_face", "geom_pos", "geom_quat", "body_inertia", "names"):
+        assert np.array_equal(getattr(bridge.model, name), getattr(direct, name)), name
+
+
 def test_a_model_is_touched_from_the_command_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
