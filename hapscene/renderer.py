@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, TICK_S
+from hapscene.contact.deformation import Deformation, room_for
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
 from hapscene.contact.world import build_world, crowd
@@ -141,6 +142,8 @@ class Renderer:
         self._fields = self._set(settings or {})
         self._mapped: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
+        self._crease_rad = crease_rad
+        self._deformations: dict[int, Deformation] = {}
         self.world = build_world(scene.bodies, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
         _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
@@ -296,6 +299,28 @@ class Renderer:
         surface.touch["swatch"] = -1  # another one, or the same by another number
         self.surface, self._fit, self._swatch_names = painting
 
+    def deform(self, body: str, vertices_m: ArrayLike) -> None:
+        """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.
+
+        Between two shapes its surface goes evenly from one to the other where it is touched. May be called in another
+        thread than `step`, which does not wait for it; the first time takes as long as to build the search, and three
+        times the body's memory. The scene stays as it is.
+
+        Args:
+            body: its name.
+            vertices_m: (N, 3) where the vertices of its mesh are, in the body's frame; its faces are as ever.
+
+        Raises:
+            SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
+        """
+        index = self._index(body)
+        if index not in self._deformations:
+            mesh = self._scene.bodies[index].mesh
+            self.world, first = room_for(self.world, mesh)
+            made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
+            self._deformations[index] = made
+        self._deformations[index].post(self.world, vertices_m, body)
+
     def moving(self, names: Sequence[str]) -> MovingBodies:
         """Bind bodies to slots whose poses are written in place: what `step` then takes, at a fraction of the time.
 
@@ -350,10 +375,13 @@ class Renderer:
         Raises:
             SceneError: no such body.
         """
+        total = self.world.impulse[self._index(body)]
+        return Impulse(total[:3].copy(), total[3:].copy())
+
+    def _index(self, body: str) -> int:
         if body not in self._body_names:
             raise SceneError(no_such("body", body, self._body_names))
-        total = self.world.impulse[self._body_names.index(body)]
-        return Impulse(total[:3].copy(), total[3:].copy())
+        return self._body_names.index(body)
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
         """Slots for poses by name; the same as long as the names are."""

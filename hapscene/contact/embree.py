@@ -24,7 +24,8 @@ from hapscene.native import INTERPRETED, kept, native
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
-_FILTER_IN_ARGUMENTS = 8
+_DYNAMIC, _FILTER_IN_ARGUMENTS = 1, 8
+_LOW_QUALITY, _REFIT = 0, 3
 _INVOKE_FILTER, _ALL_FEATURES = 2, 0xFFFFFFFF
 
 MITRE: Final = 1.5
@@ -65,6 +66,9 @@ def _load() -> ctypes.CDLL:
         "rtcReleaseGeometry": (None, [pointer]),
         "rtcAttachGeometry": (number, [pointer, pointer]),
         "rtcCommitScene": (None, [pointer]),
+        "rtcSetSceneBuildQuality": (None, [pointer, ctypes.c_int]),
+        "rtcSetGeometryBuildQuality": (None, [pointer, ctypes.c_int]),
+        "rtcUpdateGeometryBuffer": (None, [pointer, ctypes.c_int, number]),
         "rtcIntersect1": (None, [pointer, pointer, pointer]),
     }
     for name, (result, arguments) in signatures.items():
@@ -156,8 +160,8 @@ def first_face(
 
 
 @cache
-def _device() -> int:
-    device = _embree.rtcNewDevice(None)
+def _device(settings: bytes | None = None) -> int:
+    device = _embree.rtcNewDevice(settings)
     if not device:
         raise HapsceneError(f"Embree found no device it can work on (error {_embree.rtcGetDeviceError(None)})")
     return int(device)
@@ -173,13 +177,68 @@ class Search:
     """
 
     def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32], skin_m: float) -> None:
-        used = vertices_m[np.unique(faces)]
-        low, high = used.min(axis=0), used.max(axis=0)
-        self.center_m: NDArray[np.float64] = (low + high) / 2
-        self.radius_m = float(np.linalg.norm(used - self.center_m, axis=1).max())
+        self.center_m, self.radius_m = _ball(vertices_m, faces)
         corners = _overlapped(vertices_m[faces] - self.center_m, EDGE_OVERLAP * skin_m)
         self.handle = _build(corners.astype(np.float32).reshape(-1, 3))
         weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
+
+
+class RefittedSearch:
+    """The search structure over faces whose corners move: its boxes are fitted anew, their tree stays.
+
+    Built when it is first fitted; a search of many faces is refitted some twenty times as fast as it is built, and rays
+    are as fast as long as neighbours stay neighbours. One thread does it, as one runs beside the ticks.
+
+    Attributes:
+        handle: address that `first_face` takes.
+    """
+
+    def __init__(self, faces: NDArray[np.int32]) -> None:
+        self._faces = faces
+        device = self._device = _device(b"threads=1")
+        self.handle = int(_embree.rtcNewScene(device))
+        _embree.rtcSetSceneFlags(self.handle, _DYNAMIC | _FILTER_IN_ARGUMENTS)
+        _embree.rtcSetSceneBuildQuality(self.handle, _LOW_QUALITY)  # has each geometry keep a tree of its own
+        self._geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
+        _embree.rtcSetGeometryBuildQuality(self._geometry, _REFIT)
+        count = 3 * len(faces)
+        buffer = _embree.rtcSetNewGeometryBuffer(self._geometry, _VERTEX_BUFFER, 0, _FLOAT3, 12, count)
+        self._corners = np.ctypeslib.as_array(ctypes.cast(buffer, ctypes.POINTER(ctypes.c_float)), (count, 3))
+        _fill(self._geometry, _INDEX_BUFFER, _UINT3, np.arange(count, dtype=np.uint32).reshape(-1, 3))
+        _embree.rtcAttachGeometry(self.handle, self._geometry)
+        weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
+        weakref.finalize(self, _embree.rtcReleaseGeometry, self._geometry)
+
+    def refit(self, vertices_m: NDArray[np.float64], overlap_m: float) -> tuple[NDArray[np.float64], float]:
+        """Take other vertices (N, 3); returns `center_m` and `radius_m` as `Search` has them."""
+        center_m, radius_m = _ball(vertices_m, self._faces)
+        overlap_faces(vertices_m, self._faces, center_m, overlap_m, self._corners)
+        narrow = np.isnan(self._corners[:, 0])
+        self._corners[narrow] = 0.0  # a point: what is no number could not be refitted
+        _embree.rtcUpdateGeometryBuffer(self._geometry, _VERTEX_BUFFER, 0)
+        _embree.rtcCommitGeometry(self._geometry)
+        _embree.rtcCommitScene(self.handle)
+        error = _embree.rtcGetDeviceError(self._device)
+        if error:
+            raise HapsceneError(f"Embree could not refit its search over {len(self._faces):,} faces (error {error})")
+        return center_m, radius_m
+
+
+def _ball(vertices_m: NDArray[np.float64], faces: NDArray[np.int32]) -> tuple[NDArray[np.float64], float]:
+    """Middle of the bounding box (3,) of what faces use, and radius of the ball around it that holds it [m]."""
+    used = vertices_m[np.unique(faces)]
+    center_m = (used.min(axis=0) + used.max(axis=0)) / 2
+    return center_m, float(np.linalg.norm(used - center_m, axis=1).max())
+
+
+def overlap_faces(
+    vertices_m: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    center_m: NDArray[np.float64],
+    overlap_m: float,
+    out: NDArray[np.float32],
+) -> None:
+    out[:] = _overlapped(vertices_m[faces] - center_m, overlap_m).reshape(-1, 3)
 
 
 def _overlapped(corners: NDArray[np.float64], overlap_m: float) -> NDArray[np.float64]:

@@ -24,6 +24,9 @@ ASIDE: Final = 4
 SLOTS: Final = ASIDE + 6
 """Slots for planes in all. About a vertex of a scan lie 6 faces."""
 
+SHAPES: Final = 3
+"""Shapes of a body that is given others [count]: one that is felt, one that is to be, and one that is being written."""
+
 BODY: Final = np.dtype(
     [
         ("search", "i8"),  # address of the search structure
@@ -34,10 +37,22 @@ BODY: Final = np.dtype(
         ("two_sided", "i8"),  # 1: both sides of a face hold, 0: only its outside
         ("moved", "i8"),  # 1 where the pose is not that of the last tick
         ("passed", "i8"),  # not 0 while the tool was let in: 1 from the outside of a face, −1 from its back
+        ("lead_s", "f8"),  # how long it is still led, see `hapscene.contact.deformation`,
+        ("lead_W_m", "f8", (3,)),  # and how far it is meanwhile from where it is posed
         ("R_WB", "f8", (3, 3)),
         ("p_WB_m", "f8", (3,)),
         ("was_R_WB", "f8", (3, 3)),  # pose in the last tick
         ("was_p_WB_m", "f8", (3,)),
+        # of a body that is given other shapes, which it takes in turn
+        ("next", "i8"),  # 1 + the next such body, 0 for the last
+        ("shape", "i8"),  # which it has, from 1; 0 that of its mesh
+        ("posted", "i8"),  # which it is to have from the next tick on
+        ("shape_search", "i8", (SHAPES,)),
+        ("shape_center_B_m", "f8", (SHAPES, 3)),
+        ("shape_radius_m", "f8", (SHAPES,)),
+        ("shape_face", "i8", (SHAPES,)),
+        ("face_count", "i8"),
+        ("shape_ticks", "i8"),  # since it took the last one
     ],
     align=True,
 )
@@ -67,6 +82,7 @@ PROXY: Final = np.dtype(
         ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
         ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
         ("passed_count", "i8"),
+        ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
         ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (

@@ -152,8 +152,6 @@ def await_tick(channel: Any, clock: NDArray[np.int64], due: int, tick_ns: int) -
 @native
 def _move_bodies(world: Any, surface: Any, bodies: ServoBodies, count: int, now: int, clock: NDArray[np.int64]) -> None:
     """Put the bodies that the application moves where they are by now."""
-    if count == 0:
-        return
     moving, X_WB, teleported = bodies.moving[:count], bodies.X_WB[:, :count], bodies.teleported[:count]
     tick_s = surface.touch[0].tick_s
     predict_bodies(bodies.frames, bodies.predicted, moving, world.impulse, X_WB, teleported, now, clock, tick_s)
