@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, crowd
+from hapscene.contact.world import Growth, build_world, crowd
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
@@ -30,6 +30,7 @@ from hapscene.tick import run_ticks
 if TYPE_CHECKING:
     from hapscene.device.model import DeviceLike
     from hapscene.recording import Recording
+    from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
@@ -70,6 +71,8 @@ class PreparedPainting(NamedTuple):
     surface: Surface
     fit: Fit
     swatch_names: tuple[str, ...]
+    growth: Growth | None
+    bodies: "tuple[Body, ...]"
 
 
 class Renderer:
@@ -137,8 +140,9 @@ class Renderer:
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
         self._body_names = tuple(body.name for body in scene.bodies)
+        self._names_so_far = [self._body_names]  # bodies are added and removed, their numbers stay
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._face_counts = [len(body.mesh.faces) for body in scene.bodies]
+        self._bodies = tuple(scene.bodies)
         self._fields = self._set(settings or {})
         self._mapped: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
@@ -277,6 +281,8 @@ class Renderer:
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
 
+        Bodies that the scene has behind those of the renderer are felt as well from then on.
+
         Raises:
             SceneError: other bodies than the renderer was made with.
             EffectError: a swatch that an effect refuses. Then nothing is changed.
@@ -286,10 +292,14 @@ class Renderer:
     def prepare_painting(self, scene: "Scene") -> PreparedPainting:
         """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
-        if shapes != list(zip(self._body_names, self._face_counts, strict=True)):
+        known, more = self._bodies, scene.bodies[len(self._bodies) :]
+        if [shape[1] for shape in shapes[: len(known)]] != [len(body.mesh.faces) for body in known] or any(
+            name != shape[0] for name, shape in zip(self._body_names, shapes, strict=False) if name
+        ):
             raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
         fit, surface, _ = self._fitted(scene)
-        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
+        growth = Growth(self.world, more, self._crease_rad) if more else None
+        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, tuple(more))
 
     def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -297,7 +307,30 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = -1  # another one, or the same by another number
-        self.surface, self._fit, self._swatch_names = painting
+        self.surface, self._fit, self._swatch_names = painting[:3]
+        if painting.growth is not None:
+            self.world = painting.growth.take(self.world)
+            self._bodies += painting.bodies
+            self._name((*self._body_names, *(body.name for body in painting.bodies)))
+            self._seen_X_WB += [body.X_WB for body in painting.bodies]
+
+    def remove(self, body: str) -> None:
+        """Take a body out of what is felt; its number is not given to another.
+
+        Raises:
+            SceneError: no such body.
+        """
+        index = self._index(body)
+        row = self.world.bodies[index]
+        row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_felt  # nothing comes near it any more
+        slots = self.moving([body])
+        slots.teleported[:] = 1
+        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._name(tuple("" if i == index else name for i, name in enumerate(self._body_names)))
+
+    def _name(self, names: tuple[str, ...]) -> None:
+        self._body_names = names
+        self._names_so_far.append(names)
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.
@@ -315,7 +348,7 @@ class Renderer:
         """
         index = self._index(body)
         if index not in self._deformations:
-            mesh = self._scene.bodies[index].mesh
+            mesh = self._bodies[index].mesh
             self.world, first = room_for(self.world, mesh)
             made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
             self._deformations[index] = made
@@ -358,7 +391,7 @@ class Renderer:
         slots = _STILL
         if poses:
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
-            if bodies.body_names is not self._body_names:
+            if not any(bodies.body_names is names for names in self._names_so_far):
                 raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
@@ -379,8 +412,8 @@ class Renderer:
         return Impulse(total[:3].copy(), total[3:].copy())
 
     def _index(self, body: str) -> int:
-        if body not in self._body_names:
-            raise SceneError(no_such("body", body, self._body_names))
+        if not body or body not in self._body_names:
+            raise SceneError(no_such("body", body, filter(None, self._body_names)))
         return self._body_names.index(body)
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
@@ -448,7 +481,8 @@ class Renderer:
         if self._scene.pose_count == self._seen:
             return
         X_WB = [body.X_WB for body in self._scene.bodies]
-        changed = [name for name, X, was in zip(self._body_names, X_WB, self._seen_X_WB, strict=False) if X is not was]
+        seen = zip(self._body_names, X_WB, self._seen_X_WB, strict=False)
+        changed = [name for name, X, was in seen if name and X is not was]
         slots = MovingBodies(changed, self._body_names, np.array(X_WB))
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
@@ -461,9 +495,7 @@ class Renderer:
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
         for m, (name, X) in enumerate(poses.items()):
-            if name not in self._body_names:
-                raise SceneError(no_such("body", name, self._body_names))
-            moving[m] = self._body_names.index(name)
+            moving[m] = self._index(name)
             X_WB[:, m] = rigid(X, f"poses of body {name!r}", count)
         return moving, X_WB, np.zeros(len(poses), np.int64)
 

@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
 from hapscene.contact.embree import RefittedSearch, first_face
@@ -62,20 +62,12 @@ class Deformation:
         row.next, self._proxy.reshaped = self._proxy.reshaped, index + 1
 
     def post(self, world: World, vertices_m: ArrayLike, name: str) -> None:
-        """Have the body of a world, and of a name, take another shape (N, 3) in its next tick.
-
-        Raises:
-            SceneError: not as many places as the mesh has vertices, or not finite ones.
-        """
-        vertices = np.ascontiguousarray(numbers(vertices_m), np.float64)
-        if vertices.shape != (self._count, 3):
-            raise SceneError(
-                f"body {name!r} has {self._count:,} vertices, and takes as many places (n, 3), not {vertices.shape}"
-            )
-        if not np.abs(vertices).max() <= REACH_MAX_M:  # NaN is not, either
-            raise SceneError(f"body {name!r}: its vertices must be finite, within {REACH_MAX_M:g} m")
+        """Have the body of a world, and of a name, take another shape (N, 3) in its next tick; see `shape_of`."""
+        vertices = shape_of(vertices_m, self._count, name)
         row = self._row
-        free = next(k for k in range(SHAPES) if k + 1 not in (row.shape, row.posted))  # whichever it takes meanwhile
+        free = next(
+            k for k in range(SHAPES) if k + 1 not in (row.shape_felt, row.shape_posted)
+        )  # whichever it takes meanwhile
         first = int(row.shape_face[free])
         packed = world.corners_m[first : first + len(self._faces)]
         packed[:, :3] = vertices[self._faces]
@@ -83,7 +75,21 @@ class Deformation:
             packed[:, 3:] = self._groups.normals(packed[:, :3])
         center, radius = self._searches[free].refit(vertices, self._overlap_m)
         row.shape_center_B_m[free], row.shape_radius_m[free] = center, radius
-        row.posted = free + 1
+        row.shape_posted = free + 1
+
+
+def shape_of(vertices_m: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
+    """Places (N, 3) for the vertices of a body, checked.
+
+    Raises:
+        SceneError: not as many as the mesh has vertices, or not finite ones.
+    """
+    vertices = numbers(vertices_m)
+    if vertices.shape != (count, 3):
+        raise SceneError(f"body {name!r} has {count:,} vertices, and takes as many places (n, 3), not {vertices.shape}")
+    if not np.abs(vertices).max() <= REACH_MAX_M:  # NaN is not, either
+        raise SceneError(f"body {name!r}: its vertices must be finite, within {REACH_MAX_M:g} m")
+    return np.ascontiguousarray(vertices)
 
 
 def room_for(world: World, mesh: "Mesh") -> tuple[World, int]:
@@ -103,7 +109,7 @@ def reshape_bodies(world: Any, surface: Any) -> None:
     while k > 0:
         body = world.bodies[k - 1]
         body.shape_ticks += 1
-        if body.posted != body.shape or body.lead_s > 0.0:
+        if body.shape_posted != body.shape_felt or body.lead_s > 0.0:
             _lead(world, surface, k - 1)
         k = body.next
 
@@ -117,9 +123,9 @@ def _lead(world: Any, surface: Any, index: int) -> None:
         for i in range(3):
             body.was_p_WB_m[i] = body.p_WB_m[i]
             body.p_WB_m[i] -= body.lead_W_m[i]
-    posted = body.posted
-    if posted != body.shape and body.shape_face[posted - 1] + body.face_count <= len(world.corners_m):
-        span_s = body.shape_ticks * tick_s if body.shape > 0 else LEAD_MAX_S
+    posted = body.shape_posted
+    if posted != body.shape_felt and body.shape_face[posted - 1] + body.face_count <= len(world.corners_m):
+        span_s = body.shape_ticks * tick_s if body.shape_felt > 0 else LEAD_MAX_S
         gone = _take_shape(world, index, posted)
         for i in range(3):
             for j in range(3):
@@ -160,7 +166,7 @@ def _take_shape(world: Any, index: int, posted: int) -> Vector:
     body.search, body.radius_m, body.face = body.shape_search[k], body.shape_radius_m[k], body.shape_face[k]
     for i in range(3):
         body.center_B_m[i] = body.shape_center_B_m[k, i]
-    body.shape = posted
+    body.shape_felt = posted
     _drop_flat(world, index)
     if face < 0:
         return before
