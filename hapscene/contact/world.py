@@ -162,12 +162,14 @@ class Shapes:
         self.meshes = list(meshes)  # keeps their identities theirs
         self.skin_m = skin_of(*meshes) if skin_m is None else skin_m
         self.searches = {id(mesh): Search(mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes}
-        self.first = dict(zip(self.searches, np.cumsum([0, *(len(mesh.faces) for mesh in meshes)]), strict=False))
-        corners = [np.asarray(mesh.vertices_m, np.float64)[mesh.faces] for mesh in meshes]
-        if crease_rad > 0.0:
-            rounded = (corner_normals(mesh, crease_rad) for mesh in meshes)
-            corners = [np.concatenate(pair, axis=1) for pair in zip(corners, rounded, strict=True)]
-        self.corners_m = np.concatenate(corners)
+        first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
+        self.first = dict(zip(self.searches, first, strict=False))
+        self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
+        for mesh, start in zip(meshes, first, strict=False):
+            rows = self.corners_m[start : start + len(mesh.faces)]
+            np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
+            if crease_rad > 0.0:
+                rows[:, 3:] = corner_normals(mesh, crease_rad)
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
