@@ -18,7 +18,7 @@ namespace Hapscene
         public string Name;
         public double[] Place = { 0, 0, 0 };
         public double[] Turn = { 0, 0, 0, 1 };  // quaternion x y z w
-        public double[] Velocity;               // 6: of the centre of mass, of turning; null: straight from frame to frame
+        public double[] Velocity;               // 6: of the centre of mass, of turning; null: from frame to frame
         public bool Jumps;
     }
 
@@ -43,7 +43,7 @@ namespace Hapscene
         public readonly string[] Bodies, Swatches;
         public readonly List<Event> Events = new List<Event>();  // since you emptied it
         public State State { get; private set; }                 // the newest; null before the first
-        public bool Lost { get; private set; }                   // the server began anew, or has another: make a new Client
+        public bool Lost { get; private set; }                   // the server began anew, or has another client
 
         enum Kind : byte { Hello = 1, Welcome, Frame, State, Order, Answer, Bye, Refused }
 
@@ -64,6 +64,7 @@ namespace Hapscene
         readonly Dictionary<string, double[]> totals = new Dictionary<string, double[]>();
         readonly Dictionary<string, double[]> seen = new Dictionary<string, double[]>();
         readonly double patience;
+        bool closed;
         ulong key;
         uint sequence, orders, eventCount, last;
 
@@ -91,7 +92,8 @@ namespace Hapscene
 
         public void Dispose()
         {
-            Send(Kind.Bye, 0, new byte[0]);
+            if (!closed) Send(Kind.Bye, 0, new byte[0]);
+            closed = true;
             socket.Dispose();
         }
 
@@ -187,7 +189,8 @@ namespace Hapscene
                 {
                     if (packet.Kind == Kind.State && packet.Key == key) TakeState(packet);
                     if (Lost) throw new InvalidOperationException("the session is lost: make a new Client");
-                    if ((packet.Kind != kind + 1 && packet.Kind != Kind.Refused) || packet.Sequence != asked) continue;
+                    bool mine = packet.Kind == kind + 1 || packet.Kind == Kind.Refused;
+                    if (!mine || packet.Sequence != asked) continue;
                     string told = Encoding.UTF8.GetString(packet.Payload);
                     if (packet.Kind == Kind.Welcome) key = packet.Key;
                     if (!told.StartsWith("{\"error\"", StringComparison.Ordinal)) return told;
@@ -259,9 +262,9 @@ namespace Hapscene
         static string Json(object what)
         {
             if (what is string text)
-                return "\"" + string.Concat(text.Select(c => c < ' ' || c == '"' || c == '\\' ? $"\\u{(int)c:x4}" : $"{c}")) + "\"";
-            if (what is IDictionary pairs)
-                return "{" + string.Join(",", pairs.Keys.Cast<object>().Select(k => Json(k) + ":" + Json(pairs[k]))) + "}";
+                return "\"" + Regex.Replace(text, @"[\x00-\x1f""\\]", c => $"\\u{(int)c.Value[0]:x4}") + "\"";
+            if (what is IDictionary map)
+                return "{" + string.Join(",", map.Keys.Cast<object>().Select(k => Json(k) + ":" + Json(map[k]))) + "}";
             if (what is IEnumerable list) return "[" + string.Join(",", list.Cast<object>().Select(Json)) + "]";
             return Convert.ToDouble(what).ToString("R", CultureInfo.InvariantCulture);
         }
@@ -273,7 +276,7 @@ namespace Hapscene
         static string[] Texts(string json, string name)
         {
             string list = Regex.Match(json, $@"""{name}"":\[((?:{Quoted},?)*)\]").Groups[1].Value;
-            return Regex.Matches(list, Quoted).Cast<Match>().Select(found => Regex.Unescape(found.Groups[1].Value)).ToArray();
+            return Regex.Matches(list, Quoted).Cast<Match>().Select(m => Regex.Unescape(m.Groups[1].Value)).ToArray();
         }
     }
 }

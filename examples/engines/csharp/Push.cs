@@ -26,8 +26,8 @@ static class Push
             for (int k = 0; k < 120; ++k)
             {
                 Thread.Sleep(Math.Max(0, (int)(1000 * (k + 1) * step - time.ElapsedMilliseconds)));
-                var crate = new Body { Name = "crate", Place = new[] { x, 0, 0 }, Velocity = new[] { v, 0, 0, 0, 0, 0 } };
-                client.Frame(new[] { -0.03 + 0.05 * k * step, 0, 0 }, crate);
+                double[] place = { x, 0, 0 }, velocity = { v, 0, 0, 0, 0, 0 }, aim = { -0.03 + 0.05 * k * step, 0, 0 };
+                client.Frame(aim, new Body { Name = "crate", Place = place, Velocity = velocity });
                 client.Poll();
                 double grown = client.Take("crate")[0];
                 told += grown;

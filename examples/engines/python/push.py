@@ -23,7 +23,9 @@ for k in range(120):
     total = client.impulse("crate")[0]
     v, told = v + (total - told) / MASS, total
     x += v * STEP_S
-    client.frame(aim=(-0.03 + 0.05 * k * STEP_S, 0, 0), bodies=[("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))])
+    client.frame(
+        aim=(-0.03 + 0.05 * k * STEP_S, 0, 0), bodies=[("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))]
+    )
 print(f"momentum {MASS * v} told {told}")
 for tick, kind, body, swatch, speed in client.events:
     print(f"{tick}, {kind}, {body}, {swatch}, {speed:.3g}")
