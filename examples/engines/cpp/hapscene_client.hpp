@@ -5,9 +5,11 @@
 #include <chrono>
 #include <cstdint>
 #include <cstring>
+#include <locale>
 #include <map>
 #include <optional>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -80,11 +82,13 @@ public:
             for (int k = 0; k < 8; ++k) c = c & 1 ? (c >> 1) ^ 0xEDB88320u : c >> 1;
             table_[n] = c;
         }
-        const std::string hello = "{\"version\":1,\"nonce\":" + std::to_string(std::random_device{}()) + ",\"up\":\"" + up +
-                                  "\",\"handed\":\"" + handed + "\",\"metres\":" + std::to_string(metres) + "}";
+        std::ostringstream hello;
+        hello.imbue(std::locale::classic());  // a point in numbers, whatever the program's language
+        hello << "{\"version\":1,\"nonce\":" << std::random_device{}() << ",\"up\":\"" << up << "\",\"handed\":\""
+              << handed << "\",\"metres\":" << metres << "}";
         std::string told;
         try {
-            told = ask(HELLO, 1, hello);
+            told = ask(HELLO, 1, hello.str());
         } catch (...) {
             shut();
             throw;

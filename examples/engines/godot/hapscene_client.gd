@@ -182,7 +182,7 @@ func _unpack(data):
 	var sequence = from.get_u32()
 	var check = _crc(data.subarray(0, 19), 0)
 	if data.size() > 24:
-		check = _crc(data.subarray(24, data.size() - 1), check)
+		check = _crc(data.subarray(24, -1), check)
 	if size != data.size() or from.get_u32() != check:
 		return null
 	if kind == REFUSED and "no such session" in data.subarray(24, -1).get_string_from_utf8():
