@@ -162,10 +162,10 @@ class Client:
                 self._take(told[2], told[3])
         raise why
 
-    @staticmethod
-    def _unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
+    def _unpack(self, data: bytes) -> tuple[int, int, int, bytes] | None:
         packet = unpack(data)
-        if packet and packet[0] == REFUSED and LOST in packet[3]:
+        sent = max(self.sequence, self.orders)
+        if packet and packet[0] == REFUSED and packet[2] <= sent and LOST in packet[3]:
             raise ConnectionError("the session is lost: the server began anew, or has another client; greet it again")
         return packet
 
