@@ -141,8 +141,8 @@ class Renderer:
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
-        self._body_names = tuple(body.name for body in scene.bodies)
-        self._names_so_far = [self._body_names]  # bodies are added and removed, their numbers stay
+        self._names_so_far: list[tuple[str, ...]] = []  # bodies are added and removed, their numbers stay
+        self._name(tuple(body.name for body in scene.bodies))
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._set(settings or {})
@@ -339,7 +339,7 @@ class Renderer:
         self._name(tuple("" if i == index else name for i, name in enumerate(self._body_names)))
 
     def _name(self, names: tuple[str, ...]) -> None:
-        self._body_names = names
+        self._body_names, self._index_of = names, {name: i for i, name in enumerate(names) if name}
         self._names_so_far.append(names)
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
@@ -426,9 +426,9 @@ class Renderer:
         return Impulse(total[:3].copy(), total[3:].copy())
 
     def _index(self, body: str) -> int:
-        if not body or body not in self._body_names:
-            raise SceneError(no_such("body", body, filter(None, self._body_names)))
-        return self._body_names.index(body)
+        if body not in self._index_of:
+            raise SceneError(no_such("body", body, self._index_of))
+        return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
         """Slots for poses by name; the same as long as the names are."""
