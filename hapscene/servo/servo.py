@@ -28,7 +28,7 @@ from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
 from hapscene.servo.servo_loop import Lateness
-from hapscene.servo.shared_memory import AIM, Channel, open_channel
+from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
     import os
@@ -209,7 +209,7 @@ class Servo:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
         channel = shared.channel.view(np.ndarray)
         aims = shared.aims.view(np.ndarray)
-        self._aim = [[aims[name][tool : tool + 1] for name in AIM.names or ()] for tool in range(self._tools)]
+        self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
         self._ticks = shared.rows.view(np.ndarray), channel["done"], channel["done_ns"]
         self._frames = shared.frames.view(np.ndarray)
 
@@ -320,10 +320,9 @@ class Servo:
             positions(np.array([p, push]))  # says what is wrong
         row = held.row()
         _ = self._channel  # raises where none runs
-        count, *parts = self._aim[self._number(tool)]
+        aim, count = self._aim[self._number(tool)]
         count[0] |= 1  # also where Ctrl-C once left it odd
-        for part, values in zip(parts, (p, row, push), strict=True):
-            part[0] = values
+        aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
 
     @old_spellings()
