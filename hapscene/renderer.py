@@ -1,15 +1,16 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, TICK_S
+from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
+from hapscene.contact.deformation import Deformation, room_for
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.contact.world import build_world, crowd
+from hapscene.contact.world import Growth, build_world, crowd
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
@@ -29,11 +30,14 @@ from hapscene.tick import run_ticks
 if TYPE_CHECKING:
     from hapscene.device.model import DeviceLike
     from hapscene.recording import Recording
+    from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
+
+OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"
 
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 
@@ -69,6 +73,8 @@ class PreparedPainting(NamedTuple):
     surface: Surface
     fit: Fit
     swatch_names: tuple[str, ...]
+    growth: Growth | None
+    bodies: "tuple[Body, ...]"
 
 
 class Renderer:
@@ -135,12 +141,15 @@ class Renderer:
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
-        self._body_names = tuple(body.name for body in scene.bodies)
+        self._names_so_far: list[tuple[str, ...]] = []  # bodies are added and removed, their numbers stay
+        self._name(tuple(body.name for body in scene.bodies))
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._face_counts = [len(body.mesh.faces) for body in scene.bodies]
+        self._bodies = tuple(scene.bodies)
         self._fields = self._set(settings or {})
         self._mapped: MovingBodies | None = None
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
+        self._crease_rad = crease_rad
+        self._deformations: dict[int, Deformation] = {}
         self.world = build_world(scene.bodies, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
         _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
@@ -233,9 +242,17 @@ class Renderer:
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """The effects of the scene as they are set."""
         of_scene = self._effects[len(self._contact_effects) :]
+        names = [effect.name for effect in of_scene]
+        for name in names:
+            if names.count(name) > 1:
+                raise EffectError(f"effect {name!r} of the scene is named twice, and has one setting")
+        if not isinstance(settings, Mapping):
+            raise EffectError(
+                f"settings go by the names of effects: {{'weight': {{'mass_kg': 0.2}}}}, not {settings!r:.40}"
+            )
         for name in settings:
-            if name not in [effect.name for effect in of_scene]:
-                raise EffectError(no_such("effect of the scene", name, [effect.name for effect in of_scene]))
+            if name not in names:
+                raise EffectError(no_such("effect of the scene", name, names))
         return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
 
     def _field(self, k: int) -> tuple[Numbers, list[Clip]]:
@@ -274,6 +291,8 @@ class Renderer:
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
 
+        Bodies that the scene has behind those of the renderer are felt as well from then on.
+
         Raises:
             SceneError: other bodies than the renderer was made with.
             EffectError: a swatch that an effect refuses. Then nothing is changed.
@@ -283,10 +302,14 @@ class Renderer:
     def prepare_painting(self, scene: "Scene") -> PreparedPainting:
         """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
         shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
-        if shapes != list(zip(self._body_names, self._face_counts, strict=True)):
-            raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
+        known, more = self._bodies, scene.bodies[len(self._bodies) :]
+        if [shape[1] for shape in shapes[: len(known)]] != [len(body.mesh.faces) for body in known] or any(
+            name != shape[0] for name, shape in zip(self._body_names, shapes, strict=False) if name
+        ):
+            raise SceneError(OTHER_BODIES)
         fit, surface, _ = self._fitted(scene)
-        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches))
+        growth = Growth(self.world, more, self._crease_rad) if more else None
+        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, tuple(more))
 
     def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -294,7 +317,52 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = -1  # another one, or the same by another number
-        self.surface, self._fit, self._swatch_names = painting
+        self.surface, self._fit, self._swatch_names = painting[:3]
+        if painting.growth is not None:
+            self.world = painting.growth.take(self.world)
+            self._bodies += painting.bodies
+            self._name((*self._body_names, *(body.name for body in painting.bodies)))
+            self._seen_X_WB += [body.X_WB for body in painting.bodies]
+
+    def remove(self, body: str) -> None:
+        """Take a body out of what is felt; its number is not given to another.
+
+        Raises:
+            SceneError: no such body.
+        """
+        index = self._index(body)
+        row = self.world.bodies[index]
+        row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_felt  # nothing comes near it any more
+        slots = self.moving([body])
+        slots.teleported[:] = 1
+        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._name(tuple("" if i == index else name for i, name in enumerate(self._body_names)))
+
+    def _name(self, names: tuple[str, ...]) -> None:
+        self._body_names, self._index_of = names, {name: i for i, name in enumerate(names) if name}
+        self._names_so_far.append(names)
+
+    def deform(self, body: str, vertices_m: ArrayLike) -> None:
+        """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.
+
+        Between two shapes its surface goes evenly from one to the other where it is touched. May be called in another
+        thread than `step`, which does not wait for it; the first time takes as long as to build the search, and three
+        times the body's memory. The scene stays as it is.
+
+        Args:
+            body: its name.
+            vertices_m: (N, 3) where the vertices of its mesh are, in the body's frame; its faces are as ever.
+
+        Raises:
+            SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
+        """
+        index = self._index(body)
+        if index not in self._deformations:
+            mesh = self._bodies[index].mesh
+            self.world, first = room_for(self.world, mesh)
+            made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
+            self._deformations[index] = made
+        self._deformations[index].post(self.world, vertices_m, body)
 
     def moving(self, names: Sequence[str]) -> MovingBodies:
         """Bind bodies to slots whose poses are written in place: what `step` then takes, at a fraction of the time.
@@ -302,6 +370,8 @@ class Renderer:
         Raises:
             SceneError: an unknown body, or one that is named twice.
         """
+        if isinstance(names, str) or not isinstance(names, Iterable):
+            raise SceneError(f"bodies are a list of names, as ['crate'], not {names!r:.40}")
         self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
@@ -332,8 +402,10 @@ class Renderer:
         self._see_poses()
         slots = _STILL
         if poses:
+            if not isinstance(poses, MovingBodies | Mapping):
+                raise SceneError("poses are {body: X_WB (4, 4)}, or what `moving` gave, not " + type(poses).__name__)
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
-            if bodies.body_names is not self._body_names:
+            if not any(bodies.body_names is names for names in self._names_so_far):
                 raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
@@ -350,10 +422,13 @@ class Renderer:
         Raises:
             SceneError: no such body.
         """
-        if body not in self._body_names:
-            raise SceneError(no_such("body", body, self._body_names))
-        total = self.world.impulse[self._body_names.index(body)]
+        total = self.world.impulse[self._index(body)]
         return Impulse(total[:3].copy(), total[3:].copy())
+
+    def _index(self, body: str) -> int:
+        if body not in self._index_of:
+            raise SceneError(no_such("body", body, self._index_of))
+        return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
         """Slots for poses by name; the same as long as the names are."""
@@ -420,7 +495,8 @@ class Renderer:
         if self._scene.pose_count == self._seen:
             return
         X_WB = [body.X_WB for body in self._scene.bodies]
-        changed = [name for name, X, was in zip(self._body_names, X_WB, self._seen_X_WB, strict=False) if X is not was]
+        seen = zip(self._body_names, X_WB, self._seen_X_WB, strict=False)
+        changed = [name for name, X, was in seen if name and X is not was]
         slots = MovingBodies(changed, self._body_names, np.array(X_WB))
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
@@ -433,9 +509,7 @@ class Renderer:
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
         for m, (name, X) in enumerate(poses.items()):
-            if name not in self._body_names:
-                raise SceneError(no_such("body", name, self._body_names))
-            moving[m] = self._body_names.index(name)
+            moving[m] = self._index(name)
             X_WB[:, m] = rigid(X, f"poses of body {name!r}", count)
         return moving, X_WB, np.zeros(len(poses), np.int64)
 

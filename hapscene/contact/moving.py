@@ -1,4 +1,4 @@
-"""Bodies that move: their poses taken over at the start of a tick, checked, and the proxy let go where they jump."""
+"""Bodies that move: their poses taken over as a tick begins, checked, and the proxy let go where they jump."""
 
 import math
 from typing import Any, Final
@@ -6,6 +6,7 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
+from hapscene.contact.deformation import reshape_bodies
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
@@ -44,11 +45,16 @@ def place_bodies(
             for j in range(3):
                 body.was_R_WB[i, j] = body.R_WB[i, j]
             body.was_p_WB_m[i] = body.p_WB_m[i]
+            if body.lead_s > 0.0:
+                body.p_WB_m[i] -= body.lead_W_m[i]
         if not _take(body, X_WB[k, m]):
             proxy.refused = 1
         body.moved = 1
         if fresh == 1 or teleported[m] != 0:
             _stop(body)
+            body.lead_s = 0.0
+            for i in range(3):
+                body.lead_W_m[i] = 0.0
         if teleported[m] != 0:
             jumps += 1
         nearer = max(nearer, place_ball(body, world.ball_W_m[moving[m]]))
@@ -69,6 +75,7 @@ def place_bodies(
         _let_go(world, surface, moving, teleported)
     for m in range(len(teleported) if jumps > 0 else 0):
         teleported[m] = 0
+    reshape_bodies(world, surface)
 
 
 @native

@@ -18,44 +18,59 @@ if TYPE_CHECKING:
 
 
 def corner_normals(mesh: "Mesh", crease_rad: float) -> NDArray[np.float64]:
-    """Unit normals (f, 3, 3) at the corners of each face, in the mesh's frame.
+    """Unit normals (f, 3, 3) at the corners of each face, in the mesh's frame."""
+    return CornerGroups(mesh, crease_rad).normals(np.asarray(mesh.vertices_m, np.float64)[mesh.faces])
 
-    The faces about a vertex that hang together over edges flatter than `crease_rad` have one normal there: theirs,
-    weighted by their angles at it. Vertices at the same place count as one.
+
+class CornerGroups:
+    """The corners of a mesh that have one normal, and stay together when its shape changes.
+
+    The faces about a vertex that hang together over edges flatter than the crease angle share theirs, weighted by their
+    angles at it. Vertices at the same place count as one.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
-    faces = np.asarray(mesh.faces)
-    corner = np.asarray(mesh.vertices_m, np.float64)[faces]
-    _, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)
-    vertex = index.reshape(-1)[faces]
+    def __init__(self, mesh: "Mesh", crease_rad: float) -> None:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        faces = np.asarray(mesh.faces)
+        normal = _face_normals(np.asarray(mesh.vertices_m, np.float64)[faces])
+        _, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)
+        vertex = index.reshape(-1)[faces]
+
+        start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()  # half-edge i runs from corner i to the next
+        first = np.arange(len(start))
+        after = 3 * (first // 3) + (first + 1) % 3
+        order = np.lexsort((np.maximum(start, end), np.minimum(start, end)))
+        low, high = np.minimum(start, end)[order], np.maximum(start, end)[order]
+        same = (low[1:] == low[:-1]) & (high[1:] == high[:-1])
+        one, two = order[:-1][same], order[1:][same]
+        flat = np.einsum("ei,ei->e", normal[one // 3], normal[two // 3]) >= math.cos(crease_rad)
+        one, two = one[flat], two[flat]
+        turned = start[one] == end[two]  # neighbours with the same winding run along their edge in opposite directions
+        ends = np.concatenate((one, after[one]))
+        others = np.concatenate((np.where(turned, after[two], two), np.where(turned, two, after[two])))
+        joined = coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
+        self._count, self._group = connected_components(joined, directed=False)
+
+    def normals(self, corner: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Unit normals (f, 3, 3) at the corners (f, 3, 3) of the faces."""
+        normal = _face_normals(corner)
+        weight = _angles(corner).ravel()
+        total = np.zeros((self._count, 3))
+        for i in range(3):
+            total[:, i] = np.bincount(self._group, weight * np.repeat(normal[:, i], 3), self._count)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        own = np.repeat(normal, 3, axis=0)
+        group = self._group
+        shade = np.where(length[group] > 1e-12, total[group] / np.maximum(length[group], 1e-300), own)
+        return np.ascontiguousarray(shade.reshape(-1, 3, 3))
+
+
+def _face_normals(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals (f, 3) of triangles (f, 3, 3), 0 where they have no area."""
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
-
-    start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()  # half-edge i runs from corner i to the next
-    first = np.arange(len(start))
-    after = 3 * (first // 3) + (first + 1) % 3
-    order = np.lexsort((np.maximum(start, end), np.minimum(start, end)))
-    low, high = np.minimum(start, end)[order], np.maximum(start, end)[order]
-    same = (low[1:] == low[:-1]) & (high[1:] == high[:-1])
-    one, two = order[:-1][same], order[1:][same]
-    flat = np.einsum("ei,ei->e", normal[one // 3], normal[two // 3]) >= math.cos(crease_rad)
-    one, two = one[flat], two[flat]
-    turned = start[one] == end[two]  # neighbours with the same winding run along their edge in opposite directions
-    ends = np.concatenate((one, after[one]))
-    others = np.concatenate((np.where(turned, after[two], two), np.where(turned, two, after[two])))
-    joined = coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
-    count, group = connected_components(joined, directed=False)
-
-    weight = _angles(corner).ravel()
-    total = np.zeros((count, 3))
-    for i in range(3):
-        total[:, i] = np.bincount(group, weight * np.repeat(normal[:, i], 3), count)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    own = np.repeat(normal, 3, axis=0)
-    shade = np.where(length[group] > 1e-12, total[group] / np.maximum(length[group], 1e-300), own)
-    return np.ascontiguousarray(shade.reshape(-1, 3, 3))
+    return np.asarray(area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300))
 
 
 def _angles(corner: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -97,8 +97,13 @@ def _past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
 @native
 def barycentric(world: Any, body: Any, face: int, p_W: Vector) -> Vector:
     """Barycentric coordinates on the face of a point's foot on its plane [1]."""
-    a, b, c = corners(world, body, face)
-    p = to_body(body, p_W)
+    return weights(corners(world, body, face), to_body(body, p_W))
+
+
+@native
+def weights(triangle: tuple[Vector, Vector, Vector], p: Vector) -> Vector:
+    """Barycentric coordinates of a point's foot on a triangle's plane [1]."""
+    a, b, c = triangle
     ab, ac, ap = sub(b, a), sub(c, a), sub(p, a)
     n = cross(ab, ac)
     area = dot(n, n)

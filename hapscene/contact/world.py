@@ -24,6 +24,9 @@ ASIDE: Final = 4
 SLOTS: Final = ASIDE + 6
 """Slots for planes in all. About a vertex of a scan lie 6 faces."""
 
+SHAPES: Final = 3
+"""Shapes of a body that is given others [count]: one that is felt, one that is to be, and one that is being written."""
+
 BODY: Final = np.dtype(
     [
         ("search", "i8"),  # address of the search structure
@@ -34,10 +37,22 @@ BODY: Final = np.dtype(
         ("two_sided", "i8"),  # 1: both sides of a face hold, 0: only its outside
         ("moved", "i8"),  # 1 where the pose is not that of the last tick
         ("passed", "i8"),  # not 0 while the tool was let in: 1 from the outside of a face, −1 from its back
+        ("lead_s", "f8"),  # how long it is still led, see `hapscene.contact.deformation`,
+        ("lead_W_m", "f8", (3,)),  # and how far it is meanwhile from where it is posed
         ("R_WB", "f8", (3, 3)),
         ("p_WB_m", "f8", (3,)),
         ("was_R_WB", "f8", (3, 3)),  # pose in the last tick
         ("was_p_WB_m", "f8", (3,)),
+        # of a body that is given other shapes, which it takes in turn
+        ("next", "i8"),  # 1 + the next such body, 0 for the last
+        ("shape_felt", "i8"),  # which it has, from 1; 0 that of its mesh
+        ("shape_posted", "i8"),  # which it is to have from the next tick on
+        ("shape_search", "i8", (SHAPES,)),
+        ("shape_center_B_m", "f8", (SHAPES, 3)),
+        ("shape_radius_m", "f8", (SHAPES,)),
+        ("shape_face", "i8", (SHAPES,)),
+        ("face_count", "i8"),
+        ("shape_ticks", "i8"),  # since it took the last one
     ],
     align=True,
 )
@@ -67,6 +82,7 @@ PROXY: Final = np.dtype(
         ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
         ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
         ("passed_count", "i8"),
+        ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
         ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (
@@ -142,16 +158,18 @@ class Shapes:
         skin_m: for all of them.
     """
 
-    def __init__(self, meshes: "Sequence[Mesh]", crease_rad: float) -> None:
+    def __init__(self, meshes: "Sequence[Mesh]", crease_rad: float, skin_m: float | None = None) -> None:
         self.meshes = list(meshes)  # keeps their identities theirs
-        self.skin_m = skin_of(*meshes)
+        self.skin_m = skin_of(*meshes) if skin_m is None else skin_m
         self.searches = {id(mesh): Search(mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes}
-        self.first = dict(zip(self.searches, np.cumsum([0, *(len(mesh.faces) for mesh in meshes)]), strict=False))
-        corners = [np.asarray(mesh.vertices_m, np.float64)[mesh.faces] for mesh in meshes]
-        if crease_rad > 0.0:
-            rounded = (corner_normals(mesh, crease_rad) for mesh in meshes)
-            corners = [np.concatenate(pair, axis=1) for pair in zip(corners, rounded, strict=True)]
-        self.corners_m = np.concatenate(corners)
+        first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
+        self.first = dict(zip(self.searches, first, strict=False))
+        self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
+        for mesh, start in zip(meshes, first, strict=False):
+            rows = self.corners_m[start : start + len(mesh.faces)]
+            np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
+            if crease_rad > 0.0:
+                rows[:, 3:] = corner_normals(mesh, crease_rad)
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
@@ -173,18 +191,8 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
     shapes = shapes_of(bodies, crease_rad)
-    rows = _owning_records(len(bodies), BODY, shapes)
-    for row, body in zip(rows, bodies, strict=True):
-        search = shapes.searches[id(body.mesh)]
-        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
-        row.center_B_m = search.center_m
-        row.face = shapes.first[id(body.mesh)]
-        row.two_sided = body.two_sided
-        row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
-        row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
-    balls = np.zeros((len(rows), 4))
-    for row, ball in zip(rows, balls, strict=True):
-        place_ball(row, ball)
+    rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
+    _place(rows, balls, bodies, shapes)
     proxy = records(1, PROXY)
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     return World(
@@ -198,6 +206,57 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
         fronts_only=fronts_only(),
         proxy=proxy,
     )
+
+
+def _place(rows: Any, balls: NDArray[np.float64], bodies: "Sequence[Body]", shapes: Shapes, first: int = 0) -> None:
+    """Fill the records of bodies, and their balls (b, 4); the corners of their shapes begin at `first`."""
+    for row, ball, body in zip(rows, balls, bodies, strict=True):
+        search = shapes.searches[id(body.mesh)]
+        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
+        row.center_B_m = search.center_m
+        row.face = first + shapes.first[id(body.mesh)]
+        row.two_sided = body.two_sided
+        row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
+        row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
+        place_ball(row, ball)
+
+
+class Growth:
+    """A world of more bodies: their searches are built while the old one is used, and `take` comes between two ticks.
+
+    Args:
+        world: as it is.
+        bodies: that come behind its own.
+        crease_rad: as `build_world` has it.
+    """
+
+    def __init__(self, world: World, bodies: "Sequence[Body]", crease_rad: float) -> None:
+        meshes = list({id(body.mesh): body.mesh for body in bodies}.values())
+        shapes = Shapes(meshes, crease_rad, float(world.bodies[0].skin_m))
+        before, count = len(world.bodies), len(world.bodies) + len(bodies)
+        self.rows = _owning_records(count, BODY, (world.bodies, shapes))
+        self.balls = np.zeros((count, 4))
+        _place(self.rows[before:], self.balls[before:], bodies, shapes, len(world.corners_m))
+        self.corners_m = np.concatenate((world.corners_m, shapes.corners_m))
+
+    def take(self, world: World) -> World:
+        """The world with them, all else as it is now."""
+        count, before = len(self.rows), len(world.bodies)
+        self.rows[:before], self.balls[:before] = world.bodies, world.ball_W_m
+        moved, impulse = np.zeros(count + 1, np.int64), world.impulse
+        moved[: before + 1] = world.moved
+        if len(impulse) < count:
+            impulse = np.zeros((count, 6))
+            impulse[:before] = world.impulse
+        world.proxy[0].near_count, world.proxy[0].near_room_m = 0, 0.0  # which are near is looked up anew
+        return world._replace(
+            bodies=self.rows,
+            corners_m=self.corners_m,
+            ball_W_m=self.balls,
+            near=np.zeros(min(count, NEAR_MAX + ASIDE), np.int64),
+            moved=moved,
+            impulse=impulse,
+        )
 
 
 def crowd(world: World) -> tuple[int, int]:

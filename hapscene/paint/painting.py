@@ -3,7 +3,7 @@ document, tuning and display work on it, and it knows none of them."""
 
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -120,13 +120,9 @@ class Painting:
         return names.index(name) if name in names else None
 
     def snapshot(self) -> Scene:
-        """A copy of the scene as it is now; meshes and swatches, which nobody changes, are shared."""
+        """A copy of the scene as it is now."""
         with self.lock:
-            copy = Scene()
-            copy.bodies = [replace(body, face_swatch=body.face_swatch.copy()) for body in self.scene.bodies]
-            copy.swatches[:] = self.scene.swatches
-            copy.swatch_source[:] = self.scene.swatch_source
-            return copy
+            return self.scene.copy()
 
     # --- undo and redo ---
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -143,6 +144,14 @@ class Scene:
         chosen = _faces(painted, where)
         painted.face_swatch[chosen] = self.swatch_index(swatch)
         return int(np.count_nonzero(chosen))
+
+    def copy(self) -> "Scene":
+        """The scene as it is now; meshes and swatches, which nobody changes, are shared."""
+        copy = Scene()
+        copy.bodies = [replace(body, face_swatch=body.face_swatch.copy()) for body in self.bodies]
+        copy.swatches[:] = self.swatches
+        copy.swatch_source[:] = self.swatch_source
+        return copy
 
     def swatch_index(self, swatch: SwatchLike) -> int:
         """Index of a swatch in `swatches`, where it is put if new.

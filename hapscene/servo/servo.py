@@ -2,9 +2,11 @@
 
 import math
 import multiprocessing
+import operator
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.clock import now_here_ns
 from hapscene.constants import ACCELERATION_RATE_HZ, REACH_MAX_M, TICK_S
+from hapscene.contact.deformation import shape_of
 from hapscene.contact.prediction import HORIZON_S
 from hapscene.contact_events import ContactEvent, events_of
 from hapscene.contact_info import Impulse
@@ -23,18 +26,27 @@ from hapscene.flags import FLAGS, Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
+from hapscene.renderer import OTHER_BODIES
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
+    import os
+
     from hapscene.device.model import DeviceLike
+    from hapscene.scene.body import Body
+    from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
+    from hapscene.surface.swatch import SwatchLike
 
 RING_S: Final = 8.0
 """How much of the past the flight recorder holds [s]: a page that hangs for some seconds loses nothing."""
 
 START_S: Final = 300.0
 """How long the process may take to be ready [s]: on its first run ever it compiles, which may take half a minute."""
+
+BODY_ROOM: Final = 256
+"""Bodies that may be added to a servo that runs [count]: 0.4 kB each."""
 
 ANSWER_S: Final = 20.0
 """How long it may take to answer [s]."""
@@ -107,10 +119,14 @@ class Servo:
     """The tick in real time, in a process of its own, with a simulated hand and device.
 
     Args:
-        scene: what is there.
-        device: what the hand holds: a name, which brings its limits along, or a simulated device, as `Twin` has it.
+        scene: what is there, as it is now.
+        device: what the hand holds: a name, which brings its limits along, or a simulated device, as `Twin` has it; a
+            list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
         made: more arguments of `Twin`: effects, settings, seed, limits, handle, compensator, X_WD.
+
+    Attributes:
+        scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.
 
     Use it as a context: memory is taken and the process starts on entry; both end on exit, and with the application,
     however that ends. Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's
@@ -125,21 +141,25 @@ class Servo:
     def __init__(
         self,
         scene: "Scene",
-        device: "DeviceLike",
+        device: "DeviceLike | Sequence[DeviceLike]",
         *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         **made: Any,
     ) -> None:
         self.tick_s, self.a_rate_Hz = tick_s, a_rate_Hz
-        self._made = {"scene": scene, "device": device, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
+        devices = list(device) if isinstance(device, list | tuple) else [device]
+        if not devices:
+            raise HapsceneError('a servo has a device at least, or several: ["omni", "falcon"]')
+        self.scene = scene.copy()
+        self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
+        rates = {"tick_s": tick_s, "a_rate_Hz": a_rate_Hz}
+        self._made = {"scene": self.scene, "devices": devices, "bodies": self._room, **rates, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
-        self._body_names = tuple(body.name for body in scene.bodies)
-        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
-        self._index_of = {name: index for index, name in enumerate(self._body_names)}
+        self._index_of = {body.name: index for index, body in enumerate(scene.bodies)}
         self._moving: set[int] = set()
-        self._told = np.zeros((len(self._body_names), 6))
+        self._told = np.zeros((self._room, 6))
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
         self._frames: Any = None
@@ -163,7 +183,7 @@ class Servo:
         context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         try:
             with _shielded():  # it starts Python's resource tracker
-                self._opened = open_channel(self._length, self._block, bodies=len(self._body_names))
+                self._opened = open_channel(self._length, self._block, bodies=self._room, tools=self._tools)
             self._look(self._opened)
             self._wire, theirs = context.Pipe()
             arguments = (theirs, self._opened.memory.name, self._length)
@@ -188,7 +208,8 @@ class Servo:
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
         channel = shared.channel.view(np.ndarray)
-        self._aim = channel["aim"][0], channel["aim_count"]
+        aims = shared.aims.view(np.ndarray)
+        self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
         self._ticks = shared.rows.view(np.ndarray), channel["done"], channel["done_ns"]
         self._frames = shared.frames.view(np.ndarray)
 
@@ -241,15 +262,24 @@ class Servo:
 
     @old_spellings(p_WT_m="p_WT")
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
-        """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there.
+        """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there; several tools at (tools, 3).
 
         Raises:
-            PathError: not three finite numbers.
+            PathError: not three finite numbers for each.
             HapsceneError: out of the device's reach.
         """
-        p = positions(numbers(p_WT).reshape(1, -1))[0]
-        self.aim(p, grip)
-        self._order("start", tuple(p.tolist()))
+        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
+        if len(places) != self._tools:
+            raise PathError(f"{self._tools} tools start at as many places; these are {len(places)}")
+        before = self._channel.aims.copy()
+        for tool, p in enumerate(places):
+            self.aim(p, grip, tool=tool)
+        try:
+            self._order("start", [tuple(p) for p in places.tolist()])
+        except HapsceneError:
+            if self.alive:  # it goes on as it was
+                self._channel.aims[:] = before
+            raise
         self._told[:] = 0.0
 
     def rest(self) -> None:
@@ -267,12 +297,19 @@ class Servo:
         self._order("resume")
 
     @old_spellings(p_W_m="p_WT")
-    def aim(self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        """Have the hand mean the tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
+    def aim(
+        self,
+        p_WT: ArrayLike,
+        grip: str | Grip = "light",
+        push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
+        *,
+        tool: int = 0,
+    ) -> None:
+        """Have the hand mean a tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 
         Raises:
             PathError: not three finite numbers.
-            HapsceneError: no such grip, or the process has ended.
+            HapsceneError: no such grip or tool, or the process has ended.
         """
         held = grip_named(grip) if isinstance(grip, str) else grip
         p, push = numbers(p_WT), numbers(push_W_N)
@@ -283,7 +320,7 @@ class Servo:
             positions(np.array([p, push]))  # says what is wrong
         row = held.row()
         _ = self._channel  # raises where none runs
-        aim, count = self._aim
+        aim, count = self._aim[self._number(tool)]
         count[0] |= 1  # also where Ctrl-C once left it odd
         aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
@@ -365,27 +402,31 @@ class Servo:
         good = known and (np.linalg.eigvalsh(inertia) >= above_0).all()
         if not (good and np.abs(inertia - inertia.T).max() <= 1e-6 * np.abs(inertia).max()):
             raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3), symmetric")
+        com_m = numbers(com_B_m)
+        if com_m.shape != (3,) or not np.abs(com_m).max() <= REACH_MAX_M:
+            raise SceneError(f"body {body!r}: its centre of mass is three finite numbers in metres")
         _ = self._channel
         frame = self._frames[index]
         frame["lightness"] = 1.0 / mass_kg
-        frame["com_B_m"] = positions(numbers(com_B_m).reshape(1, -1))[0]
+        frame["com_B_m"] = com_m
         frame["yields_B"] = np.linalg.inv(inertia) if math.isfinite(mass_kg) else 0.0
 
     def impulse(self, body: str) -> Impulse:
-        """What the tool has given a body since the last `start`: running totals, so that a missed look loses nothing.
+        """What the tools have given a body since the last `start`: running totals, so that a missed look loses nothing.
 
         Raises:
             SceneError: no such body.
             HapsceneError: the process has ended.
         """
         index, shared = self._index(body), self._channel
-        total = shared.impulse[index].copy()
-        while not np.array_equal(total, again := shared.impulse[index].copy()):  # a tick wrote meanwhile
+        given = shared.impulse[:, index]
+        total = given.sum(axis=0)
+        while not np.array_equal(total, again := given.sum(axis=0)):  # a tick wrote meanwhile
             total = again
         self._told[index] = total
         return Impulse(total[:3], total[3:])
 
-    def events(self, since: int = 0) -> tuple[list[ContactEvent], int]:
+    def events(self, since: int = 0, *, tool: int = 0) -> tuple[list[ContactEvent], int]:
         """What began, ended or changed from tick `since` on, and from which tick on to ask the next time.
 
         Goes back as far as the flight recorder does.
@@ -393,17 +434,27 @@ class Servo:
         Raises:
             HapsceneError: the process has ended.
         """
-        log = self.read(max(since - 1, 0))  # with the tick before: what changes, changes from there
-        return events_of(log.rows, log.first, since, self._body_names, self._swatch_names), log.first + len(log.rows)
+        log = self.read(max(_whole(since) - 1, 0), tool=tool)  # with the tick before: what changes, changes from there
+        names = [tuple(part.name for part in parts) for parts in (self.scene.bodies, self.scene.swatches)]
+        return events_of(log.rows, log.first, since, *names), log.first + len(log.rows)
 
     def _index(self, body: str) -> int:
         if body not in self._index_of:
-            raise SceneError(no_such("body", body, self._body_names))
+            raise SceneError(no_such("body", body, self._index_of))
         return self._index_of[body]
+
+    def _number(self, tool: int) -> int:
+        if not 0 <= tool < self._tools:
+            raise HapsceneError(f"no tool {tool}: this servo has {self._tools}, numbered from 0")
+        return tool
 
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
         self._order("tune", swatch, numbers)
+
+    def tune_field(self, effect: str, **numbers: float) -> None:
+        """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
+        self._order("tune_field", effect, numbers)
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
@@ -411,17 +462,81 @@ class Servo:
         Raises:
             SceneError: other bodies.
         """
-        self._order("repaint", scene)
-        self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
+        given = {body.name: body for body in scene.bodies}
+        painted = []
+        for index, body in enumerate(self.scene.bodies):
+            new = given.get(body.name) if index in self._index_of.values() else body
+            if new is None or len(new.face_swatch) != len(body.face_swatch):
+                raise SceneError(OTHER_BODIES)
+            painted.append(new.face_swatch.copy() if new is not body else np.zeros_like(body.face_swatch))
+        self._order("repaint", list(scene.swatches), painted)
+        self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
+        for body, face_swatch in zip(self.scene.bodies, painted, strict=True):
+            body.face_swatch = face_swatch
 
-    def state(self) -> ServoState:
-        """The newest complete tick.
+    @old_spellings()
+    def add(
+        self,
+        mesh: "Mesh | str | os.PathLike[str]",
+        name: str | None = None,
+        *,
+        unit: str | None = None,
+        swatch: "SwatchLike | None" = None,
+        pose: ArrayLike | None = None,
+        two_sided: bool = False,
+    ) -> "Body":
+        """Add a body to what is felt: as `Scene.add` does, to the servo's own `scene`. Touching goes on meanwhile.
+
+        Raises:
+            MeshError, SceneError, SwatchError: as `Scene.add` has them.
+            HapsceneError: more than `BODY_ROOM` bodies were added.
+        """
+        if len(self.scene.bodies) == self._room:
+            raise HapsceneError(f"{BODY_ROOM} bodies were added to this servo, and no more fit in; start a new one")
+        count, sources = len(self.scene.swatches), list(self.scene.swatch_source)
+        body = self.scene.add(mesh, name, unit=unit, swatch=swatch, pose=pose, two_sided=two_sided)
+        bodies = self.scene.bodies
+        like = next((i for i, other in enumerate(bodies[:-1]) if other.mesh is body.mesh), None)
+        sent = body if like is None else replace(body, mesh=None)  # type: ignore[arg-type]  # it is there already
+        try:
+            self._order("add", sent, like, list(self.scene.swatches))
+        except BaseException:
+            bodies.pop()
+            self.scene.swatches, self.scene.swatch_source = self.scene.swatches[:count], sources
+            raise
+        self._index_of[body.name] = len(bodies) - 1
+        return body
+
+    def remove(self, body: str) -> None:
+        """Take a body out of what is felt. Its number is not given to another; its name may be.
+
+        Raises:
+            SceneError: no such body.
+        """
+        index = self._index(body)
+        self._order("remove", body)
+        del self._index_of[body]
+        self.scene.bodies[index].name = f"{body} (removed)"
+        self.scene._names.discard(body)
+
+    def deform(self, body: str, vertices_m: ArrayLike) -> None:
+        """Give a body another shape while it is felt, as `Renderer.deform` does.
+
+        Raises:
+            SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
+        """
+        index = self._index(body)
+        self._order("deform", body, shape_of(vertices_m, len(self.scene.bodies[index].mesh.vertices_m), body))
+
+    def state(self, *, tool: int = 0) -> ServoState:
+        """The newest complete tick of a tool.
 
         Raises:
             HapsceneError: the process has ended; one that only hangs is seen by the state's age.
         """
         _ = self._channel  # raises where none runs
         rows, done, done_ns = self._ticks
+        rows = rows[self._number(tool)]
         while True:
             count, at_ns = done.item(), done_ns.item()
             row = bytearray(rows[(count - 1) % self._length].tobytes())  # to copy a record takes longer
@@ -442,11 +557,12 @@ class Servo:
             age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
-    def read(self, since: int = 0, *, after_end: bool = False) -> TickLog:
-        """What was felt from tick `since` on, or from as far back as the flight recorder reaches.
+    def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
+        """What a tool felt from tick `since` on, or from as far back as the flight recorder reaches.
 
         Args:
             since: number of a tick.
+            tool: its number.
             after_end: whether a process that has ended is asked too: for what it felt until then.
 
         Raises:
@@ -454,9 +570,10 @@ class Servo:
         """
         shared = self._opened if after_end and self._opened is not None else self._channel
         done = int(shared.channel[0].done)
-        first = max(since, done - self._length, 0)
+        first = max(_whole(since), done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
-        taken = [part[slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
+        number = self._number(tool)
+        taken = [part[number, slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
@@ -496,6 +613,13 @@ class Servo:
     def _gone(self) -> str:
         self._process.join(1.0)
         return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+
+
+def _whole(tick: int) -> int:
+    try:
+        return operator.index(tick)
+    except TypeError:
+        raise HapsceneError(f"a tick is a whole number, not {tick!r:.40}") from None
 
 
 @contextmanager

@@ -90,39 +90,51 @@ still in the caches. Costs 5 % of a core."""
 
 
 class ServoBodies(NamedTuple):
-    """The scene's bodies as the application moves them. b bodies."""
+    """The scene's bodies as the application moves them. b bodies, t tools."""
 
     frames: Any  # (b,) FRAME
     predicted: Any  # (b,) PREDICTED
     moving: NDArray[np.int64]  # (b,) those that move, as many as the channel says
+    given: NDArray[np.float64]  # (b, 6) what all tools have given them
     X_WB: NDArray[np.float64]  # (1, b, 4, 4) where they are
     teleported: NDArray[np.int64]  # (b,)
+    jumps: NDArray[np.int64]  # (t, b) the same, until each tool has seen it
 
 
 @native
 def serve(
-    world: Any,
-    surface: Any,
-    body: Any,
+    worlds: Any,
+    surfaces: Any,
+    twins: Any,
     bodies: ServoBodies,
     channel: Any,
+    aims: Any,
     rows: Any,
     felt: Any,
     a_m_s2: NDArray[np.float64],
     a_handle_m_s2: NDArray[np.float64],
-    aim: NDArray[np.float64],
+    hands: NDArray[np.float64],
     clock: NDArray[np.int64],
 ) -> None:
-    """Tick in real time until `channel.pause`. `aim` (5, 3): aim, target, its velocity, grip and push, as last read."""
-    tick_ns = round(surface.touch[0].tick_s * 1e9)
+    """Tick in real time until `channel.pause`, one tool after the other.
+
+    `hands` (t, 5, 3): the aim of each, its target, its velocity, grip and push, as last read.
+    """
+    tick_s = surfaces[0].touch[0].tick_s
+    tick_ns = round(tick_s * 1e9)
     due = now_ns(clock)
     while channel.pause == 0:
         due, start = await_tick(channel, clock, due + tick_ns, tick_ns)
-        _read_aim(channel, aim, clock)
-        _follow(body, aim, surface.touch[0].tick_s)
-        _move_bodies(world, surface, bodies, channel.moving_count, start, clock)
-        slot = channel.done % len(rows)
-        beat(world, surface, body, rows[slot], a_m_s2[slot], felt[slot], a_handle_m_s2[slot])
+        count = channel.moving_count
+        _predict(worlds, bodies, count, start, clock, tick_s)
+        slot = channel.done % rows.shape[1]
+        for t in range(len(worlds)):
+            _read_aim(aims[t], hands[t], clock)
+            _follow(twins[t], hands[t], tick_s)
+            place_bodies(worlds[t], surfaces[t], bodies.moving[:count], bodies.X_WB[:, :count], bodies.jumps[t], 0)
+            beat(
+                worlds[t], surfaces[t], twins[t], rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot]
+            )
         # the clock is a call the compiler knows nothing of: what is above stays above
         end = now_ns(clock)
         count_in_bin(channel.busy, end - start)
@@ -150,31 +162,38 @@ def await_tick(channel: Any, clock: NDArray[np.int64], due: int, tick_ns: int) -
 
 
 @native
-def _move_bodies(world: Any, surface: Any, bodies: ServoBodies, count: int, now: int, clock: NDArray[np.int64]) -> None:
-    """Put the bodies that the application moves where they are by now."""
-    if count == 0:
-        return
-    moving, X_WB, teleported = bodies.moving[:count], bodies.X_WB[:, :count], bodies.teleported[:count]
-    tick_s = surface.touch[0].tick_s
-    predict_bodies(bodies.frames, bodies.predicted, moving, world.impulse, X_WB, teleported, now, clock, tick_s)
-    place_bodies(world, surface, moving, X_WB, teleported, 0)
+def _predict(worlds: Any, bodies: ServoBodies, count: int, now: int, clock: NDArray[np.int64], tick_s: float) -> None:
+    """Where the bodies are by now that the application moves, pushed by all tools."""
+    for m in range(count):
+        index = bodies.moving[m]
+        for i in range(6):
+            total = 0.0
+            for t in range(len(worlds)):
+                total += worlds[t].impulse[index, i]
+            bodies.given[index, i] = total
+    frames, moving, X_WB, jump = bodies.frames, bodies.moving[:count], bodies.X_WB[:, :count], bodies.teleported[:count]
+    predict_bodies(frames, bodies.predicted, moving, bodies.given, X_WB, jump, now, clock, tick_s)
+    for m in range(count):
+        for t in range(len(worlds)):
+            bodies.jumps[t, m] |= jump[m]
+        jump[m] = 0
 
 
 @native
-def _read_aim(channel: Any, aim: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
+def _read_aim(told: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) -> None:
     """Take over the application's aim, unless it is being written."""
-    count = channel.aim_count
+    count = told.count
     now_ns(clock)  # keeps the two looks at the count apart
-    p, grip, push = channel.aim[0], channel.aim[1], channel.aim[2]
+    p, grip, push = told.aim[0], told.aim[1], told.aim[2]
     x, y, z = p[0], p[1], p[2]
     k, b, m = grip[0], grip[1], grip[2]
     u, v, w = push[0], push[1], push[2]
     now_ns(clock)
-    if count % 2 == 1 or count != channel.aim_count:
+    if count % 2 == 1 or count != told.count:
         return
-    aim[0, 0], aim[0, 1], aim[0, 2] = x, y, z
-    aim[3, 0], aim[3, 1], aim[3, 2] = k, b, m
-    aim[4, 0], aim[4, 1], aim[4, 2] = u, v, w
+    hand[0, 0], hand[0, 1], hand[0, 2] = x, y, z
+    hand[3, 0], hand[3, 1], hand[3, 2] = k, b, m
+    hand[4, 0], hand[4, 1], hand[4, 2] = u, v, w
 
 
 @native

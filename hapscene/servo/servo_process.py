@@ -3,11 +3,14 @@
 import threading
 import traceback
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
 from hapscene.contact.prediction import PREDICTED
@@ -17,7 +20,10 @@ from hapscene.servo.servo_loop import ServoBodies, request_realtime_priority, se
 from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
+    from hapscene.renderer import Renderer
+    from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
+    from hapscene.surface.swatch import Swatch
     from hapscene.twin import Twin
 
 
@@ -29,12 +35,15 @@ def run(wire: Connection, name: str, length: int) -> None:
     """
     from hapscene.twin import Twin
 
-    channel = twin = desk = None
+    channel = desk = None
+    twins: list[Twin] = []
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
-        twin = Twin(**_heard(wire))
-        channel = open_channel(length, twin.renderer.block, name, len(twin.renderer.world.bodies))
-        desk = Desk(twin, channel)
+        made = _heard(wire)
+        devices, bodies = made.pop("devices"), made.pop("bodies")
+        twins += [Twin(device=device, **made) for device in devices]
+        channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
+        desk = Desk(made["scene"], twins, channel)
         wire.send((None, None))
         while True:
             order, arguments = _heard(wire)
@@ -54,7 +63,8 @@ def run(wire: Connection, name: str, length: int) -> None:
     finally:
         if desk is not None:
             desk.end()
-        twin = desk = None  # they look at the memory that is given back
+        desk = None
+        twins.clear()  # they look at the memory that is given back
         if channel is not None:
             channel.close(unlink=False)
 
@@ -74,34 +84,48 @@ def _heard(wire: Connection) -> Any:
 class Desk:
     """What the application may order. Orders that the running loop would not survive stop it for less than a tick."""
 
-    def __init__(self, twin: "Twin", channel: Channel) -> None:
-        self._twin = twin
+    def __init__(self, scene: "Scene", twins: "Sequence[Twin]", channel: Channel) -> None:
+        self._scene = scene
+        self._twins = tuple(twins)
         self._channel = channel
-        self._aim = np.zeros((5, 3))
+        self._hands = np.zeros((len(twins), 5, 3))
         self._clock = new_clock()
         self._loop: threading.Thread | None = None
         self._started = False
         count = len(channel.frames)
         self._bodies = ServoBodies(
-            channel.frames,
-            records(count, PREDICTED),
-            channel.moving,
-            np.tile(np.eye(4), (1, count, 1, 1)),
-            np.zeros(count, np.int64),
+            frames=channel.frames,
+            predicted=records(count, PREDICTED),
+            moving=channel.moving,
+            given=np.zeros((count, 6)),
+            X_WB=np.tile(np.eye(4), (1, count, 1, 1)),
+            teleported=np.zeros(count, np.int64),
+            jumps=np.zeros((len(twins), count), np.int64),
         )
-        twin.renderer.world = twin.renderer.world._replace(impulse=channel.impulse)  # where the application sees it
-        twin.reset((0.0, 0.0, 0.0))
+        for twin, impulse in zip(self._twins, channel.impulse, strict=True):
+            twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # where the application sees it
+            twin.reset((0.0, 0.0, 0.0))
         channel.channel.pause = 1
         serve(*self._arguments())  # has it compiled, and returns at once
 
-    def start(self, p_WT_m: tuple[float, float, float]) -> None:
-        """Run, the tool at rest at a place (3,)."""
-        self.rest()
-        self._twin.reset(p_WT_m)
+    @property
+    def _renderers(self) -> "list[Renderer]":
+        return [twin.renderer for twin in self._twins]
+
+    def start(self, places_m: Sequence[tuple[float, float, float]]) -> None:
+        """Run, the tools at rest at their places (3,)."""
+        running = self.rest()
+        try:
+            for twin, place_m in zip(self._twins, places_m, strict=True):
+                twin.reset(place_m)
+        except HapsceneError:  # out of reach
+            if running:
+                self._go()
+            raise
         self._channel.frames["seen"] = 0.0  # impulses begin anew
         self._bodies.predicted.view(np.uint8)[:] = 0
-        self._aim[:3] = 0.0
-        self._aim[0] = self._aim[1] = p_WT_m
+        self._hands[:, :3] = 0.0
+        self._hands[:, 0] = self._hands[:, 1] = places_m
         self._started = True
         self._go()
 
@@ -114,15 +138,52 @@ class Desk:
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
-        self._twin.renderer.tune(swatch, **numbers)
+        for renderer in self._renderers:
+            renderer.tune(swatch, **numbers)
 
-    def repaint(self, scene: "Scene") -> None:
-        """Take over a scene's swatches and what is painted with them."""
-        painting = self._twin.renderer.prepare_painting(scene)
-        running = self.rest()
-        self._twin.renderer.take_painting(painting)
-        if running:
-            self._go()
+    def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
+        """Change numbers of an effect of the scene, likewise."""
+        for renderer in self._renderers:
+            renderer.tune_field(effect, **numbers)
+
+    def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
+        """Take over swatches, and which face of each body wears which."""
+        before = self._scene.swatches, [body.face_swatch for body in self._scene.bodies]
+        self._paint(swatches, painted)
+        try:
+            self._take_scene()
+        except BaseException:
+            self._paint(*before)
+            raise
+
+    def add(self, body: "Body", like: int | None, swatches: "Sequence[Swatch]") -> None:
+        """Feel one more body, of the mesh that the body number `like` has unless that is None."""
+        if like is not None:
+            body = replace(body, mesh=self._scene.bodies[like].mesh)
+        before = self._scene.swatches
+        self._scene.swatches = list(swatches)
+        self._scene.bodies.append(body)
+        try:
+            self._take_scene()
+        except BaseException:
+            self._scene.swatches = before
+            self._scene.bodies.pop()
+            raise
+
+    def remove(self, body: str) -> None:
+        """Feel a body no more."""
+        with self._between_ticks():
+            for renderer in self._renderers:
+                renderer.remove(body)
+
+    def deform(self, body: str, vertices_m: NDArray[np.float64]) -> None:
+        """Give a body another shape; the loop goes on, but for the first time."""
+        for renderer in self._renderers:
+            world = renderer.world
+            renderer.deform(body, vertices_m)
+            if renderer.world is not world:
+                with self._between_ticks():
+                    pass  # it goes on with the new one
 
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
@@ -136,8 +197,28 @@ class Desk:
     def end(self) -> None:
         """Stop for good, and let go of the shared memory."""
         self.rest()
-        world = self._twin.renderer.world
-        self._twin.renderer.world = world._replace(impulse=np.zeros_like(world.impulse))
+        for renderer in self._renderers:
+            renderer.world = renderer.world._replace(impulse=np.zeros_like(renderer.world.impulse))
+
+    def _paint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
+        self._scene.swatches = list(swatches)
+        for body, face_swatch in zip(self._scene.bodies, painted, strict=True):
+            body.face_swatch = face_swatch
+
+    def _take_scene(self) -> None:
+        """Feel the scene as it is now."""
+        prepared = [renderer.prepare_painting(self._scene) for renderer in self._renderers]
+        with self._between_ticks():
+            for renderer, painting in zip(self._renderers, prepared, strict=True):
+                renderer.take_painting(painting)
+
+    @contextmanager
+    def _between_ticks(self) -> Iterator[None]:
+        """The loop stands meanwhile."""
+        running = self.rest()
+        yield
+        if running:
+            self._go()
 
     def _go(self) -> None:
         self._channel.channel.pause = 0
@@ -149,6 +230,8 @@ class Desk:
         serve(*self._arguments())
 
     def _arguments(self) -> tuple[Any, ...]:
-        renderer, c = self._twin.renderer, self._channel
-        state = (renderer.world, renderer.surface, self._twin.body, self._bodies)
-        return *state, c.channel[0], c.rows, c.felt, c.a_m_s2, c.a_handle_m_s2, self._aim, self._clock
+        c, renderers = self._channel, self._renderers
+        worlds, surfaces = tuple(r.world for r in renderers), tuple(r.surface for r in renderers)
+        twins = tuple(twin.body for twin in self._twins)
+        rings = c.rows, c.felt, c.a_m_s2, c.a_handle_m_s2
+        return worlds, surfaces, twins, self._bodies, c.channel[0], c.aims, *rings, self._hands, self._clock

@@ -5,6 +5,7 @@ number (8 bytes) is written whole; what is longer carries a count that is odd wh
 """
 
 import errno
+import math
 import os
 import sys
 from dataclasses import dataclass, fields
@@ -23,8 +24,6 @@ from hapscene.twin.twin_recording import FELT
 CHANNEL: Final = np.dtype(
     [
         # by the application
-        ("aim_count", "i8"),  # odd while the aim is being written
-        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
         ("pause", "i8"),  # 1: the loop shall return
         ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
         # by the servo
@@ -38,18 +37,28 @@ CHANNEL: Final = np.dtype(
 )
 
 
+AIM: Final = np.dtype(
+    [
+        ("count", "i8"),  # odd while the aim is being written
+        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
+    ]
+)
+"""Where the hand on a tool aims, by the application."""
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """The shared block, and views of its parts. `length` ticks fit into the rings, then they are written over."""
 
     channel: Any  # (1,) CHANNEL
-    rows: Any  # (length,) ROW
-    felt: Any  # (length,) FELT
-    a_m_s2: NDArray[np.float64]  # (length, block) asked for
-    a_handle_m_s2: NDArray[np.float64]  # (length, block) of the handle
+    aims: Any  # (tools,) AIM, by the application
+    rows: Any  # (tools, length) ROW
+    felt: Any  # (tools, length) FELT
+    a_m_s2: NDArray[np.float64]  # (tools, length, block) asked for
+    a_handle_m_s2: NDArray[np.float64]  # (tools, length, block) of the handle
     frames: Any  # (bodies,) FRAME, by the application
     moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
-    impulse: NDArray[np.float64]  # (bodies, 6) as `World.impulse`, by the servo
+    impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, by the servo
     memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
@@ -61,24 +70,32 @@ class Channel:
             self.memory.unlink()
 
 
-def open_channel(length: int, block: int, name: str | None = None, bodies: int = 0) -> Channel:
-    """A new block, all 0, for so many ticks, samples and bodies; or, by its name, one that is there.
+def open_channel(length: int, block: int, name: str | None = None, *, bodies: int = 0, tools: int = 1) -> Channel:
+    """A new block, all 0, for so many ticks, samples, bodies and tools; or, by its name, one that is there.
 
     Raises:
         HapsceneError: the system has no room for a new one, or no place.
     """
-    sizes = [CHANNEL.itemsize, length * ROW.itemsize, length * FELT.itemsize, *[length * block * 8] * 2]
-    sizes += [bodies * FRAME.itemsize, bodies * 8, bodies * 48]
-    starts = np.concatenate(([0], np.cumsum(sizes)))
-    memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
-    dtypes = (CHANNEL, ROW, FELT, np.dtype("f8"), np.dtype("f8"), FRAME, np.dtype("i8"), np.dtype("f8"))
-    parts = [
-        np.frombuffer(cast(memoryview, memory.buf), dtype, size // dtype.itemsize, int(start))
-        for dtype, size, start in zip(dtypes, sizes, starts[:-1], strict=True)
+    number = np.dtype("f8")
+    parts: list[tuple[np.dtype[Any], tuple[int, ...]]] = [
+        (CHANNEL, (1,)),
+        (AIM, (tools,)),
+        (ROW, (tools, length)),
+        (FELT, (tools, length)),
+        (number, (tools, length, block)),
+        (number, (tools, length, block)),
+        (FRAME, (bodies,)),
+        (np.dtype("i8"), (bodies,)),
+        (number, (tools, bodies, 6)),
     ]
-    channel, rows, felt, frames = (part.view(np.recarray) for part in (*parts[:3], parts[5]))
-    a_m_s2, a_handle_m_s2 = (part.reshape(length, block) for part in parts[3:5])
-    return Channel(channel, rows, felt, a_m_s2, a_handle_m_s2, frames, parts[6], parts[7].reshape(bodies, 6), memory)
+    starts = np.cumsum([0, *(dtype.itemsize * math.prod(shape) for dtype, shape in parts)])
+    memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
+    views: list[Any] = []
+    for (dtype, shape), start in zip(parts, starts[:-1].tolist(), strict=True):
+        flat = np.frombuffer(cast(memoryview, memory.buf), dtype, math.prod(shape), start)
+        views.append((flat.view(np.recarray) if dtype.fields else flat).reshape(shape))
+    channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse = views
+    return Channel(channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse, memory)
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"

@@ -1,0 +1,154 @@
+"""Bodies that change shape under the tool: felt as their new shape, without a step, and never passed through."""
+
+import threading
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene import Flag, Mesh, Renderer, Scene
+from hapscene.errors import SceneError
+
+BALL = trimesh.creation.icosphere(3, radius=0.05)
+TICKS_A_FRAME = 17
+
+
+def ball(crease_rad: float = 0.0, two_sided: bool = False) -> tuple[Renderer, np.ndarray]:
+    scene = Scene()
+    body = scene.add(Mesh.from_trimesh(BALL, "m"), name="liver", two_sided=two_sided)
+    return Renderer(scene, ["wall"], crease_rad=crease_rad), np.array(body.mesh.vertices_m)
+
+
+def bent(vertices: np.ndarray, phase: float) -> np.ndarray:
+    """Breathes by 4 %, shears and bends by some mm."""
+    breath = 1.0 + 0.04 * np.sin(phase)
+    moved = breath * vertices
+    moved[:, 0] += 0.2 * np.sin(1.3 * phase) * vertices[:, 2]
+    moved[:, 2] += 0.004 * np.sin(60.0 * vertices[:, 1] + phase)
+    return moved
+
+
+@pytest.mark.parametrize("crease_rad", [0.0, 0.6])
+def test_the_new_shape_is_felt_as_if_it_had_always_been_so(crease_rad: float) -> None:
+    renderer, vertices = ball(crease_rad)
+    renderer.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.042], 200))
+    for phase in np.linspace(0.1, 2.0, 20):
+        renderer.deform("liver", bent(vertices, phase))
+        renderer.run(np.tile([0.003, 0.002, 0.042], (TICKS_A_FRAME, 1)))
+    felt = renderer.run(np.tile([0.003, 0.002, 0.042], (60, 1)))
+
+    scene = Scene()
+    scene.add(Mesh(bent(vertices, 2.0), BALL.faces), name="liver")
+    fresh = Renderer(scene, ["wall"], crease_rad=crease_rad)
+    truth = fresh.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.042], 200))
+    assert felt.touching.all() and felt.face[-1] == truth.face[-1]
+    np.testing.assert_allclose(felt.p_WP_m[-1], truth.p_WP_m[-1], atol=1e-9)
+    np.testing.assert_allclose(felt.nhat_W[-1], truth.nhat_W[-1], atol=1e-7)
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_what_is_touched_goes_from_shape_to_shape_without_a_step(two_sided: bool) -> None:
+    renderer, vertices = ball(two_sided=two_sided)
+    renderer.run(np.linspace([0.003, 0.002, 0.08], [0.003, 0.002, 0.04], 200))
+    depth, changes = [], 0
+    for frame in range(120):  # two seconds at 60 Hz, the top at up to 30 mm/s
+        renderer.deform("liver", bent(vertices, 0.05 * frame))
+        felt = renderer.run(np.tile([0.003, 0.002, 0.04], (TICKS_A_FRAME, 1)))
+        depth.append(felt.depth_m)
+        changes += int(np.count_nonzero(~felt.touching))
+        assert not felt.flags.any()
+    assert changes == 0
+    assert np.abs(np.diff(np.concatenate(depth))).max() < 2e-4  # 0.75 mm a frame at most; 0.13 where an edge is crossed
+
+
+def test_a_surface_that_rises_takes_along_what_it_meets() -> None:
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        renderer, vertices = ball()
+        way = random.normal(size=3)
+        at = 0.052 * way / np.linalg.norm(way)  # 2 mm above, in the air
+        renderer.reset(at)
+        for size in np.linspace(1.0, 1.2, 12):  # 1 cm in 0.2 s
+            renderer.deform("liver", size * vertices)
+            felt = renderer.run(np.tile(at, (TICKS_A_FRAME, 1)))
+        felt = renderer.run(np.tile(at, (60, 1)))
+        radius = np.linalg.norm(felt.p_WP_m[-1])
+        assert felt.touching.all() and 0.0592 < radius < 0.06 + 1e-9
+
+
+def test_a_moving_body_changes_shape_as_it_goes() -> None:
+    renderer, vertices = ball()
+    bodies = renderer.moving(["liver"])
+    depth = []
+    for tick in range(600):
+        tool = np.array([0.0, 0.0, max(0.045, 0.054 - 0.5e-3 * tick)])
+        if tick % TICKS_A_FRAME == 0:
+            renderer.deform("liver", (1.0 + 0.05 * np.sin(0.01 * tick)) * vertices)
+        turn = 0.5e-3 * tick
+        bodies.X_WB[0, :3, :3] = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+        bodies.X_WB[0, :3, 3] = [0.02e-3 * tick, 0.0, 0.0]
+        command = renderer.step(tool + np.array([0.02e-3 * tick, 0.0, 0.0]), bodies)
+        assert command.contact is not None or tick < 20
+        depth.append(command.contact.depth_m if command.contact else 0.0)
+    assert np.abs(np.diff(depth)).max() < 6e-4 and np.abs(np.diff(depth[20:])).max() < 1e-4
+
+
+def test_a_face_that_becomes_a_line_lets_go() -> None:
+    scene = Scene()
+    mesh = Mesh(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+    scene.add(mesh, name="sheet")
+    renderer = Renderer(scene, ["wall"])
+    renderer.run(np.linspace([0.02, 0.02, 0.01], [0.02, 0.02, -0.003], 50))
+    flat = np.array(mesh.vertices_m)
+    flat[0] = flat[1]
+    renderer.deform("sheet", flat)
+    felt = renderer.run(np.tile([0.02, 0.02, -0.003], (80, 1)))
+    assert np.isfinite(felt.f_W_N).all() and not felt.touching[-1]
+
+
+def test_shapes_may_come_from_another_thread() -> None:
+    renderer, vertices = ball()
+    renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.04], 100))
+    over = threading.Event()
+
+    def shape() -> None:
+        phase = 0.0
+        while not over.is_set():
+            renderer.deform("liver", bent(vertices, phase))
+            phase += 0.01
+
+    thread = threading.Thread(target=shape)
+    thread.start()
+    try:
+        felt = [renderer.run(np.tile([0.0, 0.0, 0.04], (50, 1))) for _ in range(100)]
+    finally:
+        over.set()
+        thread.join()
+    assert all(part.touching.all() and np.isfinite(part.f_W_N).all() for part in felt)
+
+
+def test_an_instance_keeps_its_own_shape() -> None:
+    mesh = Mesh.from_trimesh(BALL, "m")
+    scene = Scene()
+    scene.add(mesh, name="one")
+    scene.add(mesh, name="two", pose=trimesh.transformations.translation_matrix([0.2, 0.0, 0.0]))
+    renderer, other = Renderer(scene, ["wall"]), Renderer(scene, ["wall"])
+    renderer.deform("one", 0.5 * np.array(mesh.vertices_m))
+    renderer.run(np.tile([0.0, 0.0, 0.3], (5, 1)))
+    down = np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.04], 50)
+    assert not renderer.run(down).touching.any()
+    renderer.reset([0.2, 0.0, 0.06])
+    assert renderer.run(down + np.array([0.2, 0.0, 0.0])).touching[-1]
+    assert other.run(down).touching[-1]
+
+
+def test_what_is_no_shape_is_refused() -> None:
+    renderer, vertices = ball()
+    with pytest.raises(SceneError, match="'liver' has 642 vertices"):
+        renderer.deform("liver", vertices[:-1])
+    with pytest.raises(SceneError, match="finite"):
+        renderer.deform("liver", vertices * np.nan)
+    with pytest.raises(SceneError, match="no body 'kidney'"):
+        renderer.deform("kidney", vertices)
+    renderer.reset([0.0, 0.0, 0.045])
+    assert renderer.run(np.tile([0.0, 0.0, 0.045], (5, 1))).flags.max() == Flag(0)
