@@ -14,6 +14,12 @@ Vector = tuple[float, float, float]
 
 
 @native
+def row(values: NDArray[np.float64], i: int) -> Vector:
+    """Row i of an array (n, 3)."""
+    return values[i, 0], values[i, 1], values[i, 2]
+
+
+@native
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

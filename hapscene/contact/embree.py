@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
-from hapscene.geometry import Vector, along, cross, norm, sub
+from hapscene.geometry import Vector, along, cross, norm, row, sub
 from hapscene.native import INTERPRETED, kept, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
@@ -254,9 +254,9 @@ def overlap_faces(
     """
     center = (center_m[0], center_m[1], center_m[2])
     for face in range(len(faces)):
-        a = sub(_vertex(vertices_m, faces[face, 0]), center)
-        b = sub(_vertex(vertices_m, faces[face, 1]), center)
-        c = sub(_vertex(vertices_m, faces[face, 2]), center)
+        a = sub(row(vertices_m, faces[face, 0]), center)
+        b = sub(row(vertices_m, faces[face, 1]), center)
+        c = sub(row(vertices_m, faces[face, 2]), center)
         ab, bc, ca = sub(b, a), sub(c, b), sub(a, c)
         ab_m, bc_m, ca_m = norm(ab), norm(bc), norm(ca)
         perimeter_m = ab_m + bc_m + ca_m
@@ -273,11 +273,6 @@ def overlap_faces(
         _grow(a, incentre, growth, MITRE * overlap_m, out[3 * face])
         _grow(b, incentre, growth, MITRE * overlap_m, out[3 * face + 1])
         _grow(c, incentre, growth, MITRE * overlap_m, out[3 * face + 2])
-
-
-@native
-def _vertex(vertices_m: NDArray[np.float64], index: int) -> Vector:
-    return vertices_m[index, 0], vertices_m[index, 1], vertices_m[index, 2]
 
 
 @native

@@ -106,7 +106,9 @@ class Mesh:
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
-        columns = self.vertices_m[self.faces.ravel()].T  # one by one, ten times as fast as together
+        used = np.zeros(len(self.vertices_m), np.bool_)
+        used[self.faces] = True
+        columns = self.vertices_m[used].T  # one by one, ten times as fast as together
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @property
@@ -117,7 +119,7 @@ class Mesh:
     @property
     def triangles_m(self) -> NDArray[np.float64]:
         """Corners of every face (M, 3, 3) [m]."""
-        return np.asarray(self.vertices_m[self.faces])
+        return np.take(self.vertices_m, self.faces, axis=0)
 
     @property
     def normals(self) -> NDArray[np.float64]:
