@@ -49,6 +49,19 @@ def norm(a: Vector) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
+def used_by(faces: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Which vertices faces have, up to the last of them."""
+    used = np.zeros(faces.max(initial=-1) + 1, np.bool_)
+    used[faces] = True
+    return used
+
+
+def columns_of(vertices_m: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """x, y and z (3, n) of the used vertices, no copy if all are: one by one is ten times as fast as together."""
+    vertices_m = vertices_m[: len(used)]
+    return (vertices_m if used.all() else vertices_m[used]).T
+
+
 def rotation_of(q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Matrix (3, 3) of a quaternion x, y, z, w of any length; the identity for one of none."""
     norm = math.sqrt(float(q @ q)) or 1.0

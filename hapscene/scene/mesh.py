@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
+from hapscene.geometry import columns_of, used_by
 from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
@@ -106,9 +107,7 @@ class Mesh:
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
-        used = np.zeros(len(self.vertices_m), np.bool_)
-        used[self.faces] = True
-        columns = self.vertices_m[used].T  # one by one, ten times as fast as together
+        columns = columns_of(self.vertices_m, used_by(self.faces))
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @property
