@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
 
+OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"
+
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 
 
@@ -296,7 +298,7 @@ class Renderer:
         if [shape[1] for shape in shapes[: len(known)]] != [len(body.mesh.faces) for body in known] or any(
             name != shape[0] for name, shape in zip(self._body_names, shapes, strict=False) if name
         ):
-            raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
+            raise SceneError(OTHER_BODIES)
         fit, surface, _ = self._fitted(scene)
         growth = Growth(self.world, more, self._crease_rad) if more else None
         return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, tuple(more))

@@ -25,6 +25,7 @@ from hapscene.flags import FLAGS, Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
+from hapscene.renderer import OTHER_BODIES
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import AIM, Channel, open_channel
 
@@ -266,7 +267,7 @@ class Servo:
             PathError: not three finite numbers for each.
             HapsceneError: out of the device's reach.
         """
-        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else numbers(p_WT))
+        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
         if len(places) != self._tools:
             raise PathError(f"{self._tools} tools start at as many places; these are {len(places)}")
         for tool, p in enumerate(places):
@@ -457,7 +458,7 @@ class Servo:
         for index, body in enumerate(self.scene.bodies):
             new = given.get(body.name) if index in self._index_of.values() else body
             if new is None or len(new.face_swatch) != len(body.face_swatch):
-                raise SceneError("to repaint, give the bodies that the servo has; for others `add` or `remove` them")
+                raise SceneError(OTHER_BODIES)
             painted.append(new.face_swatch.copy() if new is not body else np.zeros_like(body.face_swatch))
         self._order("repaint", list(scene.swatches), painted)
         self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
