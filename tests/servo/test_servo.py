@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.device.omni import Omni
+from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
@@ -277,10 +277,25 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
     ):
         with pytest.raises(SceneError, match="mass and inertia"):
             servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
+    for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
+        with pytest.raises(SceneError, match="its centre of mass is three finite numbers"):
+            servo.free("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
     with pytest.raises(HapsceneError, match="no grip 'fist'"):
         servo.aim((0.0, 0.0, 0.0), "fist")
+    with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
+        servo.events("now")
     tick = servo.state().tick
     until(lambda: servo.state().tick > tick)
+
+
+def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
+    with Servo(make_scene(), "omni", X_WD=stand((0.0, 0.0, 0.0))) as servo:
+        servo.start((0.0, 0.0, 0.02))
+        with pytest.raises(HapsceneError, match="reach"):
+            servo.start((0.0, 0.0, 3.0))
+        since = servo.state().tick
+        until_tick(servo, since + 200)
+        assert servo.state().p_WT_m == pytest.approx((0.0, 0.0, 0.02), abs=0.01)
 
 
 def test_lateness_is_counted(servo: Servo) -> None:

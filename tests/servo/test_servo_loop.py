@@ -143,7 +143,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
     told, aim, clock = desk._channel.aims[0], np.full((5, 3), 7.0), new_clock()
-    told.p_W_m, told.grip, told.push_W_N = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)
+    told.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
     told["count"] = 3
     _read_aim(told, aim, clock)
     assert (aim == 7.0).all()
