@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from typing import Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, port
+from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, loading, port
 from hapscene.interrupt import interrupt_noted
 
 PORT: Final = 47700
@@ -36,8 +36,8 @@ def _serve(options: argparse.Namespace) -> int:
     from hapscene.servo import Servo
     from hapscene.touch import open_scene, step
 
-    with step(say, f"loading {options.scene}"):
-        scene = open_scene(options.scene, options.unit, options.swatch, accept_damaged=options.accept_damaged)
+    with step(say, loading(options.scene)):
+        scene = open_scene(options.scene, options.unit, options.swatch, say=say, accept_damaged=options.accept_damaged)
     bodies, swatches = (tuple(part.name for part in parts) for parts in (scene.bodies, scene.swatches))
     with ExitStack() as stack:
         servo = Servo(scene, options.device)
