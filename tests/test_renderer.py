@@ -355,11 +355,14 @@ def test_bodies_come_and_go_in_contact():
     renderer = hapscene.Renderer(built, ["wall"])
     bound = renderer.moving(["plate"])
     renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, 0.008], 50))
+    renderer.deform("plate", built.body("plate").mesh.vertices_m)
     built.add(box, name="lid", unit="m", swatch="wood", pose=trimesh.transformations.translation_matrix([0, 0, 0.1]))
     renderer.repaint(built)
     felt = renderer.run(np.tile([0.0, 0.0, 0.008], (5, 1)))
     assert felt.touching.all() and not felt.began.any() and felt.depth_m[-1] == pytest.approx(0.002)
     renderer.step((0.0, 0.0, 0.008), bound)  # slots stay good
+    renderer.deform("plate", built.body("plate").mesh.vertices_m * (1.0, 1.0, 0.9))
+    assert renderer.run(np.tile([0.0, 0.0, 0.008], (60, 1))).depth_m[-1] == pytest.approx(0.001)
     up = np.linspace([0.0, 0.0, 0.008], [0.0, 0.0, 0.095], 100)
     felt = renderer.run(up)
     assert felt.body_names[felt.body[-1]] == "lid" and felt.swatch_names[felt.swatch[-1]] == "wood"

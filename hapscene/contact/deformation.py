@@ -49,25 +49,24 @@ class Deformation:
     """
 
     def __init__(self, world: World, index: int, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
-        self._row, self._proxy = world.bodies[index], world.proxy[0]
+        self._index = index
         self._faces = np.ascontiguousarray(mesh.faces, np.int32)
         self._count = len(mesh.vertices_m)
-        self._overlap_m = EDGE_OVERLAP * float(self._row.skin_m)
+        row, proxy = world.bodies[index], world.proxy[0]
+        self._overlap_m = EDGE_OVERLAP * float(row.skin_m)
         self._groups = CornerGroups(mesh, crease_rad) if crease_rad > 0.0 else None
         self._searches = [RefittedSearch(self._faces) for _ in range(SHAPES)]
-        row = self._row
         row.face_count = len(self._faces)
         row.shape_face = first + len(self._faces) * np.arange(SHAPES)
         row.shape_search = [search.handle for search in self._searches]
-        row.next, self._proxy.reshaped = self._proxy.reshaped, index + 1
+        row.next, proxy.reshaped = proxy.reshaped, index + 1
 
     def post(self, world: World, vertices_m: ArrayLike, name: str) -> None:
         """Have the body of a world, and of a name, take another shape (N, 3) in its next tick; see `shape_of`."""
         vertices = shape_of(vertices_m, self._count, name)
-        row = self._row
-        free = next(
-            k for k in range(SHAPES) if k + 1 not in (row.shape_felt, row.shape_posted)
-        )  # whichever it takes meanwhile
+        row = world.bodies[self._index]
+        taken = row.shape_felt, row.shape_posted  # whichever of them a tick takes meanwhile
+        free = next(k for k in range(SHAPES) if k + 1 not in taken)
         first = int(row.shape_face[free])
         packed = world.corners_m[first : first + len(self._faces)]
         packed[:, :3] = vertices[self._faces]

@@ -464,11 +464,14 @@ class Servo:
         """
         given = {body.name: body for body in scene.bodies}
         painted = []
-        for index, body in enumerate(self.scene.bodies):
-            new = given.get(body.name) if index in self._index_of.values() else body
-            if new is None or len(new.face_swatch) != len(body.face_swatch):
+        for body in self.scene.bodies:
+            new = given.get(body.name)
+            if body.name not in self._index_of:  # it was removed
+                painted.append(np.zeros_like(body.face_swatch))
+            elif new is None or len(new.face_swatch) != len(body.face_swatch):
                 raise SceneError(OTHER_BODIES)
-            painted.append(new.face_swatch.copy() if new is not body else np.zeros_like(body.face_swatch))
+            else:
+                painted.append(new.face_swatch.copy())
         self._order("repaint", list(scene.swatches), painted)
         self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
         for body, face_swatch in zip(self.scene.bodies, painted, strict=True):

@@ -144,7 +144,7 @@ def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: Servo) -> None
 def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.005))
     servo.aim((0.0, 0.0, -0.006), "medium")
-    until(lambda: servo.state().touching)
+    until_tick(servo, servo.state().tick + 500)  # it has settled
     first = servo.state().tick
     count = len(servo.scene.bodies)
     cube, up = trimesh.creation.box((0.02, 0.02, 0.02)), np.eye(4)
@@ -169,6 +169,10 @@ def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: Servo) -> N
     assert [body.name for body in servo.scene.bodies[count:]] == ["cube (removed)", "twin", "cube"]
     with pytest.raises(SceneError, match="already"):
         servo.add(cube, name="plate", unit="m")
+    swatches = len(servo.scene.swatches)
+    servo.scene.paint("twin", "leather")
+    servo.repaint(servo.scene)
+    assert (servo.scene.body("twin").face_swatch == swatches).all()
     for name in ("twin", "cube"):
         servo.remove(name)
 
@@ -189,7 +193,7 @@ def test_a_body_that_is_pushed_may_be_added(servo: Servo) -> None:
 def test_a_shape_changes_under_the_hand(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.005))
     servo.aim((0.0, 0.0, -0.006), "medium")
-    until(lambda: servo.state().touching)
+    until_tick(servo, servo.state().tick + 500)
     since = servo.state().tick
     vertices = np.array(servo.scene.body("plate").mesh.vertices_m)
     for size in np.linspace(1.0, 0.8, 20):
