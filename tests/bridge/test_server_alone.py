@@ -1,12 +1,16 @@
 """The server without sockets or a servo's process: what clients may say, and what becomes of the totals."""
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 from itertools import count
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
+import hapscene
+from hapscene.bridge.orders import Orders
 from hapscene.bridge.packets import (
     ANSWER,
     FRAME,
@@ -17,11 +21,9 @@ from hapscene.bridge.packets import (
     Frame,
     Packet,
     State,
-    pack_frame,
     pack_json,
     unpack,
     unpack_json,
-    unpack_state,
 )
 from hapscene.bridge.server import FLOOD, BridgeServer
 from hapscene.contact_info import Impulse
@@ -29,6 +31,8 @@ from hapscene.device.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
 from hapscene.servo.servo import ServoState
+
+from .client_packets import pack_frame, unpack_state
 
 HERE = ("127.0.0.1", 1)
 NONCES = count()
@@ -41,6 +45,8 @@ class Still:
 
     def __init__(self) -> None:
         self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
+        self.scene = hapscene.Scene()
+        self.scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), "crate", unit="m")
 
     def impulse(self, body: str) -> Impulse:
         return Impulse(self.total[:3].copy(), self.total[3:].copy())
@@ -70,7 +76,7 @@ class Still:
 
 @pytest.fixture
 def server() -> Iterator[BridgeServer]:
-    with BridgeServer(Still(), ("crate",), ("plain",), "127.0.0.1", 0) as server:  # type: ignore[arg-type]
+    with Orders(Still()) as orders, BridgeServer(orders, "127.0.0.1", 0) as server:  # type: ignore[arg-type]
         yield server
 
 
@@ -86,6 +92,8 @@ class Talk:
     def say(self, kind: int, payload: bytes) -> Packet:
         self.sequence += 1
         answer = self.server._answer(Packet(kind, self.key, self.sequence, payload), HERE)
+        if isinstance(answer, Future):
+            answer = answer.result()
         assert answer is not None
         return unpack(answer)
 
