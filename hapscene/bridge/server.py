@@ -72,6 +72,7 @@ class _Session(NamedTuple):
     welcome: bytes
     events: deque[Event]
     answers: dict[int, bytes | None]  # None: it is not done yet
+    known: list[int]  # how many bodies and swatches it has been told of
 
 
 class BridgeServer:
@@ -215,7 +216,8 @@ class BridgeServer:
         self._events_from = self.servo.state().tick + 1
         self.orders.before[:] = -self.orders.given()  # totals are of the session
         self.orders.fix_all()
-        self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {})
+        known = [len(self.servo.scene.bodies), len(self.servo.scene.swatches)]
+        self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {}, known)
         self._heard_s = time.monotonic()
         self.counts["hello"] += 1
         return welcome
@@ -271,9 +273,11 @@ class BridgeServer:
         to, state = session.frame, self.servo.state()
         found, self._events_from = self.servo.events(self._events_from)
         for event in found:
+            index, swatch = _place(self.servo.scene.bodies, event.body), _place(self.servo.scene.swatches, event.swatch)
+            if index >= session.known[0] or swatch >= session.known[1]:
+                continue  # clients look their numbers up
             if len(session.events) == EVENT_COUNT:
                 self._first_event += 1
-            index, swatch = _place(self.servo.scene.bodies, event.body), _place(self.servo.scene.swatches, event.swatch)
             speed = event.approach_m_s / to.metre
             session.events.append(Event(event.tick, KINDS[event.kind], index, swatch, speed))
         while session.events and self._first_event < frame.event_count:
@@ -317,6 +321,8 @@ class BridgeServer:
         session.answers[packet.sequence] = None
 
         def tell(told: dict[str, Any]) -> bytes:
+            if told.get("done") == "bodies":
+                session.known[:] = len(told["bodies"]), len(told["swatches"])
             answer = session.answers[packet.sequence] = _pack_answer(session.key, packet.sequence, told)
             if len(session.answers) > ANSWER_COUNT:
                 del session.answers[min(session.answers)]
