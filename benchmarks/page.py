@@ -27,6 +27,8 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("`step()` with 1 body that moves", "moving 1", "step with bound bodies", 6.0, "µs"),
     ("`step()` with 100 bodies that move", "moving 100", "step with bound bodies", 20.0, "µs"),
     ("`step()` with 1,000 bodies that move", "moving 1000", "step with bound bodies", 120.0, "µs"),
+    ("another shape of 20 k triangles, median", "shapes 20 k", "deform median", 1e3 / 60, "ms"),
+    ("p99 of a tick, shapes at 60 Hz to none", "shapes 20 k", "tick p99, changing to at rest", 1.2, "times"),
     ("synthesis of 10 s at 10 kHz, order 40", "synthesis, order 40", "nine models for 10 s", 0.02, "s"),
     ("closed loop: hand, Omni, handle, four effects", "twin, Omni, handle", "tick", 20.0, "µs"),
     ("`import hapscene`", "start", "import hapscene", 0.5, "s"),

@@ -9,7 +9,21 @@ from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 
-from . import accuracy, case, crowd, handle, loop_time, machine, order, projection, ray, synthesis, tick_time, twin_time
+from . import (
+    accuracy,
+    case,
+    crowd,
+    deform,
+    handle,
+    loop_time,
+    machine,
+    order,
+    projection,
+    ray,
+    synthesis,
+    tick_time,
+    twin_time,
+)
 from .chart import write_charts
 from .page import write_page
 from .sheet import Sheet
@@ -97,6 +111,8 @@ def measure(quick: bool, zoo: Path | None, recordings: Path, say: Callable[[str]
     loop_time.measure_sleep(sheet, 1.0 if quick else 3.0)
     loop_time.measure_cold(sheet, main, 1.0 if quick else 5.0)
     loop_time.measure_start(sheet, main, 1 if quick else 5)
+    say("shapes that change")
+    deform.measure_deform(sheet, 1.0 if quick else 10.0)
     say("synthesis of textures")
     synthesis.measure_synthesis(sheet)
     say("the twin in closed loop; the handle's compensators")

@@ -26,12 +26,17 @@ class ContactEvent(NamedTuple):
 def events_of(
     rows: Any, first: int, since: int, body_names: Sequence[str], swatch_names: Sequence[str]
 ) -> list[ContactEvent]:
-    """The events from tick `since` on among ticks (n,) ROW, of which the first is number `first`."""
+    """The events from tick `since` on among ticks (n,) ROW, of which the first is number `first`.
+
+    What was touched before the first is not known, unless it is number 0: what goes on from there is no event.
+    """
     found = []
     before = (-1, -1)
     for tick, row in enumerate(zip(*(rows[name].tolist() for name in _NAMES), strict=True), first):
         body, swatch, began, approach_m_s = row
         now = body, swatch
+        if tick == first > 0:
+            before = now
         kind: Kind | None = None
         if now[0] >= 0 and (began or before[0] < 0):
             kind = "began"

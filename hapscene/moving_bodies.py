@@ -24,10 +24,10 @@ class MovingBodies:
             SceneError: an unknown body, or one that is named twice.
         """
         self.names, self.body_names = tuple(names), body_names
-        place = {name: index for index, name in enumerate(body_names)}
+        place = {name: index for index, name in enumerate(body_names) if name}  # removed ones have none
         for name, count in Counter(self.names).items():
             if name not in place:
-                raise SceneError(no_such("body", name, body_names))
+                raise SceneError(no_such("body", name, place))
             if count > 1:
                 raise SceneError(f"body {name!r} is named twice; each has one slot")
         self.index = np.array([place[name] for name in self.names], np.int64)

@@ -1,6 +1,6 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
 """The effects a renderer has unless told otherwise."""
+
+OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"
 
 _STILL: Final = (np.zeros(0, np.int64), np.zeros((1, 0, 4, 4)), np.zeros(0, np.int64))
 
@@ -139,8 +141,8 @@ class Renderer:
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
-        self._body_names = tuple(body.name for body in scene.bodies)
-        self._names_so_far = [self._body_names]  # bodies are added and removed, their numbers stay
+        self._names_so_far: list[tuple[str, ...]] = []  # bodies are added and removed, their numbers stay
+        self._name(tuple(body.name for body in scene.bodies))
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._set(settings or {})
@@ -240,9 +242,17 @@ class Renderer:
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """The effects of the scene as they are set."""
         of_scene = self._effects[len(self._contact_effects) :]
+        names = [effect.name for effect in of_scene]
+        for name in names:
+            if names.count(name) > 1:
+                raise EffectError(f"effect {name!r} of the scene is named twice, and has one setting")
+        if not isinstance(settings, Mapping):
+            raise EffectError(
+                f"settings go by the names of effects: {{'weight': {{'mass_kg': 0.2}}}}, not {settings!r:.40}"
+            )
         for name in settings:
-            if name not in [effect.name for effect in of_scene]:
-                raise EffectError(no_such("effect of the scene", name, [effect.name for effect in of_scene]))
+            if name not in names:
+                raise EffectError(no_such("effect of the scene", name, names))
         return [field_setting(e, settings.get(e.name, {}), self._body_names, self.a_rate_Hz) for e in of_scene]
 
     def _field(self, k: int) -> tuple[Numbers, list[Clip]]:
@@ -296,7 +306,7 @@ class Renderer:
         if [shape[1] for shape in shapes[: len(known)]] != [len(body.mesh.faces) for body in known] or any(
             name != shape[0] for name, shape in zip(self._body_names, shapes, strict=False) if name
         ):
-            raise SceneError("to repaint, give the bodies that the renderer was made with; for others make a new one")
+            raise SceneError(OTHER_BODIES)
         fit, surface, _ = self._fitted(scene)
         growth = Growth(self.world, more, self._crease_rad) if more else None
         return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, tuple(more))
@@ -329,7 +339,7 @@ class Renderer:
         self._name(tuple("" if i == index else name for i, name in enumerate(self._body_names)))
 
     def _name(self, names: tuple[str, ...]) -> None:
-        self._body_names = names
+        self._body_names, self._index_of = names, {name: i for i, name in enumerate(names) if name}
         self._names_so_far.append(names)
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
@@ -360,6 +370,8 @@ class Renderer:
         Raises:
             SceneError: an unknown body, or one that is named twice.
         """
+        if isinstance(names, str) or not isinstance(names, Iterable):
+            raise SceneError(f"bodies are a list of names, as ['crate'], not {names!r:.40}")
         self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
@@ -390,6 +402,8 @@ class Renderer:
         self._see_poses()
         slots = _STILL
         if poses:
+            if not isinstance(poses, MovingBodies | Mapping):
+                raise SceneError("poses are {body: X_WB (4, 4)}, or what `moving` gave, not " + type(poses).__name__)
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
             if not any(bodies.body_names is names for names in self._names_so_far):
                 raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
@@ -412,9 +426,9 @@ class Renderer:
         return Impulse(total[:3].copy(), total[3:].copy())
 
     def _index(self, body: str) -> int:
-        if not body or body not in self._body_names:
-            raise SceneError(no_such("body", body, filter(None, self._body_names)))
-        return self._body_names.index(body)
+        if body not in self._index_of:
+            raise SceneError(no_such("body", body, self._index_of))
+        return self._index_of[body]
 
     def _slots(self, poses: Mapping[str, ArrayLike]) -> MovingBodies:
         """Slots for poses by name; the same as long as the names are."""

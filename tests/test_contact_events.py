@@ -31,6 +31,14 @@ def test_a_contact_begins_crosses_and_ends() -> None:
     ]
 
 
+def test_what_went_on_before_the_first_row_is_no_event() -> None:
+    names = ("box", "lid"), ("plain", "wood")
+    touching = rows_of((0, 1, 0), (0, 1, 0), (-1, -1, 0))
+    assert [event.kind for event in events_of(touching, 9000, 20, *names)] == ["ended"]
+    assert [event.kind for event in events_of(touching, 0, 0, *names)] == ["began", "ended"]
+    assert [event.kind for event in events_of(rows_of((0, 1, 1)), 9000, 20, *names)] == ["began"]
+
+
 def test_looked_at_in_pieces_nothing_is_told_twice_or_lost() -> None:
     rng = np.random.default_rng(5)
     body = rng.integers(-1, 2, 300)

@@ -337,3 +337,40 @@ def test_another_painting_is_felt_as_a_new_renderer_feels_it(monkeypatch):
         either.tune("oak", stiffness_N_m=222.0)
     assert renderer.clips == fresh.clips
     assert_same_bits(renderer.run(stroke()), fresh.run(stroke()))
+
+
+def test_a_second_renderer_of_a_scene_builds_and_holds_nothing_anew():
+    built = hapscene.Scene()
+    for name in ("one", "two"):
+        built.add(hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m"), name=name)
+    first, second = hapscene.Renderer(built), hapscene.Renderer(built, ["wall"])
+    assert first.world.corners_m is second.world.corners_m
+    assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
+
+
+def test_bodies_come_and_go_in_contact():
+    box = trimesh.creation.box((0.1, 0.1, 0.02))
+    built = hapscene.Scene()
+    built.add(box, name="plate", unit="m")
+    renderer = hapscene.Renderer(built, ["wall"])
+    bound = renderer.moving(["plate"])
+    renderer.run(np.linspace([0.0, 0.0, 0.02], [0.0, 0.0, 0.008], 50))
+    built.add(box, name="lid", unit="m", swatch="wood", pose=trimesh.transformations.translation_matrix([0, 0, 0.1]))
+    renderer.repaint(built)
+    felt = renderer.run(np.tile([0.0, 0.0, 0.008], (5, 1)))
+    assert felt.touching.all() and not felt.began.any() and felt.depth_m[-1] == pytest.approx(0.002)
+    renderer.step((0.0, 0.0, 0.008), bound)  # slots stay good
+    up = np.linspace([0.0, 0.0, 0.008], [0.0, 0.0, 0.095], 100)
+    felt = renderer.run(up)
+    assert felt.body_names[felt.body[-1]] == "lid" and felt.swatch_names[felt.swatch[-1]] == "wood"
+    assert renderer.impulse("lid").linear_N_s[2] > 0.0
+    renderer.remove("lid")
+    felt = renderer.run(up[-1:])
+    assert not felt.touching.any()
+    for gone in (renderer.impulse, renderer.remove, lambda name: renderer.moving([name])):
+        with pytest.raises(SceneError, match="no body 'lid'; there are: plate"):
+            gone("lid")
+    with pytest.raises(SceneError, match="poses are"):
+        renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
+    with pytest.raises(SceneError, match="a list of names"):
+        renderer.moving("plate")

@@ -2,6 +2,7 @@
 
 import math
 import multiprocessing
+import operator
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,8 +26,9 @@ from hapscene.flags import FLAGS, Flag
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
+from hapscene.renderer import OTHER_BODIES
 from hapscene.servo.servo_loop import Lateness
-from hapscene.servo.shared_memory import AIM, Channel, open_channel
+from hapscene.servo.shared_memory import Channel, open_channel
 
 if TYPE_CHECKING:
     import os
@@ -207,7 +209,7 @@ class Servo:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
         channel = shared.channel.view(np.ndarray)
         aims = shared.aims.view(np.ndarray)
-        self._aim = [[aims[name][tool : tool + 1] for name in AIM.names or ()] for tool in range(self._tools)]
+        self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
         self._ticks = shared.rows.view(np.ndarray), channel["done"], channel["done_ns"]
         self._frames = shared.frames.view(np.ndarray)
 
@@ -266,12 +268,18 @@ class Servo:
             PathError: not three finite numbers for each.
             HapsceneError: out of the device's reach.
         """
-        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else numbers(p_WT))
+        places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
         if len(places) != self._tools:
             raise PathError(f"{self._tools} tools start at as many places; these are {len(places)}")
+        before = self._channel.aims.copy()
         for tool, p in enumerate(places):
             self.aim(p, grip, tool=tool)
-        self._order("start", [tuple(p) for p in places.tolist()])
+        try:
+            self._order("start", [tuple(p) for p in places.tolist()])
+        except HapsceneError:
+            if self.alive:  # it goes on as it was
+                self._channel.aims[:] = before
+            raise
         self._told[:] = 0.0
 
     def rest(self) -> None:
@@ -312,10 +320,9 @@ class Servo:
             positions(np.array([p, push]))  # says what is wrong
         row = held.row()
         _ = self._channel  # raises where none runs
-        count, *parts = self._aim[self._number(tool)]
+        aim, count = self._aim[self._number(tool)]
         count[0] |= 1  # also where Ctrl-C once left it odd
-        for part, values in zip(parts, (p, row, push), strict=True):
-            part[0] = values
+        aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
 
     @old_spellings()
@@ -395,10 +402,13 @@ class Servo:
         good = known and (np.linalg.eigvalsh(inertia) >= above_0).all()
         if not (good and np.abs(inertia - inertia.T).max() <= 1e-6 * np.abs(inertia).max()):
             raise SceneError(f"body {body!r}: mass and inertia must be above 0, the inertia (3,) or (3, 3), symmetric")
+        com_m = numbers(com_B_m)
+        if com_m.shape != (3,) or not np.abs(com_m).max() <= REACH_MAX_M:
+            raise SceneError(f"body {body!r}: its centre of mass is three finite numbers in metres")
         _ = self._channel
         frame = self._frames[index]
         frame["lightness"] = 1.0 / mass_kg
-        frame["com_B_m"] = positions(numbers(com_B_m).reshape(1, -1))[0]
+        frame["com_B_m"] = com_m
         frame["yields_B"] = np.linalg.inv(inertia) if math.isfinite(mass_kg) else 0.0
 
     def impulse(self, body: str) -> Impulse:
@@ -424,7 +434,7 @@ class Servo:
         Raises:
             HapsceneError: the process has ended.
         """
-        log = self.read(max(since - 1, 0), tool=tool)  # with the tick before: what changes, changes from there
+        log = self.read(max(_whole(since) - 1, 0), tool=tool)  # with the tick before: what changes, changes from there
         names = [tuple(part.name for part in parts) for parts in (self.scene.bodies, self.scene.swatches)]
         return events_of(log.rows, log.first, since, *names), log.first + len(log.rows)
 
@@ -457,7 +467,7 @@ class Servo:
         for index, body in enumerate(self.scene.bodies):
             new = given.get(body.name) if index in self._index_of.values() else body
             if new is None or len(new.face_swatch) != len(body.face_swatch):
-                raise SceneError("to repaint, give the bodies that the servo has; for others `add` or `remove` them")
+                raise SceneError(OTHER_BODIES)
             painted.append(new.face_swatch.copy() if new is not body else np.zeros_like(body.face_swatch))
         self._order("repaint", list(scene.swatches), painted)
         self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
@@ -560,7 +570,7 @@ class Servo:
         """
         shared = self._opened if after_end and self._opened is not None else self._channel
         done = int(shared.channel[0].done)
-        first = max(since, done - self._length, 0)
+        first = max(_whole(since), done - self._length, 0)
         slots = np.arange(first, max(done, first)) % self._length
         number = self._number(tool)
         taken = [part[number, slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
@@ -603,6 +613,13 @@ class Servo:
     def _gone(self) -> str:
         self._process.join(1.0)
         return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+
+
+def _whole(tick: int) -> int:
+    try:
+        return operator.index(tick)
+    except TypeError:
+        raise HapsceneError(f"a tick is a whole number, not {tick!r:.40}") from None
 
 
 @contextmanager

@@ -184,7 +184,7 @@ def _read_aim(told: Any, hand: NDArray[np.float64], clock: NDArray[np.int64]) ->
     """Take over the application's aim, unless it is being written."""
     count = told.count
     now_ns(clock)  # keeps the two looks at the count apart
-    p, grip, push = told.p_W_m, told.grip, told.push_W_N
+    p, grip, push = told.aim[0], told.aim[1], told.aim[2]
     x, y, z = p[0], p[1], p[2]
     k, b, m = grip[0], grip[1], grip[2]
     u, v, w = push[0], push[1], push[2]

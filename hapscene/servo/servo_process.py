@@ -114,9 +114,14 @@ class Desk:
 
     def start(self, places_m: Sequence[tuple[float, float, float]]) -> None:
         """Run, the tools at rest at their places (3,)."""
-        self.rest()
-        for twin, place_m in zip(self._twins, places_m, strict=True):
-            twin.reset(place_m)
+        running = self.rest()
+        try:
+            for twin, place_m in zip(self._twins, places_m, strict=True):
+                twin.reset(place_m)
+        except HapsceneError:  # out of reach
+            if running:
+                self._go()
+            raise
         self._channel.frames["seen"] = 0.0  # impulses begin anew
         self._bodies.predicted.view(np.uint8)[:] = 0
         self._hands[:, :3] = 0.0

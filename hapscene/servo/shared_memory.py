@@ -40,9 +40,7 @@ CHANNEL: Final = np.dtype(
 AIM: Final = np.dtype(
     [
         ("count", "i8"),  # odd while the aim is being written
-        ("p_W_m", "f8", (3,)),
-        ("grip", "f8", (3,)),  # k_N_m, b_Ns_m, mass_kg
-        ("push_W_N", "f8", (3,)),
+        ("aim", "f8", (3, 3)),  # place in W [m]; grip: k_N_m, b_Ns_m, mass_kg; push in W [N]
     ]
 )
 """Where the hand on a tool aims, by the application."""

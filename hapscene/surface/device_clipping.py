@@ -78,8 +78,11 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
 
     A spring beyond what the device holds undamped is given the damping that it needs there: the wall by any effect's
     `damping_Ns_m`, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Where nothing damps it, it is softer.
+    Damping goes as far as the device holds it.
     """
-    numbers = dict(asked)
+    numbers = {
+        (e, n): min(value, limits.damping_Ns_m) if n.endswith(DAMPING) else value for (e, n), value in asked.items()
+    }
     for (effect, name), value in asked.items():
         if not name.endswith(STIFFNESS):
             continue

@@ -39,6 +39,10 @@ def field_setting(
     """
     known = {param.name: param for param in effect.params}
     where = f"settings of effect {effect.name!r}: "
+    if not isinstance(given, Mapping):
+        raise EffectError(
+            where + f"they are numbers by name, as {{'{next(iter(known), 'mass_kg')}': 0.2}}, not {given!r:.40}"
+        )
     for name in given:
         if name not in known and name not in effect.arrays and name != "bodies":
             raise EffectError(where + no_such("setting", name, [*known, *effect.arrays, "bodies"]))

@@ -28,6 +28,8 @@ def sheet() -> Sheet:
     sheet.add("clock", "between two reads median", 20, "ns")
     for count in (1, 100, 1000):
         sheet.add(f"moving {count}", "step with bound bodies", 5.0 + 0.1 * count, "µs")
+    sheet.add_spread("shapes 20 k", "deform", [2.0, 3.0], "ms")
+    sheet.add("shapes 20 k", "tick p99, changing to at rest", 1.1, "1")
     for count in TRIANGLES:
         name = f"sphere {short(count)}"
         sheet.add(name, "triangles", count, "1")

@@ -179,7 +179,7 @@ def test_orders_are_answered_in_words(client: Client) -> None:
 
 def test_another_client_waits_until_the_first_is_gone(served: Served, client: Client) -> None:
     with pytest.raises(ConnectionError, match="another client is here"):
-        Client(port=served.port)
+        Client(port=served.port, patience_s=0.3)
     client.close()
     other = Client(port=served.port)
     other.close()

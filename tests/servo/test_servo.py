@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 import hapscene
-from hapscene.device.omni import Omni
+from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError, PathError, SceneError
 from hapscene.flags import Flag
@@ -141,9 +141,94 @@ def test_a_body_is_pushed_by_the_hand_and_told_what_it_got(servo: Servo) -> None
     servo.move("plate", X_WB, teleport=True)
 
 
+def test_a_body_comes_and_goes_while_the_hand_touches_another(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.005))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    until(lambda: servo.state().touching)
+    first = servo.state().tick
+    count = len(servo.scene.bodies)
+    cube, up = trimesh.creation.box((0.02, 0.02, 0.02)), np.eye(4)
+    up[:3, 3] = (0.03, 0.0, 0.01)
+    servo.add(cube, name="cube", unit="m", swatch="epoxy", pose=up)
+    servo.add(servo.scene.body("cube").mesh, name="twin", pose=np.eye(4))
+    assert servo.read(first).rows["touching"].all()  # contact went on
+    since = servo.state().tick
+    servo.aim((0.03, 0.0, 0.03), "medium")
+    until_tick(servo, since + 400)
+    servo.aim((0.03, 0.0, 0.015), "medium")
+    until(lambda: servo.state().touching)
+    state = servo.state()
+    assert (state.body, state.swatch) == (count, 2) and state.p_WP_m[2] == pytest.approx(0.02, abs=1e-6)
+    assert ("cube", "epoxy") in {(event.body, event.swatch) for event in servo.events(since)[0]}
+    assert servo.impulse("cube").linear_N_s[2] < 0.0
+    servo.remove("cube")
+    until(lambda: not servo.state().touching)
+    with pytest.raises(SceneError, match="no body 'cube'"):
+        servo.move("cube", up)
+    servo.add(cube, name="cube", unit="m", pose=up)  # its name is free again, its number is not
+    assert [body.name for body in servo.scene.bodies[count:]] == ["cube (removed)", "twin", "cube"]
+    with pytest.raises(SceneError, match="already"):
+        servo.add(cube, name="plate", unit="m")
+    for name in ("twin", "cube"):
+        servo.remove(name)
+
+
+def test_a_body_that_is_pushed_may_be_added(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.03))
+    X_WB = np.eye(4)
+    X_WB[2, 3] = 0.5
+    servo.add(trimesh.creation.box((0.02, 0.02, 0.02)), name="thrown", unit="m", pose=X_WB)
+    servo.free("thrown", 0.1, inertia_B_kg_m2=(1e-5, 1e-5, 1e-5))
+    X_WB[2, 3] = 0.01
+    servo.move("thrown", X_WB, teleport=True)
+    servo.aim((0.0, 0.0, 0.015), "medium")
+    until(lambda: servo.state().body == len(servo.scene.bodies) - 1)
+    servo.remove("thrown")
+
+
+def test_a_shape_changes_under_the_hand(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.005))
+    servo.aim((0.0, 0.0, -0.006), "medium")
+    until(lambda: servo.state().touching)
+    since = servo.state().tick
+    vertices = np.array(servo.scene.body("plate").mesh.vertices_m)
+    for size in np.linspace(1.0, 0.8, 20):
+        servo.deform("plate", vertices * (1.0, 1.0, size))
+        until_tick(servo, servo.state().tick + 16)
+    until_tick(servo, servo.state().tick + 60)
+    assert servo.read(since).rows["touching"].all()
+    assert servo.state().p_WP_m[2] == pytest.approx(-0.002, abs=1e-9)  # its top was 10 mm over its middle
+    with pytest.raises(SceneError, match="8 vertices"):
+        servo.deform("plate", vertices[:5])
+    servo.deform("plate", vertices)
+
+
+def test_two_tools_touch_in_one_loop() -> None:
+    with Servo(make_scene(), [MASS, MASS]) as servo:
+        servo.start([(-0.03, 0.0, 0.01), (0.03, 0.0, 0.01)])
+        servo.aim((-0.03, 0.0, -0.003), "medium")
+        until(lambda: servo.state().touching)
+        assert not servo.state(tool=1).touching
+        servo.aim((0.03, 0.0, -0.006), "medium", tool=1)
+        until(lambda: servo.state(tool=1).touching)
+        until_tick(servo, servo.state().tick + 300)
+        one, other = servo.state(), servo.state(tool=1)
+        assert one.p_WP_m[0] == pytest.approx(-0.03, abs=2e-3) and other.p_WP_m[0] == pytest.approx(0.03, abs=2e-3)
+        assert other.f_W_N[2] > 1.2 * one.f_W_N[2] > 0.0
+        servo.rest()
+        given = [servo.read(tool=tool).rows["f_body_W_N"].sum(axis=0) * servo.tick_s for tool in (0, 1)]
+        assert servo.impulse("plate").linear_N_s == pytest.approx(given[0] + given[1], rel=1e-9)
+        assert [len(servo.events(tool=tool)[0]) > 0 for tool in (0, 1)] == [True, True]
+        with pytest.raises(HapsceneError, match="no tool 2: this servo has 2"):
+            servo.state(tool=2)
+        with pytest.raises(PathError, match="2 tools start at as many places"):
+            servo.start((0.0, 0.0, 0.05))
+
+
 def test_paused_it_stands_and_goes_on_in_contact(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.0))
     servo.aim((0.0, 0.0, -0.006), "medium")
+    until_tick(servo, servo.state().tick + 20)
     until(lambda: servo.state().touching)
     servo.pause()
     before = servo.state()
@@ -192,10 +277,25 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
     ):
         with pytest.raises(SceneError, match="mass and inertia"):
             servo.free("plate", wrong[0], inertia_B_kg_m2=wrong[1])
+    for com in ((0.0, 0.0), (0.0, np.nan, 0.0)):
+        with pytest.raises(SceneError, match="its centre of mass is three finite numbers"):
+            servo.free("plate", 1.0, inertia_B_kg_m2=(1.0, 1.0, 1.0), com_B_m=com)
     with pytest.raises(HapsceneError, match="no grip 'fist'"):
         servo.aim((0.0, 0.0, 0.0), "fist")
+    with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
+        servo.events("now")
     tick = servo.state().tick
     until(lambda: servo.state().tick > tick)
+
+
+def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:
+    with Servo(make_scene(), "omni", X_WD=stand((0.0, 0.0, 0.0))) as servo:
+        servo.start((0.0, 0.0, 0.02))
+        with pytest.raises(HapsceneError, match="reach"):
+            servo.start((0.0, 0.0, 3.0))
+        since = servo.state().tick
+        until_tick(servo, since + 200)
+        assert servo.state().p_WT_m == pytest.approx((0.0, 0.0, 0.02), abs=0.01)
 
 
 def test_lateness_is_counted(servo: Servo) -> None:
@@ -344,7 +444,7 @@ def test_an_aim_that_is_none_does_not_spoil_the_next(servo: Servo) -> None:
 
 def test_an_aim_that_was_interrupted_does_not_spoil_the_next(servo: Servo) -> None:
     servo.start((0.0, 0.0, 0.01))
-    servo._channel.channel[0].aim_count += 1  # Ctrl-C while it was written
+    servo._channel.aims["count"] += 1  # Ctrl-C while it was written
     servo.aim((0.0, 0.0, -0.004), "medium")
     until(lambda: servo.state().touching)
 

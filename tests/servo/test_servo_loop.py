@@ -101,7 +101,7 @@ def make_cube() -> Scene:
 @pytest.fixture
 def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
     twin = Twin(make_cube(), PointMass(0.045, 0.1), tick_s=request.param)
-    desk = Desk(twin, open_channel(2000, twin.renderer.block, bodies=1))
+    desk = Desk(twin.renderer._scene, [twin], open_channel(2000, twin.renderer.block, bodies=1))
     yield desk
     desk.rest()
     desk._channel.memory.unlink()  # whoever still looks at it may do so
@@ -111,14 +111,14 @@ def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
 def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[4].pause))
-    Desk(desk._twin, desk._channel)
+    Desk(desk._scene, desk._twins, desk._channel)
     assert asked == [1]  # paused: it returns at once
 
 
 @pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
 @pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
 def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:
-    channel, tick_s = desk._channel.channel[0], desk._twin.renderer.tick_s
+    channel, tick_s = desk._channel.channel[0], desk._twins[0].renderer.tick_s
 
     def live() -> tuple[float, float]:
         wall_s, used_s = time.monotonic(), time.thread_time()
@@ -142,21 +142,21 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_an_aim_that_is_being_written_is_not_taken(desk: Desk) -> None:
-    channel, aim, clock = desk._channel.channel[0], np.full((5, 3), 7.0), new_clock()
-    channel.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
-    channel.aim_count = 3
-    _read_aim(channel, aim, clock)
+    told, aim, clock = desk._channel.aims[0], np.full((5, 3), 7.0), new_clock()
+    told.aim = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
+    told["count"] = 3
+    _read_aim(told, aim, clock)
     assert (aim == 7.0).all()
-    channel.aim_count = 4
-    _read_aim(channel, aim, clock)
+    told["count"] = 4
+    _read_aim(told, aim, clock)
     assert aim.tolist() == [[1.0, 2.0, 3.0], [7.0] * 3, [7.0] * 3, [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
 
 
 @pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
 def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
     """From rest: target = aim − (1 + ωt) e^(−ωt) of the way; on each axis, and at rest there in the end."""
-    body, tick_s = desk._twin.body, desk._twin.renderer.tick_s
-    aim, hand, way = np.zeros((5, 3)), desk._twin.body.arm.hand[0], np.array([0.01, -0.02, 0.03])
+    body, tick_s = desk._twins[0].body, desk._twins[0].renderer.tick_s
+    aim, hand, way = np.zeros((5, 3)), desk._twins[0].body.arm.hand[0], np.array([0.01, -0.02, 0.03])
     aim[0], aim[3], aim[4] = way, (100.0, 2.0, 0.01), (0.1, 0.2, 0.3)
     for k in range(1, 600):
         _follow(body, aim, tick_s)

@@ -8,14 +8,14 @@ import pytest
 
 from hapscene.servo.shared_memory import CHANNEL, Channel, open_channel
 
-PARTS = ("channel", "rows", "felt", "a_m_s2", "a_handle_m_s2", "frames", "moving", "impulse")
+PARTS = ("channel", "aims", "rows", "felt", "a_m_s2", "a_handle_m_s2", "frames", "moving", "impulse")
 
 
 @pytest.fixture
 def both() -> Iterator[tuple[Channel, Channel]]:
     """Who made the block, and who has opened it by its name."""
-    ours = open_channel(5, 3, bodies=2)
-    theirs = open_channel(5, 3, ours.memory.name, bodies=2)
+    ours = open_channel(5, 3, bodies=2, tools=4)
+    theirs = open_channel(5, 3, ours.memory.name, bodies=2, tools=4)
     yield ours, theirs
     theirs.close(unlink=False)
     ours.close(unlink=True)
@@ -23,8 +23,8 @@ def both() -> Iterator[tuple[Channel, Channel]]:
 
 def test_a_new_block_is_zero_and_holds_as_many_ticks_as_were_asked_for(both: tuple[Channel, Channel]) -> None:
     ours, _ = both
-    assert [len(getattr(ours, part)) for part in PARTS] == [1, 5, 5, 5, 5, 2, 2, 2]
-    assert ours.a_m_s2.shape == ours.a_handle_m_s2.shape == (5, 3)
+    rings = [(4, 5)] * 2 + [(4, 5, 3)] * 2
+    assert [getattr(ours, part).shape for part in PARTS] == [(1,), (4,), *rings, (2,), (2,), (4, 2, 6)]
     assert not any(getattr(ours, part).tobytes().strip(b"\0") for part in PARTS)
 
 

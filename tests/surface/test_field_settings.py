@@ -123,6 +123,23 @@ def test_what_it_cannot_be_set_to_is_refused(setting, says):
         renderer(**setting)
 
 
+def test_settings_that_are_none_are_refused():
+    with pytest.raises(EffectError, match=r"'pull': they are numbers by name, as .*, not 3"):
+        hapscene.Renderer(scene(), [PULL], settings={"pull": 3})
+    with pytest.raises(EffectError, match="settings go by the names of effects"):
+        hapscene.Renderer(scene(), [PULL], settings=[3])
+    with pytest.raises(EffectError, match="'weight' of the scene is named twice"):
+        hapscene.Renderer(scene(), ["weight", "weight"])
+
+
+def test_a_device_takes_as_much_damping_as_it_holds():
+    viscous = {"viscosity": {"damping_Ns_m": 90.0, "center_m": (0.0, 0.0, 0.0)}}
+    with pytest.warns(hapscene.device.DeviceWarning, match="viscosity"):
+        r = hapscene.Renderer(scene(), ["viscosity"], device="omni", settings=viscous)
+    (clip,) = (clip for clip in r.clips if clip.whose == "effect")
+    assert clip.given == r.limits.damping_Ns_m < 90.0
+
+
 def test_a_device_softens_its_springs_and_says_so():
     def on(device, **setting):
         return hapscene.Renderer(

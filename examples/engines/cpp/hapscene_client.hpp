@@ -5,9 +5,11 @@
 #include <chrono>
 #include <cstdint>
 #include <cstring>
+#include <locale>
 #include <map>
 #include <optional>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -59,10 +61,12 @@ public:
     std::vector<std::string> bodies, swatches;
     std::optional<State> state;
     std::vector<Event> events;  // since you emptied it
+    bool lost = false;          // the server began anew, or has another client: make a new one
 
-    // Unreal: up "z", handed "left", metres 0.01; Unity: "y", "left", 1.
+    // Unreal: up "z", handed "left", metres 0.01. Waits up to `patience_s`, then throws what was wrong.
     Client(const std::string& host, int port, const std::string& up = "z", const std::string& handed = "right",
-           double metres = 1.0) {
+           double metres = 1.0, double patience_s = 10.0)
+        : patience_s_(patience_s) {
 #ifdef _WIN32
         WSADATA started;
         WSAStartup(MAKEWORD(2, 2), &started);
@@ -78,9 +82,17 @@ public:
             for (int k = 0; k < 8; ++k) c = c & 1 ? (c >> 1) ^ 0xEDB88320u : c >> 1;
             table_[n] = c;
         }
-        const std::string hello = "{\"version\":1,\"nonce\":" + std::to_string(std::random_device{}()) + ",\"up\":\"" + up +
-                                  "\",\"handed\":\"" + handed + "\",\"metres\":" + std::to_string(metres) + "}";
-        const std::string told = ask(HELLO, 1, hello);
+        std::ostringstream hello;
+        hello.imbue(std::locale::classic());  // a point in numbers, whatever the program's language
+        hello << "{\"version\":1,\"nonce\":" << std::random_device{}() << ",\"up\":\"" << up << "\",\"handed\":\""
+              << handed << "\",\"metres\":" << metres << "}";
+        std::string told;
+        try {
+            told = ask(HELLO, 1, hello.str());
+        } catch (...) {
+            shut();
+            throw;
+        }
         bodies = names(told, "bodies");
         swatches = names(told, "swatches");
         for (const auto& name : bodies) totals_[name] = seen_[name] = Total{};
@@ -88,11 +100,7 @@ public:
 
     ~Client() {
         send(BYE, 0, {});
-#ifdef _WIN32
-        closesocket(socket_);
-#else
-        ::close(socket_);
-#endif
+        shut();
     }
 
     Client(const Client&) = delete;
@@ -206,9 +214,20 @@ private:
             const auto check = get<std::uint32_t>(data, at);
             packet.payload.assign(data.begin() + 24, data.end());
             const auto& payload = packet.payload;
-            if (said == data.size() && check == checksum(payload.data(), payload.size(), checksum(data.data(), 20)))
-                return packet;
+            if (said != data.size() || check != checksum(payload.data(), payload.size(), checksum(data.data(), 20)))
+                continue;
+            const std::string told(payload.begin(), payload.end());
+            lost = lost || (packet.kind == REFUSED && told.find("no such session") != std::string::npos);
+            return packet;
         }
+    }
+
+    void shut() {
+#ifdef _WIN32
+        closesocket(socket_);
+#else
+        ::close(socket_);
+#endif
     }
 
     bool take_state(const Packet& packet) {
@@ -248,19 +267,22 @@ private:
     }
 
     std::string ask(Kind kind, std::uint32_t sequence, const std::string& what) {
-        const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+        std::string why = "nobody answers: does `hapscene serve` run?";
+        const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience_s_);
         while (std::chrono::steady_clock::now() < end) {
             send(kind, sequence, Bytes(what.begin(), what.end()));
             while (auto packet = receive(100)) {
                 if (packet->kind == STATE && packet->key == key_) take_state(*packet);
+                if (lost) throw std::runtime_error("the session is lost: make a new client");
                 if ((packet->kind != kind + 1 && packet->kind != REFUSED) || packet->sequence != sequence) continue;
                 const std::string told(packet->payload.begin(), packet->payload.end());
-                if (told.rfind("{\"error\"", 0) == 0) throw std::runtime_error(told);
                 if (packet->kind == WELCOME) key_ = packet->key;
-                return told;
+                if (told.rfind("{\"error\"", 0) != 0) return told;
+                why = told;
+                if (told.find("another client is here") == std::string::npos) throw std::runtime_error(why);
             }
         }
-        throw std::runtime_error("nobody answers: does `hapscene serve` run?");
+        throw std::runtime_error(why);
     }
 
     std::uint16_t index(const std::string& name) const {
@@ -291,6 +313,7 @@ private:
 #else
     int socket_;
 #endif
+    double patience_s_;
     std::uint64_t key_ = 0;
     std::uint32_t sequence_ = 0, orders_ = 0, event_count_ = 0, last_ = 0;
     std::map<std::string, Total> totals_, seen_;

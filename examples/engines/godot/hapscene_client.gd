@@ -11,6 +11,7 @@ var totals = {}  # what the tool has given each body so far, by name: [linear Ve
 var state = {}  # tick, age_s, tool, proxy, normal, force, depth, slip, body, face, swatch, flags
 var events = []  # [tick, kind, body, swatch, speed], since you emptied it
 var error = ""
+var lost = false  # the server began anew, or has another client: open a new one
 
 var _udp = PacketPeerUDP.new()
 var _key = 0
@@ -68,17 +69,17 @@ func frame(aim = null):
 	out.put_u8(_moving.size())
 	out.put_u16(0)
 	out.put_u32(_event_count)
-	_put(out, Vector3() if aim == null else aim)
+	_put_vector(out, Vector3() if aim == null else aim)
 	for body in _moving:
 		var q = body[1].basis.get_rotation_quat()
 		out.put_u16(bodies.find(body[0]))
 		out.put_u16(2 + (1 if body[4] else 0))
 		out.put_u32(0)
-		_put(out, body[1].origin)
+		_put_vector(out, body[1].origin)
 		for number in [q.x, q.y, q.z, q.w]:
 			out.put_double(number)
 		for vector in [body[2], body[3], body[5][0], body[5][1]]:
-			_put(out, vector)
+			_put_vector(out, vector)
 	_moving.clear()
 	_sequence += 1
 	_send(FRAME, _sequence, out.data_array)
@@ -105,7 +106,7 @@ func _take_state(sequence, from):
 	_last = sequence
 	state = {"tick": from.get_u64(), "age_s": from.get_double()}
 	for name in ["tool", "proxy", "normal", "force"]:
-		state[name] = _get(from)
+		state[name] = _get_vector(from)
 	for name in ["depth", "slip"]:
 		state[name] = from.get_double()
 	for name in ["body", "face", "swatch"]:
@@ -116,7 +117,7 @@ func _take_state(sequence, from):
 	for _i in from.get_u16():
 		var name = bodies[from.get_u16()]
 		from.get_data(6)
-		totals[name] = [_get(from), _get(from)]
+		totals[name] = [_get_vector(from), _get_vector(from)]
 	for _i in event_count:
 		var event = [from.get_u64(), KINDS[from.get_u8()]]
 		from.get_u8()
@@ -131,6 +132,7 @@ func _take_state(sequence, from):
 
 
 func _ask(kind, sequence, what, patience_s):
+	var told = {"error": "nobody answers: does `hapscene serve` run?"}
 	var end = OS.get_ticks_msec() + 1000.0 * patience_s
 	while OS.get_ticks_msec() < end:
 		_send(kind, sequence, JSON.print(what).to_utf8())
@@ -140,13 +142,17 @@ func _ask(kind, sequence, what, patience_s):
 				var packet = _unpack(_udp.get_packet())
 				if not packet:
 					continue
+				if lost:
+					return {"error": "the session is lost: open a new client"}
 				var mine = packet[0] == REFUSED or packet[0] == kind + 1
 				if mine and packet[2] == sequence:
 					_key = packet[1] if packet[0] == WELCOME else _key
-					return JSON.parse(packet[3].get_utf8_string(packet[3].get_available_bytes())).result
+					told = JSON.parse(packet[3].get_utf8_string(packet[3].get_available_bytes())).result
+					if told.get("error") != "another client is here":
+						return told
 				if packet[0] == STATE and packet[1] == _key:
 					_take_state(packet[2], packet[3])
-	return {"error": "nobody answers: does `hapscene serve` run?"}
+	return told
 
 
 func _send(kind, sequence, payload):
@@ -176,9 +182,11 @@ func _unpack(data):
 	var sequence = from.get_u32()
 	var check = _crc(data.subarray(0, 19), 0)
 	if data.size() > 24:
-		check = _crc(data.subarray(24, data.size() - 1), check)
+		check = _crc(data.subarray(24, -1), check)
 	if size != data.size() or from.get_u32() != check:
 		return null
+	if kind == REFUSED and "no such session" in data.subarray(24, -1).get_string_from_utf8():
+		lost = true
 	return [kind, key, sequence, from]
 
 
@@ -189,11 +197,11 @@ func _crc(data, before):
 	return n ^ 0xFFFFFFFF
 
 
-func _put(out, vector):
+func _put_vector(out, vector):
 	out.put_double(vector.x)
 	out.put_double(vector.y)
 	out.put_double(vector.z)
 
 
-func _get(from):
+func _get_vector(from):
 	return Vector3(from.get_double(), from.get_double(), from.get_double())

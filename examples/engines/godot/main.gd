@@ -32,6 +32,11 @@ func _physics_process(delta):
 	client.move("crate", crate.global_transform, crate.linear_velocity, crate.angular_velocity)
 	client.frame(Vector3(-0.04 + SPEED * time, 0.0, 0.0))
 	client.poll()
+	if client.lost:
+		print("the session is lost")
+		get_tree().quit(1)
+		set_physics_process(false)
+		return
 	var grown = client.take("crate")
 	crate.apply_central_impulse(grown[0])
 	crate.apply_torque_impulse(grown[1])

@@ -23,6 +23,7 @@ export class Client {
   swatches = [];
   state = null; // tick, age_s, tool, proxy, normal, force, depth, slip, body, face, swatch, flags
   events = []; // since you emptied it
+  lost = false; // the server began anew, or has another client: open a new one
   #socket = dgram.createSocket("udp4");
   #key = 0n;
   #sequence = 0;
@@ -32,14 +33,19 @@ export class Client {
   #totals = {};
   #seen = {};
   #waiting = new Map();
+  #patience_s = 10;
 
-  static async open({ host = "127.0.0.1", port = 47700, up = "y", handed = "right", metres = 1 } = {}) {
+  static async open({ host = "127.0.0.1", port = 47700, up = "y", handed = "right", metres = 1, patience_s = 10 } = {}) {
     const client = new Client();
+    client.#patience_s = patience_s;
     await new Promise((done) => client.#socket.connect(port, host, done));
     client.#socket.on("message", (data) => client.#hear(data));
     client.#socket.on("error", () => {}); // told of a packet that nobody took
     const nonce = Math.floor(Math.random() * 2 ** 53);
-    const told = await client.#ask(HELLO, 1, { version: 1, nonce, up, handed, metres });
+    const told = await client.#ask(HELLO, 1, { version: 1, nonce, up, handed, metres }).catch((error) => {
+      client.#socket.close();
+      throw error;
+    });
     Object.assign(client, { bodies: told.bodies, swatches: told.swatches });
     for (const name of told.bodies) [client.#totals[name], client.#seen[name]] = [Array(6).fill(0), Array(6).fill(0)];
     return client;
@@ -96,8 +102,13 @@ export class Client {
     const [kind, key, sequence] = [data.readUInt8(4), data.readBigUInt64LE(8), data.readUInt32LE(16)];
     if (kind === STATE && key === this.#key) return this.#takeState(sequence, payload);
     const asked = kind === WELCOME ? HELLO : kind === ANSWER ? ORDER : kind === REFUSED ? HELLO : 0;
+    if (!asked) return;
     if (kind === WELCOME && this.#key === 0n) this.#key = key;
-    this.#waiting.get(`${asked} ${sequence}`)?.(JSON.parse(payload.toString()));
+    const told = JSON.parse(payload.toString());
+    if (kind === REFUSED && told.error === "no such session") {
+      this.lost = true;
+      for (const answer of this.#waiting.values()) answer({ error: "the session is lost: open a new client" });
+    } else this.#waiting.get(`${asked} ${sequence}`)?.(told);
   }
 
   #takeState(sequence, data) {
@@ -125,14 +136,18 @@ export class Client {
   async #ask(kind, sequence, what) {
     const payload = Buffer.from(JSON.stringify(what));
     const told = await new Promise((done, fail) => {
-      let left = 100;
+      let [left, why] = [10 * this.#patience_s, "nobody answers: does `hapscene serve` run?"];
       const again = () => {
         if (left-- > 0) return this.#send(kind, sequence, payload);
         clearInterval(timer);
-        fail(new Error("nobody answers: does `hapscene serve` run?"));
+        fail(new Error(why));
       };
       const timer = setInterval(again, 100);
-      this.#waiting.set(`${kind} ${sequence}`, (answer) => (clearInterval(timer), done(answer)));
+      this.#waiting.set(`${kind} ${sequence}`, (answer) => {
+        if (answer.error === "another client is here") return (why = answer.error);
+        clearInterval(timer);
+        done(answer);
+      });
       again();
     });
     this.#waiting.delete(`${kind} ${sequence}`);

@@ -24,6 +24,7 @@ HEAD, CHECK = struct.Struct("<4sBBHQI"), struct.Struct("<I")
 AIM, BODY = struct.Struct("<BBHI3d"), struct.Struct("<HHI3d4d3d3d6d")
 STATES, IMPULSE, EVENT = struct.Struct("<Qd3d3d3d3dddiiiIIHH"), struct.Struct("<HHI6d"), struct.Struct("<QBBHHHd")
 KINDS = {1: "began", 2: "crossed", 3: "ended"}
+BUSY, LOST = "another client is here", b"no such session"
 
 
 def pack(kind: int, key: int, sequence: int, payload: bytes) -> bytes:
@@ -44,7 +45,10 @@ def unpack(data: bytes) -> tuple[int, int, int, bytes] | None:
 
 
 class Client:
-    """A session. `state` is the newest that was told, `events` all that happened since they were last taken."""
+    """A session. `state` is the newest that was told, `events` all that happened since they were last taken.
+
+    `poll` and `order` raise ConnectionError where the server began anew, or has another client: make a new one.
+    """
 
     def __init__(
         self,
@@ -96,11 +100,12 @@ class Client:
         while True:
             self.socket.settimeout(max(end_s - time.monotonic(), 0.0) if not came else 0.0)
             try:
-                packet = unpack(self.socket.recv(65536))
+                data = self.socket.recv(65536)
             except (BlockingIOError, TimeoutError):
                 return came
             except ConnectionError:
                 continue
+            packet = self._unpack(data)
             if packet and packet[:2] == (STATE, self.key):
                 came = self._take(packet[2], packet[3]) or came
 
@@ -139,17 +144,30 @@ class Client:
     ) -> tuple[int, int, dict[str, Any]]:
         packet, end_s = pack(kind, self.key, sequence, json.dumps(what).encode()), time.monotonic() + self.patience_s
         self.socket.settimeout(0.1)
+        why: OSError = TimeoutError("nobody answers: does `hapscene serve` run?")
         while time.monotonic() < end_s:
             self._send(packet)
             try:
-                told = unpack(self.socket.recv(65536))
+                data = self.socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 continue
+            told = self._unpack(data)
             if told and told[0] in answers and told[2] == sequence:
-                return told[0], told[1], json.loads(told[3])
-            if told and told[:2] == (STATE, self.key):
+                answer = json.loads(told[3])
+                if answer.get("error") != BUSY:
+                    return told[0], told[1], answer
+                why = ConnectionError(BUSY)
+                time.sleep(0.1)
+            elif told and told[:2] == (STATE, self.key):
                 self._take(told[2], told[3])
-        raise TimeoutError("nobody answers: does `hapscene serve` run?")
+        raise why
+
+    def _unpack(self, data: bytes) -> tuple[int, int, int, bytes] | None:
+        packet = unpack(data)
+        sent = max(self.sequence, self.orders)
+        if packet and packet[0] == REFUSED and packet[2] <= sent and LOST in packet[3]:
+            raise ConnectionError("the session is lost: the server began anew, or has another client; greet it again")
+        return packet
 
     def _send(self, packet: bytes) -> None:
         with contextlib.suppress(ConnectionError):  # told of an earlier one that nobody took
