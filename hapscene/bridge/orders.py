@@ -6,6 +6,7 @@ In a thread of its own: a body that takes a second to be added holds up no FRAME
 import inspect
 import os
 import warnings
+from base64 import b64decode
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,7 +14,7 @@ from threading import Lock
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import VERSION, PacketError
@@ -174,7 +175,7 @@ class Orders:
         if (like is None) == (vertices is None or faces is None):
             raise SceneError("to add a body, give vertices and faces, or like: the name of a body of the same shape")
         if like is None:
-            mesh = Mesh(to.place(numbers(vertices)), _whole(faces)[:, :: -1 if clockwise else 1])
+            mesh = Mesh(to.place(_rows(vertices, "<f4")), _whole(faces)[:, :: -1 if clockwise else 1])
             if len(mesh.faces) > self._faces_left:
                 raise MeshError(f"clients may add {FACE_MAX:,} faces in all; {self._faces_left:,} are left")
         else:
@@ -204,7 +205,7 @@ class Orders:
 
     def _deform(self, to: Convention, body: Any, vertices: Any) -> None:
         self._number(body)
-        self.servo.deform(body, to.place(numbers(vertices)))
+        self.servo.deform(body, to.place(_rows(vertices, "<f4")))
 
     def _bodies(self, to: Convention) -> dict[str, Any]:
         bodies = self.servo.scene.bodies
@@ -247,9 +248,16 @@ def _named(swatch: Any) -> str:
     return swatch
 
 
-def _whole(faces: ArrayLike) -> NDArray[np.int32]:
+def _rows(given: Any, packed: str) -> NDArray[np.float64]:
+    """Numbers (n, 3), as lists or, which is read twenty times as fast, packed little-endian as Base64."""
+    if isinstance(given, str):
+        given = np.frombuffer(b64decode(given, validate=True), packed).reshape(-1, 3)
+    return numbers(given)
+
+
+def _whole(faces: Any) -> NDArray[np.int32]:
     """Indices (m, 3)."""
-    read = numbers(faces)
+    read = _rows(faces, "<u4")
     whole = np.isfinite(read).all() and (read == np.floor(read)).all() and (np.abs(read) < 2**31).all()
     if read.ndim != 2 or not whole:
         raise MeshError("faces are three whole numbers each, (m, 3): places in the list of vertices, from 0")

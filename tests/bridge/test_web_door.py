@@ -2,7 +2,9 @@
 
 import json
 import socket
+from base64 import b64encode
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import count
 from typing import Any
 
@@ -94,8 +96,8 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
     assert designer.order("paint", body="box", swatch="plain", faces=[feel()["face"]])["faces"] == 1
     until(lambda: feel()["swatch"] == 0)
 
-    taller = np.array(box_cm["vertices"]) * (1, 1.01, 1)
-    assert designer.order("deform", body="box", vertices=taller.tolist()) == {"done": "deform"}
+    taller = b64encode((np.array(box_cm["vertices"]) * (1, 1.01, 1)).astype("<f4").tobytes()).decode()
+    assert designer.order("deform", body="box", vertices=taller) == {"done": "deform"}
     until(lambda: feel()["proxy"][2] > 0.0503)
 
     assert designer.order("pause") == {"done": "pause"}
@@ -159,6 +161,7 @@ def test_a_game_in_a_browser_sends_its_packets_as_binary_messages(served: Served
         ({"order": "add", "name": "x", "like": "crate", "mesh": "crate.stl"}, "it takes: name, vertices, faces"),
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]], "faces": [[0, 0, 0.5]]}, "three whole numbers"),
         ({"order": "add", "name": "x", "vertices": [[0, 0, 0]] * 3, "faces": [[0, 1, 3]]}, "names vertex 3"),
+        ({"order": "add", "name": "x", "vertices": "AAAA", "faces": "!"}, "has it wrong; it takes: name, vertices"),
         ({"order": "paint", "body": "crate", "swatch": "wood", "faces": [12]}, "no face 12"),
         ({"order": "deform", "body": "crate", "vertices": [[0, 0, 0]]}, "has 36 vertices"),
         ({"order": "tune_field", "effect": "weight", "numbers": {}}, "no effect of the scene 'weight'"),
@@ -204,12 +207,19 @@ def test_too_long_a_message_and_too_many_connections_are_refused_and_counted(
         long.wire.send(" " * (MESSAGE_MAX + 1))
         long.wire.recv(10.0)
     until(lambda: designer.order("counts")["counts"].get("web bad"))
-    more = [sync.connect(served.ws) for _ in range(CONNECTIONS_MAX - 1)]
-    with pytest.raises((OSError, EOFError, InvalidMessage)):
+    full, more = (OSError, EOFError, InvalidMessage, ConnectionClosed), []
+
+    def all_here() -> bool:
+        with suppress(*full):  # one that has gone leaves its place a moment later
+            more.append(sync.connect(served.ws))
+        return len(more) == CONNECTIONS_MAX - 1
+
+    until(all_here)
+    with pytest.raises(full):
         sync.connect(served.ws)
     for wire in more:
         wire.close()
-    assert designer.order("counts")["counts"]["web full"] == 1
+    assert designer.order("counts")["counts"]["web full"] >= 1
 
 
 def test_it_ends_while_somebody_is_there(served: Served, designer: Designer) -> None:
