@@ -92,6 +92,7 @@ class WebDoor:
 
     def _bounded(self, taken: socket.socket, address: Any) -> None:
         """Talk on a connection, if there is room for one more."""
+        self._orders.counts["web"] += 1
         if not self._room.acquire(blocking=False):
             self._orders.counts["web full"] += 1
             taken.close()
@@ -107,7 +108,7 @@ class WebDoor:
         """Answer one client until it goes."""
         from websockets.exceptions import ConnectionClosed
 
-        self._orders.counts["web"] += 1
+        self._orders.counts["web let in"] += 1
         to: Convention | None = None
         try:
             while True:

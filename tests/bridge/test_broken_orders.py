@@ -75,7 +75,8 @@ def touched() -> Iterator[tuple[WebDoor, Servo]]:
         servo.aim((0.0, 0.0, 0.01))
         while not servo.state().touching or servo.state().tick < 1000:
             pass
-        yield WebDoor(server, "127.0.0.1", 0), servo
+        with WebDoor(server, "127.0.0.1", 0) as door:
+            yield door, servo
 
 
 def break_many(touched: tuple[WebDoor, Servo], seed: int, count: int) -> None:

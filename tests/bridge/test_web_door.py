@@ -223,6 +223,10 @@ def test_too_long_a_message_and_too_many_connections_are_refused_and_counted(
 
 
 def test_it_ends_while_somebody_is_there(served: Served, designer: Designer) -> None:
-    with socket.create_connection(("127.0.0.1", int(served.ws.rpartition(":")[2]))):  # says nothing
+    place = ("127.0.0.1", int(served.ws.rpartition(":")[2]))
+    with socket.create_connection(place) as garbled, socket.create_connection(place):  # which says nothing
+        garbled.sendall(bytes(range(256)))
+        assert garbled.recv(100) == b""
+        assert designer.order("counts")["counts"]["web let in"] <= designer.order("counts")["counts"]["web"] - 1
         said = served.end()
     assert served.process.returncode == 0 and "ended; " in said and "Traceback" not in said
