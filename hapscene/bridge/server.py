@@ -136,9 +136,10 @@ class BridgeServer:
             HapsceneError: the servo has ended.
         """
         while not over():
-            self.servo.state()  # raises where it has ended
             if select.select([self._socket], [], [], NAP_S)[0]:
                 self.answer_all()
+            else:
+                self.servo.state()  # raises where it has ended
 
     def answer_all(self) -> None:
         """Answer all that has come; of a flood, some at a time."""
