@@ -224,7 +224,7 @@ def open_model(
     for option, value in (("--unit", unit), ("--two-sided", two_sided)):
         if value:
             raise SceneError(f"{path}: is a model of MuJoCo, in metres and felt from outside; leave {option} out")
-    return load_mujoco(path, {} if swatch is None else {"default": swatch})
+    return load_mujoco(path, swatch)
 
 
 _TICK_B: Final = 500

@@ -20,10 +20,10 @@ WORDS = {
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project."""
+"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`."""
 
 
-@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - {"dev", "docs"}))
+@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - {"dev", "docs", "gymnasium"}))
 def test_an_extra_that_is_missing_is_named(
     extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,6 +1,5 @@
 """A model of MuJoCo, touched: a scene of its geoms, and what the tool does to its bodies."""
 
-import importlib.util
 import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -8,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.bridge.mujoco_file import check_installed, load_model
 from hapscene.bridge.mujoco_geom import geom_mesh
 from hapscene.bridge.simulation import Bridge, crosses
 from hapscene.errors import SceneError, no_such, warn
+from hapscene.files import refusing
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import SwatchLike
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | None = None) -> "MuJoCo":
+def load_mujoco(
+    path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike] | SwatchLike | None = None
+) -> "MuJoCo":
     """A model from its MJCF or URDF file, at its start.
 
     Args:
@@ -32,19 +35,11 @@ def load_mujoco(path: str | os.PathLike[str], swatches: Mapping[str, SwatchLike]
     Raises:
         SceneError: MuJoCo is not installed, or does not take the file; what `MuJoCo` refuses.
     """
-    _check_installed(f"{os.fspath(path)}: ")
+    model = load_model(path)
     import mujoco
 
-    try:
-        model = mujoco.MjModel.from_xml_path(os.fspath(path))
-    except ValueError as error:
-        raise SceneError(f"{os.fspath(path)}: MuJoCo says {' '.join(str(error).split())!r}") from None
-    return MuJoCo(model, mujoco.MjData(model), swatches)
-
-
-def _check_installed(where: str) -> None:
-    if importlib.util.find_spec("mujoco") is None:
-        raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")
+    with refusing(SceneError, path):
+        return MuJoCo(model, mujoco.MjData(model), swatches)
 
 
 class MuJoCo(Bridge):
@@ -59,7 +54,8 @@ class MuJoCo(Bridge):
 
     Args:
         model, data: `mujoco.MjModel` and its `MjData`; both stay yours.
-        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others.
+        swatches: by name of geom, material or body, in this order of precedence, and "default" for the others; or one
+            for all.
         visual: also the geoms that take no part in collisions (contype and conaffinity 0), which are left out.
 
     Attributes:
@@ -78,9 +74,14 @@ class MuJoCo(Bridge):
     """
 
     def __init__(
-        self, model: Any, data: Any, swatches: Mapping[str, SwatchLike] | None = None, *, visual: bool = False
+        self,
+        model: Any,
+        data: Any,
+        swatches: Mapping[str, SwatchLike] | SwatchLike | None = None,
+        *,
+        visual: bool = False,
     ) -> None:
-        _check_installed("")
+        check_installed("")
         import mujoco
 
         self.model, self.data = model, data
@@ -90,7 +91,8 @@ class MuJoCo(Bridge):
             raise SceneError("the data is of another model; make it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)
         mujoco.mj_forward(model, data)
-        self.scene, moving = _scene(model, data, dict(swatches or {}), visual)
+        worn = swatches if isinstance(swatches, Mapping) else {"default": swatches} if swatches else {}
+        self.scene, moving = _scene(model, data, worn, visual)
         self.names, self._ids = tuple(moving), np.array(list(moving.values()), np.intp)
         super().__init__(self)
         self._theirs, self._ours = data.xfrc_applied.copy(), None
@@ -158,6 +160,19 @@ class MuJoCo(Bridge):
         mujoco.mj_step(self.model, self.data)
         self._take_out()
 
+    def contact(self, body: int) -> Array:
+        """Force (3,) by which other bodies of the model touched a body in the last step, in W [N]."""
+        import mujoco
+
+        force_N, total_N = np.zeros(6), np.zeros(3)
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            sides = self.model.geom_bodyid[[contact.geom1, contact.geom2]] == self._ids[body]
+            if sides.any():
+                mujoco.mj_contactForce(self.model, self.data, i, force_N)  # of the first on the second
+                total_N += (int(sides[1]) - int(sides[0])) * (force_N[:3] @ contact.frame.reshape(3, 3))
+        return total_N
+
     def _put(self, wrench_W: Array) -> None:
         data, bodies = self.data, self._ids
         self._theirs = data.xfrc_applied.copy()
@@ -175,7 +190,7 @@ class MuJoCo(Bridge):
             self._ours = None
 
 
-def _scene(model: Any, data: Any, swatches: dict[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
+def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bool) -> tuple[Scene, dict[str, int]]:
     """A scene of a model's geoms, and the bodies of it that can move: their numbers in the model."""
     import mujoco
 

@@ -144,8 +144,8 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
         if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
             return Session.open(Path(name), options.accept_changed)
         # of a scene file, it refuses the options
-        scene = open_scene(name, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged)
-        return Session(scene, _free(Path(name)))
+        words = options.unit, options.swatch, options.two_sided, say
+        return Session(open_scene(name, *words, accept_damaged=options.accept_damaged), _free(Path(name)))
 
 
 def _copy_demo(folder: Path) -> Path:

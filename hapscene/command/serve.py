@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from typing import Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, port
+from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, loading, port
 from hapscene.interrupt import interrupt_noted
 
 PORT: Final = 47700
@@ -41,8 +41,8 @@ def _serve(options: argparse.Namespace) -> int:
     from hapscene.servo import Servo
     from hapscene.touch import open_scene, step
 
-    with step(say, f"loading {options.scene}"):
-        scene = open_scene(options.scene, options.unit, options.swatch, accept_damaged=options.accept_damaged)
+    with step(say, loading(options.scene)):
+        scene = open_scene(options.scene, options.unit, options.swatch, say=say, accept_damaged=options.accept_damaged)
     with ExitStack() as stack:
         orders = Orders(servo := Servo(scene, options.device))
         server = stack.enter_context(BridgeServer(orders, options.host, options.udp))

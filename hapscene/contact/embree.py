@@ -7,6 +7,7 @@ Embree works in float32: it only names the face, everything else is computed in 
 
 import ctypes
 import importlib.util
+import math
 import weakref
 from functools import cache, partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
-from hapscene.geometry import Vector, along, cross, norm, sub
+from hapscene.geometry import Vector, along, columns_of, cross, norm, row, sub, used_by
 from hapscene.native import INTERPRETED, kept, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
@@ -179,7 +180,7 @@ class Search:
 
     def __init__(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int32], skin_m: float) -> None:
         vertices_m = np.asarray(vertices_m, np.float64)
-        self.center_m, self.radius_m = _ball(vertices_m, _used(faces))
+        self.center_m, self.radius_m = _ball(vertices_m, used_by(faces))
         self.handle = _build(vertices_m, faces, self.center_m, EDGE_OVERLAP * skin_m)
         weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
 
@@ -195,7 +196,7 @@ class RefittedSearch:
     """
 
     def __init__(self, faces: NDArray[np.int32]) -> None:
-        self._faces, self._used = faces, _used(faces)
+        self._faces, self._used = faces, used_by(faces)
         device = self._device = _device(b"threads=1")
         self.handle = int(_embree.rtcNewScene(device))
         _embree.rtcSetSceneFlags(self.handle, _DYNAMIC | _FILTER_IN_ARGUMENTS)
@@ -224,19 +225,13 @@ class RefittedSearch:
         return center_m, radius_m
 
 
-def _used(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which vertices faces have, up to the last of them."""
-    used = np.zeros(faces.max(initial=-1) + 1, np.bool_)
-    used[faces] = True
-    return used
-
-
 def _ball(vertices_m: NDArray[np.float64], used: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
     """Middle of the bounding box (3,) of the used vertices, and radius of the ball around it that holds them [m]."""
-    columns = vertices_m[: len(used)][used].T  # one by one, ten times as fast as together
+    columns = columns_of(vertices_m, used)
     low, high = (np.array([end(column) for column in columns]) for end in (np.min, np.max))
     center_m = (low + high) / 2
-    return center_m, float(np.linalg.norm(columns - center_m[:, None], axis=0).max())
+    square = sum((column - middle) ** 2 for column, middle in zip(columns, center_m, strict=True))
+    return center_m, math.sqrt(np.max(square))
 
 
 @native
@@ -254,9 +249,9 @@ def overlap_faces(
     """
     center = (center_m[0], center_m[1], center_m[2])
     for face in range(len(faces)):
-        a = sub(_vertex(vertices_m, faces[face, 0]), center)
-        b = sub(_vertex(vertices_m, faces[face, 1]), center)
-        c = sub(_vertex(vertices_m, faces[face, 2]), center)
+        a = sub(row(vertices_m, faces[face, 0]), center)
+        b = sub(row(vertices_m, faces[face, 1]), center)
+        c = sub(row(vertices_m, faces[face, 2]), center)
         ab, bc, ca = sub(b, a), sub(c, b), sub(a, c)
         ab_m, bc_m, ca_m = norm(ab), norm(bc), norm(ca)
         perimeter_m = ab_m + bc_m + ca_m
@@ -273,11 +268,6 @@ def overlap_faces(
         _grow(a, incentre, growth, MITRE * overlap_m, out[3 * face])
         _grow(b, incentre, growth, MITRE * overlap_m, out[3 * face + 1])
         _grow(c, incentre, growth, MITRE * overlap_m, out[3 * face + 2])
-
-
-@native
-def _vertex(vertices_m: NDArray[np.float64], index: int) -> Vector:
-    return vertices_m[index, 0], vertices_m[index, 1], vertices_m[index, 2]
 
 
 @native

@@ -272,7 +272,8 @@ def skin_of(*meshes: "Mesh") -> float:
 
     As fine as the smallest body asks for, unless the largest is so much larger that float32 would not hold it.
     """
-    sizes_m = {id(mesh): float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0))) for mesh in meshes}.values()
+    extents_m = {id(mesh): [np.ptp(column) for column in mesh.vertices_m.T] for mesh in meshes}.values()
+    sizes_m = [float(np.linalg.norm(extent)) for extent in extents_m]
     return max(SKIN_RATIO * min(sizes_m), SKIN_RATIO_MIN * max(sizes_m))
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.errors import MeshError, no_such
+from hapscene.geometry import columns_of, used_by
 from hapscene.scene.topology import normals_of
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class Mesh:
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
-        columns = self.vertices_m[self.faces.ravel()].T  # one by one, ten times as fast as together
+        columns = columns_of(self.vertices_m, used_by(self.faces))
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
     @property
@@ -117,7 +118,7 @@ class Mesh:
     @property
     def triangles_m(self) -> NDArray[np.float64]:
         """Corners of every face (M, 3, 3) [m]."""
-        return np.asarray(self.vertices_m[self.faces])
+        return np.take(self.vertices_m, self.faces, axis=0)
 
     @property
     def normals(self) -> NDArray[np.float64]:

@@ -294,7 +294,7 @@ def _warn_of_winding(body: Body) -> None:
         # none, where they are copies, or have no area
         turned = int(np.count_nonzero(mesh_structure(mesh).winding.turned))
         what = "wound against their neighbours, so they are felt from inside alone"
-    elif edges.closed and volume_of(mesh.triangles_m) < 0:
+    elif edges.closed and volume_of(mesh.vertices_m, mesh.faces) < 0:
         turned = len(mesh.faces)
         what = "wound inward, so the tool goes in from outside unfelt, and is held inside"
     if turned:

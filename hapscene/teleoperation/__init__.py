@@ -15,6 +15,7 @@ operated = Operation(scene, path[0], line=Impairment(delay_s=0.05)).run(Intent.a
 | module | does |
 |---|---|
 | `leader_follower` | a tick of each end: device, hand, handle, accelerometer |
+| `body_follower` | a follower that is a body of a simulation: a robot of MuJoCo, or of whatever has three methods |
 | `endpoint` | how they are tied together; the position–position controller; the timeout |
 | `wave`, `jitter_buffer` | wave variables, passive over any line; messages that wait for their turn |
 | `datagram`, `link` | what they tell each other, and how it is sent; a line that delays, loses and reorders |

@@ -55,19 +55,12 @@ def operate(
     leader's tip by its base motors and the hand; that of its handle by the voice coil.
     """
     for k in range(len(target_W_m)):
-        now = first + k
-        while collect(line.forth, now, line.message, 0):
-            hear(follower.end, now, line.message[0])
-        while collect(line.back, now, line.message, 0):
-            hear(leader.end, now, line.message[0])
-        row = happened[k]
+        now, row = first + k, happened[k]
+        begin_tick(leader, follower.end, line, now, target_W_m, grip, push_W_N, k)
         _note(row.leader_W_m, find_tip(leader.arm))
         _note(row.follower_W_m, find_tip(follower.arm))
-        intend(leader, target_W_m, grip, push_W_N, k)
         _note(row.f_follower_W_N, follow(follower, now))
-        _note(row.f_leader_W_N, lead(leader, now))
-        post(line.forth, now, leader.told)
-        post(line.back, now, follower.told)
+        _note(row.f_leader_W_N, end_tick(leader, follower.told, line, now))
         row.touching = follower.row[0].touching
         for i in range(3):
             row.f_contact_W_N[i] = follower.row[0].f_W_N[i]
@@ -75,6 +68,27 @@ def operate(
             a_follower_m_s2[k, i] = follower.read_m_s2[i]
             a_tip_m_s2[k, i] = leader.tip_m_s2[i]
             a_handle_m_s2[k, i] = leader.handle_m_s2[i]
+
+
+@native
+def begin_tick(
+    leader: Any, follower_end: Any, line: Any, now: int, target_W_m: Any, grip: Any, push_W_N: Any, k: int
+) -> None:
+    """Both ends hear what has arrived by tick `now`, and the hand means row `k` of an intention."""
+    while collect(line.forth, now, line.message, 0):
+        hear(follower_end, now, line.message[0])
+    while collect(line.back, now, line.message, 0):
+        hear(leader.end, now, line.message[0])
+    intend(leader, target_W_m, grip, push_W_N, k)
+
+
+@native
+def end_tick(leader: Any, follower_told: Any, line: Any, now: int) -> Vector:
+    """The leader's own tick, after the follower's; both messages leave. The force of the leader's motors [N]."""
+    force = lead(leader, now)
+    post(line.forth, now, leader.told)
+    post(line.back, now, follower_told)
+    return force
 
 
 @native

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.arm import simulated_device
+from hapscene.device.arm import find_tip, simulated_device
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.old_spellings import old_spellings
 from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
-from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, operate
+from hapscene.scene.scene import Scene
+from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, begin_tick, end_tick, operate
+from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.leader_follower import Follower, Leader, new_follower, new_leader
@@ -22,8 +24,8 @@ from hapscene.teleoperation.link import Impairment, new_link
 from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
+    from hapscene.bridge.simulation import Simulation
     from hapscene.device.model import DeviceLike
-    from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
 Array = NDArray[np.float64]
@@ -43,7 +45,8 @@ class Operated:
         t_s: (n,) start of each tick.
         leader_W_m, follower_W_m: (n, 3) the tools, true.
         f_leader_W_N, f_follower_W_N: (n, 3) forces of the motors, held over the tick.
-        f_contact_W_N: (n, 3) of the surface on the follower's tool, at the tick's end.
+        f_contact_W_N: (n, 3) of the surface on the follower's tool, at the tick's end; NaN where a simulation is
+            followed that does not say it.
         touching: (n,) whether the follower touches.
         a_follower_m_s2: (n, SAMPLE_COUNT) what the follower's accelerometer read, along the handle.
         a_tip_m_s2: (n, SAMPLE_COUNT) acceleration of the leader's tip, by base motors and hand.
@@ -86,25 +89,29 @@ class Operation:
     """A hand that feels a scene through a leader, a line and a follower.
 
     Args:
-        scene: what the follower touches.
-        p_WT: (3,) where both tools are at the start.
+        scene: what the follower touches; or a simulation of which a body is the follower, a robot of
+            `hapscene.bridge.MuJoCo` say: its motors are a force at the body's origin, and what it touches is the
+            simulation's.
+        p_WT: (3,) where both tools are at the start; a body follows from where it is.
         coupling: how the ends are tied together.
         line: how bad the line is, each way.
-        device: of both ends.
+        device: of both ends; of the leader, where a body follows.
         compensator: of the leader's handle, a name of `hapscene.handle.compensator.COMPENSATORS`; "none" leaves it to
             the base motors.
         plant: the handle; the compensator believes in `Plant()`.
         effects, seed: as `Renderer` has them.
         axis_W: (3,) along the handle.
+        body: of a simulation, the one that follows; may be left out where it has but one.
 
     Raises:
-        HapsceneError: a start out of the device's reach, an unknown compensator, or what `Renderer` refuses.
+        HapsceneError: a start out of the device's reach, an unknown compensator, or what `Renderer` refuses; an
+            unknown body, or a simulation whose steps do not fit into a tick.
     """
 
     @old_spellings(p_WT_m="p_WT")
     def __init__(
         self,
-        scene: "Scene",
+        scene: "Scene | Simulation",
         p_WT: Sequence[float],
         *,
         coupling: Coupling | None = None,
@@ -115,10 +122,15 @@ class Operation:
         effects: "Sequence[str | Effect]" = EFFECTS,
         seed: int = 0,
         axis_W: Sequence[float] = UP,
+        body: str | None = None,
     ) -> None:
         coupling, line, device = coupling or Coupling(), line or Impairment(), simulated_device(device or "omni")
-        self.renderer = world_of(scene, effects, seed)
-        self.follower: Follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
+        self.follower: Follower | BodyFollower
+        if isinstance(scene, Scene):
+            self.renderer = world_of(scene, effects, seed)
+            self.follower = new_follower(self.renderer, device, coupling, p_WT, axis_W)
+        else:
+            self.follower = BodyFollower(scene, body, coupling, axis_W)
         handle = new_handle(plant or Plant(), Plant(), compensator, ACCELERATION_RATE_HZ, seed)
         self.leader: Leader = new_leader(device, handle, coupling, p_WT, axis_W)
         forth, back = (new_link(line, TICK_S, seed, name) for name in ("forth", "back"))
@@ -126,7 +138,7 @@ class Operation:
         self._ticks = 0
 
     def __repr__(self) -> str:
-        return f"<Operation: {self.renderer!r}>"
+        return f"<Operation: {self.follower if isinstance(self.follower, BodyFollower) else self.renderer!r}>"
 
     def run(self, intent: Intent) -> Operated:
         """Live through an intention of the leader's hand, a tick for each of its rows; goes on from the last one."""
@@ -134,7 +146,10 @@ class Operation:
         happened = records(n, HAPPENED)
         samples = [np.zeros((n, SAMPLE_COUNT)) for _ in range(3)]
         hand = (intent.target_W_m, intent.grip, intent.push_W_N)
-        operate(self.leader, self.follower, self.line, self._ticks, *hand, happened, *samples)
+        if isinstance(self.follower, BodyFollower):
+            self._operate(self.follower, hand, happened, samples)
+        else:
+            operate(self.leader, self.follower, self.line, self._ticks, *hand, happened, *samples)
         t_s = np.asarray((self._ticks + np.arange(n)) * TICK_S, np.float64)
         self._ticks += n
         column: dict[str, Any] = {name: np.ascontiguousarray(happened[name]) for name in HAPPENED.names or ()}
@@ -151,6 +166,22 @@ class Operation:
             work_J=leader_J + follower_J,
         )
 
+    def _operate(
+        self, follower: BodyFollower, hand: tuple[Array, Array, Array], happened: Any, samples: list[Array]
+    ) -> None:
+        """`bilateral_loop.operate`, where the follower is no compiled code."""
+        leader = self.leader
+        for k, row in enumerate(happened):
+            now = self._ticks + k
+            begin_tick(leader, follower.end, self.line, now, *hand, k)
+            row.leader_W_m, row.follower_W_m = find_tip(leader.arm), follower.p_W_m
+            row.f_follower_W_N = follower.follow(now)
+            row.f_leader_W_N = end_tick(leader, follower.told, self.line, now)
+            row.f_contact_W_N = follower.contact()
+            row.touching = np.abs(row.f_contact_W_N).max() > 0.0
+            for sample, read in zip(samples, (follower.read_m_s2, leader.tip_m_s2, leader.handle_m_s2), strict=True):
+                sample[k] = read
+
     @property
     def latency_s(self) -> float:
         """From a sample at the follower to the same at the handle, as the line is at present: a tick until it is sent,
@@ -160,7 +191,7 @@ class Operation:
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ
 
 
-def world_of(scene: "Scene", effects: "Sequence[str | Effect]" = EFFECTS, seed: int = 0) -> Renderer:
+def world_of(scene: Scene, effects: "Sequence[str | Effect]" = EFFECTS, seed: int = 0) -> Renderer:
     """The scene as a world that a follower's tool meets: a tick for each sample of the accelerometer."""
     return Renderer(scene, effects, seed=seed, tick_s=1.0 / ACCELERATION_RATE_HZ, a_rate_Hz=ACCELERATION_RATE_HZ)
 

@@ -59,6 +59,7 @@ def _add_rest(sheet: Sheet) -> None:
     sheet.add_spread("empty 1 kHz loop", "late", [50.0], "µs")
     sheet.add("start", "import hapscene", 0.004, "s")
     sheet.add("start", "sphere 82 k, load to first tick", 3.5, "s")
+    sheet.add("start", "sphere 1.31 M, load to first tick", 2.5, "s")
     for angle_deg in ANGLES_DEG:
         for steps in STEPS:
             sheet.add(f"groove {angle_deg:g}°", f"{steps} projections time", 5.0 * steps, "ns")

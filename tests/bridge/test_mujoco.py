@@ -144,6 +144,9 @@ def test_all_geoms_of_a_body_are_one_body_and_swatches_go_by_name() -> None:
     assert scene.paint("cart", swatches["default"], "bed") == 12
     whole = hapscene.bridge.MuJoCo(model, data, visual=True).scene.body("cart")
     assert len(whole.mesh.faces) == len(cart.mesh.faces) + 12
+    for one, name in (("wood", "wood"), (swatches["handle"], "cork")):
+        alike = hapscene.bridge.MuJoCo(model, data, one).scene
+        assert {alike.swatches[i].name for body in alike.bodies for i in body.face_swatch} == {name}
     with pytest.raises(hapscene.HapsceneError, match=r"no geom, material or body 'craet'; there are: .*cart"):
         hapscene.bridge.MuJoCo(model, data, {"craet": "wood"})
 
@@ -278,6 +281,16 @@ def test_a_hinged_door_gives_way_as_its_joint_has_it() -> None:
     assert data.qvel[0] > 0.1
 
 
+def test_what_touches_a_body_is_told_by_its_force() -> None:
+    model, data = crates(1e-3, -9.81)
+    data.qpos[7:10] = (0.0, 0.0, 0.15)  # the second on the crate, which so is of both sides
+    bridge = hapscene.bridge.MuJoCo(model, data)
+    for _ in range(500):
+        bridge.advance(np.zeros((2, 6)))
+    for body, mass_kg in ((0, 0.2), (1, 0.3)):
+        assert bridge.contact(body) == pytest.approx([0.0, 0.0, 9.81 * mass_kg], abs=1e-3)
+
+
 def test_a_mass_too_light_is_told_by_its_name() -> None:
     model, data = compiled(CRATE.format(step_s=1 / 60, gravity=0, height=1.0).replace('mass=".2"', 'mass=".02"'))
     bridge = hapscene.bridge.MuJoCo(model, data, {"default": soft()})
@@ -285,6 +298,41 @@ def test_a_mass_too_light_is_told_by_its_name() -> None:
     with pytest.warns(hapscene.bridge.ChatterWarning, match=r"body 'crate' .* as a mass of 20 g, and steps of 16.7 ms"):
         bridge.step(renderer, (-0.06, 0.0, 1.0))
         bridge.step(renderer, (-0.045, 0.0, 1.0))
+
+
+FIELD = '<mujoco><asset><hfield name="a" nrow="{0}" ncol="{0}" size="1 1 1 1"/></asset></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (FIELD.format(2**31 - 1), "MuJoCo (failed on it|says)"),  # which crashes MuJoCo 4.0
+        ('<mujoco><size nuser_geom="2147483647"/><worldbody><geom size="1"/></worldbody></mujoco>', "MuJoCo says"),
+        ('<mujoco><include file="gone.xml"/></mujoco>', "MuJoCo says .*gone"),
+        (None, "cannot be read: No such file"),
+    ],
+)
+def test_a_strangers_model_that_ends_mujoco_is_one_error(tmp_path: Path, text: str | None, says: str) -> None:
+    path = tmp_path / "their model.xml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(hapscene.HapsceneError, match=f"their model.xml: {says}"):
+        hapscene.bridge.load_mujoco(path)
+
+
+def test_a_model_is_the_same_from_its_file_with_what_it_includes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trimesh.creation.icosphere(1, 0.05).export(tmp_path / "ball.stl")
+    (tmp_path / "inner.xml").write_text('<mujoco><asset><mesh name="m" file="ball.stl"/></asset></mujoco>')
+    body = '<body name="b"><freejoint/><geom type="mesh" mesh="m"/></body>'
+    (tmp_path / "outer.xml").write_text(f'<mujoco><include file="inner.xml"/><worldbody>{body}</worldbody></mujoco>')
+    monkeypatch.chdir(tmp_path.parent)
+    bridge = hapscene.bridge.load_mujoco(f"{tmp_path.name}/outer.xml")
+    direct = mujoco.MjModel.from_xml_path(str(tmp_path / "outer.xml"))
+    assert bridge.names == ("b",)
+    for name in ("mesh_vert", "mesh_face", "geom_pos", "geom_quat", "body_inertia", "names"):
+        assert np.array_equal(getattr(bridge.model, name), getattr(direct, name)), name
 
 
 def test_a_model_is_touched_from_the_command_line(
@@ -306,4 +354,8 @@ def test_a_model_is_touched_from_the_command_line(
     Path("empty.xml").write_text("<mujoco/>")
     assert main(["touch", "empty.xml"]) == 2
     said = capsys.readouterr().err
-    assert "leave --unit out" in said and "bad.xml: MuJoCo says" in said and "no geom to touch" in said
+    assert (
+        "leave --unit out" in said
+        and "bad.xml: MuJoCo says" in said
+        and "empty.xml: the model has no geom to touch" in said
+    )

@@ -359,6 +359,14 @@ def test_what_follows_the_faces_of_a_binary_stl_is_left(tmp_path, header):
     assert more.digest == whole.digest and len(more.faces) == 320
 
 
+def test_a_binary_stl_is_what_trimesh_reads(tmp_path):
+    (tmp_path / "ball.stl").write_bytes(ball("stl"))
+    mesh, read = load_mesh(tmp_path / "ball.stl", "m"), trimesh.load_mesh(tmp_path / "ball.stl", process=False)
+    np.testing.assert_array_equal(mesh.vertices_m, read.vertices)
+    np.testing.assert_array_equal(mesh.faces, read.faces)
+    assert (mesh.group_names, mesh.colour_rgb, mesh.group.any()) == (("default",), None, False)
+
+
 def test_a_binary_stl_that_says_it_has_no_faces_is_told(tmp_path):
     (tmp_path / "ball.stl").write_bytes(bytes(84) + ball("stl")[84:])
     with pytest.raises(MeshError, match=r"ball\.stl: its binary header says 0 faces, and 16,000 bytes follow"):

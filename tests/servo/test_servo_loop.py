@@ -173,28 +173,14 @@ def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
 
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> None:
-    channel = desk._channel.channel[0]
+    channel, cube = desk._channel.channel[0], make_cube()
+    painting = cube.swatches, [body.face_swatch for body in cube.bodies]
     assert not desk.rest()
-    desk.repaint(make_cube())
+    desk.repaint(*painting)
     assert not desk.rest() and channel.done == 0
-    desk.start((0.0, 0.0, 0.05))
-    desk.repaint(make_cube())
+    desk.start([(0.0, 0.0, 0.05)])
+    desk.repaint(*painting)
     assert desk.rest() and not desk.rest() and channel.pause == 1
-
-
-def test_both_see_the_same_memory_and_its_parts_do_not_overlap() -> None:
-    ours = open_channel(3, 10)
-    theirs = open_channel(3, 10, ours.memory.name)
-    names = ("channel", "rows", "felt", "a_m_s2", "a_handle_m_s2")
-    assert not any(getattr(theirs, name).view(np.uint8).any() for name in names)
-    for k, name in enumerate(names, 1):
-        getattr(ours, name).view(np.uint8)[...] = k
-    for k, name in enumerate(names, 1):
-        assert (getattr(theirs, name).view(np.uint8) == k).all(), name
-    assert theirs.rows.shape == theirs.felt.shape == (3,)
-    assert theirs.a_m_s2.shape == theirs.a_handle_m_s2.shape == (3, 10)
-    theirs.close(unlink=False)
-    ours.close(unlink=True)
 
 
 # What the system grants is told, and to the asking thread alone.

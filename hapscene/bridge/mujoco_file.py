@@ -1,0 +1,63 @@
+"""Files of MuJoCo's models, which may be anybody's: compiled by MuJoCo in a process of its own (`hapscene.confined`).
+
+On a height field of 2³¹ rows it crashes, and `<replicate count="1000000000">` never ends. The process imports this
+file, so it stands alone, with little to import.
+"""
+
+import importlib.util
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.confined import confined
+from hapscene.errors import FormatError, SceneError
+from hapscene.files import refusing
+
+MEMORY_MAX_B: Final = 4_000_000_000
+"""Most memory that MuJoCo may take to compile a file, and its model [bytes]: meshes are in other files."""
+
+TIME_MAX_S: Final = 30.0
+"""Longest time that it may take [s]: most take less than one."""
+
+
+def load_model(path: str | os.PathLike[str]) -> Any:
+    """A `mujoco.MjModel` from its MJCF or URDF file.
+
+    Raises:
+        SceneError: MuJoCo is not installed, or does not take the file.
+    """
+    where = os.fspath(path)
+    check_installed(f"{where}: ")
+    import mujoco
+
+    limits: Any = {"memory_B": MEMORY_MAX_B, "output_B": MEMORY_MAX_B, "time_s": TIME_MAX_S, "imports": ["mujoco"]}
+    with refusing(SceneError, where):
+        try:
+            with Path(path).open("rb") as file:
+                made = confined(compile_model, file, where, by="MuJoCo", **limits).arrays["model"]
+        except OSError as error:
+            raise SceneError(f"cannot be read: {error.strerror}") from None
+    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": made.tobytes()})
+
+
+def compile_model(file: BinaryIO, path: str) -> Mapping[str, NDArray[Any]]:
+    """In the process: a model as MuJoCo's own binary format; its file names others by its own folder."""
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_path(path)
+    except (ValueError, RuntimeError) as error:
+        raise FormatError(f"MuJoCo says {' '.join(str(error).split())!r}") from None
+    made = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, made)
+    return {"model": made}
+
+
+def check_installed(where: str) -> None:
+    """Raise a `SceneError` where MuJoCo is not."""
+    if importlib.util.find_spec("mujoco") is None:
+        raise SceneError(f"{where}models of MuJoCo need one more package: pip install 'hapscene[mujoco]'")

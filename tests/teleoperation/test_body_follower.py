@@ -1,0 +1,103 @@
+"""A follower that is a body of a simulation of some lines: what is felt of it, what it reads, what does not fit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hapscene.device.hand import Grip
+from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError
+from hapscene.surface.swatch import Swatch
+from hapscene.teleoperation.endpoint import Coupling
+from hapscene.teleoperation.link import Impairment
+from hapscene.teleoperation.operation import Operated, Operation
+from hapscene.teleoperation.test_plate import plate
+from hapscene.twin.hand_intent import Intent
+from hapscene_experiments.delay_study import WALL_N_M, predict_stiffness
+
+Array = NDArray[np.float64]
+
+MASS_KG, DAMPING_NS_M = 0.045, 0.1
+START_M = (0.0, 0.0, 0.002)
+
+
+class Wall:
+    """A point mass `tip`, beside a body that stands still; below z = 0 an elastic wall."""
+
+    names = ("post", "tip")
+
+    def __init__(self, step_s: float) -> None:
+        self.step_s, self.p_m, self.v_m_s = step_s, np.array(START_M), np.zeros(3)
+
+    def read(self, X_WB: Array) -> None:
+        X_WB[:] = np.eye(4)
+        X_WB[1, :3, 3] = self.p_m
+
+    def mobility(self, body: int) -> Array:
+        raise NotImplementedError  # which a follower is not asked for
+
+    def contact(self, body: int) -> Array:
+        return np.array([0.0, 0.0, WALL_N_M * max(-self.p_m[2], 0.0)])
+
+    def advance(self, wrench_W: Array) -> None:
+        assert not wrench_W[0].any() and not wrench_W[1, 3:].any()
+        f_N = wrench_W[1, :3] + self.contact(1) - DAMPING_NS_M * self.v_m_s
+        self.v_m_s = self.v_m_s + f_N / MASS_KG * self.step_s
+        self.p_m = self.p_m + self.v_m_s * self.step_s
+
+
+def operated(scene: Any, intent: Intent, line: Impairment | None = None) -> Operated:
+    body = "tip" if isinstance(scene, Wall) else None
+    bare: dict[str, Any] = {"device": PointMass(MASS_KG, DAMPING_NS_M), "compensator": "none", "effects": ("wall",)}
+    return Operation(scene, START_M, coupling=Coupling(allowance_J=1.0), line=line, body=body, **bare).run(intent)
+
+
+def test_it_is_felt_as_a_follower_on_a_scene_is() -> None:
+    """The same mass at the same wall: down, press, along, up."""
+    t = np.linspace(0.0, 1.0, 2000)[:, None]
+    intent = Intent.along(
+        np.array(START_M) + t * [0.01, 0.0, 0.0] - 0.008 * np.sin(np.pi * t) * [0.0, 0.0, 1.0], "firm"
+    )
+    swatch = Swatch("wall", stiffness_N_m=WALL_N_M)
+    ours, theirs = operated(Wall(1e-4), intent, Impairment(0.003)), operated(plate(swatch), intent, Impairment(0.003))
+    assert theirs.f_leader_W_N[:, 2].max() > 0.5
+    assert np.abs(ours.f_leader_W_N - theirs.f_leader_W_N).max() < 0.02
+    assert np.abs(ours.follower_W_m - theirs.follower_W_m).max() < 5e-5
+    assert np.abs(ours.f_contact_W_N - theirs.f_contact_W_N).max() < 0.05
+    assert np.mean(ours.touching == theirs.touching) > 0.99
+    heard = [o.a_follower_m_s2.ravel() for o in (ours, theirs)]
+    assert np.corrcoef(heard)[0, 1] > 0.99 and ours.latency_s == theirs.latency_s
+
+
+@pytest.mark.parametrize("step_s", [1e-4, 1e-3])
+def test_the_stiffness_felt_is_that_of_springs_in_a_row(step_s: float) -> None:
+    """1/K = 1/K_wall + 1/K_c, without a delay but that of the line's own tick."""
+    rest = [Intent.hold(START_M, 4000, Grip(0.0, 2.0), push_W_N=(0.0, 0.0, push_N)) for push_N in (-0.5, -1.0)]
+    felt = operated(Wall(step_s), rest[0].then(rest[1]))
+    light, firm = felt.leader_W_m[3999, 2], felt.leader_W_m[-1, 2]
+    assert 0.5 / (light - firm) == pytest.approx(predict_stiffness(1e-3), rel=2e-3)
+    assert felt.f_leader_W_N[-1, 2] == pytest.approx(1.0, rel=1e-3)
+    assert felt.f_contact_W_N[-1, 2] == pytest.approx(1.0, rel=1e-3)
+
+
+def test_what_a_simulation_does_not_say_of_contact_is_not_made_up() -> None:
+    class Mute(Wall):
+        names, contact = ("post", "tip"), None  # type: ignore[assignment]
+
+        def advance(self, wrench_W: Array) -> None:
+            self.p_m = self.p_m + 1e-6
+
+    felt = operated(Mute(1e-3), Intent.hold(START_M, 5))
+    assert np.isnan(felt.f_contact_W_N).all() and not felt.touching.any()
+
+
+def test_what_does_not_fit_is_said() -> None:
+    for step_s in (2e-3, 4e-4):
+        with pytest.raises(HapsceneError, match=r"steps of .* ms do not fit: choose 1 ms, or a half"):
+            Operation(Wall(step_s), START_M, body="tip")
+    with pytest.raises(HapsceneError, match="no moving body 'tap'; there are: post, tip"):
+        Operation(Wall(1e-3), START_M, body="tap")
+    with pytest.raises(HapsceneError, match="say body=…, one of: post, tip"):
+        Operation(Wall(1e-3), START_M)
