@@ -5,6 +5,7 @@ listened at, are let in. What is no browser says no Origin.
 """
 
 import contextlib
+import importlib.util
 import json
 import logging
 import re
@@ -46,10 +47,10 @@ class WebDoor:
     """
 
     def __init__(self, server: BridgeServer, host: str, port: int) -> None:
-        try:
-            from websockets.sync.server import serve
-        except ImportError:
-            raise HapsceneError("--ws needs one more package: pip install 'hapscene[serve]'") from None
+        if importlib.util.find_spec("websockets") is None:
+            raise HapsceneError("--ws needs one more package: pip install 'hapscene[serve]'")
+        from websockets.sync.server import serve
+
         log = logging.getLogger(__name__)  # what strangers do wrong is counted, not told
         log.addHandler(logging.NullHandler())
         log.propagate = False
