@@ -17,6 +17,7 @@ WORDS = {
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
     "mujoco": "touch box.xml --no-picture",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
+    "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
 """A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`."""

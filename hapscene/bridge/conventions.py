@@ -51,8 +51,8 @@ class Convention:
         return float(np.sign(np.linalg.det(self.C)))
 
     def place(self, p: ArrayLike) -> NDArray[np.float64]:
-        """(3,) in W [m]; also velocities."""
-        return self.metre * (self.C @ np.asarray(p, np.float64))
+        """(3,) in W [m], or (n, 3); also velocities."""
+        return self.metre * (np.asarray(p, np.float64) @ self.C.T)
 
     def turning(self, w: ArrayLike) -> NDArray[np.float64]:
         """(3,) of what turns: angular velocities, angular impulses."""

@@ -127,7 +127,7 @@ def pack_json(content: dict[str, Any]) -> bytes:
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-def unpack_json(payload: bytes) -> dict[str, Any]:
+def unpack_json(payload: bytes | str) -> dict[str, Any]:
     """An object.
 
     Raises:
@@ -140,16 +140,6 @@ def unpack_json(payload: bytes) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise PacketError("expected a JSON object")
     return content
-
-
-def pack_frame(frame: Frame) -> bytes:
-    aim = frame.aim or (0.0, 0.0, 0.0)
-    parts = [_AIM.pack(frame.aim is not None, len(frame.bodies), 0, frame.event_count, *aim)]
-    for body in frame.bodies:
-        bits = body.teleport | 2 * (body.v is not None)
-        v, w = body.v or (0.0,) * 3, body.w or (0.0,) * 3
-        parts.append(_BODY.pack(body.body, bits, 0, *body.p, *body.q, *v, *w, *body.seen))
-    return b"".join(parts)
 
 
 def unpack_frame(payload: bytes) -> Frame:
@@ -178,23 +168,3 @@ def pack_state(state: State) -> bytes:
     parts += [_IMPULSE.pack(body, 0, 0, *impulse) for body, impulse in state.impulses]
     parts += [_EVENT.pack(e.tick, e.kind, 0, e.body, e.swatch, 0, e.approach) for e in state.events]
     return b"".join(parts)
-
-
-def unpack_state(payload: bytes) -> State:
-    """A state.
-
-    Raises:
-        PacketError: its length is not that of what it counts.
-    """
-    if len(payload) < _STATE.size:
-        raise PacketError("a state that is cut short")
-    tick, age_s, *n = _STATE.unpack_from(payload)
-    tool, proxy, normal, force = (tuple(n[i : i + 3]) for i in (0, 3, 6, 9))
-    depth, slip, body, face, swatch, flags, first_event, event_count, body_count = n[12:]
-    at = _STATE.size + body_count * _IMPULSE.size
-    if len(payload) != at + event_count * _EVENT.size:
-        raise PacketError("a state of another length than it says")
-    impulses = [(index, tuple(J)) for index, _, _, *J in _IMPULSE.iter_unpack(payload[_STATE.size : at])]
-    events = [Event(t, kind, on, of, v) for t, kind, _, on, of, _, v in _EVENT.iter_unpack(payload[at:])]
-    contact = (depth, slip, body, face, swatch, flags, first_event)
-    return State(tick, age_s, tool, proxy, normal, force, *contact, tuple(impulses), tuple(events))

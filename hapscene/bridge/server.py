@@ -4,14 +4,16 @@ import secrets
 import select
 import socket
 import time
-from collections import Counter, deque
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.bridge.conventions import Convention
+from hapscene.bridge.orders import Orders
 from hapscene.bridge.packets import (
     ANSWER,
     BYE,
@@ -36,11 +38,8 @@ from hapscene.bridge.packets import (
     unpack_frame,
     unpack_json,
 )
-from hapscene.constants import DEFAULT_GRIP
 from hapscene.contact_info import Impulse
 from hapscene.errors import HapsceneError
-from hapscene.geometry import numbers
-from hapscene.servo.servo import Servo
 
 SILENT_S: Final = 2.0
 """How long a client may be silent before another one may come [s]."""
@@ -49,7 +48,7 @@ EVENT_COUNT: Final = 4096
 """Events that wait for a client to get them [count]; of more the oldest are lost, which their numbers tell."""
 
 ANSWER_COUNT: Final = 64
-"""Answers that are kept for orders that come again [count]."""
+"""Answers that are kept for orders that come again, and orders that wait [count]."""
 
 NAP_S: Final = 0.2
 """How often it is looked whether to end [s]."""
@@ -59,7 +58,8 @@ FLOOD: Final = 1000
 
 KINDS: Final = {"began": 1, "crossed": 2, "ended": 3}
 
-Address = tuple[str, int]
+Answer = bytes | Future[bytes] | None
+"""What goes back: at once, when an order is done, or nothing."""
 
 
 class _Session(NamedTuple):
@@ -67,11 +67,12 @@ class _Session(NamedTuple):
 
     key: int
     nonce: Any
-    address: Address
+    address: Hashable
     frame: Convention
     welcome: bytes
     events: deque[Event]
-    answers: dict[int, bytes]
+    answers: dict[int, bytes | None]  # None: it is not done yet
+    known: list[int]  # how many bodies and swatches it has been told of
 
 
 class BridgeServer:
@@ -80,23 +81,19 @@ class BridgeServer:
     Whatever is no packet, is of another session, or came before, changes nothing and is counted.
 
     Args:
-        servo: entered.
-        body_names, swatch_names: of its scene.
+        orders: of a servo, which is entered before the first packet is answered.
         host, port: where to listen; port 0 for any that is free.
 
     Attributes:
         address: where it listens.
-        counts: packets by what became of them.
 
     Raises:
         HapsceneError: the port is taken, the host not ours; more names than a packet takes.
     """
 
-    def __init__(
-        self, servo: Servo, body_names: tuple[str, ...], swatch_names: tuple[str, ...], host: str, port: int
-    ) -> None:
-        self.servo, self.body_names, self.swatch_names = servo, body_names, swatch_names
-        self.counts: Counter[str] = Counter()
+    def __init__(self, orders: Orders, host: str, port: int) -> None:
+        self.orders, self.servo, self.counts = orders, orders.servo, orders.counts
+        self._welcome(0, 0)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
@@ -105,29 +102,26 @@ class BridgeServer:
             another = f"cannot listen at {host}:{port}: {error.strerror}; say another --udp port or --host"
             raise HapsceneError(another) from None
         self._socket.setblocking(False)
-        self._welcome = pack_json(
-            {"version": VERSION, "bodies": body_names, "swatches": swatch_names, "tick_s": servo.tick_s}
-        )
-        try:
-            pack(Packet(WELCOME, 0, 0, self._welcome))
-        except PacketError:
-            self._socket.close()
-            raise HapsceneError(
-                f"the names of {len(body_names):,} bodies and {len(swatch_names):,} swatches take "
-                f"{len(self._welcome):,} bytes, and a packet holds {SIZE_MAX:,}; give them shorter names"
-            ) from None
-        self.address: Address = self._socket.getsockname()
+        self.address: tuple[str, int] = self._socket.getsockname()
         self._session: _Session | None = None
-        self._freed: set[str] = set()
         self._forget()
+
+    def _welcome(self, key: int, sequence: int) -> bytes:
+        payload = pack_json(self.orders.welcome())
+        try:
+            return pack(Packet(WELCOME, key, sequence, payload))
+        except PacketError:
+            scene = self.servo.scene
+            raise HapsceneError(
+                f"the names of {len(scene.bodies):,} bodies and {len(scene.swatches):,} swatches take "
+                f"{len(payload):,} bytes, and a packet holds {SIZE_MAX:,}; give them shorter names"
+            ) from None
 
     def _forget(self) -> None:
         """Nothing is known of a client yet."""
         self._heard_s = 0.0
         self._last = self._last_order = self._first_event = 0
         self._events_from = 0
-        self._grip = DEFAULT_GRIP
-        self._before = np.zeros((len(self.body_names), 6))
 
     def __enter__(self) -> "BridgeServer":
         return self
@@ -136,10 +130,16 @@ class BridgeServer:
         self._socket.close()
 
     def serve(self, over: Callable[[], bool]) -> None:
-        """Answer until it is over."""
+        """Answer until it is over.
+
+        Raises:
+            HapsceneError: the servo has ended.
+        """
         while not over():
             if select.select([self._socket], [], [], NAP_S)[0]:
                 self.answer_all()
+            else:
+                self.servo.state()  # raises where it has ended
 
     def answer_all(self) -> None:
         """Answer all that has come; of a flood, some at a time."""
@@ -150,18 +150,32 @@ class BridgeServer:
                 return
             except OSError:  # an answer that could not be delivered is told here, on some systems
                 continue
+            answer = self.answer(data, address)
+            if isinstance(answer, Future):
+                answer.add_done_callback(partial(self._send_done, address))
+            elif answer is not None:
+                self._send(address, answer)
+
+    def _send_done(self, address: tuple[str, int], done: Future[bytes]) -> None:
+        if not done.cancelled():
+            self._send(address, done.result())
+
+    def _send(self, address: tuple[str, int], answer: bytes) -> None:
+        try:
+            self._socket.sendto(answer, address)
+        except OSError:
+            self.counts["unsent"] += 1
+
+    def answer(self, data: bytes, address: Hashable) -> Answer:
+        """What goes back for a packet from anywhere, also from another thread."""
+        with self.orders.moment:
             try:
-                answer = self._answer(unpack(data), address)
+                return self._answer(unpack(data), address)
             except PacketError:
                 self.counts["bad"] += 1
-                continue
-            if answer is not None:
-                try:
-                    self._socket.sendto(answer, address)
-                except OSError:
-                    self.counts["unsent"] += 1
+                return None
 
-    def _answer(self, packet: Packet, address: Address) -> bytes | None:
+    def _answer(self, packet: Packet, address: Hashable) -> Answer:
         """What is sent back.
 
         Raises:
@@ -172,7 +186,7 @@ class BridgeServer:
         session = self._session
         if session is None or (packet.key, address) != (session.key, session.address):
             self.counts["forged"] += 1
-            return None
+            return self._refuse(packet, "no such session") if packet.kind in (FRAME, ORDER) else None
         self._heard_s = time.monotonic()
         if packet.kind == FRAME:
             return self._take_frame(session, packet)
@@ -184,7 +198,7 @@ class BridgeServer:
             return None
         raise PacketError("a kind that servers send")
 
-    def _greet(self, packet: Packet, address: Address) -> bytes:
+    def _greet(self, packet: Packet, address: Hashable) -> bytes:
         hello = unpack_json(packet.payload)
         session = self._session
         if session is not None and (session.nonce, session.address) == (hello.get("nonce"), address):
@@ -194,26 +208,20 @@ class BridgeServer:
             return self._refuse(packet, "another client is here")
         if hello.get("version") != VERSION:
             return self._refuse(packet, f"version {VERSION} is spoken here")
-        try:
-            frame = Convention.of(hello)
-        except PacketError as error:
-            return self._refuse(packet, str(error))
         key = secrets.randbits(64) or 1
-        welcome = pack(Packet(WELCOME, key, packet.sequence, self._welcome))
+        try:
+            frame, welcome = Convention.of(hello), self._welcome(key, packet.sequence)
+        except HapsceneError as error:
+            return self._refuse(packet, str(error))
         self._forget()
         self._events_from = self.servo.state().tick + 1
-        self._before = -self._given()  # totals are of the session
-        for name in self._freed:
-            self.servo.free(name, np.inf, inertia_B_kg_m2=(1.0, 1.0, 1.0))
-        self._freed.clear()
-        self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {})
+        self.orders.before[:] = -self.orders.given()  # totals are of the session
+        self.orders.fix_all()
+        known = [len(self.servo.scene.bodies), len(self.servo.scene.swatches)]
+        self._session = _Session(key, hello.get("nonce"), address, frame, welcome, deque(maxlen=EVENT_COUNT), {}, known)
         self._heard_s = time.monotonic()
         self.counts["hello"] += 1
         return welcome
-
-    def _given(self) -> NDArray[np.float64]:
-        """What the tool has given the bodies since the servo started (b, 6)."""
-        return np.array([np.concatenate(self.servo.impulse(name)) for name in self.body_names])
 
     @staticmethod
     def _refuse(packet: Packet, why: str) -> bytes:
@@ -224,7 +232,7 @@ class BridgeServer:
     def _take_frame(self, session: _Session, packet: Packet) -> bytes | None:
         """Move what moves; tell the newest tick."""
         frame = unpack_frame(packet.payload)
-        if any(body.body >= len(self.body_names) for body in frame.bodies):
+        if any(body.body >= len(self.servo.scene.bodies) for body in frame.bodies):
             raise PacketError("no such body")
         if packet.sequence <= self._last:
             self.counts["replayed"] += 1
@@ -235,19 +243,23 @@ class BridgeServer:
             self._move(session.frame, body)
         if frame.aim is not None:
             try:
-                self.servo.aim(session.frame.place(frame.aim), self._grip)
+                self.servo.aim(session.frame.place(frame.aim), self.orders.grip)
             except HapsceneError:
                 self.counts["bad"] += 1
         return pack(Packet(STATE, session.key, packet.sequence, pack_state(self._state(session, frame))))
 
     def _move(self, frame: Convention, body: Any) -> None:
-        seen, before = np.array(body.seen), self._before[body.body]
+        name = self.orders.names.get(body.body)
+        if name is None:
+            self.counts["removed"] += 1
+            return
+        seen, before = np.array(body.seen), self.orders.before[body.body]
         moving = {}
         if body.v is not None:
             moving = {"v_W_m_s": frame.place(body.v), "w_W_rad_s": frame.turning(body.w)}
         try:
             self.servo.move(
-                self.body_names[body.body],
+                name,
                 frame.pose(body.p, body.q),
                 seen=Impulse(frame.force(seen[:3]) - before[:3], frame.turning(seen[3:]) - before[3:]),
                 teleport=body.teleport,
@@ -262,9 +274,11 @@ class BridgeServer:
         to, state = session.frame, self.servo.state()
         found, self._events_from = self.servo.events(self._events_from)
         for event in found:
+            index, swatch = _place(self.servo.scene.bodies, event.body), _place(self.servo.scene.swatches, event.swatch)
+            if index >= session.known[0] or swatch >= session.known[1]:
+                continue  # clients look their numbers up
             if len(session.events) == EVENT_COUNT:
                 self._first_event += 1
-            index, swatch = self.body_names.index(event.body), self.swatch_names.index(event.swatch)
             speed = event.approach_m_s / to.metre
             session.events.append(Event(event.tick, KINDS[event.kind], index, swatch, speed))
         while session.events and self._first_event < frame.event_count:
@@ -272,7 +286,7 @@ class BridgeServer:
             self._first_event += 1
         impulses = []
         for body in frame.bodies:
-            total = np.concatenate(self.servo.impulse(self.body_names[body.body])) + self._before[body.body]
+            total = self.orders.total(body.body)
             linear, angular = total[:3], total[3:]
             impulses.append((body.body, (*to.told_force(linear), *to.told_turning(angular))))
         return State(
@@ -295,48 +309,37 @@ class BridgeServer:
 
     # --- orders
 
-    def _take_order(self, session: _Session, packet: Packet) -> bytes | None:
-        """Do what is asked once, however often it comes."""
+    def _take_order(self, session: _Session, packet: Packet) -> Answer:
+        """Have what is asked be done once, however often it comes."""
         if packet.sequence in session.answers:
             return session.answers[packet.sequence]
         if packet.sequence <= self._last_order:
             self.counts["replayed"] += 1
             return None
-        order = unpack_json(packet.payload)
-        try:
-            told = self._do(session.frame, order)
-        except HapsceneError as error:
-            if not self.servo.alive:
-                raise
-            told = {"error": f"{error!s:.1000}"}
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            told = {"error": f"order {order.get('order')!r:.40} lacks something, or has it wrong: {error!s:.100}"}
+        if list(session.answers.values()).count(None) == ANSWER_COUNT:
+            return None  # it comes again
         self._last_order = packet.sequence
-        self.counts["orders"] += 1
-        answer = pack(Packet(ANSWER, session.key, packet.sequence, pack_json(told)))
-        session.answers[packet.sequence] = answer
-        if len(session.answers) > ANSWER_COUNT:
-            del session.answers[min(session.answers)]
-        return answer
+        session.answers[packet.sequence] = None
 
-    def _do(self, frame: Convention, order: dict[str, Any]) -> dict[str, Any]:
-        name = order["order"]
-        if name == "start":
-            grip, given = str(order.get("grip", DEFAULT_GRIP)), self._given()
-            self.servo.start(frame.place(order["p"]), grip)
-            self._grip = grip
-            self._before += given  # the servo begins at 0 again, the session's totals go on
-        elif name in ("pause", "resume"):
-            getattr(self.servo, name)()
-        elif name == "tune":
-            self.servo.tune(str(order["swatch"]), **{str(k): float(v) for k, v in order["numbers"].items()})
-        elif name == "free":
-            mass_kg, com = float(order["mass"]), frame.place(order.get("com", (0.0, 0.0, 0.0)))
-            inertia = frame.inertia(numbers(order["inertia"]))
-            self.servo.free(str(order["body"]), mass_kg, inertia_B_kg_m2=inertia, com_B_m=com)
-            self._freed.add(str(order["body"]))
-        elif name == "counts":
-            return {"done": name, "counts": dict(self.counts)}
-        else:
-            raise HapsceneError(f"no order {name!r:.40}; there are: start, pause, resume, tune, free, counts")
-        return {"done": name}
+        def tell(told: dict[str, Any]) -> bytes:
+            if told.get("done") == "bodies":
+                session.known[:] = len(told["bodies"]), len(told["swatches"])
+            answer = session.answers[packet.sequence] = _pack_answer(session.key, packet.sequence, told)
+            if len(session.answers) > ANSWER_COUNT:
+                del session.answers[min(session.answers)]
+            return answer
+
+        return self.orders.submit(session.frame, lambda: unpack_json(packet.payload), tell)
+
+
+def _pack_answer(key: int, sequence: int, told: dict[str, Any]) -> bytes:
+    try:
+        return pack(Packet(ANSWER, key, sequence, pack_json(told)))
+    except PacketError:
+        why = f"the answer is longer than a packet of {SIZE_MAX:,} bytes; ask over WebSocket"
+        return pack(Packet(ANSWER, key, sequence, pack_json({"error": why})))
+
+
+def _place(parts: Sequence[Any], name: str) -> int:
+    """The number of the last that has a name: of two that were removed under the same one, the later."""
+    return next((k for k in range(len(parts) - 1, -1, -1) if parts[k].name == name), 0xFFFF)

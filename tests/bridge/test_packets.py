@@ -19,13 +19,13 @@ from hapscene.bridge.packets import (
     PacketError,
     State,
     pack,
-    pack_frame,
     pack_state,
     unpack,
     unpack_frame,
     unpack_json,
-    unpack_state,
 )
+
+from .client_packets import pack_frame, unpack_state
 
 NUMBER = st.floats(allow_nan=False)
 

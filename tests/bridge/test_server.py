@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
 from hapscene.errors import HapsceneError
 
@@ -200,8 +201,9 @@ def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -
 
 
 def test_more_names_than_a_packet_holds_are_refused_before_anybody_comes() -> None:
+    scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
     with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
-        BridgeServer(SimpleNamespace(tick_s=1e-3), tuple(f"{k:040}" for k in range(1000)), (), "127.0.0.1", 0)  # type: ignore[arg-type]
+        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene)), "127.0.0.1", 0)  # type: ignore[arg-type]
 
 
 def test_it_ends_with_ctrl_c_and_says_what_came(served: Served) -> None:

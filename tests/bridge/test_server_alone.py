@@ -1,14 +1,20 @@
 """The server without sockets or a servo's process: what clients may say, and what becomes of the totals."""
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 from itertools import count
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
+import hapscene
+from hapscene.bridge.orders import Orders
 from hapscene.bridge.packets import (
     ANSWER,
+    BYE,
     FRAME,
     HELLO,
     ORDER,
@@ -17,11 +23,10 @@ from hapscene.bridge.packets import (
     Frame,
     Packet,
     State,
-    pack_frame,
+    pack,
     pack_json,
     unpack,
     unpack_json,
-    unpack_state,
 )
 from hapscene.bridge.server import FLOOD, BridgeServer
 from hapscene.contact_info import Impulse
@@ -29,6 +34,8 @@ from hapscene.device.hand import grip_named
 from hapscene.errors import SceneError
 from hapscene.flags import Flag
 from hapscene.servo.servo import ServoState
+
+from .client_packets import pack_frame, unpack_state
 
 HERE = ("127.0.0.1", 1)
 NONCES = count()
@@ -41,6 +48,8 @@ class Still:
 
     def __init__(self) -> None:
         self.total, self.seen, self.grips, self.mass_kg = np.zeros(6), np.zeros(6), ["light"], np.inf
+        self.scene = hapscene.Scene()
+        self.scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), "crate", unit="m")
 
     def impulse(self, body: str) -> Impulse:
         return Impulse(self.total[:3].copy(), self.total[3:].copy())
@@ -70,7 +79,7 @@ class Still:
 
 @pytest.fixture
 def server() -> Iterator[BridgeServer]:
-    with BridgeServer(Still(), ("crate",), ("plain",), "127.0.0.1", 0) as server:  # type: ignore[arg-type]
+    with Orders(Still()) as orders, BridgeServer(orders, "127.0.0.1", 0) as server:  # type: ignore[arg-type]
         yield server
 
 
@@ -86,6 +95,8 @@ class Talk:
     def say(self, kind: int, payload: bytes) -> Packet:
         self.sequence += 1
         answer = self.server._answer(Packet(kind, self.key, self.sequence, payload), HERE)
+        if isinstance(answer, Future):
+            answer = answer.result()
         assert answer is not None
         return unpack(answer)
 
@@ -97,6 +108,38 @@ class Talk:
     def frame(self, seen: tuple[float, ...] = (0.0,) * 6) -> State:
         body = BodyFrame(0, False, (0.0,) * 3, (0.0, 0.0, 0.0, 1.0), None, None, seen)
         return unpack_state(self.say(FRAME, pack_frame(Frame((0.0,) * 3, 0, (body,)))).payload)
+
+
+def test_who_has_no_session_is_told_and_counted(server: BridgeServer) -> None:
+    talk = Talk(server)
+    for kind, payload in ((FRAME, pack_frame(Frame(None, 0, ()))), (ORDER, b"{}")):
+        asked = Packet(kind, talk.key ^ 1, 7, payload)
+        answer = server.answer(pack(asked), HERE)
+        assert isinstance(answer, bytes) and len(answer) <= 3 * len(pack(asked))
+        assert unpack(answer) == (REFUSED, 0, 7, b'{"error":"no such session"}')
+        assert server.answer(pack(asked)[:-1] + b"?", HERE) is None
+    assert server.answer(pack(Packet(BYE, talk.key ^ 1, 7, b"")), HERE) is None
+    assert (server.counts["forged"], server.counts["bad"]) == (3, 2)
+
+
+@pytest.mark.parametrize("payload", [b"[]", b"3", b'"start"', b"{", b""])
+def test_an_order_that_is_no_object_is_answered(server: BridgeServer, payload: bytes) -> None:
+    assert "a JSON object" in Talk(server).order(payload)["error"]
+
+
+def test_a_slow_order_holds_up_no_frame_and_comes_before_the_next(server: BridgeServer) -> None:
+    servo: Any = server.servo
+    begun, going = Event(), Event()
+    servo.tune = lambda swatch, **numbers: (begun.set(), going.wait(20.0))
+    talk = Talk(server)
+    first = server._answer(Packet(ORDER, talk.key, 2, b'{"order": "tune", "swatch": "plain", "numbers": {}}'), HERE)
+    second = server._answer(Packet(ORDER, talk.key, 3, b'{"order": "counts"}'), HERE)
+    assert isinstance(first, Future) and isinstance(second, Future) and begun.wait(20.0)
+    talk.frame()
+    assert not first.done() and not second.done()
+    assert server._answer(Packet(ORDER, talk.key, 2, b"{}"), HERE) is None  # it is being done
+    going.set()
+    assert unpack_json(unpack(second.result()).payload)["done"] == "counts" and first.done()
 
 
 @pytest.mark.parametrize(

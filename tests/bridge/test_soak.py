@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from hapscene import Scene
+from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
 from hapscene.servo import Servo
 from hapscene_benchmarks.idle import IdleLoop
@@ -31,7 +32,7 @@ def test_ticks_beside_a_game_and_busy_python_are_as_late_as_an_empty_loop(tmp_pa
         while not over.is_set():
             sum(range(1000))
 
-    with Servo(scene, "omni") as servo, BridgeServer(servo, ("crate",), ("plain", "wood"), "127.0.0.1", 0) as server:
+    with Servo(scene, "omni") as servo, Orders(servo) as orders, BridgeServer(orders, "127.0.0.1", 0) as server:
         with IdleLoop() as idle:
             threads = [threading.Thread(target=server.serve, args=(over.is_set,)), threading.Thread(target=spin)]
             for thread in threads:
