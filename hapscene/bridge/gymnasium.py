@@ -28,8 +28,7 @@ def touch_env(
     """An environment in which the tool goes to a place (3,) in a box [m], straight, in `count` ticks, or steps of the
     `simulation` that moves bodies. Observed (12,): the tool [m], the force on the hand [N], the surface's normal; depth
     [m], slip [m/s], 1 where it touches: what `reward` and `terminated` are of. `restart`, given the generator, puts the
-    simulation back and says where the tool begins (3,); without it, that is anywhere in the box.
-    """
+    simulation back and says where the tool begins (3,); without it, that is anywhere in the box."""
     try:
         from gymnasium import Env, spaces
     except ImportError:
@@ -41,8 +40,8 @@ def touch_env(
 
         def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Array, dict[str, Any]]:
             super().reset(seed=seed)
-            draw, box = self.np_random, self.action_space
-            self._tool_m = np.array(restart(draw) if restart else draw.uniform(box.low, box.high), np.float64)
+            start_m = restart(self.np_random) if restart else self.np_random.uniform(low_m, high_m)
+            self._tool_m = np.array(start_m, np.float64)
             renderer.reset(self._tool_m)
             self._feel = partial(Bridge(simulation).step, renderer) if simulation else renderer.step
             return self._observed(self._feel(self._tool_m)), {}
@@ -55,7 +54,7 @@ def touch_env(
 
         def _observed(self, command: Command) -> Array:
             c = command.contact
-            felt = np.zeros(6) if c is None else np.append(c.nhat_W, (c.depth_m, c.slip_m_s, 1.0))
-            return np.concatenate((self._tool_m, command.f_W_N, felt))
+            felt = np.zeros(6) if c is None else (*c.nhat_W, c.depth_m, c.slip_m_s, 1.0)
+            return np.array([*self._tool_m, *command.f_W_N, *felt])
 
     return TouchEnv()
