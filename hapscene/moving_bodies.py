@@ -17,20 +17,21 @@ class MovingBodies:
         X_WB: (n, 4, 4) their poses, in that order; write into it.
     """
 
-    def __init__(self, names: Sequence[str], body_names: Sequence[str], X_WB: NDArray[np.float64]) -> None:
-        """`body_names` are those of the scene, `X_WB` (b, 4, 4) their present poses.
+    def __init__(
+        self, names: Sequence[str], index_of: Mapping[str, int], X_WB: NDArray[np.float64], owner: object = None
+    ) -> None:
+        """`index_of` has the numbers of the scene's bodies, `X_WB` (b, 4, 4) their present poses; `owner` is a mark.
 
         Raises:
             SceneError: an unknown body, or one that is named twice.
         """
-        self.names, self.body_names = tuple(names), body_names
-        place = {name: index for index, name in enumerate(body_names) if name}  # removed ones have none
+        self.names, self.body_names, self.owner = tuple(names), tuple(index_of), owner
         for name, count in Counter(self.names).items():
-            if name not in place:
-                raise SceneError(no_such("body", name, place))
+            if name not in index_of:
+                raise SceneError(no_such("body", name, index_of))
             if count > 1:
                 raise SceneError(f"body {name!r} is named twice; each has one slot")
-        self.index = np.array([place[name] for name in self.names], np.int64)
+        self.index = np.array([index_of[name] for name in self.names], np.int64)
         self.poses: NDArray[np.float64] = X_WB[self.index][None].copy()  # as the tick takes them: (1, n, 4, 4)
         self.teleported = np.zeros(len(self.names), np.int64)
 

@@ -44,8 +44,9 @@ def react(world: Any, surface: Any) -> None:
 @native
 def _give(world: Any, index: int, touch: Any, force: Vector) -> None:
     """Add the impulse of a force at the proxy over this tick."""
-    p, o, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.impulse[index]
-    torque = cross(sub((p[0], p[1], p[2]), (o[0], o[1], o[2])), force)
+    p, o, lead, impulse = touch.p_WP_m, world.bodies[index].p_WB_m, world.bodies[index].lead_W_m, world.impulse[index]
+    arm = sub((p[0], p[1], p[2]), (o[0] - lead[0], o[1] - lead[1], o[2] - lead[2]))
+    torque = cross(arm, force)
     for i in range(3):
         impulse[i] += force[i] * touch.tick_s
         impulse[3 + i] += torque[i] * touch.tick_s

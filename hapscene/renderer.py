@@ -1,13 +1,15 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
-from hapscene.contact.deformation import Deformation, room_for
+from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
 from hapscene.contact.world import Growth, build_world, crowd
@@ -75,6 +77,7 @@ class PreparedPainting(NamedTuple):
     swatch_names: tuple[str, ...]
     growth: Growth | None
     bodies: "tuple[Body, ...]"
+    scene: "Scene"
 
 
 class Renderer:
@@ -141,8 +144,8 @@ class Renderer:
         loaded = [load_effect(e) if isinstance(e, str) else e for e in effects]
         self._contact_effects = [e for e in loaded if e.scope == "contact"]
         self._effects = self._contact_effects + [e for e in loaded if e.scope == "scene"]
-        self._names_so_far: list[tuple[str, ...]] = []  # bodies are added and removed, their numbers stay
-        self._name(tuple(body.name for body in scene.bodies))
+        self._body_names = tuple(body.name for body in scene.bodies)
+        self._index_of = {name: index for index, name in enumerate(self._body_names)}  # of those that are felt
         self._swatch_names = tuple(swatch.name for swatch in scene.swatches)
         self._bodies = tuple(scene.bodies)
         self._fields = self._set(settings or {})
@@ -150,6 +153,7 @@ class Renderer:
         self._scene, self._seen, self._seen_X_WB = scene, scene.pose_count, [body.X_WB for body in scene.bodies]
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
+        self._deforming = Lock()  # of threads that give shapes; no tick asks for it
         self.world = build_world(scene.bodies, crease_rad)
         self._fit, self.surface, messages = self._fitted(scene)
         _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
@@ -165,7 +169,7 @@ class Renderer:
 
     def __repr__(self) -> str:
         names = ", ".join(effect.name for effect in self._effects) or "no effects"
-        count = len(self._body_names)
+        count = len(self._index_of)
         return (
             f"<Renderer: {count} {'body' if count == 1 else 'bodies'}; {names}; ticks of {1e3 * self.tick_s:g} ms, "
             f"a_rate_Hz={self.a_rate_Hz:g}; device {self.limits.device!r}>"
@@ -291,25 +295,25 @@ class Renderer:
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies: their swatches, and face by face which. Contact goes on.
 
-        Bodies that the scene has behind those of the renderer are felt as well from then on.
+        Bodies that the scene has behind those of the renderer are felt as well from then on, and it is this scene whose
+        `pose` is seen.
 
         Raises:
-            SceneError: other bodies than the renderer was made with.
+            SceneError: other bodies than the renderer was made with, or one far too large to be added to them.
             EffectError: a swatch that an effect refuses. Then nothing is changed.
         """
         self.take_painting(self.prepare_painting(scene))
 
     def prepare_painting(self, scene: "Scene") -> PreparedPainting:
         """The slow half of `repaint`: what `take_painting` takes, while ticks go on in another thread."""
-        shapes = [(body.name, len(body.mesh.faces)) for body in scene.bodies]
-        known, more = self._bodies, scene.bodies[len(self._bodies) :]
-        if [shape[1] for shape in shapes[: len(known)]] != [len(body.mesh.faces) for body in known] or any(
-            name != shape[0] for name, shape in zip(self._body_names, shapes, strict=False) if name
-        ):
-            raise SceneError(OTHER_BODIES)
+        known = len(self._bodies)
+        for ours, theirs in zip_longest(self._bodies, scene.bodies[:known]):
+            if theirs is None or (ours.name, len(ours.mesh.faces)) != (theirs.name, len(theirs.mesh.faces)):
+                raise SceneError(OTHER_BODIES)
+        more = tuple(scene.bodies[known:])
         fit, surface, _ = self._fitted(scene)
-        growth = Growth(self.world, more, self._crease_rad) if more else None
-        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, tuple(more))
+        growth = Growth(self.world, self._bodies, more, self._crease_rad) if more else None
+        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, more, scene)
 
     def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -317,15 +321,19 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = -1  # another one, or the same by another number
-        self.surface, self._fit, self._swatch_names = painting[:3]
+        self.surface, self._fit, self._swatch_names = surface, painting.fit, painting.swatch_names
         if painting.growth is not None:
-            self.world = painting.growth.take(self.world)
+            with self._deforming:
+                self.world = painting.growth.take(self.world)
             self._bodies += painting.bodies
-            self._name((*self._body_names, *(body.name for body in painting.bodies)))
-            self._seen_X_WB += [body.X_WB for body in painting.bodies]
+            for body in painting.bodies:
+                self._index_of[body.name] = len(self._body_names)
+                self._body_names += (body.name,)
+            self._scene, self._seen = painting.scene, painting.scene.pose_count
+            self._seen_X_WB = [body.X_WB for body in painting.scene.bodies]
 
     def remove(self, body: str) -> None:
-        """Take a body out of what is felt; its number is not given to another.
+        """Take a body out of what is felt. Its number is not given to another, its memory stays, and so does the scene.
 
         Raises:
             SceneError: no such body.
@@ -336,33 +344,32 @@ class Renderer:
         slots = self.moving([body])
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
-        self._name(tuple("" if i == index else name for i, name in enumerate(self._body_names)))
-
-    def _name(self, names: tuple[str, ...]) -> None:
-        self._body_names, self._index_of = names, {name: i for i, name in enumerate(names) if name}
-        self._names_so_far.append(names)
+        del self._index_of[body]
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.
 
         Between two shapes its surface goes evenly from one to the other where it is touched. May be called in another
-        thread than `step`, which does not wait for it; the first time takes as long as to build the search, and three
-        times the body's memory. The scene stays as it is.
+        thread than `step`, which does not wait for it. The first time takes as long as to build the search, three times
+        the body's memory, and once that of all the renderer's corners (72 bytes a face). The scene stays as it is.
 
         Args:
             body: its name.
             vertices_m: (N, 3) where the vertices of its mesh are, in the body's frame; its faces are as ever.
 
         Raises:
+            PathError: not numbers.
             SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
         """
         index = self._index(body)
-        if index not in self._deformations:
-            mesh = self._bodies[index].mesh
-            self.world, first = room_for(self.world, mesh)
-            made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
-            self._deformations[index] = made
-        self._deformations[index].post(self.world, vertices_m, body)
+        mesh = self._bodies[index].mesh
+        vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
+        with self._deforming:
+            if index not in self._deformations:
+                self.world, first = room_for(self.world, mesh)
+                made = Deformation(self.world, index, mesh, first=first, crease_rad=self._crease_rad)
+                self._deformations[index] = made
+            self._deformations[index].post(self.world, vertices)
 
     def moving(self, names: Sequence[str]) -> MovingBodies:
         """Bind bodies to slots whose poses are written in place: what `step` then takes, at a fraction of the time.
@@ -375,8 +382,8 @@ class Renderer:
         self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
-        X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"]
-        return MovingBodies(names, self._body_names, X_WB)
+        X_WB[:, :3, :3], X_WB[:, :3, 3] = bodies["R_WB"], bodies["p_WB_m"] - bodies["lead_W_m"]
+        return MovingBodies(names, self._index_of, X_WB, self.world.proxy)
 
     def step(self, p_WT: ArrayLike, poses: Mapping[str, ArrayLike] | MovingBodies | None = None) -> Command:
         """One tick with the tool at `p_WT` (3,) [m]; `poses` moves bodies there: {body: X_WB (4, 4)}, or `moving` ones.
@@ -405,7 +412,7 @@ class Renderer:
             if not isinstance(poses, MovingBodies | Mapping):
                 raise SceneError("poses are {body: X_WB (4, 4)}, or what `moving` gave, not " + type(poses).__name__)
             bodies = poses if isinstance(poses, MovingBodies) else self._slots(poses)
-            if not any(bodies.body_names is names for names in self._names_so_far):
+            if bodies.owner is not self.world.proxy:  # which stays whatever becomes of the bodies
                 raise SceneError("these moving bodies are another renderer's: bind them by this one's `moving`")
             slots = bodies.index, bodies.poses, bodies.teleported
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
@@ -496,8 +503,8 @@ class Renderer:
             return
         X_WB = [body.X_WB for body in self._scene.bodies]
         seen = zip(self._body_names, X_WB, self._seen_X_WB, strict=False)
-        changed = [name for name, X, was in seen if name and X is not was]
-        slots = MovingBodies(changed, self._body_names, np.array(X_WB))
+        changed = [name for name, X, was in seen if name in self._index_of and X is not was]
+        slots = MovingBodies(changed, self._index_of, np.array(X_WB))
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
         self._seen, self._seen_X_WB = self._scene.pose_count, X_WB

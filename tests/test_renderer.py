@@ -377,3 +377,34 @@ def test_bodies_come_and_go_in_contact():
         renderer.step((0.0, 0.0, 0.1), [np.eye(4)])
     with pytest.raises(SceneError, match="a list of names"):
         renderer.moving("plate")
+
+
+def test_an_added_body_is_searched_once_for_all_and_is_not_of_another_world():
+    ball = hapscene.Mesh.from_trimesh(trimesh.creation.icosphere(2, radius=0.05), "m")
+    built = hapscene.Scene()
+    built.add(ball, name="one")
+    first, second = hapscene.Renderer(built), hapscene.Renderer(built)
+    built.add(ball, name="two")
+    built.add(BOX, name="box", unit="m")
+    for renderer in (first, second):
+        renderer.repaint(built)
+    assert first.world.bodies["search"].tolist() == second.world.bodies["search"].tolist()
+    assert first.world.bodies["search"][0] == first.world.bodies["search"][1]
+    for size, says in ((1e4, "far too large"), (1e-5, "far too small")):
+        built.add(trimesh.creation.icosphere(1, radius=0.05 * size), name=says, unit="m")
+        with pytest.raises(SceneError, match=says):
+            first.repaint(built)
+        built.bodies.pop()
+    first.repaint(built)
+
+
+def test_a_removed_body_stays_away_whatever_an_older_binding_says():
+    built = scene()
+    renderer = hapscene.Renderer(built, ["wall"])
+    bound = renderer.moving(["box"])
+    renderer.reset((0.0, 0.0, 0.01))
+    renderer.remove("box")
+    bound.X_WB[0, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    felt = [renderer.step((0.0, 0.0, z), bound) for z in np.linspace(0.03, -0.01, 40)]
+    assert all(command.contact is None for command in felt)
+    assert renderer.run(stroke(10)).body_names == ("box",)

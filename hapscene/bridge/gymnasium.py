@@ -40,8 +40,8 @@ def touch_env(
 
         def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Array, dict[str, Any]]:
             super().reset(seed=seed)
-            start_m = restart(self.np_random) if restart else self.np_random.uniform(low_m, high_m)
-            self._tool_m = np.array(start_m, np.float64)
+            draw, box = self.np_random, self.action_space
+            self._tool_m = np.array(restart(draw) if restart else draw.uniform(box.low, box.high), np.float64)
             renderer.reset(self._tool_m)
             self._feel = partial(Bridge(simulation).step, renderer) if simulation else renderer.step
             return self._observed(self._feel(self._tool_m)), {}

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,11 @@ def load_mujoco(
 
     with refusing(SceneError, path):
         return MuJoCo(model, mujoco.MjData(model), swatches)
+
+
+STEP_MIN_S: Final = 1e-5
+STEP_MAX_S: Final = 1.0
+"""What a timestep may be [s]: at a hundredth of a tick it takes for ever, at more than a second nothing moves."""
 
 
 class MuJoCo(Bridge):
@@ -90,6 +95,8 @@ class MuJoCo(Bridge):
         if (len(data.qpos), len(data.xpos), len(data.geom_xpos)) != (model.nq, model.nbody, model.ngeom):
             raise SceneError("the data is of another model; make it by mujoco.MjData(model)")
         self.step_s = float(model.opt.timestep)
+        if not STEP_MIN_S <= self.step_s <= STEP_MAX_S:  # NaN is not, either
+            raise SceneError(f"its timestep is {self.step_s:g} s; expected {STEP_MIN_S:g} to {STEP_MAX_S:g} s")
         mujoco.mj_forward(model, data)
         worn = swatches if isinstance(swatches, Mapping) else {"default": swatches} if swatches else {}
         self.scene, moving = _scene(model, data, worn, visual)
@@ -200,9 +207,12 @@ def _scene(model: Any, data: Any, swatches: Mapping[str, SwatchLike], visual: bo
         return mujoco.mj_id2name(model, kind, index) or otherwise
 
     known = {"default"}
-    scene, moving = Scene(), {}
+    scene, moving, taken = Scene(), {}, set[str]()
     for body in range(model.nbody):
         body_name = name_of(kinds.mjOBJ_BODY, body, f"body_{body}")
+        while body_name in taken:  # another one is called as this is numbered
+            body_name += "_"
+        taken.add(body_name)
         parts, chosen = [], []
         for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
             material = model.geom_matid[geom]

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.creation import box, capsule, cylinder, icosphere
 
+from hapscene.errors import SceneError
+
 Array = NDArray[np.float64]
 
 AROUND: Final = 64
@@ -16,6 +18,9 @@ SUBDIVISIONS: Final = 4
 
 SAG: Final = 1.3e-3
 """Most by which the faces of a round geom lie inside it, of its radius [1]: 1 − cos(π/64) around, a sphere's too."""
+
+FIELD_MAX: Final = 4_000_000
+"""Most points of a height field [count]: four faces each, 0.2 kB a face."""
 
 PLANE_RATIO: Final = 5.0
 """Half the width that an endless plane is given, of the model's extent [1]."""
@@ -62,6 +67,8 @@ def _asset(model: Any, mesh: int) -> tuple[Array, NDArray[np.int64]]:
 def _field(model: Any, field: int) -> tuple[Array, NDArray[np.int64]]:
     """A height field, closed by its sides and base."""
     rows, columns, first = (int(a[field]) for a in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+    if rows * columns > FIELD_MAX:
+        raise SceneError(f"a height field of {rows:,} × {columns:,} points; at most {FIELD_MAX:,} are felt")
     x, y, high, low = model.hfield_size[field]
     z = high * model.hfield_data[first : first + rows * columns].astype(np.float64)
     across, along = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))

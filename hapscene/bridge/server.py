@@ -274,7 +274,8 @@ class BridgeServer:
         to, state = session.frame, self.servo.state()
         found, self._events_from = self.servo.events(self._events_from)
         for event in found:
-            index, swatch = _place(self.servo.scene.bodies, event.body), _place(self.servo.scene.swatches, event.swatch)
+            index = _last(self.servo.body_names, event.body)
+            swatch = _last([swatch.name for swatch in self.servo.scene.swatches], event.swatch)
             if index >= session.known[0] or swatch >= session.known[1]:
                 continue  # clients look their numbers up
             if len(session.events) == EVENT_COUNT:
@@ -340,6 +341,6 @@ def _pack_answer(key: int, sequence: int, told: dict[str, Any]) -> bytes:
         return pack(Packet(ANSWER, key, sequence, pack_json({"error": why})))
 
 
-def _place(parts: Sequence[Any], name: str) -> int:
-    """The number of the last that has a name: of two that were removed under the same one, the later."""
-    return next((k for k in range(len(parts) - 1, -1, -1) if parts[k].name == name), 0xFFFF)
+def _last(names: Sequence[str], name: str) -> int:
+    """The number of the last that has a name: of two that had the same one in turn, the later."""
+    return next((k for k in range(len(names) - 1, -1, -1) if names[k] == name), 0xFFFF)

@@ -6,8 +6,8 @@ that neither side ever waits for the other. A tick takes one over in a microseco
 In between, the surface would stand, and then jump with all that rests on it. So the body is led: with a new shape it
 is shifted by as much as its surface went away under the proxy, and comes back evenly over the time between two shapes.
 Where it is touched the surface so goes from shape to shape without a step, as a moving body that carries what rests on
-it; around, it is out of place by what its parts move against each other, for a frame. Shapes that change by less than
-their own size from one to the next, as all do that bend, so never pass the proxy.
+it; around, it is out of place by what its parts move against each other, for a frame. Another part of the body that
+comes past the proxy meanwhile, as in a fold, holds it from then on: which faces do is seen along rays (`WAYS`).
 """
 
 import math
@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import EDGE_OVERLAP, REACH_MAX_M
 from hapscene.contact.embree import RefittedSearch, first_face
+from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.shading import CornerGroups
-from hapscene.contact.triangle import corners, to_body_before, weights
-from hapscene.contact.world import SHAPES, World, place_ball
+from hapscene.contact.triangle import corners, lies_over_in_body, plane, to_body_before, weights
+from hapscene.contact.world import ASIDE, SHAPES, WAYS, World, place_ball
 from hapscene.errors import SceneError
-from hapscene.geometry import Vector, cross, dot, norm, numbers, sub
+from hapscene.geometry import Vector, along, cross, dot, norm, numbers, sub
 from hapscene.native import native
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ class Deformation:
     def __init__(self, world: World, index: int, mesh: "Mesh", *, first: int, crease_rad: float) -> None:
         self._index = index
         self._faces = np.ascontiguousarray(mesh.faces, np.int32)
-        self._count = len(mesh.vertices_m)
         row, proxy = world.bodies[index], world.proxy[0]
         self._overlap_m = EDGE_OVERLAP * float(row.skin_m)
         self._groups = CornerGroups(mesh, crease_rad) if crease_rad > 0.0 else None
@@ -61,26 +61,28 @@ class Deformation:
         row.shape_search = [search.handle for search in self._searches]
         row.next, proxy.reshaped = proxy.reshaped, index + 1
 
-    def post(self, world: World, vertices_m: ArrayLike, name: str) -> None:
-        """Have the body of a world, and of a name, take another shape (N, 3) in its next tick; see `shape_of`."""
-        vertices = shape_of(vertices_m, self._count, name)
-        row = world.bodies[self._index]
-        taken = row.shape_felt, row.shape_posted  # whichever of them a tick takes meanwhile
-        free = next(k for k in range(SHAPES) if k + 1 not in taken)
-        first = int(row.shape_face[free])
+    def post(self, world: World, vertices: NDArray[np.float64]) -> None:
+        """Have the body of a world take another shape (N, 3) in its next tick: one that `shape_of` has checked."""
+        row, free = world.bodies[self._index], list[int]()
+        while not free:  # all three are in use for less than a microsecond, while a tick goes from one to the next
+            used = row.shape_felt, row.shape_taking, row.shape_posted
+            free = [k for k in range(SHAPES) if k + 1 not in used]
+        to = free[0]
+        first = int(row.shape_face[to])
         packed = world.corners_m[first : first + len(self._faces)]
         packed[:, :3] = vertices[self._faces]
         if self._groups is not None:
             packed[:, 3:] = self._groups.normals(packed[:, :3])
-        center, radius = self._searches[free].refit(vertices, self._overlap_m)
-        row.shape_center_B_m[free], row.shape_radius_m[free] = center, radius
-        row.shape_posted = free + 1
+        center, radius = self._searches[to].refit(vertices, self._overlap_m)
+        row.shape_center_B_m[to], row.shape_radius_m[to] = center, radius
+        row.shape_posted = to + 1
 
 
 def shape_of(vertices_m: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
     """Places (N, 3) for the vertices of a body, checked.
 
     Raises:
+        PathError: not numbers.
         SceneError: not as many as the mesh has vertices, or not finite ones.
     """
     vertices = numbers(vertices_m)
@@ -122,16 +124,16 @@ def _lead(world: Any, surface: Any, index: int) -> None:
         for i in range(3):
             body.was_p_WB_m[i] = body.p_WB_m[i]
             body.p_WB_m[i] -= body.lead_W_m[i]
-    posted = body.shape_posted
-    if posted != body.shape_felt and body.shape_face[posted - 1] + body.face_count <= len(world.corners_m):
-        span_s = body.shape_ticks * tick_s if body.shape_felt > 0 else LEAD_MAX_S
-        gone = _take_shape(world, index, posted)
-        for i in range(3):
-            for j in range(3):
-                body.lead_W_m[i] -= body.R_WB[i, j] * gone[j]
-                body.was_p_WB_m[i] -= body.was_R_WB[i, j] * gone[j]
-        body.lead_s = min(span_s, LEAD_MAX_S)
-        body.shape_ticks = 0
+    if body.shape_posted != body.shape_felt:
+        posted = 0
+        while posted != body.shape_posted:  # said before it is read, so that nobody writes it meanwhile
+            posted = body.shape_posted
+            body.shape_taking = posted
+        if body.shape_face[posted - 1] + body.face_count <= len(world.corners_m):
+            span_s = body.shape_ticks * tick_s if body.shape_felt > 0 else LEAD_MAX_S
+            _take_shape(world, index, posted)
+            body.lead_s = min(span_s, LEAD_MAX_S)
+            body.shape_ticks = 0
     goes_on = fresh == 0 and body.lead_s > tick_s
     fade = (body.lead_s - tick_s) / body.lead_s if goes_on else 0.0
     body.lead_s = body.lead_s - tick_s if goes_on else 0.0
@@ -145,54 +147,128 @@ def _lead(world: Any, surface: Any, index: int) -> None:
         body.moved = 1
         world.moved[0] += 1
         world.moved[world.moved[0]] = index
-    proxy.near_room_m -= place_ball(body, world.ball_W_m[index])
+    proxy.near_room_m -= max(0.0, place_ball(body, world.ball_W_m[index]))
     if fresh == 1:
         at = surface.memory[0].p_WT_m
         put(world, (at[0], at[1], at[2]))
 
 
 @native
-def _take_shape(world: Any, index: int, posted: int) -> Vector:
-    """Give a body a shape; how far that took its surface, where it is nearest to the proxy, in its own axes [m]."""
+def _take_shape(world: Any, index: int, posted: int) -> None:
+    """Give a body a shape, and lead it by as much as that takes its surface away where that is nearest to the proxy."""
     body, proxy = world.bodies[index], world.proxy[0]
     p = to_body_before(body, (proxy.p_W_m[0], proxy.p_W_m[1], proxy.p_W_m[2]))
-    face = _face_at(world, index, p)
+    nearest = _look_around(world, index, p)
     at, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if face >= 0:
-        at = weights(corners(world, body, face), p)
-        before = _blend(corners(world, body, face), at)
+    if nearest >= 0:
+        triangle = corners(world, body, nearest)
+        at = weights(triangle, p)
+        before = _blend(triangle, at)
     k = posted - 1
     body.search, body.radius_m, body.face = body.shape_search[k], body.shape_radius_m[k], body.shape_face[k]
     for i in range(3):
         body.center_B_m[i] = body.shape_center_B_m[k, i]
     body.shape_felt = posted
     _drop_flat(world, index)
-    if face < 0:
-        return before
-    gone = sub(_blend(corners(world, body, face), at), before)
-    return gone if math.isfinite(gone[0] + gone[1] + gone[2]) else (0.0, 0.0, 0.0)  # a face without an area
+    if nearest < 0:
+        return
+    gone = sub(_blend(corners(world, body, nearest), at), before)
+    if not math.isfinite(gone[0] + gone[1] + gone[2]):  # a face without an area
+        gone = (0.0, 0.0, 0.0)
+    for i in range(3):
+        for j in range(3):
+            body.lead_W_m[i] -= body.R_WB[i, j] * gone[j]
+            body.was_p_WB_m[i] -= body.was_R_WB[i, j] * gone[j]
+    _meet(world, index, along(p, 1.0, gone))
 
 
 @native
-def _face_at(world: Any, index: int, p_B: Vector) -> int:
-    """The face of a body that holds the proxy, else one near it that is seen from there; −1 where there is none."""
+def _look_around(world: Any, index: int, p_B: Vector) -> int:
+    """Note the faces of a body along rays from a point, in `proxy.seen`, and on which side of them it is.
+
+    Returns the one that holds the proxy, else the nearest; −1 where there is none.
+    """
     body, proxy = world.bodies[index], world.proxy[0]
+    for way in range(WAYS):
+        proxy.seen[way] = -1
+    c = body.center_B_m
+    origin = (p_B[0] - c[0], p_B[1] - c[1], p_B[2] - c[2])
+    far = norm(origin) + body.radius_m
+    nearest, found = far, -1
+    for way in range(WAYS if far <= 3.0 * body.radius_m else 0):
+        face = first_face(body.search, world.ray, origin, _direction(way), far, 0)
+        proxy.seen[way] = face
+        if face < 0:
+            continue
+        if float(world.ray[8]) < nearest:
+            nearest, found = float(world.ray[8]), face
+        n, offset = plane(*corners(world, body, face))
+        proxy.seen_side[way] = 1.0 if dot(n, p_B) >= offset else -1.0
     for i in range(proxy.count):
         if proxy.body[i] == index:
             return int(proxy.face[i])
-    c = body.center_B_m
-    origin = (p_B[0] - c[0], p_B[1] - c[1], p_B[2] - c[2])
-    far = norm(origin)
-    if far > 2.0 * body.radius_m:
-        return -1
-    nearest, found = far + body.radius_m, -1
-    for axis in range(6):
-        sign = 1.0 if axis < 3 else -1.0
-        x, y, z = sign * (axis % 3 == 0), sign * (axis % 3 == 1), sign * (axis % 3 == 2)
-        face = first_face(body.search, world.ray, origin, (x, y, z), nearest, 0)
-        if face >= 0:
-            nearest, found = float(world.ray[8]), face
     return found
+
+
+@native
+def _direction(way: int) -> Vector:
+    """One of `WAYS` unit vectors."""
+    if way < 6:
+        sign = 1.0 if way < 3 else -1.0
+        return sign * (way % 3 == 0), sign * (way % 3 == 1), sign * (way % 3 == 2)
+    bits = way - 6
+    third = math.sqrt(1.0 / 3.0)
+    return (
+        third if bits & 1 else -third,
+        third if bits & 2 else -third,
+        third if bits & 4 else -third,
+    )
+
+
+@native
+def _meet(world: Any, index: int, now_B: Vector) -> None:
+    """Have the seen faces hold the proxy that have passed it, which is at `now_B` in the body's axes.
+
+    A body that had let the tool in holds it again where the tool is out of it.
+    """
+    body, proxy = world.bodies[index], world.proxy[0]
+    for way in range(WAYS):
+        face = proxy.seen[way]
+        for other in range(way):
+            if proxy.seen[other] == face:
+                face = -1
+        for i in range(proxy.count):
+            if proxy.body[i] == index and proxy.face[i] == face:
+                face = -1
+        if face < 0:
+            continue
+        n, offset = plane(*corners(world, body, face))
+        side = proxy.seen_side[way]
+        behind_m = -side * (dot(n, now_B) - offset)
+        if not (behind_m > 0.0 and lies_over_in_body(world, body, face, now_B, 2.0 * behind_m + body.skin_m)):
+            continue
+        if body.passed != 0:
+            hold_again(world, index)
+        elif side > 0.0 or body.two_sided == 1:
+            _hold_by(world, index, face, side)
+            if body.two_sided == 1:  # or its back would hold the proxy where it is
+                out_m = side * (behind_m + body.skin_m)
+                for i in range(3):
+                    for j in range(3):
+                        proxy.p_W_m[i] += out_m * body.was_R_WB[i, j] * n[j]
+
+
+@native
+def _hold_by(world: Any, index: int, face: int, side: float) -> None:
+    """Have one more face hold the proxy, if there is room; its plane is placed with the others of moving bodies."""
+    body, proxy = world.bodies[index], world.proxy[0]
+    k = proxy.count
+    if k == ASIDE:
+        return
+    proxy.body[k], proxy.face[k], proxy.side[k] = index, face, side
+    proxy.skin_m[k] = body.skin_m
+    proxy.met[k] = 1
+    proxy.count = k + 1
 
 
 @native

@@ -33,6 +33,19 @@ def let_in(world: Any) -> None:
 
 
 @native
+def hold_again(world: Any, index: int) -> None:
+    """Have a passed body hold."""
+    proxy = world.proxy[0]
+    kept = 0
+    for i in range(proxy.passed_count):
+        if proxy.passed[i] != index:
+            proxy.passed[kept] = proxy.passed[i]
+            kept += 1
+    proxy.passed_count = kept
+    world.bodies[index].passed = 0
+
+
+@native
 def leave(world: Any, before_W: Vector, now_W: Vector) -> None:
     """Have the passed bodies hold again that the proxy has left on its way in this tick."""
     proxy = world.proxy[0]

@@ -77,8 +77,13 @@ def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
 @native
 def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) -> bool:
     """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
+    return lies_over_in_body(world, body, face, to_body(body, p_W), margin_m)
+
+
+@native
+def lies_over_in_body(world: Any, body: Any, face: int, p: Vector, margin_m: float) -> bool:
+    """The same of a point in the body's axes."""
     a, b, c = corners(world, body, face)
-    p = to_body(body, p_W)
     n, _ = plane(a, b, c)
     return (
         _past_edge(a, b, n, p) >= -margin_m

@@ -1,7 +1,8 @@
 """The scene as the compiled contact reads it: bodies and meshes in flat arrays, and the proxy's own memory."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from weakref import WeakValueDictionary
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
+from hapscene.errors import SceneError
 from hapscene.native import native
 from hapscene.records import records
 
@@ -26,6 +28,10 @@ SLOTS: Final = ASIDE + 6
 
 SHAPES: Final = 3
 """Shapes of a body that is given others [count]: one that is felt, one that is to be, and one that is being written."""
+
+WAYS: Final = 14
+"""Rays from the proxy along which faces of a body are looked for that changes its shape [count]: along the axes, and
+between three of them. No direction is further than 28° from one."""
 
 BODY: Final = np.dtype(
     [
@@ -47,6 +53,7 @@ BODY: Final = np.dtype(
         ("next", "i8"),  # 1 + the next such body, 0 for the last
         ("shape_felt", "i8"),  # which it has, from 1; 0 that of its mesh
         ("shape_posted", "i8"),  # which it is to have from the next tick on
+        ("shape_taking", "i8"),  # which a tick is about to take
         ("shape_search", "i8", (SHAPES,)),
         ("shape_center_B_m", "f8", (SHAPES, 3)),
         ("shape_radius_m", "f8", (SHAPES,)),
@@ -83,6 +90,8 @@ PROXY: Final = np.dtype(
         ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
         ("passed_count", "i8"),
         ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
+        ("seen", "i8", (WAYS,)),  # faces around the proxy where a body takes another shape, −1 for none
+        ("seen_side", "f8", (WAYS,)),  # 1 before them, −1 behind
         ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
         ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
         (
@@ -131,6 +140,9 @@ def place_ball(body: Any, ball: Any) -> float:
     While the body moves, the ball is as large as a sweep in its frame asks for: larger by the way of its centre, and,
     since a chord cuts a circle, divided by the cosine of half the angle it turns.
     """
+    if body.radius_m < 0.0:  # it was removed: nothing comes near it any more
+        ball[3] = body.radius_m
+        return 0.0
     c, R, was = body.center_B_m, body.R_WB, body.was_R_WB
     way2, trace = 0.0, 0.0
     for i in range(3):
@@ -175,18 +187,20 @@ class Shapes:
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
 
 
-def shapes_of(bodies: "Sequence[Body]", crease_rad: float) -> Shapes:
-    """The meshes of bodies, packed once for as long as anybody uses them."""
+def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None = None) -> Shapes:
+    """The meshes of bodies, packed once for as long as anybody uses them; with a skin of their own, or one given."""
     meshes = list({id(body.mesh): body.mesh for body in bodies}.values())
-    key = (crease_rad, *map(id, meshes))
+    key = (crease_rad, skin_m, *map(id, meshes))
     found = _shapes.get(key)
     if found is None:
-        found = _shapes[key] = Shapes(meshes, crease_rad)
+        found = _shapes[key] = Shapes(meshes, crease_rad, skin_m)
     return found
 
 
 def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     """Pack the bodies of a scene; the world's bodies, whose records hold addresses of what is searched, keep it alive.
+
+    Of bodies that are given other shapes their `Deformation`s do.
 
     Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
@@ -208,55 +222,95 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     )
 
 
-def _place(rows: Any, balls: NDArray[np.float64], bodies: "Sequence[Body]", shapes: Shapes, first: int = 0) -> None:
-    """Fill the records of bodies, and their balls (b, 4); the corners of their shapes begin at `first`."""
+def _place(
+    rows: Any,
+    balls: NDArray[np.float64],
+    bodies: "Sequence[Body]",
+    shapes: Shapes | None,
+    first: int = 0,
+    like: Mapping[int, Any] = MappingProxyType({}),
+) -> None:
+    """Fill the records of bodies, and their balls (b, 4).
+
+    Their shapes are those of the records `like` has by mesh, or else of `shapes`, whose corners begin at `first`.
+    """
     for row, ball, body in zip(rows, balls, bodies, strict=True):
-        search = shapes.searches[id(body.mesh)]
-        row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
-        row.center_B_m = search.center_m
-        row.face = first + shapes.first[id(body.mesh)]
+        key = id(body.mesh)
+        if key in like:
+            row.search, row.radius_m, row.skin_m = like[key].search, like[key].radius_m, like[key].skin_m
+            row.center_B_m, row.face = like[key].center_B_m, like[key].face
+        else:
+            assert shapes is not None
+            search = shapes.searches[key]
+            row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
+            row.center_B_m, row.face = search.center_m, first + shapes.first[key]
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
         place_ball(row, ball)
 
 
+FAR_FINER: Final = 100.0
+"""How much finer a skin a body may ask for that is added to a world, whose skin stays [1]."""
+
+
 class Growth:
     """A world of more bodies: their searches are built while the old one is used, and `take` comes between two ticks.
 
+    What is there already in its first shape is shared.
+
     Args:
         world: as it is.
-        bodies: that come behind its own.
+        known: its bodies.
+        bodies: that come behind them.
         crease_rad: as `build_world` has it.
+
+    Raises:
+        SceneError: a body so large, or so small, that it asks for a far coarser or finer search.
     """
 
-    def __init__(self, world: World, bodies: "Sequence[Body]", crease_rad: float) -> None:
-        meshes = list({id(body.mesh): body.mesh for body in bodies}.values())
-        shapes = Shapes(meshes, crease_rad, float(world.bodies[0].skin_m))
-        before, count = len(world.bodies), len(world.bodies) + len(bodies)
-        self.rows = _owning_records(count, BODY, (world.bodies, shapes))
-        self.balls = np.zeros((count, 4))
-        _place(self.rows[before:], self.balls[before:], bodies, shapes, len(world.corners_m))
-        self.corners_m = np.concatenate((world.corners_m, shapes.corners_m))
+    def __init__(self, world: World, known: "Sequence[Body]", bodies: "Sequence[Body]", crease_rad: float) -> None:
+        skin_m = float(world.bodies[0].skin_m)
+        for body in bodies:
+            size_m = float(np.linalg.norm(np.ptp(body.mesh.vertices_m, axis=0)))
+            if not SKIN_RATIO_MIN * size_m <= 1.01 * skin_m <= FAR_FINER * SKIN_RATIO * size_m:
+                large = SKIN_RATIO_MIN * size_m > skin_m
+                raise SceneError(
+                    f"body {body.name!r} is far too {'large' if large else 'small'} to be added to what is touched "
+                    "already: have it in the scene from the start"
+                )
+        self._rows: dict[int, Any] = {}
+        for row, body in zip(world.bodies, known, strict=True):
+            if row.face_count == 0 and row.radius_m > 0.0:
+                self._rows.setdefault(id(body.mesh), row)
+        new = [body for body in bodies if id(body.mesh) not in self._rows]
+        self._shapes = shapes_of(new, crease_rad, skin_m) if new else None
+        self._bodies, self._before = bodies, world.corners_m
+        more = [self._shapes.corners_m] if self._shapes else []
+        self._corners_m = np.concatenate((world.corners_m, *more)) if more else world.corners_m
 
     def take(self, world: World) -> World:
         """The world with them, all else as it is now."""
-        count, before = len(self.rows), len(world.bodies)
-        self.rows[:before], self.balls[:before] = world.bodies, world.ball_W_m
+        before, count = len(world.bodies), len(world.bodies) + len(self._bodies)
+        corners_m = self._corners_m
+        if world.corners_m is not self._before:  # it has got room for other shapes meanwhile
+            more = [self._shapes.corners_m] if self._shapes else []
+            corners_m = np.concatenate((world.corners_m, *more))
+        rows, balls = _owning_records(count, BODY, (world.bodies, self._shapes)), np.zeros((count, 4))
+        rows[:before], balls[:before] = world.bodies, world.ball_W_m
+        for row in rows[:before]:
+            if row.face_count > 0:  # and other shapes
+                first, end = int(row.shape_face[0]), int(row.shape_face[-1] + row.face_count)
+                corners_m[first:end] = world.corners_m[first:end]
+        _place(rows[before:], balls[before:], self._bodies, self._shapes, len(world.corners_m), self._rows)
         moved, impulse = np.zeros(count + 1, np.int64), world.impulse
         moved[: before + 1] = world.moved
         if len(impulse) < count:
             impulse = np.zeros((count, 6))
             impulse[:before] = world.impulse
         world.proxy[0].near_count, world.proxy[0].near_room_m = 0, 0.0  # which are near is looked up anew
-        return world._replace(
-            bodies=self.rows,
-            corners_m=self.corners_m,
-            ball_W_m=self.balls,
-            near=np.zeros(min(count, NEAR_MAX + ASIDE), np.int64),
-            moved=moved,
-            impulse=impulse,
-        )
+        near = np.zeros(min(count, NEAR_MAX + ASIDE), np.int64)
+        return world._replace(bodies=rows, corners_m=corners_m, ball_W_m=balls, near=near, moved=moved, impulse=impulse)
 
 
 def crowd(world: World) -> tuple[int, int]:

@@ -153,6 +153,11 @@ class Scene:
         copy.swatch_source[:] = self.swatch_source
         return copy
 
+    def rename(self, index: int, name: str) -> None:
+        """Give a body another name, which the caller knows to be free."""
+        self._names.discard(self.bodies[index].name)
+        self.bodies[index].name = name
+
     def swatch_index(self, swatch: SwatchLike) -> int:
         """Index of a swatch in `swatches`, where it is put if new.
 

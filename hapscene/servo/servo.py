@@ -4,7 +4,8 @@ import math
 import multiprocessing
 import operator
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
@@ -45,11 +46,14 @@ RING_S: Final = 8.0
 START_S: Final = 300.0
 """How long the process may take to be ready [s]: on its first run ever it compiles, which may take half a minute."""
 
-BODY_ROOM: Final = 256
-"""Bodies that may be added to a servo that runs [count]: 0.4 kB each."""
+BODY_ROOM: Final = 1024
+"""Bodies that may be added to a servo while it runs, also in the place of removed ones [count]: 0.5 kB each."""
 
 ANSWER_S: Final = 20.0
 """How long it may take to answer [s]."""
+
+BUILD_S: Final = 120.0
+"""How long it may take where it builds a search [s]: of 5 M faces 3 s, on a machine that has nothing else to do."""
 
 
 _AT: Final = {name: int(place[1]) // 8 for name, place in dict(ROW.fields or {}).items()}
@@ -127,6 +131,7 @@ class Servo:
 
     Attributes:
         scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.
+        body_names: of its bodies, by their numbers, also of those that were removed.
 
     Use it as a context: memory is taken and the process starts on entry; both end on exit, and with the application,
     however that ends. Ctrl-C, and a terminal that closes, do not reach it: what becomes of it is the application's
@@ -157,7 +162,8 @@ class Servo:
         self._made = {"scene": self.scene, "devices": devices, "bodies": self._room, **rates, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(RING_S / tick_s), 2)
-        self._index_of = {body.name: index for index, body in enumerate(scene.bodies)}
+        self.body_names = [body.name for body in scene.bodies]
+        self._index_of = {name: index for index, name in enumerate(self.body_names)}
         self._moving: set[int] = set()
         self._told = np.zeros((self._room, 6))
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
@@ -168,6 +174,8 @@ class Servo:
         self._process: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
+        # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
+        self._lane = ThreadPoolExecutor(1, "hapscene orders")
         self._cancelled = False
 
     def __repr__(self) -> str:
@@ -227,14 +235,16 @@ class Servo:
     def close(self) -> None:
         """End the process, kindly if it listens, and give its memory back. Once is enough; twice does no harm."""
         self._closed = True
+        self._lane.shutdown(wait=False, cancel_futures=True)
         if self._opened is None:
             return
         if self._process is not None:
-            try:
-                self._wire.send(("stop", ()))
-                self._process.join(ANSWER_S)
-            except (OSError, ValueError):
-                pass
+            if self._shared:  # else it may be in the middle of being told what it is
+                try:
+                    self._wire.send(("stop", ()))
+                    self._process.join(ANSWER_S)
+                except (OSError, ValueError):
+                    pass
             if self._process.is_alive():
                 self._process.kill()
                 self._process.join()
@@ -271,15 +281,8 @@ class Servo:
         places = positions(numbers(p_WT).reshape(1, -1) if self._tools == 1 else np.atleast_2d(numbers(p_WT)))
         if len(places) != self._tools:
             raise PathError(f"{self._tools} tools start at as many places; these are {len(places)}")
-        before = self._channel.aims.copy()
-        for tool, p in enumerate(places):
-            self.aim(p, grip, tool=tool)
-        try:
-            self._order("start", [tuple(p) for p in places.tolist()])
-        except HapsceneError:
-            if self.alive:  # it goes on as it was
-                self._channel.aims[:] = before
-            raise
+        held = grip_named(grip) if isinstance(grip, str) else grip
+        self._order("start", [tuple(p) for p in places.tolist()], held.row())
         self._told[:] = 0.0
 
     def rest(self) -> None:
@@ -435,8 +438,8 @@ class Servo:
             HapsceneError: the process has ended.
         """
         log = self.read(max(_whole(since) - 1, 0), tool=tool)  # with the tick before: what changes, changes from there
-        names = [tuple(part.name for part in parts) for parts in (self.scene.bodies, self.scene.swatches)]
-        return events_of(log.rows, log.first, since, *names), log.first + len(log.rows)
+        swatch_names = [swatch.name for swatch in self.scene.swatches]
+        return events_of(log.rows, log.first, since, self.body_names, swatch_names), log.first + len(log.rows)
 
     def _index(self, body: str) -> int:
         if body not in self._index_of:
@@ -462,7 +465,12 @@ class Servo:
         Raises:
             SceneError: other bodies.
         """
+        self._in_turn(lambda: self._repaint(scene))
+
+    def _repaint(self, scene: "Scene") -> None:
         given = {body.name: body for body in scene.bodies}
+        if given.keys() - {body.name for body in self.scene.bodies}:
+            raise SceneError(OTHER_BODIES)
         painted = []
         for body in self.scene.bodies:
             new = given.get(body.name)
@@ -472,7 +480,7 @@ class Servo:
                 raise SceneError(OTHER_BODIES)
             else:
                 painted.append(new.face_swatch.copy())
-        self._order("repaint", list(scene.swatches), painted)
+        self._talk("repaint", list(scene.swatches), painted)
         self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
         for body, face_swatch in zip(self.scene.bodies, painted, strict=True):
             body.face_swatch = face_swatch
@@ -494,33 +502,40 @@ class Servo:
             MeshError, SceneError, SwatchError: as `Scene.add` has them.
             HapsceneError: more than `BODY_ROOM` bodies were added.
         """
+        body: Body = self._in_turn(lambda: self._add(mesh, name, unit, swatch, pose, two_sided))
+        return body
+
+    def _add(self, mesh: Any, name: str | None, unit: str | None, swatch: Any, pose: Any, two_sided: bool) -> "Body":
         if len(self.scene.bodies) == self._room:
-            raise HapsceneError(f"{BODY_ROOM} bodies were added to this servo, and no more fit in; start a new one")
-        count, sources = len(self.scene.swatches), list(self.scene.swatch_source)
+            raise HapsceneError(f"{BODY_ROOM:,} bodies were added to this servo, and no more fit in; start a new one")
+        swatches, sources = list(self.scene.swatches), list(self.scene.swatch_source)
         body = self.scene.add(mesh, name, unit=unit, swatch=swatch, pose=pose, two_sided=two_sided)
         bodies = self.scene.bodies
         like = next((i for i, other in enumerate(bodies[:-1]) if other.mesh is body.mesh), None)
         sent = body if like is None else replace(body, mesh=None)  # type: ignore[arg-type]  # it is there already
         try:
-            self._order("add", sent, like, list(self.scene.swatches))
+            self._talk("add", sent, like, list(self.scene.swatches))
         except BaseException:
             bodies.pop()
-            self.scene.swatches, self.scene.swatch_source = self.scene.swatches[:count], sources
+            self.scene.swatches, self.scene.swatch_source = swatches, sources
             raise
         self._index_of[body.name] = len(bodies) - 1
+        self.body_names.append(body.name)
         return body
 
     def remove(self, body: str) -> None:
-        """Take a body out of what is felt. Its number is not given to another; its name may be.
+        """Take a body out of what is felt. Its number is not given to another, its name may be; its memory stays.
 
         Raises:
             SceneError: no such body.
         """
+        self._in_turn(lambda: self._remove(body))
+
+    def _remove(self, body: str) -> None:
         index = self._index(body)
-        self._order("remove", body)
+        self._talk("remove", body)
         del self._index_of[body]
-        self.scene.bodies[index].name = f"{body} (removed)"
-        self.scene._names.discard(body)
+        self.scene.rename(index, f"{body} (removed)")
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Give a body another shape while it is felt, as `Renderer.deform` does.
@@ -590,10 +605,21 @@ class Servo:
         return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
-        """Send an order; return its result."""
+        """Send an order when its turn comes; return its result."""
+        return self._in_turn(lambda: self._talk(order, *arguments))
+
+    def _in_turn(self, do: Callable[[], Any]) -> Any:
         _ = self._channel  # raises where none runs
+        try:
+            turn = self._lane.submit(do)
+        except RuntimeError:  # it was closed meanwhile
+            raise HapsceneError("this servo is closed; make a new one") from None
+        return turn.result()
+
+    def _talk(self, order: str, *arguments: Any) -> Any:
+        _ = self._channel
         self._send(ForkingPickler.dumps((order, arguments)))
-        return self._answer(ANSWER_S)
+        return self._answer(BUILD_S if order in ("add", "repaint", "deform") else ANSWER_S)
 
     def _send(self, pickled: Any) -> None:
         try:

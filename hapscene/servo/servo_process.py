@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
 from hapscene.contact.prediction import PREDICTED
+from hapscene.device.arm import new_arm
 from hapscene.errors import HapsceneError
 from hapscene.records import records
 from hapscene.servo.servo_loop import ServoBodies, request_realtime_priority, serve
@@ -53,6 +54,8 @@ def run(wire: Connection, name: str, length: int) -> None:
                 wire.send((None, getattr(desk, order)(*arguments)))
             except HapsceneError as error:
                 wire.send((str(error), None))
+            except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
+                wire.send((f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None))
     except (EOFError, ConnectionError, KeyboardInterrupt):
         pass  # the application is gone; where signals cannot be held off, Ctrl-C reaches both
     except HapsceneError as error:
@@ -82,7 +85,7 @@ def _heard(wire: Connection) -> Any:
 
 
 class Desk:
-    """What the application may order. Orders that the running loop would not survive stop it for less than a tick."""
+    """What the application may order. Orders that the running loop would not survive stop it for one to three ticks."""
 
     def __init__(self, scene: "Scene", twins: "Sequence[Twin]", channel: Channel) -> None:
         self._scene = scene
@@ -112,18 +115,19 @@ class Desk:
     def _renderers(self) -> "list[Renderer]":
         return [twin.renderer for twin in self._twins]
 
-    def start(self, places_m: Sequence[tuple[float, float, float]]) -> None:
-        """Run, the tools at rest at their places (3,)."""
-        running = self.rest()
-        try:
-            for twin, place_m in zip(self._twins, places_m, strict=True):
-                twin.reset(place_m)
-        except HapsceneError:  # out of reach
-            if running:
-                self._go()
-            raise
+    def start(self, places_m: Sequence[tuple[float, float, float]], grip: NDArray[np.float64]) -> None:
+        """Run, the tools at rest at their places (3,), held there by a grip as the aim has it (3,)."""
+        for twin, place_m in zip(self._twins, places_m, strict=True):
+            new_arm(twin.device, place_m, twin.X_WD)  # raises where it is out of reach
+        self.rest()
+        for twin, place_m in zip(self._twins, places_m, strict=True):
+            twin.reset(place_m)
         self._channel.frames["seen"] = 0.0  # impulses begin anew
         self._bodies.predicted.view(np.uint8)[:] = 0
+        for aim, place_m in zip(self._channel.aims, places_m, strict=True):  # the application waits meanwhile
+            aim["count"] |= 1
+            aim["aim"][:] = place_m, grip, (0.0, 0.0, 0.0)
+            aim["count"] += 1
         self._hands[:, :3] = 0.0
         self._hands[:, 0] = self._hands[:, 1] = places_m
         self._started = True
@@ -180,10 +184,12 @@ class Desk:
         """Give a body another shape; the loop goes on, but for the first time."""
         for renderer in self._renderers:
             world = renderer.world
-            renderer.deform(body, vertices_m)
-            if renderer.world is not world:
-                with self._between_ticks():
-                    pass  # it goes on with the new one
+            try:
+                renderer.deform(body, vertices_m)
+            finally:
+                if renderer.world is not world:
+                    with self._between_ticks():
+                        pass  # it goes on with the new one
 
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
@@ -216,9 +222,11 @@ class Desk:
     def _between_ticks(self) -> Iterator[None]:
         """The loop stands meanwhile."""
         running = self.rest()
-        yield
-        if running:
-            self._go()
+        try:
+            yield
+        finally:
+            if running:
+                self._go()
 
     def _go(self) -> None:
         self._channel.channel.pause = 0

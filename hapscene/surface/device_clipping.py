@@ -146,7 +146,11 @@ def changed(effects: Sequence[Effect], numbers: Numbers, changes: Mapping[str, f
         EffectError: a name that nothing has, or a value outside its limits.
     """
     result = dict(numbers)
-    for name, value in changes.items():
+    for name, given_value in changes.items():
+        try:
+            value = float(given_value)
+        except (TypeError, ValueError, OverflowError):
+            raise EffectError(f"{name} must be a number, is {given_value!r:.40}") from None
         if name == STIFFNESS:
             if not 0.0 <= value < math.inf:
                 raise EffectError(f"stiffness_N_m must be finite and not negative, is {value:g} N/m")

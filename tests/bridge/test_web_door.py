@@ -117,8 +117,7 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
     total = game.impulse("box")
     assert total[2] < -0.001
     assert designer.order("remove", body="box") == {"done": "remove"}
-    until(lambda: feel()["body"] == -1)
-    assert game.events[-1][1:4] == ("ended", "box", "plain")
+    until(lambda: feel()["body"] == -1 and game.events and game.events[-1][1:3] == ("ended", "box"))
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])  # it has not heard of it yet, and goes on
     assert game.poll(1.0) and game.impulse("box")[2] <= total[2]
     assert designer.order("bodies")["bodies"] == ["crate", ""]

@@ -127,6 +127,55 @@ def test_shapes_may_come_from_another_thread() -> None:
     assert all(part.touching.all() and np.isfinite(part.f_W_N).all() for part in felt)
 
 
+def test_a_body_that_shrinks_hides_no_other() -> None:
+    mesh = Mesh.from_trimesh(BALL, "m")
+    scene = Scene()
+    scene.add(mesh, name="heart")
+    scene.add(mesh, name="lung", pose=trimesh.transformations.translation_matrix([0.2, 0.0, 0.0]))
+    for phase in range(4):
+        renderer = Renderer(scene, ["wall"])
+        for k, part in enumerate(np.array_split(np.linspace([0.1, 0.0, 0.0], [0.1505, 0.0, 0.0], 600), 36)):
+            renderer.deform("heart", (1.0 + 0.05 * np.sin(0.4 * k + phase)) * np.array(mesh.vertices_m))
+            felt = renderer.run(part)
+        assert felt.touching[-1] and felt.body[-1] == 1
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("x_m", [0.003, 0.0003, -0.0005])  # before a wall, near it, leaning on it
+def test_in_a_fold_the_part_that_comes_near_holds_as_well(x_m: float, two_sided: bool) -> None:
+    vertices = np.array([[0, -1, 0], [1, -1, 0], [1, 1, 0], [0, 1, 0], [0, -1, 1], [0, 1, 1]]) * 0.05  # floor and wall
+    scene = Scene()
+    fold = Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 5], [0, 5, 4]]))
+    scene.add(fold, name="fold", two_sided=two_sided)
+    renderer = Renderer(scene, ["wall"])
+    renderer.run(np.linspace([0.01, 0.0, 0.01], [x_m, 0.0, 0.01], 100))
+    for rise_m in np.linspace(0.0, 0.015, 31):  # 0.5 mm a shape
+        renderer.deform("fold", vertices + np.outer(vertices[:, 2] == 0.0, [0.0, 0.0, rise_m]))
+        felt = renderer.run(np.tile([x_m, 0.0, 0.01], (TICKS_A_FRAME, 1)))
+    felt = renderer.run(np.tile([x_m, 0.0, 0.01], (60, 1)))
+    assert felt.p_WP_m[-1] == pytest.approx((max(x_m, 0.0), 0.0, 0.015), abs=1e-6)
+
+
+def test_what_is_bound_while_it_is_led_stands_where_it_is() -> None:
+    renderer, vertices = ball()
+    renderer.run(np.linspace([0.0, 0.0, 0.06], [0.0, 0.0, 0.048], 100))
+    renderer.deform("liver", 1.1 * vertices)
+    renderer.run(np.tile([0.0, 0.0, 0.048], (4, 1)))
+    assert not renderer.moving(["liver"]).X_WB[0, :3, 3].any()
+
+
+def test_two_threads_may_be_the_first_to_give_a_shape() -> None:
+    for _ in range(5):
+        renderer, vertices = ball()
+        threads = [threading.Thread(target=renderer.deform, args=("liver", 1.1 * vertices)) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        felt = renderer.run(np.linspace([0.0, 0.0, 0.07], [0.0, 0.0, 0.05], 200))
+        assert felt.depth_m[-1] == pytest.approx(0.005, abs=1e-4)  # of flat faces
+
+
 def test_an_instance_keeps_its_own_shape() -> None:
     mesh = Mesh.from_trimesh(BALL, "m")
     scene = Scene()

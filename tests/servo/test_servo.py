@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -288,8 +289,56 @@ def test_wrong_orders_are_answered_and_it_goes_on(servo: Servo) -> None:
         servo.aim((0.0, 0.0, 0.0), "fist")
     with pytest.raises(HapsceneError, match="a tick is a whole number, not 'now'"):
         servo.events("now")
+    for wrong in ("hard", None, [1.0], 10**400):
+        with pytest.raises(HapsceneError, match="stiffness_N_m must be a number"):
+            servo.tune("wood", stiffness_N_m=wrong)
+    more = servo.scene.copy()
+    more.add(trimesh.creation.box((0.1, 0.1, 0.1)), name="more", unit="m")
+    with pytest.raises(SceneError, match="give the bodies that the renderer was made with"):
+        servo.repaint(more)
     tick = servo.state().tick
     until(lambda: servo.state().tick > tick)
+
+
+def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
+    servo.start((0.0, 0.0, 0.03))
+    vertices, wrong = np.array(servo.scene.body("plate").mesh.vertices_m), []
+
+    def shape() -> None:
+        for _ in range(50):
+            servo.deform("plate", vertices)
+
+    thread = threading.Thread(target=shape)
+    thread.start()
+    for _ in range(50):
+        try:
+            servo.tune("nothing", stiffness_N_m=1.0)
+        except HapsceneError as error:
+            wrong += [str(error)] * ("no swatch 'nothing'" not in str(error))
+        else:
+            wrong.append("taken")
+    thread.join()
+    assert not wrong
+
+
+def test_an_interrupted_order_is_done_to_its_end_and_the_next_gets_its_own_answer(servo: Servo) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    servo.start((0.0, 0.0, 0.03))
+    ball = trimesh.creation.icosphere(6, radius=0.02)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            servo.add(ball, name="heavy", unit="m")
+            time.sleep(1.0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    with pytest.raises(HapsceneError, match="no swatch 'nothing'"):
+        servo.tune("nothing", stiffness_N_m=1.0)
+    servo.remove("heavy")
+    assert "heavy" in servo.body_names and servo.scene.bodies[-1].name == "heavy (removed)"
 
 
 def test_a_start_out_of_reach_leaves_it_running_where_it_is() -> None:

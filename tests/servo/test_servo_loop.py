@@ -12,6 +12,7 @@ import pytest
 import trimesh
 
 from hapscene.clock import new_clock, now_ns
+from hapscene.device.hand import grip_named
 from hapscene.device.point import PointMass
 from hapscene.native import INTERPRETED
 from hapscene.scene.mesh import Mesh
@@ -178,7 +179,7 @@ def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> No
     assert not desk.rest()
     desk.repaint(*painting)
     assert not desk.rest() and channel.done == 0
-    desk.start([(0.0, 0.0, 0.05)])
+    desk.start([(0.0, 0.0, 0.05)], grip_named("light").row())
     desk.repaint(*painting)
     assert desk.rest() and not desk.rest() and channel.pause == 1
 
