@@ -274,7 +274,7 @@ def overlap_faces(
 def _grow(corner: Vector, incentre: Vector, growth: float, most_m: float, out: NDArray[np.float32]) -> None:
     """Move a corner away from the incentre, into `out` (3,): by a part of its distance, and not by more than that."""
     spoke = sub(corner, incentre)
-    out[:] = along(corner, np.minimum(growth, most_m / norm(spoke)), spoke)
+    out[0], out[1], out[2] = along(corner, np.minimum(growth, most_m / norm(spoke)), spoke)
 
 
 def _build(

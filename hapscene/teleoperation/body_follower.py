@@ -36,7 +36,7 @@ class BodyFollower:
         end, told, read_m_s2: as of a `Follower`.
 
     Raises:
-        SceneError: no such body; steps that do not fit into a tick.
+        SceneError: no such body; steps that do not fit into a tick; later, a place that is not finite.
     """
 
     def __init__(self, simulation: "Simulation", body: str | None, coupling: Coupling, axis_W: Any) -> None:
@@ -46,7 +46,7 @@ class BodyFollower:
         if body is not None and body not in names:
             raise SceneError(no_such("moving body", body, names))
         self._simulation, self._index = simulation, 0 if body is None else names.index(body)
-        count = round(TICK_S / simulation.step_s)
+        count = round(TICK_S / simulation.step_s) if simulation.step_s > 0.0 else 0
         if count < 1 or abs(count * simulation.step_s / TICK_S - 1.0) > 1e-9:
             raise SceneError(
                 f"a follower is moved every {1e3 * TICK_S:g} ms, in which steps of {1e3 * simulation.step_s:g} ms do "
@@ -78,7 +78,10 @@ class BodyFollower:
 
     def _read(self) -> NDArray[np.float64]:
         self._simulation.read(self._X_WB)
-        return self._X_WB[self._index, :3, 3].copy()
+        p_W_m = self._X_WB[self._index, :3, 3].copy()
+        if not np.isfinite(p_W_m).all():
+            raise SceneError("the follower's place is not finite: its simulation has burst; shorten its steps")
+        return p_W_m
 
 
 @native

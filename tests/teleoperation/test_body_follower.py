@@ -93,8 +93,17 @@ def test_what_a_simulation_does_not_say_of_contact_is_not_made_up() -> None:
     assert np.isnan(felt.f_contact_W_N).all() and not felt.touching.any()
 
 
+def test_a_simulation_that_bursts_is_said_and_not_felt() -> None:
+    class Bursting(Wall):
+        def advance(self, wrench_W: Array) -> None:
+            self.p_m = self.p_m * (np.nan if self.p_m[2] < 0.0019 else 0.999)
+
+    with pytest.raises(HapsceneError, match="its simulation has burst"):
+        operated(Bursting(1e-3), Intent.hold(START_M, 500))
+
+
 def test_what_does_not_fit_is_said() -> None:
-    for step_s in (2e-3, 4e-4):
+    for step_s in (2e-3, 4e-4, 0.0):
         with pytest.raises(HapsceneError, match=r"steps of .* ms do not fit: choose 1 ms, or a half"):
             Operation(Wall(step_s), START_M, body="tip")
     with pytest.raises(HapsceneError, match="no moving body 'tap'; there are: post, tip"):
