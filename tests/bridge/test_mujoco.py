@@ -359,3 +359,27 @@ def test_a_model_is_touched_from_the_command_line(
         and "bad.xml: MuJoCo says" in said
         and "empty.xml: the model has no geom to touch" in said
     )
+
+
+@pytest.mark.parametrize(
+    ("xml", "says"),
+    [
+        ('<option timestep="0"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 0 s; expected 1e-05 to 1"),
+        ('<option timestep="1e-9"/><worldbody><geom size=".1"/></worldbody>', "its timestep is 1e-09 s"),
+        (
+            '<asset><hfield name="h" nrow="2100" ncol="2000" size="1 1 1 .1"/></asset>'
+            '<worldbody><geom type="hfield" hfield="h"/></worldbody>',
+            "a height field of 2,100 × 2,000 points; at most 4,000,000",
+        ),
+    ],
+)
+def test_a_model_that_would_take_for_ever_is_refused(xml: str, says: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
+    with pytest.raises(hapscene.errors.SceneError, match=says):
+        hapscene.bridge.MuJoCo(model, mujoco.MjData(model))
+
+
+def test_a_body_without_a_name_is_called_as_no_other() -> None:
+    bodies = '<body><geom size=".1"/></body><body name="body_1"><geom size=".1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    assert len({part.name for part in hapscene.bridge.MuJoCo(model, mujoco.MjData(model)).scene.bodies}) == 2
