@@ -201,12 +201,8 @@ class RefittedSearch:
         self.handle = int(_embree.rtcNewScene(device))
         _embree.rtcSetSceneFlags(self.handle, _DYNAMIC | _FILTER_IN_ARGUMENTS)
         _embree.rtcSetSceneBuildQuality(self.handle, _LOW_QUALITY)  # has each geometry keep a tree of its own
-        self._geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
+        self._geometry, self._corners = _triangles(device, len(faces))
         _embree.rtcSetGeometryBuildQuality(self._geometry, _REFIT)
-        count = 3 * len(faces)
-        self._corners = _buffer(self._geometry, _VERTEX_BUFFER, _FLOAT3, count, ctypes.c_float)
-        index = _buffer(self._geometry, _INDEX_BUFFER, _UINT3, len(faces), ctypes.c_uint32)
-        index[:] = np.arange(count, dtype=np.uint32).reshape(-1, 3)
         _embree.rtcAttachGeometry(self.handle, self._geometry)
         weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
         weakref.finalize(self, _embree.rtcReleaseGeometry, self._geometry)
@@ -288,20 +284,25 @@ def _build(
     device = _device()
     scene = _embree.rtcNewScene(device)
     _embree.rtcSetSceneFlags(scene, _FILTER_IN_ARGUMENTS)
-    geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
-    count = len(faces)
-    corners = _buffer(geometry, _VERTEX_BUFFER, _FLOAT3, 3 * count, ctypes.c_float)
+    geometry, corners = _triangles(device, len(faces))
     overlap_faces(vertices_m, faces, center_m, overlap_m, corners)
-    index = _buffer(geometry, _INDEX_BUFFER, _UINT3, count, ctypes.c_uint32)
-    index[:] = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
     _embree.rtcCommitGeometry(geometry)
     _embree.rtcAttachGeometry(scene, geometry)
     _embree.rtcReleaseGeometry(geometry)
     _embree.rtcCommitScene(scene)
     error = _embree.rtcGetDeviceError(device)
     if error:
-        raise HapsceneError(f"Embree could not build a search structure over {count:,} faces (error {error})")
+        raise HapsceneError(f"Embree could not build a search structure over {len(faces):,} faces (error {error})")
     return int(scene)
+
+
+def _triangles(device: int, count: int) -> tuple[int, NDArray[np.float32]]:
+    """A geometry of triangles that share no corners, and its corners (3 count, 3), to be written."""
+    geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
+    corners = _buffer(geometry, _VERTEX_BUFFER, _FLOAT3, 3 * count, ctypes.c_float)
+    index = _buffer(geometry, _INDEX_BUFFER, _UINT3, count, ctypes.c_uint32)
+    index[:] = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
+    return geometry, corners
 
 
 def _buffer(geometry: int, kind: int, layout: int, count: int, number: type[Any]) -> NDArray[Any]:

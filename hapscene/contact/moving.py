@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
 from hapscene.contact.deformation import reshape_bodies
+from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
@@ -160,15 +161,9 @@ def _start(world: Any, surface: Any) -> None:
 def _let_go(world: Any, surface: Any, moving: NDArray[Any], teleported: NDArray[Any]) -> None:
     """Have the bodies that jump hold proxy and shaft no more; where no plane is left, the proxy begins at the tool."""
     proxy = world.proxy[0]
-    kept, count = 0, proxy.passed_count
-    for i in range(count):
-        index = proxy.passed[i]
-        if _jumps(index, moving, teleported):
-            world.bodies[index].passed = 0
-        else:
-            proxy.passed[kept] = index
-            kept += 1
-    proxy.passed_count = kept
+    for i in range(proxy.passed_count - 1, -1, -1):
+        if _jumps(proxy.passed[i], moving, teleported):
+            hold_again(world, proxy.passed[i])
     kept, count = 0, proxy.count
     for i in range(count):
         if not _jumps(proxy.body[i], moving, teleported):

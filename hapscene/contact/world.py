@@ -272,7 +272,7 @@ class Growth:
     def __init__(self, world: World, known: "Sequence[Body]", bodies: "Sequence[Body]", crease_rad: float) -> None:
         skin_m = float(world.bodies[0].skin_m)
         for body in bodies:
-            size_m = float(np.linalg.norm(np.ptp(body.mesh.vertices_m, axis=0)))
+            size_m = _size_of(body.mesh)
             if not SKIN_RATIO_MIN * size_m <= 1.01 * skin_m <= FAR_FINER * SKIN_RATIO * size_m:
                 large = SKIN_RATIO_MIN * size_m > skin_m
                 raise SceneError(
@@ -286,16 +286,18 @@ class Growth:
         new = [body for body in bodies if id(body.mesh) not in self._rows]
         self._shapes = shapes_of(new, crease_rad, skin_m) if new else None
         self._bodies, self._before = bodies, world.corners_m
-        more = [self._shapes.corners_m] if self._shapes else []
-        self._corners_m = np.concatenate((world.corners_m, *more)) if more else world.corners_m
+        self._corners_m = self._longer(world.corners_m)
+
+    def _longer(self, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Corners, and behind them those of what is new."""
+        return np.concatenate((corners_m, self._shapes.corners_m)) if self._shapes else corners_m
 
     def take(self, world: World) -> World:
         """The world with them, all else as it is now."""
         before, count = len(world.bodies), len(world.bodies) + len(self._bodies)
         corners_m = self._corners_m
         if world.corners_m is not self._before:  # it has got room for other shapes meanwhile
-            more = [self._shapes.corners_m] if self._shapes else []
-            corners_m = np.concatenate((world.corners_m, *more))
+            corners_m = self._longer(world.corners_m)
         rows, balls = _owning_records(count, BODY, (world.bodies, self._shapes)), np.zeros((count, 4))
         rows[:before], balls[:before] = world.bodies, world.ball_W_m
         for row in rows[:before]:
@@ -326,9 +328,13 @@ def skin_of(*meshes: "Mesh") -> float:
 
     As fine as the smallest body asks for, unless the largest is so much larger that float32 would not hold it.
     """
-    extents_m = {id(mesh): [np.ptp(column) for column in mesh.vertices_m.T] for mesh in meshes}.values()
-    sizes_m = [float(np.linalg.norm(extent)) for extent in extents_m]
+    sizes_m = {id(mesh): _size_of(mesh) for mesh in meshes}.values()
     return max(SKIN_RATIO * min(sizes_m), SKIN_RATIO_MIN * max(sizes_m))
+
+
+def _size_of(mesh: "Mesh") -> float:
+    """Diagonal of the box that holds all vertices [m]."""
+    return float(np.linalg.norm([np.ptp(column) for column in mesh.vertices_m.T]))
 
 
 class _Owning(bytearray):
