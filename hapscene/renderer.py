@@ -344,7 +344,9 @@ class Renderer:
         slots = self.moving([body])
         slots.teleported[:] = 1
         place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self.world.proxy[0].near_room_m = 0.0  # which are near is looked up anew
         del self._index_of[body]
+        self._mapped = None  # it may hold the body
 
     def deform(self, body: str, vertices_m: ArrayLike) -> None:
         """Give a body another shape from the next tick on, some 60 times a second: contact and memory go on.

@@ -403,7 +403,10 @@ def test_a_removed_body_stays_away_whatever_an_older_binding_says():
     renderer = hapscene.Renderer(built, ["wall"])
     bound = renderer.moving(["box"])
     renderer.reset((0.0, 0.0, 0.01))
+    renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
     renderer.remove("box")
+    with pytest.raises(SceneError, match="no body 'box'"):
+        renderer.step((0.0, 0.0, 0.01), {"box": np.eye(4)})
     bound.X_WB[0, :3, :3] = np.diag([1.0, -1.0, -1.0])
     felt = [renderer.step((0.0, 0.0, z), bound) for z in np.linspace(0.03, -0.01, 40)]
     assert all(command.contact is None for command in felt)
