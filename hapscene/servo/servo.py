@@ -23,7 +23,7 @@ from hapscene.contact_events import ContactEvent, events_of
 from hapscene.contact_info import Impulse
 from hapscene.device.hand import Grip, grip_named
 from hapscene.errors import HapsceneError, PathError, SceneError, no_such
-from hapscene.flags import FLAGS, Flag
+from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
@@ -571,7 +571,7 @@ class Servo:
             body=int(whole[_AT["body"]]),
             face=int(whole[_AT["face"]]),
             swatch=int(whole[_AT["swatch"]]),
-            flags=FLAGS[whole[_AT["flags"]]],
+            flags=flag_of(int(whole[_AT["flags"]])),
             age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
