@@ -56,9 +56,8 @@ def try_device(name: str, options: Mapping[str, Any], wait: bool = True) -> int:
         pause("Move the handle slowly through its whole workspace: left and right, near and far, up and down.")
         report += _look_at_moves(servo, driver)
         if driver.force:
-            pause(
-                f"Hold it loosely, in the middle. A weight of {1e3 * PUSH_N / GRAVITY_M_S2:.0f} g comes onto it, slowly."
-            )
+            weight_g = 1e3 * PUSH_N / GRAVITY_M_S2
+            pause(f"Hold it loosely, in the middle. A weight of {weight_g:.0f} g comes onto it, slowly.")
             report += _look_at_push(servo)
             servo.pause()
             report.append(("no force in a pause", not np.any(servo.device_state().f_D_N)))

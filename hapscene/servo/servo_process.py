@@ -117,8 +117,6 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             desk.write_flight(ending)
         desk = None
         twins.clear()  # they look at the memory that is given back
-        gc.unfreeze()
-        gc.collect()
         if channel is not None:
             channel.close(unlink=False)
 
