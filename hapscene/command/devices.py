@@ -39,7 +39,7 @@ def _devices(options: argparse.Namespace) -> int:
 
         if options.name is None:
             raise DeviceError(f"say which one: {', '.join(DRIVERS.names())}")
-        return try_device(options.name, dict(options.option), wait=not options.yes)
+        return try_device(options.name, dict(options.option), say, wait=not options.yes)
     offers = DRIVERS.listed()
     told = dict(options.option)
     found = {name: _found(offer.plugin, told) for name, offer in offers.items()}

@@ -4,13 +4,12 @@ Looks, then moves, then pushes, never with more than `FORCE_N` until that is con
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
 import trimesh
 
-from hapscene.command.console import say, tell
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.errors import DeviceError
 from hapscene.flags import Flag
@@ -34,35 +33,42 @@ LOOK_S: Final = 4.0
 GRAVITY_M_S2: Final = 9.81
 
 
-def try_device(name: str, options: Mapping[str, Any], wait: bool = True) -> int:
+def try_device(name: str, options: Mapping[str, Any], say: Callable[[str], None], wait: bool = True) -> int:
     """Try a device; returns 0 where all was as it should be, else 1.
 
-    `wait` has each step begin when Enter is pressed; without, nothing over `FORCE_N` is given.
+    Args:
+        name: of its driver.
+        options: of the driver.
+        say: is given what is to be told; a line that waits for an answer has no end.
+        wait: each step begins when Enter is pressed; without, nothing over `FORCE_N` is given.
 
     Raises:
         DeviceError: it cannot be opened, is not ready in time, or goes away.
     """
     driver = DRIVERS.load(name)
-    tell(
-        [f"{driver.name}: {driver.summary}", *(f"  assumed, not yet seen on one: {one}" for one in driver.assumptions)]
-    )
+    say(f"{driver.name}: {driver.summary}\n")
+    for one in driver.assumptions:
+        say(f"  assumed, not yet seen on one: {one}\n")
     choice = DeviceChoice(name, dict(options))
     report: list[tuple[str, bool]] = []
-    pause = _enter if wait else _go_on
+
+    def pause(words: str) -> None:
+        _enter(say, words) if wait else say(f"{words}\n")
+
     effects = ["wall", "weight"]
     with Servo(_plate(), choice, effects=effects, settings={"weight": {"mass_kg": 0.0}}, force_N=FORCE_N) as servo:
         servo.start((0.0, 0.0, 0.0))
-        _await_ready(servo, driver.needs)
+        _await_ready(servo, driver.needs, say)
         pause("Move the handle slowly through its whole workspace: left and right, near and far, up and down.")
         report += _look_at_moves(servo, driver)
         if driver.force:
             weight_g = 1e3 * PUSH_N / GRAVITY_M_S2
             pause(f"Hold it loosely, in the middle. A weight of {weight_g:.0f} g comes onto it, slowly.")
-            report += _look_at_push(servo)
+            report += _look_at_push(servo, say)
             servo.pause()
             report.append(("no force in a pause", not np.any(servo.device_state().f_D_N)))
-    if driver.force and wait and _asks("All as it should be? Then feel a wall, with the device's own force"):
-        _feel_wall(choice)
+    if driver.force and wait and _asks(say, "All as it should be? Then feel a wall, with the device's own force"):
+        _feel_wall(choice, say)
     for words, good in report:
         say(f"  {'good' if good else 'NOT AS IT SHOULD BE'}: {words}\n")
     return 0 if all(good for _, good in report) else 1
@@ -77,7 +83,7 @@ def _plate() -> Scene:
     return scene
 
 
-def _await_ready(servo: Servo, needs: str) -> None:
+def _await_ready(servo: Servo, needs: str, say: Callable[[str], None]) -> None:
     end_s = time.monotonic() + READY_S
     said = ""
     while servo.device_state().ready == 0:
@@ -113,7 +119,7 @@ def _look_at_moves(servo: Servo, driver: Any) -> list[tuple[str, bool]]:
     return told
 
 
-def _look_at_push(servo: Servo) -> list[tuple[str, bool]]:
+def _look_at_push(servo: Servo, say: Callable[[str], None]) -> list[tuple[str, bool]]:
     servo.tune_field("weight", mass_kg=PUSH_N / GRAVITY_M_S2)
     first = servo.state().tick
     time.sleep(LOOK_S)
@@ -128,24 +134,20 @@ def _look_at_push(servo: Servo) -> list[tuple[str, bool]]:
     return told + [(why, False) for flag, why in WHY.items() if flags & flag]
 
 
-def _feel_wall(choice: DeviceChoice) -> None:
+def _feel_wall(choice: DeviceChoice, say: Callable[[str], None]) -> None:
     scene = _plate()
     scene.pose("plate", np.eye(4))
     with Servo(scene, choice, effects=["wall"]) as servo:
         servo.start((0.0, 0.0, 0.03))
-        _enter("A plate lies 20 mm below the middle of the workspace. Feel it; Enter ends.")
+        _enter(say, "A plate lies 20 mm below the middle of the workspace. Feel it; Enter ends.")
 
 
-def _enter(words: str) -> None:
+def _enter(say: Callable[[str], None], words: str) -> None:
     say(f"{words} Then press Enter … ")
     _input()
 
 
-def _go_on(words: str) -> None:
-    say(f"{words}\n")
-
-
-def _asks(words: str) -> bool:
+def _asks(say: Callable[[str], None], words: str) -> bool:
     say(f"{words}: y and Enter … ")
     return _input().strip().lower().startswith("y")
 

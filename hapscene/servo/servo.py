@@ -188,13 +188,13 @@ class Servo:
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
         self._frames: Any = None
+        self._fault: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
         self._guard: Any = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
-        self._fault: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
