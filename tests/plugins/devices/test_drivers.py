@@ -15,10 +15,11 @@ from hapscene.errors import DeviceError
 
 
 class Case(NamedTuple):
-    """A driver with its emulator; `options` name the emulator's place as {place}."""
+    """A driver with its emulator; `options` name the emulator's place as {place}. `homed`: the user says that it is."""
 
     name: str
     options: dict[str, Any]
+    homed: bool = False
 
     @property
     def driver(self) -> Driver:
@@ -26,12 +27,15 @@ class Case(NamedTuple):
         assert isinstance(driver, Driver)
         return driver
 
-    def told(self, place: str) -> dict[str, Any]:
+    def told(self, place: str, ready: bool = True) -> dict[str, Any]:
         texts = {name: value.format(place=place) for name, value in self.options.items()}
-        return self.driver.read_options(texts)
+        return self.driver.read_options(texts | ({"homed": "yes"} if self.homed and ready else {}))
 
 
-CASES = [Case("falcon", {"backend": "usb_wire"})]
+CASES = [
+    Case("falcon", {"backend": "usb_wire"}),
+    Case("haply2diy", {"port": "{place}"}, homed=True),
+]
 case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
 
@@ -50,17 +54,19 @@ def turn(device: Any, count: int, f_D_N: tuple[float, ...] = (0.3, -0.4, 0.2)) -
 @case
 def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
     emulated = emulate(case.name)
-    with case.driver.open(**case.told(emulated.place)) as device:
+    with case.driver.open(**case.told(emulated.place, ready=False)) as device:
         turn(device, 60)
         assert device.state.ready[0] == 0 and device.reason(int(device.state.trouble[0]))
         assert not forces(emulated).any()
+    with case.driver.open(**case.told(emulated.place)) as device:
         emulated.tell(ready=1)
         turn(device, 60)
         assert device.state.ready[0] == 1 and device.state.trouble[0] == 0 and device.reason(0) == ""
         assert forces(emulated)[-1].any()
-        emulated.tell(ready=0)
-        turn(device, 5)
-        assert device.state.ready[0] == 0 and not forces(emulated)[-1].any()
+        if not case.homed:
+            emulated.tell(ready=0)
+            turn(device, 5)
+            assert device.state.ready[0] == 0 and not forces(emulated)[-1].any()
 
 
 @case
@@ -140,7 +146,7 @@ def test_very_many_mangled_frames(case: Case, emulate) -> None:
 def beat(case: Case, emulate: Any, count: int) -> None:
     """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang."""
     emulated = emulate(case.name)
-    told, device, reopened, worst_s = case.told(emulated.place), None, 0, 0.0
+    told, device, reopened, worst_s = case.told(emulated.place, ready=False), None, 0, 0.0
     for i in range(count):
         if device is None:
             emulated.tell(mangled=0.0)

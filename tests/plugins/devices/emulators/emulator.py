@@ -22,6 +22,7 @@ class Emulator:
         self.gone = 0.0  # torn out
         self.mangled = 0.0  # which share of what is sent comes out wrong
         self.random = random.Random(7)
+        self.obeyed = threading.Event()  # never: what is gone waits for its end
 
     def obey(self, say: str = "up") -> None:
         """From now on; `say` tells the test where it listens."""
