@@ -24,7 +24,7 @@ class Emulated:
 
     def tell(self, **orders: float) -> None:
         for name, value in orders.items():
-            self.process.stdin.write(f"{name} {value}\n")  # type: ignore[union-attr]
+            self.process.stdin.write(f"{name} {float(value)}\n")  # type: ignore[union-attr]
             self.process.stdin.flush()  # type: ignore[union-attr]
             assert self.process.stdout.readline() == "done\n"  # type: ignore[union-attr]
 

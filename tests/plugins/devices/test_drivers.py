@@ -35,6 +35,7 @@ class Case(NamedTuple):
 CASES = [
     Case("falcon", {"backend": "usb_wire"}),
     Case("haply2diy", {"port": "{place}"}, homed=True),
+    Case("inverse3", {"uri": "{place}"}),
 ]
 case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
