@@ -238,6 +238,8 @@ class Inverse3Connection(Connection):
         if self._id:
             with suppress(DeviceError):
                 self._send((0.0, 0.0, 0.0))
+                while self._pending > 0 and self._receive(0.05) is not None:
+                    self._pending -= 1  # the service reads no further than it can answer
         with suppress(OSError):
             self._socket.close()
 
