@@ -36,6 +36,7 @@ CASES = [
     Case("falcon", {"backend": "usb_wire"}),
     Case("haply2diy", {"port": "{place}"}, homed=True),
     Case("inverse3", {"uri": "{place}"}),
+    Case("woodenhaptics", {"backend": "usb_wire"}, homed=True),
 ]
 case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
