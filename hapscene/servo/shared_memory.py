@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.prediction import FRAME
+from hapscene.device.driver import DEVICE_STATE
 from hapscene.errors import HapsceneError
 from hapscene.records import ROW
 from hapscene.servo.servo_loop import BIN_COUNT
@@ -26,6 +27,7 @@ CHANNEL: Final = np.dtype(
         # by the application
         ("pause", "i8"),  # 1: the loop shall return
         ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
+        ("pulse", "i8"),  # one more every 2 ms, while the application lives
         # by the servo
         ("done", "i8"),  # complete ticks
         ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
@@ -45,6 +47,21 @@ AIM: Final = np.dtype(
 )
 """Where the hand on a tool aims, by the application."""
 
+TEXT_MAX: Final = 512
+"""Room for a sentence [bytes]."""
+
+
+def write_text(room: NDArray[np.uint8], text: str) -> None:
+    """Write a sentence (UTF-8) where `read_text` finds it, cut where it is too long."""
+    raw = np.frombuffer(text.encode()[: len(room) - 1], np.uint8)
+    room[len(raw) :] = 0
+    room[: len(raw)] = raw
+
+
+def read_text(room: NDArray[np.uint8]) -> str:
+    """The sentence that was written there."""
+    return bytes(room).rstrip(b"\0").decode(errors="ignore")
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:
@@ -59,6 +76,9 @@ class Channel:
     frames: Any  # (bodies,) FRAME, by the application
     moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
     impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, by the servo
+    states: Any  # (tools,) DEVICE_STATE of real devices
+    fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device is gone, by the servo; empty where none is
+    notice: NDArray[np.uint8]  # (TEXT_MAX,) what troubles it otherwise, likewise
     memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
@@ -87,6 +107,9 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
         (FRAME, (bodies,)),
         (np.dtype("i8"), (bodies,)),
         (number, (tools, bodies, 6)),
+        (DEVICE_STATE, (tools,)),
+        (np.dtype("u1"), (TEXT_MAX,)),
+        (np.dtype("u1"), (TEXT_MAX,)),
     ]
     starts = np.cumsum([0, *(dtype.itemsize * math.prod(shape) for dtype, shape in parts)])
     memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
@@ -94,8 +117,8 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
     for (dtype, shape), start in zip(parts, starts[:-1].tolist(), strict=True):
         flat = np.frombuffer(cast(memoryview, memory.buf), dtype, math.prod(shape), start)
         views.append((flat.view(np.recarray) if dtype.fields else flat).reshape(shape))
-    channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse = views
-    return Channel(channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse, memory)
+    names = [field.name for field in fields(Channel)]
+    return Channel(**dict(zip(names, (*views, memory), strict=True)))
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"
