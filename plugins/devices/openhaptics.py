@@ -25,7 +25,7 @@ import numpy as np
 from numba import carray, cfunc, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 
 from hapscene.c_call import c_caller
-from hapscene.device.driver import DEVICE_STATE, Driver, Found, Option, VendorConnection, new_state
+from hapscene.device.driver import DEVICE_STATE, Driver, Found, Option, VendorConnection
 from hapscene.device.model import DEVICES
 from hapscene.device.vendor_library import address_of, load_library
 from hapscene.errors import DeviceError
@@ -125,7 +125,6 @@ _CALLED: Final = (
 
 LINK: Final = np.dtype(
     [
-        ("state", DEVICE_STATE),
         *[(name, "u8") for name in _CALLED],  # addresses
         ("tick", "u8"),
         ("context", "u8"),
@@ -146,7 +145,7 @@ LINK: Final = np.dtype(
     ],
     align=True,
 )
-"""What the callback is called with."""
+"""What the callback is called with, beside the state."""
 
 _with_device = c_caller(types.void, types.uint32)
 _with_values = c_caller(types.void, types.uint32, types.uintp)
@@ -177,9 +176,9 @@ def _pop_error(link: Any) -> Any:
 
 
 @native
-def _read_frame(link: Any) -> int:
+def _read_frame(link: Any, state: Any) -> Any:
     """Fill the state, or leave it and say why."""
-    state, doubles = link.state, link.doubles
+    doubles = link.doubles
     doubles[0] = doubles[1] = doubles[2] = math.nan
     _with_values(link.hdGetDoublev, (_POSITION, link.doubles_at))
     p = (doubles[0], doubles[1], doubles[2])
@@ -215,7 +214,7 @@ def _read_frame(link: Any) -> int:
 
 
 @native
-def _unready(link: Any, calibration: int) -> int:
+def _unready(link: Any, calibration: Any) -> int:
     """What stands in the way of forces on a device that answers."""
     if calibration == _CALIBRATED:
         return 0 if _is_enabled(link.hdIsEnabled, (_FORCE_OUTPUT,)) != 0 else _FORCE_OFF
@@ -225,12 +224,12 @@ def _unready(link: Any, calibration: int) -> int:
 
 
 @native
-def _write_frame(link: Any) -> None:
+def _write_frame(link: Any, state: Any) -> None:
     """Give the force, in the library's axes."""
-    f, doubles = link.state.f_D_N, link.doubles
+    f, doubles = state.f_D_N, link.doubles
     square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     share = 0.0
-    if link.state.ready == 1 and link.purpose != _END and square < math.inf:
+    if state.ready == 1 and link.purpose != _END and square < math.inf:
         share = 1.0 if square <= link.force_N * link.force_N else link.force_N / math.sqrt(square)
     doubles[0], doubles[1], doubles[2] = 0.0, 0.0, 0.0
     if share > 0.0:
@@ -239,16 +238,15 @@ def _write_frame(link: Any) -> None:
 
 
 @native
-def _serve(links: Any) -> int:
+def _serve(link: Any, state: Any) -> int:
     """A frame; whether the scheduler is to call again."""
-    link = links[0]
-    state, purpose = link.state, link.purpose
+    purpose = link.purpose
     _with_device(link.hdMakeCurrentDevice, (link.device,))
     calibration: Any = np.int64(_check_calibration(link.hdCheckCalibration, ()))
     if calibration == _NEEDS_UPDATE and link.style != 0:
         _with_device(link.hdUpdateCalibration, (link.style,))
     _with_device(link.hdBeginFrame, (link.device,))
-    trouble = _read_frame(link)
+    trouble = _read_frame(link, state)
     link.bad = link.bad + 1 if trouble == _NOT_FINITE else 0
     if trouble == 0:
         trouble = link.after
@@ -257,7 +255,7 @@ def _serve(links: Any) -> int:
     state.trouble, state.ready = trouble, 1 if trouble == 0 else 0
     if purpose == _SERVE:
         _tick(link.tick, (link.context,))
-    _write_frame(link)
+    _write_frame(link, state)
     _with_device(link.hdEndFrame, (link.device,))
     link.after = _pop_error(link)
     link.frames += 1
@@ -266,15 +264,15 @@ def _serve(links: Any) -> int:
     return _CONTINUE if purpose == _SERVE else _DONE
 
 
-def _served(context: Any) -> Any:
-    return np.uint32(_serve(carray(context, 1, LINK)))
+def _served(places: Any) -> Any:
+    return np.uint32(_serve(carray(places[0], 1, LINK)[0], carray(places[1], 1, DEVICE_STATE)[0]))
 
 
 @cache
 def _callback() -> Any:
-    """The scheduler's callback: a C function `unsigned int callback(void *link)`."""
-    compiler: Callable[..., Any] = partial(cfunc, types.uint32(types.voidptr))
-    return kept(_served, compiler)
+    """The scheduler's callback: a C function `unsigned int callback(void *places[2])`, of link and state."""
+    pointer: Any = types.CPointer
+    return kept(_served, partial(cfunc, types.uint32(pointer(types.voidptr))))
 
 
 def _pop(hd: Any) -> list[int]:
@@ -322,6 +320,7 @@ class OpenHapticsConnection(VendorConnection):
     """
 
     def __init__(self, library: str | None, name: str | None, rate: int, priority: int, reset: bool) -> None:
+        super().__init__()
         if INTERPRETED:
             raise DeviceError("openhaptics calls compiled code: it does not work with NUMBA_DISABLE_JIT=1")
         if not 0 <= priority <= PRIORITY_MAX:
@@ -330,9 +329,8 @@ class OpenHapticsConnection(VendorConnection):
         self._handle: int | None = None
         self._priority = priority
         self._link = records(1, LINK)
-        self.state = self._link["state"].view(np.recarray)
-        self.state[0] = new_state()[0]
-        self._context = int(self._link.ctypes.data)
+        self._places = np.zeros(2, np.uint64)
+        self._moved_s, self._moved = 0.0, 0
         self._address = int(_callback().address)
         self._device: int | None = _initiate(self._hd, name)
         atexit.register(self.close)
@@ -346,9 +344,7 @@ class OpenHapticsConnection(VendorConnection):
         hd, link = self._hd, self._link
         for function in _CALLED:
             link[function] = address_of(getattr(hd, function))
-        dtype: Any = LINK
-        link.doubles_at = self._context + dtype.fields["doubles"][1]
-        link.integers_at = self._context + dtype.fields["integers"][1]
+        link.doubles_at, link.integers_at = link.doubles.ctypes.data, link.integers.ctypes.data
         link.device = self._device
         style = (c_int * 1)(0)
         hd.hdGetIntegerv(_STYLE, style)
@@ -393,10 +389,26 @@ class OpenHapticsConnection(VendorConnection):
         if self._device is None:
             raise DeviceError("the device is closed")
         self._link.purpose = _ONCE
-        self._hd.hdScheduleSynchronous(self._address, self._context, self._priority)
+        self._hd.hdScheduleSynchronous(self._address, self._context(), self._priority)
+        self._see()
+
+    def _see(self) -> None:
         trouble = int(self.state.trouble[0])
         if trouble >> 8 == 3 or self._link.bad[0] >= _BAD_FRAMES:
             raise DeviceError(f"openhaptics: {self.reason(trouble)}")
+
+    def check(self) -> None:
+        self._see()
+        frames, now_s = int(self._link.frames[0]), time.monotonic()
+        if frames != self._moved:
+            self._moved, self._moved_s = frames, now_s
+        elif now_s - self._moved_s > _WAIT_S:
+            raise DeviceError("openhaptics: the library's scheduler stands still; unplug the device, plug it in again")
+
+    def _context(self) -> int:
+        """What the callback is called with; the state may have been put elsewhere."""
+        self._places[:] = self._link.ctypes.data, self.state.ctypes.data
+        return int(self._places.ctypes.data)
 
     def schedule(self, tick: int, context: int) -> None:
         if self._device is None:
@@ -405,12 +417,13 @@ class OpenHapticsConnection(VendorConnection):
         link = self._link
         link.tick, link.context, link.purpose = tick, context, _SERVE
         before = int(link.frames[0])
-        self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context, self._priority)
+        self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
         if not _wait(lambda: int(link.frames[0]) > before):
             errors = _pop(self._hd)
             self.unschedule()
             why = error_text(errors[-1]) if errors else "its scheduler does not call"
             raise DeviceError(f"openhaptics does not begin: {why}")
+        self._moved, self._moved_s = before, time.monotonic()
 
     def unschedule(self) -> None:
         if self._handle is not None:
@@ -421,7 +434,7 @@ class OpenHapticsConnection(VendorConnection):
         link = self._link
         link.ended, link.purpose = 0, _END
         if self._handle is None:
-            self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context, self._priority)
+            self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
         _wait(lambda: int(link.ended[0]) == 1)
         self._hd.hdUnschedule(self._handle)
         self._handle = None

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.bound_call import BoundCall
+from hapscene.bound_call import BoundCall, loaded
 from hapscene.errors import DeviceError
-from hapscene.native import INTERPRETED, native
+from hapscene.native import INTERPRETED
 from hapscene_plugins.devices.openhaptics import DRIVER, ERRORS, OpenHapticsConnection
 
 from .vendor_desk import Desk, desk, emulator
@@ -25,9 +25,9 @@ pytestmark = pytest.mark.skipif(INTERPRETED, reason="the driver's callback is co
 TURN = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y up, z towards the user → x right, y away, z up
 
 
-@native
-def push(state: Any, wanted: Any) -> None:
+def push(address: Any, kind: Any) -> None:
     """A tick: the force wanted, and a spring."""
+    state, wanted = loaded(address, kind)
     for i in range(3):
         state[0].f_D_N[i] = wanted[i] - wanted[3] * state[0].p_DT_m[i]
 
@@ -238,6 +238,31 @@ def test_mutated_returns(desk, device):
     assert rows["force"][~bad].any() and np.isfinite(rows["force"]).all()
 
 
+def test_the_state_may_lie_elsewhere(desk, device):
+    """As the servo puts it into memory that the application sees."""
+    desk.set(position=(1.0, 2.0, 3.0))
+    device.state = elsewhere = device.state.copy()
+    serve(device, 1.0)
+    gone(desk)
+    device.check()
+    assert np.allclose(elsewhere.p_DT_m, (0.001, -0.003, 0.002)) and elsewhere.ready == 1
+
+
+def test_a_device_that_is_gone_is_seen(desk, device):
+    serve(device, 1.0)
+    device.check()
+    desk.set(begin_error=0x0302)
+    gone(desk)
+    with pytest.raises(DeviceError, match="HD_COMM_ERROR"):
+        device.check()
+    desk.set(begin_error=0)
+    gone(desk)
+    device.check()
+    ctypes.CDLL(emulator("hd")).hdStopScheduler()
+    with pytest.raises(DeviceError, match="stands still"):
+        until(device.check)
+
+
 def test_names_are_tried_in_turn(desk):
     lay(desk, name=b"Phantom2")
     connect().close()
@@ -297,13 +322,11 @@ def end_by(way: str) -> None:
     """A process of its own, whose device gives 1 N, and its end."""
     code = f"""
 import os, signal, sys, time
-from hapscene.bound_call import BoundCall
-from hapscene.native import native
+from hapscene.bound_call import BoundCall, loaded
 from hapscene_plugins.devices.openhaptics import DRIVER
 
-@native
-def push(state):
-    state[0].f_D_N[0] = 1.0
+def push(address, kind):
+    loaded(address, kind)[0][0].f_D_N[0] = 1.0
 
 device = DRIVER.open(**DRIVER.read_options({{"library": {emulator("hd")!r}}}))
 tick = BoundCall(push, (device.state,))
