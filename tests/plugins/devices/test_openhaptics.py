@@ -272,6 +272,12 @@ def test_names_are_tried_in_turn(desk):
     assert desk.tried.decode() == "left;force;clamp;"
 
 
+def test_a_device_that_another_has(desk, device):
+    with pytest.raises(DeviceError, match="HD_DEVICE_ALREADY_INITIATED.*close that"):
+        connect()
+    device.read()
+
+
 def test_no_device_says_what_was_tried(desk, monkeypatch):
     lay(desk, name=b"another")
     monkeypatch.delenv("GTDD_HOME", raising=False)
@@ -351,7 +357,6 @@ def test_no_force_is_left(desk, way):
 def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
     lay(desk)
     end_by("os.kill(os.getpid(), signal.SIGKILL)")
-    desk.set(started=0)  # the system has taken the device from the dead
     assert np.array_equal(desk.rows()["force"][-1], (1.0, 0.0, 0.0))
     DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
     assert not desk.rows()["force"][-1].any()

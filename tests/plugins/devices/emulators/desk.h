@@ -1,5 +1,6 @@
 /* What stands on the emulated desk, in a file that tests map too: faults to switch, forces that were commanded, when.
    The file is named by the environment, is made by the tests, and outlives the process. */
+#define _GNU_SOURCE
 #include <fcntl.h>
 #include <math.h>
 #include <stdint.h>
@@ -30,7 +31,7 @@ static void attach(void) {
     const char *told = getenv("HAPSCENE_EMULATED_DESK");
     if (told == NULL || (desk != NULL && strcmp(path, told) == 0)) return;
     int file = open(told, O_RDWR);
-    desk = mmap(NULL, sizeof *desk, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    desk = mmap(NULL, sizeof *desk, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file, 0);
     close(file);
     strncpy(path, told, sizeof path - 1);
 }

@@ -1,15 +1,16 @@
 /* HDAPI as far as a driver needs it: a scheduler with a thread of its own, frames, an error stack, calibration. */
+#include "desk.h"
+
 #include <pthread.h>
 #include <sched.h>
-
-#include "desk.h"
+#include <sys/file.h>
 
 typedef unsigned int (*callback)(void *);
 typedef struct { unsigned int code; int internal; unsigned int device; } error_info;
 struct task { callback call; void *data; unsigned long handle; int once, over; };
 
 static unsigned int errors[64];
-static int error_count, in_frame, bad_frame, enabled, running;
+static int error_count, in_frame, bad_frame, enabled, running, held;
 static double force[3], period_s = 1e-3;
 static struct task tasks[8];
 static unsigned long handles;
@@ -36,10 +37,17 @@ unsigned int hdInitDevice(const char *name) {
     attach();
     tell(name ? name : "NULL");
     if (refused("hdInitDevice") || strcmp(desk->name, name ? name : "NULL")) { push(0x302); return 0xFFFFFFFF; }
-    return desk->started ? (push(0x301), 0xFFFFFFFF) : (desk->started = 1, enabled = 0, in_frame = 0, 5);
+    held = open(getenv("HAPSCENE_EMULATED_DESK"), O_RDWR);
+    if (flock(held, LOCK_EX | LOCK_NB)) return close(held), push(0x301), 0xFFFFFFFF; /* the dead hold nothing */
+    desk->started = 1, enabled = 0, in_frame = 0;
+    return 5;
 }
 
-void hdDisableDevice(unsigned int device) { desk->started = 0, desk->disabled++; }
+void hdDisableDevice(unsigned int device) {
+    if (desk->started) close(held);
+    desk->started = 0, desk->disabled++;
+}
+
 void hdMakeCurrentDevice(unsigned int device) { if (device != 5) push(0x104); }
 
 void hdBeginFrame(unsigned int device) {
@@ -135,6 +143,8 @@ void hdStartScheduler(void) {
     if (refused("hdStartScheduler")) return;
     running = 1;
     pthread_create(&thread, NULL, run, NULL);
+    struct sched_param before_others = {1}; /* as the vendor's; where that is not allowed, without */
+    pthread_setschedparam(thread, SCHED_FIFO, &before_others);
 }
 
 void hdStopScheduler(void) {
