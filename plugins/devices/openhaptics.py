@@ -17,7 +17,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
+from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
 from functools import cache, partial
 from typing import Any, Final
 
@@ -478,9 +478,23 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
     return [Found(" ".join(word.decode(errors="replace") for word in words).strip() or "unnamed")]
 
 
-def release(**options: Any) -> None:
-    """Open it anew, so that its last force is zero."""
-    OpenHapticsConnection(**options).close()
+def release(library: str | None = None, name: str | None = None, **options: Any) -> None:
+    """Open it anew, and give zero: at once, with nothing to be compiled."""
+    hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+    device, nothing = _initiate(hd, name), (c_double * 3)()
+
+    def give(context: Any) -> int:
+        hd.hdBeginFrame(device)
+        hd.hdSetDoublev(int(_FORCE), nothing)
+        hd.hdEndFrame(device)
+        return _DONE
+
+    hd.hdEnable(int(_FORCE_OUTPUT))
+    hd.hdStartScheduler()
+    hd.hdScheduleSynchronous(CFUNCTYPE(c_uint, c_void_p)(give), None, PRIORITY)
+    hd.hdStopScheduler()
+    hd.hdDisableDevice(device)
+    _pop(hd)
 
 
 DRIVER = Driver(
