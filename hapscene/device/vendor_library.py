@@ -11,10 +11,13 @@ from typing import Any
 from hapscene.errors import DeviceError
 
 
-def load_library(path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str) -> Any:
+def load_library(
+    driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str
+) -> Any:
     """The library at `path`; without, the first of `names` that the system finds.
 
     Args:
+        driver: what messages begin with.
         path: of the file, as the user tells it.
         names: with and without a prefix, as systems spell them.
         functions: what is called, each with its result and its arguments.
@@ -32,14 +35,13 @@ def load_library(path: str | None, names: Sequence[str], functions: Mapping[str,
         except OSError as error:
             tried.append(str(error))
     if library is None:
-        raise DeviceError(f"the vendor's library does not load ({'; '.join(tried)}); {remedy}")
+        raise DeviceError(f"{driver}: the vendor's library does not load ({'; '.join(tried)}); {remedy}")
     for function, (result, *arguments) in functions.items():
         try:
             entry = getattr(library, function)
         except AttributeError:
-            raise DeviceError(
-                f"{library._name} has no function {function}: another library, or too old; {remedy}"
-            ) from None
+            place = f"{library._name} has no function {function}"
+            raise DeviceError(f"{driver}: {place}: another library, or too old; {remedy}") from None
         entry.restype, entry.argtypes = result, arguments
     return library
 

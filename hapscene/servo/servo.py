@@ -132,6 +132,7 @@ class Servo:
         tick_s, a_rate_Hz: as `Renderer` has them.
         flights: a folder: what was felt last is written into it when a device or the application is gone
             (`save_flight`).
+        force_N: largest force that a real device is sent, where its own limit is not lower.
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
@@ -159,6 +160,7 @@ class Servo:
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
         flights: "str | os.PathLike[str] | None" = None,
+        force_N: float | None = None,
         patience_s: float = math.inf,
         ring_s: float = RING_S,
         **made: Any,
@@ -174,10 +176,9 @@ class Servo:
         self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
         self.scene = scene.copy()
         self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
-        rates = {"tick_s": tick_s, "a_rate_Hz": a_rate_Hz}
-        self._made = {"scene": self.scene, "devices": devices, "bodies": self._room, "flights": None, **rates, **made}
-        if flights is not None:
-            self._made["flights"] = os.fspath(flights)
+        own = {"devices": devices, "bodies": self._room, "force_N": force_N}
+        own["flights"] = None if flights is None else os.fspath(flights)
+        self._made = {"scene": self.scene, **own, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(ring_s / tick_s), 2)
         self.body_names = [body.name for body in scene.bodies]
@@ -187,13 +188,13 @@ class Servo:
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
         self._frames: Any = None
+        self._fault: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
         self._guard: Any = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
-        self._fault: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short

@@ -75,7 +75,11 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     try:
         made = _heard(wire)
         devices, bodies, folder = made.pop("devices"), made.pop("bodies"), made.pop("flights")
+        force_N = made.pop("force_N")
         twins += [_twin(device, opened, made) for device in devices]
+        if force_N is not None:
+            for twin in twins:
+                twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
         desk = Desk(made["scene"], twins, channel, folder, told_of(twins[0].renderer, made.get("settings")))
         wire.send((None, desk.made))

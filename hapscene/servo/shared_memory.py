@@ -97,7 +97,10 @@ class Channel:
         """Let go of the memory. The views must not be used afterwards."""
         for name in (field.name for field in fields(self) if field.name != "memory"):
             object.__setattr__(self, name, None)
-        self.memory.close()
+        try:
+            self.memory.close()
+        except BufferError:  # somebody still looks at it: it goes with the process
+            self.memory._buf = self.memory._mmap = None  # type: ignore[attr-defined]  # else it tries again, and complains
         if unlink:
             self.memory.unlink()
 

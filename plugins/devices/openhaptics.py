@@ -309,7 +309,7 @@ def _initiate(hd: Any, name: str | None) -> int:
         if device != _NO_DEVICE:
             hd.hdDisableDevice(device)
         refused.append(f"{asked or 'NULL'}: {error_text(errors[-1]) if errors else 'refused without an error'}")
-    raise DeviceError(f"no device of OpenHaptics can be opened ({'; '.join(refused)}); {_remedy()}")
+    raise DeviceError(f"openhaptics: no device can be opened ({'; '.join(refused)}); {_remedy()}")
 
 
 class OpenHapticsConnection(VendorConnection):
@@ -322,10 +322,10 @@ class OpenHapticsConnection(VendorConnection):
     def __init__(self, library: str | None, name: str | None, rate: int, priority: int, reset: bool) -> None:
         super().__init__()
         if INTERPRETED:
-            raise DeviceError("openhaptics calls compiled code: it does not work with NUMBA_DISABLE_JIT=1")
+            raise DeviceError("openhaptics: the callback is compiled: it does not work with NUMBA_DISABLE_JIT=1")
         if not 0 <= priority <= PRIORITY_MAX:
-            raise DeviceError(f"option priority={priority}: it is a whole number from 0 to {PRIORITY_MAX}")
-        self._hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+            raise DeviceError(f"openhaptics: option priority={priority}: it is a whole number from 0 to {PRIORITY_MAX}")
+        self._hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
         self._handle: int | None = None
         self._priority = priority
         self._link = records(1, LINK)
@@ -376,7 +376,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def _check(self, doing: str) -> None:
         if errors := _pop(self._hd):
-            raise DeviceError(f"openhaptics, {doing}: {error_text(errors[-1])}")
+            raise DeviceError(f"openhaptics: {doing}: {error_text(errors[-1])}")
 
     def read(self) -> None:
         self._frame()
@@ -387,7 +387,7 @@ class OpenHapticsConnection(VendorConnection):
     def _frame(self) -> None:
         """Read, and send the force that is wanted, in a frame of the scheduler's."""
         if self._device is None:
-            raise DeviceError("the device is closed")
+            raise DeviceError("openhaptics: the device is closed")
         self._link.purpose = _ONCE
         self._hd.hdScheduleSynchronous(self._address, self._context(), self._priority)
         self._see()
@@ -412,7 +412,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def schedule(self, tick: int, context: int) -> None:
         if self._device is None:
-            raise DeviceError("the device is closed")
+            raise DeviceError("openhaptics: the device is closed")
         self.unschedule()
         link = self._link
         link.tick, link.context, link.purpose = tick, context, _SERVE
@@ -422,7 +422,7 @@ class OpenHapticsConnection(VendorConnection):
             errors = _pop(self._hd)
             self.unschedule()
             why = error_text(errors[-1]) if errors else "its scheduler does not call"
-            raise DeviceError(f"openhaptics does not begin: {why}")
+            raise DeviceError(f"openhaptics: the tick does not begin: {why}")
         self._moved, self._moved_s = before, time.monotonic()
 
     def unschedule(self) -> None:
@@ -468,7 +468,7 @@ def _wait(over: Callable[[], bool]) -> bool:
 def find(library: str | None = None, name: str | None = None, **options: Any) -> Sequence[Found]:
     """The device that answers, or why none does."""
     try:
-        hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+        hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
         device = _initiate(hd, name)
     except DeviceError as error:
         return [Found("", trouble=str(error), remedy=_remedy())]
@@ -480,7 +480,7 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
 
 def release(library: str | None = None, name: str | None = None, **options: Any) -> None:
     """Open it anew, and give zero: at once, with nothing to be compiled."""
-    hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+    hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
     device, nothing = _initiate(hd, name), (c_double * 3)()
 
     def give(context: Any) -> int:
