@@ -88,6 +88,7 @@ _ERROR_COUNT: Final = 16  # of a frame's errors so many are looked at
 _WARMTH_FRAMES: Final = 64  # warmth is asked for every so many
 _BAD_FRAMES: Final = 20  # so many bad frames in turn are more than a moment
 _WAIT_S: Final = 0.2  # what the scheduler has not begun by then, it does not
+_STILL: Final = "the library's scheduler stands still; unplug the device, plug it in again"
 
 
 class _ErrorInfo(ctypes.Structure):
@@ -292,9 +293,7 @@ def error_text(code: int) -> str:
 def _remedy() -> str:
     text = "install OpenHaptics and the device's drivers, or say where the library is: library=PATH"
     if sys.platform.startswith("linux") and "GTDD_HOME" not in os.environ:
-        text += (
-            "; GTDD_HOME is not set, without which the Touch's drivers find no device: log in again after installing"
-        )
+        text += "; GTDD_HOME is not set, and the Touch's drivers find nothing without: log in again after installing"
     return text
 
 
@@ -386,11 +385,21 @@ class OpenHapticsConnection(VendorConnection):
 
     def _frame(self) -> None:
         """Read, and send the force that is wanted, in a frame of the scheduler's."""
+        self._link.purpose = _ONCE
+        self._hand_over()
+        self._see()
+
+    def _hand_over(self) -> int:
+        """Have the scheduler call back, and wait until it has; the handle of that."""
         if self._device is None:
             raise DeviceError("openhaptics: the device is closed")
-        self._link.purpose = _ONCE
-        self._hd.hdScheduleSynchronous(self._address, self._context(), self._priority)
-        self._see()
+        before = int(self._link.frames[0])
+        handle = int(self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority))
+        if not _wait(lambda: int(self._link.frames[0]) > before):
+            errors = _pop(self._hd)
+            self._hd.hdUnschedule(handle)
+            raise DeviceError(f"openhaptics: {error_text(errors[-1]) if errors else _STILL}")
+        return handle
 
     def _see(self) -> None:
         trouble = int(self.state.trouble[0])
@@ -403,7 +412,7 @@ class OpenHapticsConnection(VendorConnection):
         if frames != self._moved:
             self._moved, self._moved_s = frames, now_s
         elif now_s - self._moved_s > _WAIT_S:
-            raise DeviceError("openhaptics: the library's scheduler stands still; unplug the device, plug it in again")
+            raise DeviceError(f"openhaptics: {_STILL}")
 
     def _context(self) -> int:
         """What the callback is called with; the state may have been put elsewhere."""
@@ -411,19 +420,11 @@ class OpenHapticsConnection(VendorConnection):
         return int(self._places.ctypes.data)
 
     def schedule(self, tick: int, context: int) -> None:
-        if self._device is None:
-            raise DeviceError("openhaptics: the device is closed")
         self.unschedule()
         link = self._link
         link.tick, link.context, link.purpose = tick, context, _SERVE
-        before = int(link.frames[0])
-        self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
-        if not _wait(lambda: int(link.frames[0]) > before):
-            errors = _pop(self._hd)
-            self.unschedule()
-            why = error_text(errors[-1]) if errors else "its scheduler does not call"
-            raise DeviceError(f"openhaptics: the tick does not begin: {why}")
-        self._moved, self._moved_s = before, time.monotonic()
+        self._moved, self._moved_s = -1, 0.0
+        self._handle = self._hand_over()
 
     def unschedule(self) -> None:
         if self._handle is not None:
@@ -513,15 +514,15 @@ DRIVER = Driver(
     options=(
         Option("library", None, "path of the vendor's library; without, the system is asked for HD"),
         Option("name", None, "the device's name in the vendor's setup; without, the usual ones are tried"),
-        Option("rate", 1000, "rate of the vendor's scheduler [Hz]"),
+        Option("rate", 1000, "rate of the vendor's scheduler, and so of the ticks [Hz]"),
         Option("priority", PRIORITY, f"of the tick among what the vendor's scheduler calls, 0 to {PRIORITY_MAX}"),
         Option("reset", False, "whether the arm stands in its reset position now, to be calibrated so"),
     ),
     release=release,
     assumptions=(
-        "What the device does when its process dies is not known: it is taken to hold its last force, "
-        "until it is opened anew and given zero.",
-        "0.88 N for long and 3.3 N at most are the Omni's and Touch's data sheet; the library's own maximum counts "
+        "What the device does when its process dies is not known: it is taken to hold its last force, until it is "
+        "opened anew and given zero.",
+        "0.88 N for long and 3.3 N at most are taken for the Omni's and Touch's; the library's own maximum counts "
         "where it is less.",
         "The workspace is the whole reach that the library names for an Omni, about the middle of the usable one.",
         "The library's transform has z along the stylus, towards the hand.",

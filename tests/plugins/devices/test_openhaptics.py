@@ -192,12 +192,17 @@ def test_an_error_of_the_frames_end_counts_in_the_next(desk, device):
     assert "let them cool" in device.reason(0x0200)
 
 
-def test_the_cause_is_told_and_not_what_follows(desk, device):
-    """Newest first is how the library gives its errors: the oldest is the cause, and warm motors are less than a
-    device that is gone."""
-    desk.set(begin_error=0x0302, warmth=1.0)
-    with pytest.raises(DeviceError, match=r"HD_COMM_ERROR \(0x0302\).*cable and power"):
-        device.read()
+@pytest.mark.parametrize(
+    ("first", "later", "told"),
+    [(0x0302, 0x0402, 0x0302), (0x0302, 0x0200, 0x0302), (0x0200, 0x0302, 0x0302), (0x0203, 0x0200, 0x0203)],
+)
+def test_the_cause_is_told_and_not_what_follows(desk, device, first, later, told):
+    """The library gives its newest error first: the oldest is the cause. Warm motors are less than what is gone."""
+    serve(device, 1.0)
+    desk.set(begin_error=first, refuse=b"hdGetIntegerv", refuse_code=later)
+    gone(desk)
+    gone(desk)
+    assert device.state.trouble == told
 
 
 def test_forces_that_the_library_switched_off_stay_off(desk, device):
@@ -261,6 +266,9 @@ def test_a_device_that_is_gone_is_seen(desk, device):
     ctypes.CDLL(emulator("hd")).hdStopScheduler()
     with pytest.raises(DeviceError, match="stands still"):
         until(device.check)
+    device.unschedule()
+    with pytest.raises(DeviceError, match="stands still"):
+        device.read()
 
 
 def test_names_are_tried_in_turn(desk):
