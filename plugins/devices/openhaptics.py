@@ -141,7 +141,6 @@ LINK: Final = np.dtype(
         ("ended", "i8"),  # 1: the last frame is over
         ("frames", "i8"),  # so far
         ("bad", "i8"),  # frames in turn whose numbers cannot be
-        ("after", "i8"),  # error of the last frame's end
         ("tells_warmth", "i8"),
     ],
     align=True,
@@ -178,7 +177,7 @@ def _pop_error(link: Any) -> Any:
 
 @native
 def _read_frame(link: Any, state: Any) -> Any:
-    """Fill the state, or leave it and say why."""
+    """Fill the state, or leave it and say why: what went wrong since the last frame was read."""
     doubles = link.doubles
     doubles[0] = doubles[1] = doubles[2] = math.nan
     _with_values(link.hdGetDoublev, (_POSITION, link.doubles_at))
@@ -250,15 +249,12 @@ def _serve(link: Any, state: Any) -> int:
     trouble = _read_frame(link, state)
     link.bad = link.bad + 1 if trouble == _NOT_FINITE else 0
     if trouble == 0:
-        trouble = link.after
-    if trouble == 0:
         trouble = _unready(link, calibration)
     state.trouble, state.ready = trouble, 1 if trouble == 0 else 0
     if purpose == _SERVE:
         _tick(link.tick, (link.context,))
     _write_frame(link, state)
     _with_device(link.hdEndFrame, (link.device,))
-    link.after = _pop_error(link)
     link.frames += 1
     if purpose == _END:
         link.ended = 1
