@@ -26,16 +26,18 @@ def load_library(
     Raises:
         DeviceError: none is there, it does not load, or it lacks one of the functions.
     """
-    library, tried = None, []
+    library, why = None, ""
     for name in [path] if path else names:
-        place = name if path else find_library(name) or name
+        found = path or find_library(name)
         try:
-            library = ctypes.CDLL(place)
+            library = ctypes.CDLL(found or name)
             break
         except OSError as error:
-            tried.append(str(error))
+            if found or not str(error).startswith(name):  # it is there: it is broken, or lacks what it needs itself
+                why = f" ({error})"
     if library is None:
-        raise DeviceError(f"{driver}: the vendor's library does not load ({'; '.join(tried)}); {remedy}")
+        tried = path or ", ".join(names)
+        raise DeviceError(f"{driver}: the vendor's library does not load, tried as {tried}{why}; {remedy}")
     for function, (result, *arguments) in functions.items():
         try:
             entry = getattr(library, function)

@@ -315,8 +315,22 @@ def test_options_that_are_wrong(desk, options, message):
         connect(**options)
 
 
+def test_the_library_is_looked_for(desk, monkeypatch, tmp_path):
+    lay(desk)
+    places = {"libHD.so": emulator("hd")}
+    monkeypatch.setattr("hapscene.device.vendor_library.find_library", places.get)
+    connect(library=None).close()
+    broken = tmp_path / "libHD.so"
+    broken.write_text("not a library")
+    places["libHD.so"] = str(broken)
+    with pytest.raises(DeviceError, match=r"tried as HD, libHD\.so, HD\.dll \(.*libHD\.so: .*\); install OpenHaptics"):
+        connect(library=None)
+
+
 def test_no_library():
-    with pytest.raises(DeviceError, match=r"nowhere/libHD\.so.*install OpenHaptics.*library=PATH"):
+    with pytest.raises(
+        DeviceError, match=r"tried as nowhere/libHD\.so .*cannot open.*install OpenHaptics.*library=PATH"
+    ):
         connect(library="nowhere/libHD.so")
     (found,) = DRIVER.find(library="nowhere/libHD.so")
     assert "does not load" in found.trouble
