@@ -30,7 +30,6 @@ class HandleOutput(Protocol):
     """Something that plays.
 
     Attributes:
-        rate_Hz: samples a second that it takes.
         takes_force: whether a sample is a force [N]; else it is a level, `gain` per m/s², or per N of a compensator's.
         gain: what a sample is multiplied by.
         ceiling: the largest that it takes; what is louder is limited beforehand.
@@ -40,7 +39,6 @@ class HandleOutput(Protocol):
         counts: what went wrong so far, by name.
     """
 
-    rate_Hz: float
     takes_force: bool
     gain: float
     ceiling: float
@@ -48,6 +46,10 @@ class HandleOutput(Protocol):
     lag_s: float
     fault: str
     counts: dict[str, int]
+
+    @property
+    def rate_Hz(self) -> float:
+        """Samples a second that it takes."""
 
     @property
     def latency_s(self) -> float:

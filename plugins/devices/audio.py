@@ -55,7 +55,7 @@ class AudioHandle:
             HandleError: no PortAudio, no such output, or one without these channels.
         """
         self._sound = _sounddevice()
-        self.rate_Hz, self.gain, self.ceiling, self.highpass_Hz, self.lag_s = rate_Hz, gain, 0.99, highpass_Hz, lag_s
+        self._rate_Hz, self.gain, self.ceiling, self.highpass_Hz, self.lag_s = rate_Hz, gain, 0.99, highpass_Hz, lag_s
         self.fault, self.counts = "", {"underruns": 0}
         self._feed: Feed | None = None
         number, name, count = _chosen(self._sound, device)
@@ -77,6 +77,10 @@ class AudioHandle:
         except (self._sound.PortAudioError, ValueError) as error:
             raise HandleError(f"{name}: cannot be opened: {' '.join(str(error).split())}") from None
         self._closing = False
+
+    @property
+    def rate_Hz(self) -> float:
+        return self._rate_Hz
 
     @property
     def latency_s(self) -> float:
