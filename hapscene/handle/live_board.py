@@ -102,7 +102,10 @@ class LiveBoard(Board):
         return self._latency_s
 
     def start(self, feed: Feed) -> None:
-        self._feed = feed
+        self._feed, now_s = feed, time.monotonic()
+        with refusing(HandleError, self.name):
+            while isinstance(piece := self._wire.next(), tuple) and piece[1] < now_s:
+                self._decoder.feed(*piece)  # what came while nobody listened would hold up the first answer
         self._begin()
         self._thread = threading.Thread(target=self._run, name="hapscene handle", daemon=True)
         self._thread.start()

@@ -50,6 +50,10 @@ class ChannelSource:
         self._taken = done
         return np.asarray(self._ring[np.arange(first, done) % length]).reshape(-1)  # a copy
 
+    def close(self) -> None:
+        """Look at the memory no more."""
+        self._ring = self._shared = np.zeros((1, 1))
+
 
 class RecordingSource:
     """What was recorded, as fast as an output takes it."""
@@ -130,7 +134,7 @@ def serve_live(
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the application's affair
         signal.signal(signal.SIGTERM, _end)
     opened: HandleOutput | None = None
-    stream = shared = None
+    stream = shared = source = None
     try:
         shared = open_channel(**channel)
         opened = open_output(output, options)
@@ -161,8 +165,8 @@ def serve_live(
             with suppress(OSError):
                 if fault:
                     wire.send((fault, None))
-        source = None  # looks at the memory that is given back
-        stream = None
+        if source is not None:
+            source.close()
         if shared is not None:
             shared.close(unlink=False)
 

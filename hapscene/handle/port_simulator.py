@@ -25,8 +25,11 @@ from hapscene.wire.protocol import LINE_MAX, WRAP, Column, Header, checksum, hea
 
 COLUMNS: Final = (Column("force", "N", 1e-4), Column("acceleration", "m/s2", 1e-3), Column("played", "1", 1.0))
 
-BLOCK_S: Final = 0.01
+BLOCK_S: Final = 0.002
 """Time between two writes [s]."""
+
+CAUGHT_UP_S: Final = 0.1
+"""How much time is made up for at once [s]: a board's clock waits for nobody; more would not fit onto the wire."""
 
 STATE_COLUMN: Final = Column(STATE, "1", 1.0)
 
@@ -45,6 +48,11 @@ class Peer:
         self._expected = self._played = self._number = self._grip = self._quiet = self._watchdog = self._run = 0
         self._tripped = False
         self._announce = True
+        self._hold()
+
+    def _hold(self) -> None:
+        _, k_u, b_u = self._grips[self._grip]
+        self.source.plant = replace(self.source.plant, k_u_N_m=k_u, b_u_Ns_m=b_u)
 
     def take(self, data: bytes) -> None:
         """Takes in what the host sent."""
@@ -77,8 +85,7 @@ class Peer:
         """Starts anew; `watchdog` in samples, 0 for a sweep, as is the number of the run."""
         if self._played:  # a new sweep: another grip
             self._grip = (self._grip + 1) % len(self._grips)
-        _, k_u, b_u = self._grips[self._grip]
-        self.source.plant = replace(self.source.plant, k_u_N_m=k_u, b_u_Ns_m=b_u)
+            self._hold()
         self.queue.clear()
         self._expected = self._played = self._quiet = 0
         self._watchdog, self._run, self._tripped = watchdog, run, False
@@ -118,11 +125,11 @@ def serve(peer: Peer, wire: int, over: Callable[[], bool], hurried: bool = False
     Args:
         peer: the handle.
         wire: file descriptor, not blocking.
-        over: asked about 100 times a second.
+        over: asked some 100 times a second.
         hurried: as fast as force comes in, not at the rate, and waiting for a reader that is slow.
     """
-    count = max(1, round(BLOCK_S * peer.source.rate_Hz))
-    due_s = time.monotonic()
+    rate_Hz = peer.source.rate_Hz
+    given, most = int(rate_Hz * time.monotonic()), int(CAUGHT_UP_S * rate_Hz)
     while not over():
         try:
             peer.take(os.read(wire, 1 << 16))
@@ -130,10 +137,13 @@ def serve(peer: Peer, wire: int, over: Callable[[], bool], hurried: bool = False
             pass
         except OSError:
             return  # the other end was closed for good
-        if not (hurried and peer.queue):
-            due_s = max(due_s + BLOCK_S, time.monotonic() - BLOCK_S)  # what was missed is not made up for
-            time.sleep(max(0.0, due_s - time.monotonic()))
-        _write(wire, peer.give(len(peer.queue) if hurried and peer.queue else count), over, 30.0 if hurried else 0.2)
+        if hurried and peer.queue:
+            count, given = len(peer.queue), int(rate_Hz * time.monotonic())
+        else:
+            time.sleep(BLOCK_S)
+            now = int(rate_Hz * time.monotonic())
+            count, given = min(now - given, most), now
+        _write(wire, peer.give(count), over, 30.0 if hurried else 0.2)
 
 
 def _write(wire: int, data: bytes, over: Callable[[], bool], patience_s: float) -> None:
