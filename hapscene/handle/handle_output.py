@@ -30,6 +30,7 @@ class HandleOutput(Protocol):
     """Something that plays.
 
     Attributes:
+        name: what it plays on, for messages.
         takes_force: whether a sample is a force [N]; else it is a level, `gain` per m/s², or per N of a compensator's.
         gain: what a sample is multiplied by.
         ceiling: the largest that it takes; what is louder is limited beforehand.
@@ -39,6 +40,7 @@ class HandleOutput(Protocol):
         counts: what went wrong so far, by name.
     """
 
+    name: str
     takes_force: bool
     gain: float
     ceiling: float

@@ -165,7 +165,9 @@ class LiveStream:
     @property
     def latency_s(self) -> float:
         """How long after it came from the channel a sample is pulled [s], on average over the last seconds."""
-        return max(0.0, float(self._state[0].in_hand)) / self.rate_Hz + float(self._state[0].delay) / self.output_rate_Hz
+        return (
+            max(0.0, float(self._state[0].in_hand)) / self.rate_Hz + float(self._state[0].delay) / self.output_rate_Hz
+        )
 
     @property
     def drift(self) -> float:
