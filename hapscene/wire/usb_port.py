@@ -57,8 +57,8 @@ class UsbPort(DrainedPort):
             self._in, self._out = self._endpoints()
         except usb.core.USBError as error:
             raise CaptureError(
-                f"the USB device {vendor:04x}:{product:04x} cannot be opened: {error.strerror or error}; on Linux a udev "
-                "rule gives permission, on Windows the driver WinUSB (Zadig)"
+                f"the USB device {vendor:04x}:{product:04x} cannot be opened: {error.strerror or error}; on Linux a "
+                "udev rule gives permission, on Windows the driver WinUSB (Zadig)"
             ) from None
         super().__init__()
 

@@ -16,8 +16,8 @@ DUALSENSE: Final = ("dualsense", "wireless controller")
 """What it is called, in lower case, as part of a longer name."""
 
 TRAP: Final = (
-    "shows only {count} of its four channels, without those of its voice coils: on Linux choose the profile Pro Audio or "
-    "Direct for it (pavucontrol, Configuration), on Windows Quadraphonic; on macOS it has all four"
+    "shows only {count} of its four channels, without those of its voice coils: on Linux choose the profile Pro Audio "
+    "or Direct for it (pavucontrol, Configuration), on Windows Quadraphonic; on macOS it has all four"
 )
 
 BLOCK_MAX: Final = 1 << 16

@@ -1,4 +1,4 @@
-"""A handle of one's own on USB's bulk endpoints: the lines of docs/handle-protocol.md, without a serial port between."""
+"""A handle of one's own on USB's bulk endpoints: the lines of docs/handle-protocol.md, no serial port between."""
 
 from typing import Final
 
