@@ -18,8 +18,8 @@ RATE_HZ: Final = 5000.0
 
 _DEVICE: Final = SimpleNamespace(
     bLength=18, bDescriptorType=1, bcdUSB=0x200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
-    bMaxPacketSize0=64, idVendor=0x16C0, idProduct=0x05DC, bcdDevice=0x100, iManufacturer=0, iProduct=0, iSerialNumber=0,
-    bNumConfigurations=1, bus=1, address=1, port_number=1, port_numbers=(1,), speed=3,
+    bMaxPacketSize0=64, idVendor=0x16C0, idProduct=0x05DC, bcdDevice=0x100, iManufacturer=0, iProduct=0,
+    iSerialNumber=0, bNumConfigurations=1, bus=1, address=1, port_number=1, port_numbers=(1,), speed=3,
 )  # fmt: skip
 _CONFIGURATION: Final = SimpleNamespace(
     bLength=9, bDescriptorType=2, wTotalLength=32, bNumInterfaces=1, bConfigurationValue=1, iConfiguration=0,
