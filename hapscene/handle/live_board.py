@@ -104,8 +104,10 @@ class LiveBoard(Board):
     def start(self, feed: Feed) -> None:
         self._feed, now_s = feed, time.monotonic()
         with refusing(HandleError, self.name):
-            while isinstance(piece := self._wire.next(), tuple) and piece[1] < now_s:
+            while isinstance(piece := self._wire.next(), tuple):
                 self._decoder.feed(*piece)  # what came while nobody listened would hold up the first answer
+                if piece[1] >= now_s:
+                    break
         self._begin()
         self._thread = threading.Thread(target=self._run, name="hapscene handle", daemon=True)
         self._thread.start()
