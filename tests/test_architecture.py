@@ -61,6 +61,7 @@ BETWEEN = {
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},
+    "handle/live_process.py": {"servo"},  # takes what a servo's channel asks for out of its memory, by name
 }
 """Files that know more than their room, and why."""
 

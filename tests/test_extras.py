@@ -14,13 +14,17 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 
 WORDS = {
     "step": "check part.step",
+    "audio": "handle play oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle audio",
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
     "mujoco": "touch box.xml --no-picture",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
+    "usb": "handle play oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle usb",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
 """A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`."""
+
+IMPORT_NAMES = {"pyusb": "usb"}
 
 
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - {"dev", "docs", "gymnasium"}))
@@ -33,6 +37,7 @@ def test_an_extra_that_is_missing_is_named(
     Path("oak.csv").write_text("acceleration,force\n" + "0,1\n" * 100)
     Path("box.xml").write_text("<mujoco/>")
     for text in PROJECT["optional-dependencies"][extra]:
-        monkeypatch.setitem(sys.modules, Requirement(text).name.replace("-", "_"), None)
+        name = Requirement(text).name.replace("-", "_")
+        monkeypatch.setitem(sys.modules, IMPORT_NAMES.get(name, name), None)
     assert main(WORDS[extra].split()) == 2
     assert f"pip install 'hapscene[{extra}]'" in capsys.readouterr().err

@@ -21,6 +21,9 @@ TRAP: Final = (
 )
 
 BLOCK_MAX: Final = 1 << 16
+"""Most samples that a card asks for at once [count]."""
+
+FULL_SCALE: Final = 32_767
 
 
 class AudioHandle:
@@ -68,7 +71,7 @@ class AudioHandle:
                 samplerate=rate_Hz,
                 device=number,
                 channels=max(needed, 4) if count >= 4 else needed,  # the card's own, else a mixer may spread them
-                dtype="float32",
+                dtype="int16",  # rounded here: PortAudio cuts
                 latency=buffer_s or "low",
                 blocksize=block,
                 callback=self._fill,
@@ -95,16 +98,17 @@ class AudioHandle:
             raise HandleError(f"{self.name}: cannot play: {' '.join(str(error).split())}") from None
 
     def _fill(self, out: Any, count: int, time: Any, status: Any) -> None:
-        out.fill(0.0)
+        out.fill(0)
         try:
             self.counts["underruns"] += bool(status.output_underflow)
             samples = self._samples[:count]
             assert self._feed is not None
             self._feed.pull(samples)
+            whole = np.rint(FULL_SCALE * samples)
             for column in self._columns:
-                out[:, column] = samples
+                out[:, column] = whole
         except Exception as error:  # a fault of ours: silence, and it is told
-            out.fill(0.0)
+            out.fill(0)
             self.fault = f"{self.name}: {type(error).__name__}: {error}"
             raise self._sound.CallbackAbort from None
 

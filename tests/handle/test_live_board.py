@@ -354,7 +354,15 @@ def both(sketch: Path, script: list[bytes | int]) -> tuple[bytes, bytes]:
 def test_the_sketch_says_to_the_byte_what_the_simulated_board_says(sketch: Path) -> None:
     script: list[bytes | int] = [3, sealed(START), sample_line(0, [5, -7]), 4, sample_line(4, [1]), 1100]
     script += [sealed(live_start(0.02, 200)), sample_line(0, range(-16, 16)), sample_line(40, [40_000, -40_000]), 60]
-    script += [sample_line(42, [9]), 150, sample_line(43, [9]), 3, sealed(live_start(0.005, 1)), sample_line(0, [3]), 30]
+    script += [
+        sample_line(42, [9]),
+        150,
+        sample_line(43, [9]),
+        3,
+        sealed(live_start(0.005, 1)),
+        sample_line(0, [3]),
+        30,
+    ]
     simulated, compiled = both(sketch, script)
     assert compiled == simulated
     assert {30_000, -30_000, 5, -7, 9, 3} <= set(rows(compiled)[:, 1].tolist())

@@ -110,7 +110,9 @@ def test_what_is_too_loud_is_made_quieter_before_it_comes_and_never_cut() -> Non
     stream_out = played(loud, ceiling=0.9)
     assert np.abs(stream_out).max() <= 0.9
     spectrum = np.abs(np.fft.rfft(stream_out[int(0.9 * CARD_HZ) : int(1.1 * CARD_HZ)] * np.hanning(9600)))
-    assert spectrum[150 * 9600 // 48000 * 5 :].max() < 3e-3 * spectrum.max()  # 750 Hz: a cut sine has a third of a third
+    assert (
+        spectrum[150 * 9600 // 48000 * 5 :].max() < 3e-3 * spectrum.max()
+    )  # 750 Hz: a cut sine has a third of a third
     np.testing.assert_allclose(stream_out[20_000:35_000], sine(np.arange(20_000, 35_000) / CARD_HZ), atol=2e-6)
 
 
@@ -179,7 +181,11 @@ def test_a_compensator_makes_the_force_that_the_simulated_handle_gets() -> None:
     wanted = 4.0 * np.sin(2.0 * np.pi * 90.0 * t_s)
     force = play(wanted, RATE_HZ, compensator="flat").force_N
     stream = LiveStream(
-        lambda count: np.zeros(0), RATE_HZ, output(), steered=False, handle=new_handle(Plant(), Plant(), "flat", RATE_HZ)
+        lambda count: np.zeros(0),
+        RATE_HZ,
+        output(),
+        steered=False,
+        handle=new_handle(Plant(), Plant(), "flat", RATE_HZ),
     )
     stream._push(wanted.copy())
     delay = round(0.004 * RATE_HZ)

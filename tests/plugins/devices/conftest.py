@@ -6,11 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 RATE_HZ = 48_000
 
@@ -57,7 +58,7 @@ class NullSink:
         return subprocess.run(["pactl", "list", "short", "sinks"], env=self.env, capture_output=True, text=True).stdout
 
     @staticmethod
-    def _wait(done, what: str) -> None:
+    def _wait(done: Callable[[], bool], what: str) -> None:
         deadline_s = time.monotonic() + 20.0
         while not done():
             assert time.monotonic() < deadline_s, f"{what} does not come"
@@ -87,8 +88,18 @@ class NullSink:
         self._daemon.terminate()
         self._daemon.wait(10.0)
 
+    @staticmethod
+    def recorded(file: Path) -> np.ndarray:
+        """(n, 4) of full scale, as PortAudio makes 16 bits of it."""
+        whole = np.fromfile(file, np.int16)
+        return whole[: len(whole) // 4 * 4].reshape(-1, 4) / 32767.0
 
-def recorded(file: Path) -> np.ndarray:
-    """(n, 4) of full scale."""
-    whole = np.fromfile(file, np.int16)
-    return whole[: len(whole) // 4 * 4].reshape(-1, 4) / 32768.0
+
+@pytest.fixture(scope="session")
+def sink(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NullSink]:
+    lacking = missing()
+    if lacking:
+        pytest.skip(f"not installed: {lacking} (.ci/system-packages, extra `audio`)")
+    sink = NullSink(tmp_path_factory.mktemp("sink"))
+    yield sink
+    sink.close()
