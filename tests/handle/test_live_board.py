@@ -1,5 +1,6 @@
 """A board that plays live, at the wire: the simulated one, wires that spoil what they carry, and the sketch itself."""
 
+import re
 import shutil
 import subprocess
 import threading
@@ -118,6 +119,9 @@ def peer_force(peer: Peer) -> bool:
 
 
 def test_bytes_on_the_wire_are_those_of_the_document() -> None:
+    text = (ROOT / "docs" / "handle-protocol.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^    [<>] (.*)\*[0-9A-F]{4}$", text, re.MULTILINE)
+    assert len(lines) == 11 and all(sealed(line.encode()).decode().strip() in text for line in lines)
     assert sealed(live_start(0.02, 1)) == b"#hapscene-handle 2 start watchdog=20 run=1*53EC\n"
     handle = peer()
     handle.take(sealed(live_start(0.02, 1)) + sample_line(0, [12, 51, 31_000]))
@@ -195,7 +199,7 @@ def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
 def test_a_board_that_only_plays_sweeps_is_told_so() -> None:
     wire = Wire(peer())
     wire.spoil = lambda data: header_line(Header(RATE_HZ, COLUMNS))
-    with pytest.raises(HandleError, match="plays no live force.*column 'state'"):
+    with pytest.raises(HandleError, match=r"plays no live force.*column 'state'"):
         board(wire)
     assert wire.closed
 
@@ -241,7 +245,7 @@ FRAMES = (
 
 def is_frame(line: bytes) -> bool:
     """Whether a line is to the letter what a host may send: checked by other means than the simulator's."""
-    body, star, crc = line.rpartition(b"*")
+    body, star, _ = line.rpartition(b"*")
     if not star or sealed(body) != line + b"\n":
         return False
     with np.errstate(all="ignore"):

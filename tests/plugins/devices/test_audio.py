@@ -106,7 +106,7 @@ class FakeSound:
     class PortAudioError(Exception):
         pass
 
-    class CallbackAbort(Exception):  # noqa: N818  # its name there
+    class CallbackAbort(Exception):
         pass
 
     def __init__(self, *cards: tuple[str, int]) -> None:
@@ -117,7 +117,7 @@ class FakeSound:
     def query_devices(self) -> list[dict[str, Any]]:
         return [{"name": name, "max_output_channels": count} for name, count in self._cards]
 
-    def OutputStream(self, **told: Any) -> Any:  # noqa: N802
+    def OutputStream(self, **told: Any) -> Any:
         self.opened = told
         if told["samplerate"] != 48_000.0:
             raise self.PortAudioError("Invalid sample rate")
