@@ -19,15 +19,15 @@ WORDS = {
     "mujoco": "touch box.xml --no-picture",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
-    "usb": "handle play oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle usb",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`."""
+"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`.
+Drivers that need `usb` or `hid` are tried in tests/plugins/devices."""
 
-IMPORT_NAMES = {"pyusb": "usb"}
+NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "usb"}
 
 
-@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - {"dev", "docs", "gymnasium"}))
+@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))
 def test_an_extra_that_is_missing_is_named(
     extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -37,7 +37,6 @@ def test_an_extra_that_is_missing_is_named(
     Path("oak.csv").write_text("acceleration,force\n" + "0,1\n" * 100)
     Path("box.xml").write_text("<mujoco/>")
     for text in PROJECT["optional-dependencies"][extra]:
-        name = Requirement(text).name.replace("-", "_")
-        monkeypatch.setitem(sys.modules, IMPORT_NAMES.get(name, name), None)
+        monkeypatch.setitem(sys.modules, Requirement(text).name.replace("-", "_"), None)
     assert main(WORDS[extra].split()) == 2
     assert f"pip install 'hapscene[{extra}]'" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from hapscene.command.options import (
     check_there,
     folder,
     force,
+    key_value,
     number,
     rate,
     recording_options,
@@ -41,8 +42,9 @@ def _add_play(commands: Any) -> None:
         "given once for each",
     )
     command.add_argument(
-        "--option", action="append", default=[], metavar="KEY=VALUE", help="of the real one, as port=/dev/ttyACM0"
-    )
+        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE",
+        help="of the real one, as port=/dev/ttyACM0",
+    )  # fmt: skip
     command.add_argument(
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )
@@ -62,9 +64,9 @@ def _play(options: argparse.Namespace) -> int:
       hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --handle audio --option gain=0.01
       hapscene handle play touch.npz --handle my.handle --handle serial --option port=/dev/ttyACM0
     """
-    from hapscene.handle.handle_output import is_output
+    from hapscene.device.driver_registry import DRIVERS
 
-    names = [name for name in options.handle if is_output(name)]
+    names = [name for name in options.handle if name in DRIVERS.names()]
     files = [name for name in options.handle if name not in names]
     if max(len(names), len(files)) > 1:
         raise HandleError("--handle may be given once for an identified handle's file, and once for a real one's name")
@@ -115,19 +117,17 @@ def _play(options: argparse.Namespace) -> int:
 
 def _play_on(name: str, options: argparse.Namespace) -> int:
     """Play on a real handle."""
-    from hapscene.handle.handle_output import open_output
-    from hapscene.handle.live_process import compensator_of, play_recording, report
+    from hapscene.handle.live_process import compensator_of, open_output, play_recording, report
 
     if options.grip is not None or options.out is not None:
         raise HandleError("--grip and --out are of the simulated handle; how a real one is held nobody can tell it")
     chosen = options.compensator or "flat"
     if chosen == "adaptive":
         raise HandleError("--compensator adaptive learns from a simulated handle; a real one takes flat or inverse")
-    told = dict(text.partition("=")[::2] for text in options.option)
     check_there(options.handle, HandleError)
     check_there(options.file, CaptureError)
     desired, rate_Hz = _desired(options)
-    output = open_output(name, told)
+    output = open_output(name, dict(options.option))
     try:
         handle = compensator_of(output, options.handle, chosen, rate_Hz)
         tell([f"playing {Path(options.file).name}, {len(desired) / rate_Hz:.3g} s, on {output.name}"])

@@ -1,19 +1,12 @@
 """The contract of what a handle is played on for real: headphones, a coil on an amplifier, a board of one's own.
 
 An output has a clock of its own. Whenever it has room it pulls samples, at its rate, from a `Feed`, in a thread of its
-own; it never waits for them. It opens what it drives when it is made, and what it is made of are its options.
+own; it never waits for them. It opens what it drives when it is made: `Driver.open_handle` makes it of its options.
 """
 
-import inspect
-from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
-from typing import Any, Final, Protocol
+from typing import Protocol
 
-from hapscene.errors import HandleError, no_such
 from hapscene.handle.plant import Array
-
-GROUP: Final = "hapscene.devices"
-"""Name of the entry-point group that handles join."""
 
 
 class Feed(Protocol):
@@ -66,39 +59,3 @@ class HandleOutput(Protocol):
 
     def close(self) -> None:
         """Put out nothing any more, and let go of it; raises nothing, also where it is gone. Twice does no harm."""
-
-
-def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
-    """The handle that plugin `name` plays on, opened with its options, which may be texts.
-
-    Raises:
-        HandleError: no such handle or option, a value that is none, or nothing there that can be used.
-    """
-    found = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in found:
-        raise HandleError(no_such("handle to play on", name, found))
-    offer = found[name].load()
-    opener: Callable[..., HandleOutput] | None = getattr(offer, "open_handle", offer)
-    if opener is None:
-        raise HandleError(f"{name!r} plays no acceleration: it is a device to touch with (--device {name})")
-    return opener(**_read(name, opener, options))
-
-
-def is_output(name: str) -> bool:
-    """Whether a plugin has that name."""
-    return any(point.name == name for point in entry_points(group=GROUP))
-
-
-def _read(name: str, opener: Callable[..., Any], told: Mapping[str, Any]) -> dict[str, Any]:
-    """The options told, each of the type that its default has."""
-    known = inspect.signature(opener).parameters
-    read = {}
-    for key, value in told.items():
-        if key not in known:
-            raise HandleError(f"handle {name!r}: {no_such('option', key, known)}")
-        kind = type(known[key].default)
-        try:
-            read[key] = kind(value)
-        except ValueError:
-            raise HandleError(f"handle {name!r}: option {key} is a number, is {value!r:.60}") from None
-    return read

@@ -15,9 +15,10 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from hapscene.errors import HandleError, HapsceneError
+from hapscene.device.driver_registry import DRIVERS
+from hapscene.errors import DeviceError, HandleError, HapsceneError
 from hapscene.handle.handle_file import load_handle
-from hapscene.handle.handle_output import HandleOutput, open_output
+from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.live_stream import FADE_S, LiveStream
 from hapscene.handle.plant import Array, Plant
@@ -66,6 +67,20 @@ class RecordingSource:
         first = self.taken
         self.taken = min(first + wanted, len(self._samples))
         return self._samples[first : self.taken].copy()
+
+
+def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
+    """The handle that the driver `name` plays on, opened with its options, which may be texts.
+
+    Raises:
+        DeviceError: no such driver or option, a value that is none, or a device that has no handle.
+        HandleError: nothing there that can be used.
+    """
+    driver = DRIVERS.load(name)
+    if driver.open_handle is None:
+        raise DeviceError(f"{name!r} plays no acceleration: it is a device to touch with (--device {name})")
+    output: HandleOutput = driver.open_handle(**driver.read_options(options))
+    return output
 
 
 def finish(stream: LiveStream, output: HandleOutput) -> None:

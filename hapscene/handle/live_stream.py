@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapscene.errors import HandleError
-from hapscene.handle.governor import MASK, ONE, RELEASE_S, RING, fade
+from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
 from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, vibrate
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
@@ -54,6 +54,9 @@ TOO_MUCH_S: Final = 0.05
 
 ROOM: Final = 1 << 16
 """Samples of the channel in the ring [count], a power of two: 6 s at 10 kHz."""
+
+RING: Final = MASK + 1
+"""Room for the limiter's look-ahead, as `governor.fade` has it [samples]."""
 
 SILENT, PLAYING, FADING = 0, 1, 2
 

@@ -1,1 +1,1 @@
-"""Drivers: one small file each, found through the entry-point group `hapscene.devices`."""
+"""Drivers of devices that can be plugged in, one small file each; `hapscene.device.driver` has their contract."""

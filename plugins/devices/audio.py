@@ -5,10 +5,12 @@ coils in its grips, left and right. It calls itself "Wireless Controller" or "Du
 rumble on, the coils are deaf to sound. None of this was tried on hardware here; several independent sources agree.
 """
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from hapscene.device.driver import Driver, Found, Option
 from hapscene.errors import HandleError
 from hapscene.handle.handle_output import Feed
 
@@ -42,17 +44,7 @@ class AudioHandle:
         highpass_Hz: float = 15.0,
         lag_s: float = 0.005,
     ) -> None:
-        """Opens it.
-
-        Args:
-            device: number, or part of the name, of an output; "" for a DualSense, or else the system's own.
-            channels: which to play on, from 1, as "3,4"; "" for 3 and 4 of a DualSense, or else the first two.
-            gain: part of full scale for 1 m/s², or for 1 N where a compensator makes force.
-            rate_Hz: of the card.
-            buffer_s: how much the system keeps in hand; 0 for the least that it offers.
-            block: samples that it asks for at once; 0 for as many as it likes.
-            highpass_Hz: what is lower is left out; 0 for nothing.
-            lag_s: how much of the channel is kept in hand beside that.
+        """Opens it; `DRIVER.options` says what the arguments mean.
 
         Raises:
             HandleError: no PortAudio, no such output, or one without these channels.
@@ -177,3 +169,38 @@ def _columns(channels: str, name: str, count: int) -> list[int]:
     if not all(0 <= column < count for column in chosen):
         raise HandleError(f"option channels={text}: {name} has the channels 1 to {count}")
     return chosen
+
+
+def find(**options: Any) -> Sequence[Found]:
+    """The outputs that are there."""
+    try:
+        sound = _sounddevice()
+    except HandleError as error:
+        trouble, _, remedy = str(error).partition(": ")
+        return [Found("sound", trouble=trouble, remedy=remedy)]
+    found = []
+    for number, name, count in outputs(sound):
+        trap = f"{name}: {TRAP.format(count=count)}" if is_dualsense(name) and count < 4 else ""
+        found.append(Found(f"{name} ({count} channels)", {"device": str(number)}, *trap.split(": on Linux ", 1)))
+    return found
+
+
+DRIVER = Driver(
+    name="audio",
+    summary="Sound: headphones, an exciter, a coil on an amplifier, a DualSense's voice coils (a handle).",
+    open_handle=AudioHandle,
+    find=find,
+    force=False,
+    needs="sounddevice (pip install 'hapscene[audio]'); on Linux libportaudio2",
+    options=(
+        Option("device", "", "number, or part of the name, of an output; else a DualSense, or the system's own"),
+        Option("channels", "", "to play on, from 1, as 3,4; else 3 and 4 of a DualSense, or the first two"),
+        Option("gain", 0.02, "part of full scale for 1 m/s², or for 1 N where a compensator makes force"),
+        Option("rate_Hz", 48_000.0, "of the card [Hz]"),
+        Option("buffer_s", 0.0, "how much the system keeps in hand [s]; 0 for the least that it offers"),
+        Option("block", 0, "samples that it asks for at once; 0 for as many as it likes"),
+        Option("highpass_Hz", 15.0, "what is lower is left out [Hz]; 0 for nothing"),
+        Option("lag_s", 0.005, "how much of the channel is kept in hand beside that [s]"),
+    ),
+    assumptions=("A DualSense has its voice coils on channels 3 and 4, and calls itself so on every system.",),
+)

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.errors import HandleError
+from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.live_process import ChannelSource, LiveHandle
+from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
 from hapscene.handle.plant import Plant
 from hapscene.handle.port_simulator import Peer, serve
 from hapscene.servo.shared_memory import Channel, open_channel
@@ -163,6 +163,22 @@ def test_a_killed_application_is_silence_and_nothing_stays_behind(
 def test_what_the_handle_refuses_is_said_by_the_application(channel: Channel) -> None:
     with pytest.raises(HandleError, match="/dev/none: the port cannot be opened"):
         LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("spoon", {}, "no device 'spoon'; there are: audio"),
+        ("simulated", {}, "plays no acceleration"),
+        ("serial", {"prot": "x"}, "no option 'prot'; there are: .*port"),
+        ("serial", {"limit_N": "much"}, "limit_N=much"),
+        ("serial", {}, "which port"),
+        ("usb", {"id": "teensy"}, "is VENDOR:PRODUCT in hexadecimal digits"),
+    ],
+)
+def test_what_cannot_be_opened_is_said_in_words(name: str, options: dict[str, str], words: str) -> None:
+    with pytest.raises(HapsceneError, match=words):
+        open_output(name, options)
 
 
 def test_the_newest_ticks_are_taken_and_none_twice(channel: Channel) -> None:

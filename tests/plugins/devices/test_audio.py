@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
-from hapscene_plugins.devices.audio import AudioHandle
+from hapscene_plugins.devices.audio import DRIVER, AudioHandle
 
 RATE_HZ = 48_000
 
 RECORDING = """
 import sys, numpy as np
-from hapscene.handle.handle_output import open_output
+from hapscene.handle.live_process import open_output
 from hapscene.handle.live_process import play_recording
 samples = np.load(sys.argv[1])
 output = open_output("audio", {"gain": 0.02, "highpass_Hz": 0, "buffer_s": sys.argv[2], "block": 480})
@@ -210,3 +210,12 @@ def test_without_portaudio_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
     with pytest.raises(HandleError, match="apt-get install libportaudio2"):
         AudioHandle()
+    (found,) = DRIVER.find()
+    assert found.trouble and "libportaudio2" in found.remedy
+
+
+def test_outputs_are_found_and_the_trap_is_told(cards: Any) -> None:
+    cards(HEADPHONES, SPLIT)
+    headphones, split = DRIVER.find()
+    assert headphones.where == "USB Headphones (2 channels)" and headphones.trouble == ""
+    assert "shows only 2 of its four" in split.trouble and "Pro Audio or Direct" in split.remedy

@@ -12,9 +12,8 @@ pytest.importorskip("usb", reason="no pyusb: extra `usb`")
 
 from hapscene.errors import HandleError
 from hapscene.handle import usb_simulator
-from hapscene.handle.handle_output import open_output
-from hapscene.handle.live_process import compensator_of, play_recording
-from hapscene_plugins.devices.handle_usb import UsbHandle
+from hapscene.handle.live_process import compensator_of, open_output, play_recording
+from hapscene_plugins.devices.handle_usb import DRIVER
 
 BACKEND = "hapscene.handle.usb_simulator"
 
@@ -38,7 +37,7 @@ def test_an_acceleration_is_played_by_a_compensator_and_measured() -> None:
 
 
 def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> None:
-    handle = UsbHandle(backend=BACKEND)
+    handle = open_output("usb", {"backend": BACKEND})
     handle.start(Silence())
     plugged_in.unplugged = True
     until_s = time.monotonic() + 5.0
@@ -60,24 +59,25 @@ class Silence:
 @pytest.mark.parametrize(
     ("told", "words"),
     [
-        ({"id": "1234:5678", "backend": BACKEND}, "no USB device 1234:5678"),
-        ({"backend": "hapscene.no_such"}, "backend hapscene.no_such: No module named"),
-        ({"backend": "json"}, r"needs json.get_backend\(\)"),
+        ({"id": "1234:5678", "backend": BACKEND}, "none is plugged in .USB 1234:5678"),
+        ({"backend": "hapscene.no_such"}, "backend=hapscene.no_such: is no backend"),
+        ({"backend": "json"}, "backend=json: is no backend"),
     ],
 )
 def test_what_is_not_there_is_said_in_words(told: dict[str, str], words: str) -> None:
     with pytest.raises(HandleError, match=words):
-        UsbHandle(**told)
+        open_output("usb", told)
 
 
-def test_a_board_of_another_interface_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usb_simulator._INTERFACE, "bInterfaceClass", 3)
-    with pytest.raises(HandleError, match="no interface of the vendor's class"):
-        UsbHandle(backend=BACKEND)
+def test_a_board_without_an_endpoint_each_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(usb_simulator._INTERFACE, "bNumEndpoints", 1)
+    with pytest.raises(HandleError, match="not an endpoint each way"):
+        open_output("usb", {"backend": BACKEND})
 
 
-def test_without_pyusb_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("usb", "usb.core", "usb.util"):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_it_is_found_and_what_is_missing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    (found,) = DRIVER.find(backend=BACKEND)
+    assert found.trouble == ""
+    monkeypatch.setitem(sys.modules, "usb.core", None)
     with pytest.raises(HandleError, match=r"pip install 'hapscene\[usb\]'"):
-        UsbHandle(backend=BACKEND)
+        open_output("usb", {"backend": BACKEND})
