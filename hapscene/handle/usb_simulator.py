@@ -7,9 +7,6 @@ import time
 from types import SimpleNamespace
 from typing import Any, Final
 
-import usb.backend
-import usb.core
-
 from hapscene.handle.force_source import SimulatedSource
 from hapscene.handle.plant import Plant
 from hapscene.handle.port_simulator import Peer
@@ -31,7 +28,7 @@ _INTERFACE: Final = SimpleNamespace(
 )  # fmt: skip
 
 
-class Backend(usb.backend.IBackend):  # type: ignore[misc]
+class Backend:
     """One board, plugged in."""
 
     def __init__(self) -> None:
@@ -70,6 +67,9 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
         pass
 
+    def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
+        return False
+
     def get_configuration(self, dev_handle: Any) -> int:
         return 1
 
@@ -88,6 +88,8 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
         self._check()
         due = int((time.monotonic() - self._begun_s) * RATE_HZ) - self._given
         if not self._rest and due <= 0:
+            import usb.core
+
             time.sleep(1e-3)
             raise usb.core.USBTimeoutError("nothing came in time")
         self._given += max(0, due)
@@ -98,6 +100,8 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _check(self) -> None:
         if self.unplugged:
+            import usb.core
+
             raise usb.core.USBError("no such device (it may have been disconnected)", errno=19)
 
 
