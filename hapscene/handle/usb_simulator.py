@@ -98,6 +98,9 @@ class Backend:
         memoryview(buff).cast("B")[: len(part)] = part
         return len(part)
 
+    intr_write = iso_write = bulk_write  # pyusb looks them all up, whatever the endpoint
+    intr_read = iso_read = bulk_read
+
     def _check(self) -> None:
         if self.unplugged:
             import usb.core
