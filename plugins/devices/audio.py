@@ -71,7 +71,7 @@ class AudioHandle:
             )
         except (self._sound.PortAudioError, ValueError) as error:
             raise HandleError(f"{name}: cannot be opened: {' '.join(str(error).split())}") from None
-        self._closing = False
+        self._closing, self._latency_s = False, 0.0
 
     @property
     def rate_Hz(self) -> float:
@@ -79,8 +79,10 @@ class AudioHandle:
 
     @property
     def latency_s(self) -> float:
-        """What PortAudio says of the open stream."""
-        return 0.0 if self._closing else float(self._stream.latency)
+        """What PortAudio says of the open stream, and said last of a closed one."""
+        if not self._closing:
+            self._latency_s = float(self._stream.latency)
+        return self._latency_s
 
     def start(self, feed: Feed) -> None:
         self._feed = feed
@@ -111,6 +113,7 @@ class AudioHandle:
     def close(self) -> None:
         if self._closing:
             return
+        _ = self.latency_s
         self._closing = True
         try:
             if not self.fault:

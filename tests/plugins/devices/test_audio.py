@@ -155,6 +155,7 @@ def test_the_output_is_found_by_name(
     assert (sound.opened["device"], handle._columns, sound.opened["channels"]) == (number, columns, count)
     handle.close()
     handle.close()
+    assert handle.latency_s == 0.01  # what is said at the end
 
 
 @pytest.mark.parametrize(
