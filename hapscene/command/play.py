@@ -40,9 +40,7 @@ def add_play(commands: Any) -> None:
         metavar="KEY=VALUE",
         help="of the handle",
     )
-    command.add_argument(
-        "--handle-file", metavar="FILE", help="of `handle identify`: its compensator drives the handle"
-    )
+    command.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: it drives the handle")
     command.add_argument(
         "--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="where the middle of the device's workspace lies in the scene, in m (default: the middle of its top)",
