@@ -63,8 +63,8 @@ FORCE_N: Final = 8.0
 STEP_M: Final = 1e-8
 """The forward kinematics end when a step of Newton's is shorter."""
 
-SILENT_S: Final = 0.08
-"""Longest time without a good packet before the device counts as gone."""
+SILENT_S: Final = 0.5
+"""Longest time without a good packet before the device counts as gone; after 10 ms the servo gives it no force."""
 
 
 def pack(units: tuple[int, int, int], bits: int) -> bytes:
@@ -256,7 +256,7 @@ class FalconConnection(Connection):
                 return
         if time.monotonic() - self._heard_s > SILENT_S:
             self.state.ready = 0
-            raise DeviceError("falcon: has said nothing that it can mean for 0.08 s; check its cable and its power")
+            raise DeviceError("falcon: has said nothing of sense for half a second; check its cable and its power")
 
     def write(self) -> None:
         state = self.state[0]

@@ -20,6 +20,14 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 
+try:
+    from termios import error as PortError
+except ImportError:  # Windows has none
+    PortError = OSError  # type: ignore[misc,assignment]
+
+GONE: Final = (OSError, TypeError, PortError)
+"""What pyserial raises of a port that is no more."""
+
 ID: Final = 5
 """What the board is to call itself; each answer begins with it."""
 
@@ -42,8 +50,8 @@ MIDDLE_M: Final = 0.09
 JUMP_RAD: Final = math.radians(20.0)
 """An arm that turned further since the last answer was not read right: a hand takes tens of milliseconds for it."""
 
-SILENT_S: Final = 0.08
-"""Longest time without a good answer before the device counts as gone."""
+SILENT_S: Final = 0.5
+"""Longest time without a good answer before the device counts as gone; after 10 ms the servo gives it no force."""
 
 
 class Hardware(NamedTuple):
@@ -170,13 +178,13 @@ class Haply2diyConnection(Connection):
                 self._port.reset_input_buffer()
                 self._tail, self._garbled = b"", False
             self._port.write(data)
-        except (OSError, TypeError) as error:  # pyserial's own are OSErrors
+        except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
 
     def read(self) -> None:
         try:
             data = self._tail + self._port.read(max(ANSWER.size - len(self._tail), self._port.in_waiting))
-        except (OSError, TypeError) as error:
+        except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
         self._garbled = len(data) > 4 * ANSWER.size
         while len(data) >= ANSWER.size and not self._garbled:
@@ -185,7 +193,7 @@ class Haply2diyConnection(Connection):
         self._tail = b"" if self._garbled else data
         if time.monotonic() - self._heard_s > SILENT_S:
             self.state.ready = 0
-            raise DeviceError(f"{self._name}: has said nothing that it can mean for 0.08 s: is it a 2DIY's board?")
+            raise DeviceError(f"{self._name}: has said nothing of sense for half a second: is it a 2DIY's board?")
 
     def _take(self, name: int, second_deg: float, first_deg: float) -> bool:
         """Whether an answer can be one; then the state has it."""
@@ -214,10 +222,10 @@ class Haply2diyConnection(Connection):
     def close(self) -> None:
         atexit.unregister(self.close)
         if self._port.is_open:
-            with suppress(DeviceError, OSError):
+            with suppress(DeviceError, *GONE):
                 self._send(run_message((0.0, 0.0)))
                 self._port.flush()
-        with suppress(OSError):
+        with suppress(*GONE):
             self._port.close()
 
     def reason(self, trouble: int) -> str:
@@ -227,9 +235,14 @@ class Haply2diyConnection(Connection):
 
 def release(port: str | None = None, **options: Any) -> None:
     """Write zero torque to a board whose driver has died."""
-    with open_port(port) as device:
+    device = open_port(port)
+    try:
         device.write(run_message((0.0, 0.0)))
         device.flush()
+    except GONE as error:
+        raise DeviceError(f"haply2diy: {port}: is gone ({error})") from None
+    finally:
+        device.close()
 
 
 DRIVER = Driver(

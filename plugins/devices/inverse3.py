@@ -30,8 +30,8 @@ PENDING_MAX: Final = 4
 IGNORED_COUNT: Final = 50
 """States in which a force was sent and none is there, until that is told [count]."""
 
-SILENT_S: Final = 0.08
-"""Longest time without a good state before the device counts as gone."""
+SILENT_S: Final = 0.5
+"""Longest time without a good state before the device counts as gone; after 10 ms the servo gives it no force."""
 
 CALIBRATE, POWER, TRANSFORMED, IGNORED = 1, 2, 3, 4
 REASONS = {
@@ -96,7 +96,7 @@ def numbers(content: dict[str, Any], name: str, letters: str = "xyz") -> tuple[f
     values = [inner.get(letter) for letter in letters]
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
         return None
-    if not all(abs(value) < 1e6 for value in values):  # type: ignore[operator, arg-type]
+    if not all(abs(value) < 1e6 for value in values):  # type: ignore[arg-type]
         return None
     return tuple(float(value) for value in values)  # type: ignore[arg-type]
 
@@ -181,7 +181,7 @@ class Inverse3Connection(Connection):
                 self._take(content)
         if time.monotonic() - self._heard_s > SILENT_S:
             self.state.ready = 0
-            raise DeviceError(f"{self._name}: the service has said nothing that it can mean for 0.08 s; start it again")
+            raise DeviceError(f"{self._name}: the service has said nothing of sense for half a second; start it again")
 
     def _take(self, content: dict[str, Any]) -> None:
         """Read a message into the state, if it is a state."""

@@ -46,8 +46,8 @@ FORCE_N: Final = 5.0
 JUMP: Final = 1000
 """Counts that an encoder cannot have gone since the last report: 20 ms of the fastest hand."""
 
-SILENT_S: Final = 0.08
-"""Longest time without a good report before the device counts as gone."""
+SILENT_S: Final = 0.5
+"""Longest time without a good report before the device counts as gone; after 10 ms the servo gives it no force."""
 
 
 def body_angles(counts: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -106,7 +106,7 @@ class WoodenHapticsConnection(Connection):
             self._heard_s = now_s
         elif now_s - self._heard_s > SILENT_S:
             self.state.ready = 0
-            raise DeviceError("woodenhaptics: has said nothing that it can mean for 0.08 s; check its cable")
+            raise DeviceError("woodenhaptics: has said nothing of sense for half a second; check its cable")
 
     def _take(self, counts: Any) -> bool:
         """Whether the counts can be; then the state has them."""
