@@ -1,25 +1,27 @@
-"""A compiled function with its arguments bound: one C function `void call(void *context)`, as any thread can call it.
+"""A compiled function with its argument bound: one C function `void call(void *context)`, as any thread can call it.
 
 So a vendor's library calls the servo's tick from its own thread, and Python calls it for the price of one pointer: to
-take a hundred arrays apart costs more than a tick. The arguments lie in memory as numba has them in registers; the call
+take a hundred arrays apart costs more than a tick. The argument lies in memory as numba has it in registers; the call
 touches nothing of Python.
 """
 
 import ctypes
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from numba import cfunc, njit, typeof, types
+from numba import njit, typeof, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hapscene.native import INTERPRETED
+from hapscene.native import INTERPRETED, native_for
 
-_cfunc: Any = cfunc  # numba types neither options nor intrinsics as they are used
-_njit: Any = njit
+_njit: Any = njit  # numba types neither options nor intrinsics as they are used
 _intrinsic: Any = intrinsic
 _typeof: Any = typeof
+
+ALIGNED: Final = 64
+"""Where the argument begins: a multiple of this [bytes]."""
 
 
 class BoundCall:
@@ -30,25 +32,21 @@ class BoundCall:
         context: the address that it is called with.
     """
 
-    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        """`function` is compiled (`native`), and returns nothing."""
-        self._arguments = arguments
+    def __init__(self, function: Callable[[Any, Any], None], argument: tuple[Any, ...]) -> None:
+        """`function(address, kind)` is plain Python, to be compiled: it takes its argument by `loaded`."""
+        self._argument = argument
         if INTERPRETED:
-            self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(*arguments))
+            self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument, None))
             self.address, self.context = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0), 0
         else:
-            kind = _typeof(arguments)
-            room, load = _memory_of(kind)
-            self._memory: NDArray[np.uint8] = np.zeros(room(arguments) + 64, np.uint8)
-            self.context = (self._memory.ctypes.data + 63) // 64 * 64
-            _storer(kind)(self.context, arguments)
-
-            @_cfunc(types.void(types.uintp), nopython=True, _nrt=False)
-            def called(context: int) -> None:
-                function(*load(context))
-
-            self._function = called
-            self.address = int(self._function.address)
+            key = function, _typeof(argument)
+            if key not in _bound:
+                _bound[key] = _Bound(*key)
+            bound = _bound[key]
+            self._memory: NDArray[np.uint8] = np.zeros(bound.size(argument) + ALIGNED, np.uint8)
+            self.context = (self._memory.ctypes.data + ALIGNED - 1) // ALIGNED * ALIGNED
+            bound.store(self.context, argument)
+            self.address = bound.address
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self.address)
 
     def __call__(self) -> None:
@@ -56,45 +54,59 @@ class BoundCall:
         self._call(self.context)
 
 
-def _memory_of(kind: Any) -> tuple[Callable[[tuple[Any, ...]], int], Any]:
-    """What tells the size of a tuple of that type in memory, and the intrinsic that takes it from there."""
+if INTERPRETED:
+
+    def loaded(address: Any, kind: Any) -> Any:
+        """The argument that a `BoundCall` is bound to."""
+        return address
+
+else:
 
     @_intrinsic
-    def size(typing: Any, value: Any) -> Any:
+    def loaded(typing: Any, address: Any, kind: Any) -> Any:
+        """The argument that a `BoundCall` is bound to."""
+        value = kind.instance_type
+
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
+            return builder.load(builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
 
-        return types.intp(value), generate
-
-    @_intrinsic
-    def load(typing: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            place = builder.inttoptr(values[0], context.get_data_type(kind).as_pointer())
-            return context.unpack_value(builder, kind, place)
-
-        return kind(types.uintp), generate
-
-    @_njit(_nrt=False)
-    def room(value: Any) -> int:
-        return int(size(value))
-
-    return room, load
+        return value(types.uintp, kind), generate
 
 
-def _storer(kind: Any) -> Any:
-    """What puts a tuple of that type at an address."""
+class _Bound:
+    """What is compiled for a function and the type of its argument."""
 
-    @_intrinsic
-    def store(typing: Any, address: Any, value: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            place = builder.inttoptr(values[0], context.get_data_type(kind).as_pointer())
-            context.pack_value(builder, kind, values[1], place)
-            return context.get_dummy_value()
+    def __init__(self, function: Callable[[Any, Any], None], kind: Any) -> None:
+        signature = types.uintp, types.TypeRef(kind)
+        result = native_for(types.void(*signature), function).overloads[signature]
+        # its second argument is of no size: who calls it leaves it out
+        self.address = int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+        self._keep = result
 
-        return types.void(types.uintp, kind), generate
+        @_intrinsic
+        def size(typing: Any, value: Any) -> Any:
+            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+                return context.get_constant(types.intp, context.get_abi_sizeof(context.get_value_type(kind)))
 
-    @_njit(_nrt=False)
-    def put(address: int, value: Any) -> None:
-        store(np.uintp(address), value)
+            return types.intp(value), generate
 
-    return put
+        @_intrinsic
+        def store(typing: Any, address: Any, value: Any) -> Any:
+            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+                builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(kind).as_pointer()))
+                return context.get_dummy_value()
+
+            return types.void(types.uintp, kind), generate
+
+        @_njit(_nrt=False)
+        def size_of(value: Any) -> int:
+            return int(size(value))
+
+        @_njit(_nrt=False)
+        def put(address: int, value: Any) -> None:
+            store(np.uintp(address), value)
+
+        self.size, self.store = size_of, put
+
+
+_bound: dict[tuple[Any, Any], _Bound] = {}

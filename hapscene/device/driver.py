@@ -102,7 +102,8 @@ class Found:
 class Connection:
     """A device that is open, driven by read, tick, write. Drivers derive from it.
 
-    Use it as a context: at its end no force is left. `state` is read into, and written from.
+    Use it as a context: at its end no force is left. `state` is read into, and written from; the servo puts one in its
+    place, in memory that the application sees, before it reads or schedules.
     """
 
     def __init__(self) -> None:
@@ -159,6 +160,13 @@ class VendorConnection(Connection):
             DeviceError: the library refuses.
         """
         raise NotImplementedError
+
+    def check(self) -> None:
+        """See whether the device is still there; called ten times a second, beside the vendor's thread.
+
+        Raises:
+            DeviceError: it is gone.
+        """
 
     def unschedule(self) -> None:
         """Have it called no more, no force left; returns when no call is under way. Twice does no harm."""
