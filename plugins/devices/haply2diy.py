@@ -9,7 +9,6 @@ import atexit
 import math
 import os
 import struct
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from hapscene.device.driver import Connection, Driver, Found, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
+from hapscene_plugins.devices.silence import Silence
 
 try:
     from termios import error as PortError
@@ -49,9 +49,6 @@ MIDDLE_M: Final = 0.09
 
 JUMP_RAD: Final = math.radians(20.0)
 """An arm that turned further since the last answer was not read right: a hand takes tens of milliseconds for it."""
-
-SILENT_S: Final = 0.5
-"""Longest time without a good answer before the device counts as gone; after 10 ms the servo gives it no force."""
 
 
 class Hardware(NamedTuple):
@@ -163,7 +160,7 @@ class Haply2diyConnection(Connection):
         self._hardware, self._homed = HARDWARE[hardware], homed
         self._port = open_port(port)
         self._name = f"haply2diy: {self._port.port}"
-        self._tail, self._theta, self._p, self._heard_s = b"", (0.0, 0.0), (0.0, 0.0), time.monotonic()
+        self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
         self._known = self._garbled = False
         atexit.register(self.close)
         try:
@@ -183,6 +180,9 @@ class Haply2diyConnection(Connection):
 
     def read(self) -> None:
         try:
+            if self._known and self._silence.is_forgotten():  # what still waits is of before a pause
+                self._port.reset_input_buffer()
+                self._tail, self._known = b"", False
             data = self._tail + self._port.read(max(ANSWER.size - len(self._tail), self._port.in_waiting))
         except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
@@ -191,7 +191,7 @@ class Haply2diyConnection(Connection):
             self._garbled = not self._take(*ANSWER.unpack_from(data))
             data = data[ANSWER.size :]
         self._tail = b"" if self._garbled else data
-        if time.monotonic() - self._heard_s > SILENT_S:
+        if self._silence.is_over():
             self.state.ready = 0
             raise DeviceError(f"{self._name}: has said nothing of sense for half a second: is it a 2DIY's board?")
 
@@ -200,12 +200,14 @@ class Haply2diyConnection(Connection):
         if name != ID or not (abs(first_deg) < 720.0 and abs(second_deg) < 720.0):
             return False
         theta = math.radians(first_deg), math.radians(second_deg)
-        if self._known and max(abs(theta[0] - self._theta[0]), abs(theta[1] - self._theta[1])) > JUMP_RAD:
+        turned = max(abs(theta[0] - self._theta[0]), abs(theta[1] - self._theta[1]))
+        if self._known and turned > JUMP_RAD:
             return False
         p = forward(theta, self._hardware.base_m)
         if p is None:
             return False
-        self._theta, self._p, self._known, self._heard_s = theta, p, True, time.monotonic()
+        self._theta, self._p, self._known = theta, p, True
+        self._silence.end()
         state = self.state[0]
         state.p_DT_m = (0.5 * self._hardware.base_m - p[0], MIDDLE_M - p[1], 0.0)
         state.ready, state.trouble = int(self._homed), int(not self._homed)

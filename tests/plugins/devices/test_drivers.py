@@ -20,6 +20,7 @@ class Case(NamedTuple):
     name: str
     options: dict[str, Any]
     homed: bool = False
+    elsewhere: dict[str, float] = {}  # noqa: RUF012
 
     @property
     def driver(self) -> Driver:
@@ -33,10 +34,10 @@ class Case(NamedTuple):
 
 
 CASES = [
-    Case("falcon", {"backend": "usb_wire"}),
-    Case("haply2diy", {"port": "{place}"}, homed=True),
-    Case("inverse3", {"uri": "{place}"}),
-    Case("woodenhaptics", {"backend": "usb_wire"}, homed=True),
+    Case("falcon", {"backend": "usb_wire"}, elsewhere={"count0": -400}),
+    Case("haply2diy", {"port": "{place}"}, homed=True, elsewhere={"first": 160, "second": 20}),
+    Case("inverse3", {"uri": "{place}"}, elsewhere={"x": 0.1}),
+    Case("woodenhaptics", {"backend": "usb_wire"}, homed=True, elsewhere={"b": 4000}),
 ]
 case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
@@ -100,6 +101,22 @@ def test_what_is_torn_out_is_told_at_once_by_its_name(case: Case, emulate) -> No
         emulated.tell(gone=1)
         with pytest.raises(DeviceError, match=f"^{case.name}: .*gone"):
             turn(device, 20)  # ticks
+
+
+@case
+def test_a_pause_is_no_silence(case: Case, emulate, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody asks it for a minute, and its arms are elsewhere then."""
+    emulated, start_s, ahead = emulate(case.name), time.monotonic(), [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda real=time.monotonic: real() + ahead[0])
+    with case.driver.open(**case.told(emulated.place)) as device:
+        ahead[0] = 60.0
+        turn(device, 60)
+        ahead[0] = 120.0
+        emulated.tell(**case.elsewhere)
+        before, count = device.state.p_DT_m[0].copy(), int(device.state.count[0])
+        turn(device, 60)
+        assert device.state.count[0] > count + 30 and (device.state.p_DT_m[0] != before).any()
+    assert time.monotonic() - start_s > 120.0
 
 
 @case
