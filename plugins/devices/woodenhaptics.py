@@ -151,7 +151,7 @@ DRIVER = Driver(
     continuous_N=2.0,
     low_D_m=(-0.1, -0.1, -0.1),
     high_D_m=(0.1, 0.1, 0.1),
-    rate_Hz=1000.0,
+    rate_Hz=500.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission",
     options=(
         Option("homed", False, "yes where it stood at its zero as it was plugged in; without, no force is given"),
@@ -161,6 +161,7 @@ DRIVER = Driver(
     watchdog_s=0.5,
     assumptions=(
         "It is built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
+        "A report each way waits for the bus's next millisecond, so that it runs at some 500 Hz.",
         "Mass, friction and the force that it bears for ever are guessed.",
         "Motors turn as its makers' library has them; it goes the wrong way where --option signs is wrong: try 0.5 N.",
         "It was plugged in with its upper arm upright and its lower arm level.",

@@ -8,6 +8,7 @@ import os
 import socket
 import struct
 import threading
+from contextlib import suppress
 from types import SimpleNamespace
 
 from usb.backend import IBackend
@@ -27,7 +28,12 @@ def serve(emulator, path):
     emulator.obey()
     while True:
         wire, _ = listener.accept()
-        threading.Thread(target=_answer, args=(emulator, wire), daemon=True).start()
+        threading.Thread(target=_served, args=(emulator, wire), daemon=True).start()
+
+
+def _served(emulator, wire):
+    with suppress(OSError):  # a driver that was killed
+        _answer(emulator, wire)
 
 
 def _answer(emulator, wire):
