@@ -86,7 +86,10 @@ class UsbDevice:
             DeviceError: none is there, or it may not be opened.
         """
         self._name = name
-        devices = _devices(vendor, product, backend)
+        try:
+            devices = _devices(vendor, product, backend)
+        except DeviceError as error:
+            raise DeviceError(f"{name}: {error}") from None
         if not devices:
             raise DeviceError(f"{name}: none is plugged in (USB {vendor:04x}:{product:04x})")
         import usb.core

@@ -204,9 +204,15 @@ def test_find_lists_it(case: Case, emulate) -> None:
     assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
 
 
-@pytest.mark.parametrize("missing", ["usb.core"])
-def test_a_package_that_is_missing_is_named(missing: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, missing, None)
+@pytest.mark.parametrize("name", [*(case.name for case in CASES), "spacemouse", "replay", "network"])
+def test_find_raises_nothing_where_nothing_is_plugged_in(name: str) -> None:
+    driver = Case(name, {}).driver
+    for found in driver.find(**driver.read_options({})):
+        assert found.where and bool(found.trouble) == bool(found.remedy)
+
+
+def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "usb.core", None)
     driver = Case("falcon", {}).driver
     with pytest.raises(DeviceError, match=r"pip install 'hapscene\[usb\]'"):
         driver.open()
