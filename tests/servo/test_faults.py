@@ -2,6 +2,7 @@
 force was left. The board is an emulated 2DIY, which keeps its last torques for ever.
 """
 
+import contextlib
 import importlib.util
 import os
 import signal
@@ -106,10 +107,8 @@ class Desk:
 
     def end(self) -> None:
         for stop in (lambda: os.kill(self.servo_pid, signal.SIGKILL), self.application.kill):
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 stop()
-            except ProcessLookupError:
-                pass
         self.application.communicate()
         self.board.end()
 
