@@ -62,7 +62,6 @@ def _play(options: argparse.Namespace) -> int:
     and after every pause, and end when anything breaks.
 
     for example:
-      hapscene devices
       hapscene play demo.scene.json --device openhaptics
       hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
       hapscene play demo.scene.json --device pointer --handle audio
