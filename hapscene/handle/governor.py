@@ -21,7 +21,7 @@ The model is the nominal handle. One that differs may reach its stops where the 
 import math
 from typing import Any, Final
 
-from hapscene.handle.handle_dynamics import advance
+from hapscene.handle.handle_dynamics import MASK, advance
 from hapscene.native import native
 
 LOOK_AHEAD_S: Final = 0.004
@@ -44,12 +44,6 @@ ringing."""
 TRAVEL_SHARE: Final = 0.6
 """Share of the travel that the nominal model may use [1]. For one acceleration the travel is (m_c + m_h)/m_c a/ω²:
 with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a fifth more was seen."""
-
-RING: Final = 512
-"""Room for the look-ahead [samples], a power of two: up to 100 kHz."""
-
-MASK: Final = RING - 1
-"""A count's place in a ring, as a mask: a division would cost as much as the rest."""
 
 ONE: Final = 1 << 40
 """The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""

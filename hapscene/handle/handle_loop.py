@@ -13,8 +13,8 @@ import math
 from typing import Any, Final
 
 from hapscene.handle.compensator import COUNT, differences, integrals, retune, section
-from hapscene.handle.governor import MASK, fade, foresee, yield_corner
-from hapscene.handle.handle_dynamics import advance, amplify, move, sense
+from hapscene.handle.governor import fade, foresee, yield_corner
+from hapscene.handle.handle_dynamics import MASK, RING, advance, amplify, delay, move, sense, set_late
 from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.handle_record import HANDLE as HANDLE
@@ -41,19 +41,45 @@ played [1]: a handle of three times the nominal mass is not taken for one."""
 
 
 @native
-def adapt(h: Any, force_N: float, measured_m_s2: float, asked_m_s2: float, gain: float) -> None:
-    """Learn from one sample: the force that acted, the acceleration that was read, the one that was due at that gain.
+def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
+    """Hear what a sample did, one `HANDLE`: the force that acted [N], and the acceleration that was read with it [m/s²].
 
-    A force that nothing explains is the coil's knock at a stop. Then nothing is learnt for a while, and the governor
-    gives out less travel.
+    Samples are counted as `command_force` gave them, from 0, and heard in order, as late as may be; where some were
+    lost, or there is nothing finite to be heard, nothing is learnt for a while. Where the force is not measured, it is
+    the command, as `command_force` gave it. What the reading is late beside that, `Sensor.delay_s` says.
     """
-    h.loud += h.loud_share * ((gain * asked_m_s2) ** 2 - h.loud)
-    h.sensed_N += (1.0 - h.sensor_pole) * (force_N - h.sensed_N)  # the accelerometer's own pole, on both sides alike
-    f = section(h.heard, 0, h.heard_g, h.heard_d, h.sensed_N)[1]
-    a = section(h.heard, 2, h.heard_g, h.heard_d, measured_m_s2)[1]
+    h = handle
+    if h.kind != 3:
+        return
+    if sample != h.heard_count or not 0 < h.count - sample < RING or not math.isfinite(force_N + read_m_s2):
+        h.heard_count, h.deaf = sample + 1, h.deaf_count
+        return
+    h.heard_count = sample + 1
+    due, gain = h.due[sample & MASK], h.gain_due[sample & MASK]
+    h.loud += h.loud_share * (due * due - h.loud)
+    if h.force_measured == 0:
+        command, force_N = force_N, force_N + (h.command_N - force_N) * h.believed_amplifier_mean
+        h.command_N = command + (h.command_N - command) * h.believed_amplifier_pole
+    # the accelerometer's own pole and delay, on all sides alike
+    h.sensed_N += (1.0 - h.believed_pole) * (force_N - h.sensed_N)
+    f = section(h.heard, 0, h.heard_g, h.heard_d, delay(h.force_late, h.sensed_N))[1]
+    a = section(h.heard, 2, h.heard_g, h.heard_d, read_m_s2)[1]
+    w = h.model[4] * f
+    for i in range(4):
+        w += h.model[i] * h.model_x[i]
+    advance(h.scout_step, h.model_x, f)
     y = differences(h.pushed, h.g, h.d1, h.d2, h.heard_d * f)
-    phi = integrals(h.felt, h.g, h.d1, h.d2, h.heard_d * a)
-    surprise = y
+    phi, z = h.phi, h.z
+    phi[0], phi[1], phi[2], phi[3], phi[4] = integrals(h.felt, h.g, h.d1, h.d2, h.heard_d * a)
+    z[0], z[1], z[2], z[3], z[4] = integrals(h.wished, h.g, h.d1, h.d2, h.heard_d * w)
+    z[1], z[2], z[3], z[4] = phi[1], phi[2], phi[3], phi[4]
+    j = h.jerk * (phi[0] - h.felt_before)
+    phi[6] = h.jerk * (j - phi[5])
+    phi[5], h.felt_before = j, phi[0]
+    j = h.jerk * (z[0] - h.wished_before)
+    z[6] = h.jerk * (j - z[5])
+    z[5], h.wished_before = j, z[0]
+    surprise = y - h.lag * phi[5] - h.snap * phi[6]
     for i in range(COUNT):
         surprise -= h.theta[i] * phi[i]
     h.room += h.room_back * (1.0 - h.room)
@@ -64,22 +90,40 @@ def adapt(h: Any, force_N: float, measured_m_s2: float, asked_m_s2: float, gain:
     if h.deaf > 0:
         h.deaf -= 1
     elif gain > LEARN_ABOVE:
-        _learn(h, y, phi, surprise)
+        _update(h, y, surprise)
+        if sample & 63 == 0:
+            _fold(h)
 
 
 @native
-def _learn(h: Any, y: float, phi: tuple[float, float, float, float, float], surprise: float) -> None:
+def _update(h: Any, y: float, surprise: float) -> None:
     """The Kalman filter's step: θ and its covariance, which goes back to what it was before with time."""
-    p, k, theta = h.spread, h.gain, h.theta
-    variance = h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2
-    for i in range(COUNT):
-        k[i] = p[i, 0] * phi[0] + p[i, 1] * phi[1] + p[i, 2] * phi[2] + p[i, 3] * phi[3] + p[i, 4] * phi[4]
-        variance += phi[i] * k[i]
+    p, k, theta, z = h.spread, h.gain, h.theta, h.z
+    h.noise_N2 += h.noise_share * (surprise * surprise - h.noise_N2)
+    variance = h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2 + h.whiter * max(h.noise_N2, h.noise_least_N2)
+    for i in range(COUNT + 2):
+        k[i] = 0.0
+        for j in range(COUNT + 2):
+            k[i] += p[i, j] * z[j]
+        variance += z[i] * k[i]
     share, keep = 1.0 / variance, 1.0 - h.forget
+    h.lag += k[COUNT] * surprise * share
+    h.snap += k[COUNT + 1] * surprise * share
     for i in range(COUNT):
         theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
+    for i in range(COUNT + 2):
         for j in range(i + 1):
             p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + h.forget * h.spread_before[i, j]
+
+
+@native
+def _fold(h: Any) -> None:
+    """Take some of the lag that was found into the delay of the force, which knows no approximation."""
+    found_s = 0.1 * h.lag * h.jerk / (h.theta[0] * h.rate_Hz)
+    late_s = min(max(h.late_s + found_s, 0.0), h.late_max_s)
+    h.lag -= (late_s - h.late_s) * h.theta[0] * h.rate_Hz / h.jerk
+    h.late_s = late_s
+    set_late(h.force_late, late_s * h.rate_Hz)
 
 
 DESIRED_MAX_M_S2: Final = 1e6
@@ -87,11 +131,10 @@ DESIRED_MAX_M_S2: Final = 1e6
 
 
 @native
-def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
-    """One sample of a handle, one `HANDLE`, for the acceleration that is asked for [m/s²].
+def command_force(handle: Any, desired_m_s2: float) -> float:
+    """The force to be commanded in the next sample [N], one `HANDLE`, for the acceleration that is asked for [m/s²].
 
-    Returns the handle's acceleration [m/s²] with this sample's force on, its displacement at the end of the sample [m],
-    and the force [N]. What is asked for is played `delay` samples later; what is not finite counts as 0.
+    What is asked for is played `delay` samples later; what is not finite counts as 0.
     """
     h = handle
     if not math.isfinite(desired_m_s2):
@@ -108,15 +151,28 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
         pushed += h.theta[i] * late[due, i]
     gain = fade(h, foresee(h, asked, max(abs(asked), abs(needed))))
     advance(h.scout_step, h.applied_x, gain * nominal)
+    h.due[slot], h.gain_due[slot] = gain * late[due, 0], gain
     h.count += 1
     command = gain * pushed if h.kind > 0 else 0.0
     if abs(command) > h.force_limit_N:  # the last net
         command = math.copysign(h.force_limit_N, command)
         h.clips += 1
+    return float(command)
+
+
+@native
+def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
+    """One sample of a simulated handle, one `HANDLE`, for the acceleration that is asked for [m/s²].
+
+    Returns the handle's acceleration [m/s²] with this sample's force on, its displacement at the end of the sample [m],
+    and the force [N].
+    """
+    h = handle
+    command = command_force(h, desired_m_s2)
     force = amplify(h, command)
     acceleration = move(h, force)
     if h.kind == 3:
-        adapt(h, force, sense(h, acceleration), late[due, 0], gain)
+        learn(h, h.count - 1, force if h.force_measured == 1 else command, sense(h, acceleration))
     return acceleration, h.x[0], force
 
 

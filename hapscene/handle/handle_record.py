@@ -9,9 +9,12 @@ import numpy as np
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import HandleError
 from hapscene.handle.compensator import COUNT, find_compensator, weights
-from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, RING, TRAVEL_SHARE
-from hapscene.handle.handle_dynamics import hold
+from hapscene.handle.governor import HIGH_HZ, LOOK_AHEAD_S, ONE, RELEASE_S, TRAVEL_SHARE
+from hapscene.handle.handle_dynamics import RING, hold, set_late
 from hapscene.handle.plant import Array, Plant
+from hapscene.handle.sensor import ACCELEROMETER_HZ as ACCELEROMETER_HZ
+from hapscene.handle.sensor import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
+from hapscene.handle.sensor import Sensor
 
 RATE_MIN_HZ: Final = 2500.0
 """Lowest rate of a handle [Hz]: 1 kHz needs more than two samples."""
@@ -19,17 +22,10 @@ RATE_MIN_HZ: Final = 2500.0
 RATE_MAX_HZ: Final = (RING - 2) / LOOK_AHEAD_S
 """Highest rate of a handle [Hz]: the look-ahead has room for so many samples."""
 
-ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
-"""Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
-
-ACCELEROMETER_HZ: Final = 1600.0
-"""Bandwidth of the accelerometer, one pole [Hz]: what the same sheet allows at its highest output rate. It is assumed
-known; an error of it is taken for one of mass."""
-
 LEARN_HZ: Final = 9.0
 """Corner of the signals from which θ is learnt, and for which it is scaled [Hz]; just under the band that is felt."""
 
-HEARD_HZ: Final = (8.0, 500.0)
+HEARD_HZ: Final = (8.0, 350.0)
 """Band in which the accelerometer is heard, a pole at each end [Hz]. Below, gravity and the hand's own motion would be
 taken for the handle's; above, there is more noise of the accelerometer than news of the handle."""
 
@@ -65,10 +61,16 @@ DOUBT_N: Final = 0.05
 """Force on the handle that is not the actuator's, as a standard deviation of one sample [N]. Less learns faster, and is
 led astray by the accelerometer's noise where little is played."""
 
+LATE_S: Final = 1e-4
+"""How much later than believed a reading may come, as a standard deviation [s]."""
+
+SNAP_S2: Final = 3e-8
+NOISE_S: Final = 0.2
+WHITER: Final = 4.0
 DOUBT: Final = 0.03
 """Share of a force that the model does not explain, as a standard deviation [1]."""
 
-FORGET_S: Final = 0.5
+FORGET_S: Final = 2.0
 """Time after which what was learnt counts as doubtful again [s]: the grip may have changed."""
 
 _LEAD_MAX: Final = 0.5
@@ -79,6 +81,12 @@ def _fields(names: str, *layout: Any) -> list[tuple[Any, ...]]:
     """Fields of a record, one for each word, of one type and shape."""
     return [(name, *layout) for name in names.split()]
 
+
+LATE: Final = np.dtype(
+    [("whole", "i8"), ("count", "i8"), ("taps", "f8", (4,)), ("last", "f8", (RING,))],
+    align=True,
+)
+"""A delay: whole samples, and four weights from there on; how many came, and the last ones."""
 
 HANDLE: Final = np.dtype(
     [
@@ -91,6 +99,8 @@ HANDLE: Final = np.dtype(
         # amplifier and accelerometer: force at the end of the last sample, the last reading, poles
         *_fields("amplifier_N amplifier_pole amplifier_mean noise_m_s2 sensor_m_s2 sensor_pole", "f8"),
         ("rng", "u8", (4,)),
+        ("force_measured", "i8"),
+        ("sensor_late", LATE),
         ("kind", "i8"),  # 0 no force, 1 mass alone, 2 fixed θ, 3 learnt θ
         # tan(ω₀T/2) of the corner: at which is learnt, and for which θ is scaled; that is played at while there is
         # room; where there is none; now. And damping.
@@ -115,14 +125,28 @@ HANDLE: Final = np.dtype(
         *_fields("when gains", "i8", (RING,)),
         ("total", "i8"),
         ("share", "f8"),
-        # what is heard and learnt
+        # what was played, for what is heard of it: accelerations due and gains of the last samples
+        *_fields("due gain_due", "f8", (RING,)),
+        ("heard_count", "i8"),  # number of the sample that is to be heard next
+        # what is believed of amplifier and accelerometer, on the way of what is due, and of the force
+        *_fields("believed_noise_m_s2 believed_pole believed_amplifier_pole believed_amplifier_mean", "f8"),
+        *_fields("command_N sensed_N", "f8"),
+        ("force_late", LATE),
+        ("late_s", "f8"),  # by which it is delayed: as believed, and what of `lag` was found and folded in
+        ("late_max_s", "f8"),
+        ("model", "f8", (5,)), ("model_x", "f8", (4,)),
+        # what is heard and learnt, of force, reading, and what was due
         ("heard", "f8", (4,)),
-        *_fields("heard_g heard_d sensed_N", "f8"),
+        *_fields("heard_g heard_d", "f8"),
         ("pushed", "f8", (4,)),
-        ("felt", "f8", (6,)),
-        *_fields("spread spread_before", "f8", (COUNT, COUNT)),  # covariance of θ, and before anything is measured
-        *_fields("gain theta_low theta_high", "f8", (COUNT,)),
-        *_fields("doubt_N2 doubt loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
+        *_fields("felt wished", "f8", (6,)),
+        *_fields("felt_before wished_before jerk", "f8"),
+        # lag: mass times how much later than believed the reading comes [kg], in units of 1/ω₀
+        *_fields("lag snap", "f8"),
+        *_fields("phi z gain", "f8", (COUNT + 2,)),
+        *_fields("spread spread_before", "f8", (COUNT + 2, COUNT + 2)),  # covariance of θ and lag, and at first
+        *_fields("theta_low theta_high", "f8", (COUNT,)),
+        *_fields("doubt_N2 doubt noise_N2 noise_share noise_least_N2 whiter loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
         # share of the travel that knocks have left; travel that the governor gives out without knocks
         *_fields("room room_m room_back knock_N knocked", "f8"),
         *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
@@ -133,7 +157,15 @@ HANDLE: Final = np.dtype(
 """A handle with its compensator, at one rate."""
 
 
-def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, seed: int = 0) -> Any:
+def new_handle(
+    plant: Plant,
+    nominal: Plant,
+    compensator: str,
+    rate_Hz: float,
+    seed: int = 0,
+    sensor: Sensor | None = None,
+    believed: Sensor | None = None,
+) -> Any:
     """A record (1,) `HANDLE` at rest: the handle `plant`, driven as if it were `nominal`; `seed` of the sensor's noise.
 
     Raises:
@@ -153,7 +185,9 @@ def new_handle(plant: Plant, nominal: Plant, compensator: str, rate_Hz: float, s
     h.force_limit_N = min(plant.force_limit_N, nominal.force_limit_N)
     h.travel_limit_m = plant.travel_limit_m
     h.room, h.room_m = 1.0, TRAVEL_SHARE * min(plant.travel_limit_m, nominal.travel_limit_m)
+    sensor = Sensor() if sensor is None else sensor
     _set_electronics(h, plant, nominal, chosen.leads, seed)
+    _set_sensor(h, sensor, sensor if believed is None else believed)
     h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
     h.g = math.tan(math.pi * LEARN_HZ / rate_Hz)
     h.g_low = h.g_now = math.tan(math.pi * chosen.corner_Hz / rate_Hz)
@@ -185,9 +219,24 @@ def _set_electronics(h: Any, plant: Plant, nominal: Plant, leads: bool, seed: in
     pole, mean = _lag(nominal.amplifier_Hz, h.rate_Hz)
     zero = min((mean - pole) / (1.0 - mean), _LEAD_MAX)
     h.lead = ((1.0 + zero) / (1.0 - pole), pole, zero) if leads else (1.0, 0.0, 0.0)
-    h.sensor_pole = math.exp(-2.0 * math.pi * ACCELEROMETER_HZ / h.rate_Hz)
-    h.noise_m_s2 = ACCELEROMETER_NOISE_M_S2_RTHZ * math.sqrt(0.5 * h.rate_Hz)
+    h.believed_amplifier_pole, h.believed_amplifier_mean = pole, mean
     h.rng = seeded_state(seed, "accelerometer")
+
+
+def _set_sensor(h: Any, sensor: Sensor, believed: Sensor) -> None:
+    """The accelerometer as it is, and as it is believed to be."""
+    h.sensor_pole = math.exp(-2.0 * math.pi * sensor.bandwidth_Hz / h.rate_Hz)
+    h.noise_m_s2 = sensor.noise_m_s2_rtHz * math.sqrt(0.5 * h.rate_Hz)
+    h.force_measured = sensor.force_measured and believed.force_measured
+    most_s = (RING - 4) / h.rate_Hz - 3.0 * LATE_S
+    if max(sensor.delay_s, believed.delay_s) > most_s:
+        raise HandleError(f"sensor: delay_s at {h.rate_Hz:g} Hz must be at most {most_s:.3g}")
+    set_late(h.sensor_late, sensor.delay_s * h.rate_Hz)
+    h.believed_pole = math.exp(-2.0 * math.pi * believed.bandwidth_Hz / h.rate_Hz)
+    h.believed_noise_m_s2 = believed.noise_m_s2_rtHz * math.sqrt(0.5 * h.rate_Hz)
+    h.late_s = believed.delay_s
+    h.late_max_s = believed.delay_s + 3.0 * LATE_S
+    set_late(h.force_late, h.late_s * h.rate_Hz)
 
 
 def _lag(bandwidth_Hz: float, rate_Hz: float) -> tuple[float, float]:
@@ -199,12 +248,22 @@ def _lag(bandwidth_Hz: float, rate_Hz: float) -> tuple[float, float]:
 def _set_adaptation(h: Any, nominal: Plant, corner_Hz: float) -> None:
     middle_Hz = math.sqrt(HEARD_HZ[0] * HEARD_HZ[1])
     h.heard_g, h.heard_d = math.tan(math.pi * middle_Hz / h.rate_Hz), sum(HEARD_HZ) / middle_Hz
-    h.spread_before = h.spread = prior(nominal, corner_Hz)
+    h.spread_before[:COUNT, :COUNT] = prior(nominal, corner_Hz)
+    omega = 2.0 * math.pi * corner_Hz
+    h.spread_before[COUNT, COUNT] = (nominal.m_h_kg * omega * LATE_S) ** 2
+    h.spread_before[COUNT + 1, COUNT + 1] = (nominal.m_h_kg * omega**2 * SNAP_S2) ** 2
+    h.spread = h.spread_before
+    h.jerk = h.rate_Hz / omega
+    h.model = np.append(nominal.state_space()[2][0], 1.0 / nominal.m_h_kg)
     h.theta_low, h.theta_high = np.multiply(BOUND, h.nominal)
     h.room_back = -math.expm1(-1.0 / (ROOM_BACK_S * h.rate_Hz))
     h.knocked = KNOCKED
     h.knock_N, h.deaf_count = KNOCK * nominal.force_limit_N, round(DEAF_S * h.rate_Hz)
     h.doubt_N2, h.doubt = DOUBT_N**2, DOUBT
+    h.whiter = WHITER * 0.5 * h.rate_Hz / (0.5 * math.pi * HEARD_HZ[1])
+    h.noise_N2 = (nominal.m_h_kg * h.believed_noise_m_s2) ** 2 / h.whiter * WHITER
+    h.noise_least_N2 = h.noise_N2
+    h.noise_share = -math.expm1(-1.0 / (NOISE_S * h.rate_Hz))
     h.quiet, h.loud_share = QUIET_M_S2**2, -math.expm1(-1.0 / (LOUD_S * h.rate_Hz))
     h.forget = -math.expm1(-1.0 / (FORGET_S * h.rate_Hz))
 

@@ -10,6 +10,7 @@ from hapscene.dsp.spectrogram import row_of
 from hapscene.dsp.spectrogram import spectrogram_error as spectrogram_error  # part of this room's face
 from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
+from hapscene.handle.sensor import Sensor
 from hapscene.native import native
 from hapscene.old_spellings import old_spellings
 
@@ -52,6 +53,8 @@ def play(
     compensator: str = "adaptive",
     nominal: Plant | None = None,
     seed: int = 0,
+    sensor: Sensor | None = None,
+    believed: Sensor | None = None,
 ) -> Played:
     """Play a desired acceleration (n,) [m/s²] through the handle `plant`, at rest before it.
 
@@ -65,7 +68,7 @@ def play(
     """
     desired = row_of(acceleration_m_s2, "acceleration_m_s2")
     plant = Plant() if plant is None else plant
-    handle = new_handle(plant, Plant() if nominal is None else nominal, compensator, rate_Hz, seed)
+    handle = new_handle(plant, Plant() if nominal is None else nominal, compensator, rate_Hz, seed, sensor, believed)
     delay = int(handle[0].delay)
     out = np.zeros((4, len(desired) + delay))
     run(handle[0], np.concatenate([desired, np.zeros(delay)]), out)
