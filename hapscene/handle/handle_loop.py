@@ -106,14 +106,15 @@ def _update(h: Any, y: float, surprise: float) -> None:
         for j in range(COUNT + 2):
             k[i] += p[i, j] * z[j]
         variance += z[i] * k[i]
-    share, keep = 1.0 / variance, 1.0 - h.forget
+    forget = h.forget_played + (h.forget - h.forget_played) * 0.01 / (0.01 + h.loud)
+    share, keep = 1.0 / variance, 1.0 - forget
     h.lag += k[COUNT] * surprise * share
     h.snap += k[COUNT + 1] * surprise * share
     for i in range(COUNT):
         theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
     for i in range(COUNT + 2):
         for j in range(i + 1):
-            p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + h.forget * h.spread_before[i, j]
+            p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + forget * h.spread_before[i, j]
 
 
 @native

@@ -50,7 +50,7 @@ ROOM_BACK_S: Final = 5.0
 DEAF_S: Final = 0.2
 """How long nothing is learnt after a knock [s]: the filters still ring with it."""
 
-QUIET_M_S2: Final = 1.5
+QUIET_M_S2: Final = 1.0
 """Acceleration below which less and less is learnt [m/s²]: the accelerometer's noise, taken for a movement that no
 force has caused, would make the handle seem lighter and lighter."""
 
@@ -66,13 +66,15 @@ LATE_S: Final = 1e-4
 
 SNAP_S2: Final = 3e-8
 NOISE_S: Final = 0.2
-WHITER: Final = 4.0
+WHITER: Final = 8.0
 DOUBT: Final = 0.03
 """Share of a force that the model does not explain, as a standard deviation [1]."""
 
-FORGET_S: Final = 2.0
+FORGET_S: Final = 0.5
 """Time after which what was learnt counts as doubtful again [s]: the grip may have changed."""
 
+FORGET_PLAYED_S: Final = 2.0
+HUSH_M_S2: Final = 0.1
 _LEAD_MAX: Final = 0.5
 """Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
 
@@ -150,7 +152,7 @@ HANDLE: Final = np.dtype(
         # share of the travel that knocks have left; travel that the governor gives out without knocks
         *_fields("room room_m room_back knock_N knocked", "f8"),
         *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
-        ("forget", "f8"),
+        *_fields("forget forget_played", "f8"),
     ],
     align=True,
 )
@@ -265,6 +267,7 @@ def _set_adaptation(h: Any, nominal: Plant, corner_Hz: float) -> None:
     h.noise_least_N2 = h.noise_N2
     h.noise_share = -math.expm1(-1.0 / (NOISE_S * h.rate_Hz))
     h.quiet, h.loud_share = QUIET_M_S2**2, -math.expm1(-1.0 / (LOUD_S * h.rate_Hz))
+    h.forget_played = -math.expm1(-1.0 / (FORGET_PLAYED_S * h.rate_Hz))
     h.forget = -math.expm1(-1.0 / (FORGET_S * h.rate_Hz))
 
 
