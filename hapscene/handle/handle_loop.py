@@ -35,6 +35,8 @@ from hapscene.native import native
 LEARN_ABOVE: Final = 0.9
 """Gain of the governor above which it is learnt [1]: below, the coil is near its stops."""
 
+KNOCK_SHARE: Final = 0.5
+
 SURE: Final = 4.0
 """A force that the model leaves unexplained is a knock where its square is above so much of the mean square of what is
 played [1]: a handle of three times the nominal mass is not taken for one."""
@@ -84,15 +86,23 @@ def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
         surprise -= h.theta[i] * phi[i]
     h.room += h.room_back * (1.0 - h.room)
     if surprise * surprise > h.knock_N**2 + SURE * h.nominal[0] ** 2 * h.loud:
-        if h.deaf == 0:
+        r, v = h.applied_x[2], h.applied_x[3] / h.scout_rad_s
+        if math.sqrt(r * r + v * v) < KNOCK_SHARE * h.room_m:
+            _fall_back(h)
+        elif h.deaf == 0:
             h.room *= h.knocked
-        h.deaf = h.deaf_count
+        h.deaf = max(h.deaf, h.deaf_count)
     if h.deaf > 0:
         h.deaf -= 1
     elif gain > LEARN_ABOVE:
         _update(h, y, surprise)
+        h.distrust = max(h.distrust - 1, h.distrust_least)
         if sample & 63 == 0:
             _fold(h)
+        out = h.theta[0] <= h.theta_low[0] or h.theta[0] >= h.theta_high[0] or h.late_s >= h.late_max_s
+        h.sitting = h.sitting + 1 if out else 0
+        if h.sitting > h.sitting_count:
+            _fall_back(h)
 
 
 @native
@@ -115,6 +125,23 @@ def _update(h: Any, y: float, surprise: float) -> None:
     for i in range(COUNT + 2):
         for j in range(i + 1):
             p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + forget * h.spread_before[i, j]
+
+
+@native
+def _fall_back(h: Any) -> None:
+    """Forget what was learnt: the handle counts as the nominal one, each time for longer."""
+    h.lag = h.snap = 0.0
+    h.late_s = h.believed_s
+    set_late(h.force_late, h.late_s * h.rate_Hz)
+    h.sitting = 0
+    for i in range(COUNT):
+        h.theta[i] = h.nominal[i]
+    for i in range(COUNT + 2):
+        for j in range(COUNT + 2):
+            h.spread[i, j] = h.spread_before[i, j]
+    if h.deaf == 0:
+        h.deaf = h.distrust
+        h.distrust = min(2 * h.distrust, 1 << 40)
 
 
 @native

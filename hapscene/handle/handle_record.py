@@ -73,7 +73,9 @@ DOUBT: Final = 0.03
 FORGET_S: Final = 0.5
 """Time after which what was learnt counts as doubtful again [s]: the grip may have changed."""
 
-FORGET_PLAYED_S: Final = 2.0
+SITTING_S: Final = 0.05
+DISTRUST_S: Final = 2.0
+FORGET_PLAYED_S: Final = 3.0
 HUSH_M_S2: Final = 0.1
 _LEAD_MAX: Final = 0.5
 """Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
@@ -135,7 +137,7 @@ HANDLE: Final = np.dtype(
         *_fields("command_N sensed_N", "f8"),
         ("force_late", LATE),
         ("late_s", "f8"),  # by which it is delayed: as believed, and what of `lag` was found and folded in
-        ("late_max_s", "f8"),
+        *_fields("believed_s late_max_s", "f8"),
         ("model", "f8", (5,)), ("model_x", "f8", (4,)),
         # what is heard and learnt, of force, reading, and what was due
         ("heard", "f8", (4,)),
@@ -151,6 +153,7 @@ HANDLE: Final = np.dtype(
         *_fields("doubt_N2 doubt noise_N2 noise_share noise_least_N2 whiter loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
         # share of the travel that knocks have left; travel that the governor gives out without knocks
         *_fields("room room_m room_back knock_N knocked", "f8"),
+        *_fields("sitting sitting_count distrust distrust_least", "i8"),
         *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
         *_fields("forget forget_played", "f8"),
     ],
@@ -237,7 +240,7 @@ def _set_sensor(h: Any, sensor: Sensor, believed: Sensor) -> None:
     h.believed_pole = math.exp(-2.0 * math.pi * believed.bandwidth_Hz / h.rate_Hz)
     h.believed_noise_m_s2 = believed.noise_m_s2_rtHz * math.sqrt(0.5 * h.rate_Hz)
     h.late_s = believed.delay_s
-    h.late_max_s = believed.delay_s + 3.0 * LATE_S
+    h.believed_s, h.late_max_s = believed.delay_s, believed.delay_s + 3.0 * LATE_S
     set_late(h.force_late, h.late_s * h.rate_Hz)
 
 
@@ -267,6 +270,8 @@ def _set_adaptation(h: Any, nominal: Plant, corner_Hz: float) -> None:
     h.noise_least_N2 = h.noise_N2
     h.noise_share = -math.expm1(-1.0 / (NOISE_S * h.rate_Hz))
     h.quiet, h.loud_share = QUIET_M_S2**2, -math.expm1(-1.0 / (LOUD_S * h.rate_Hz))
+    h.sitting_count = round(SITTING_S * h.rate_Hz)
+    h.distrust = h.distrust_least = round(DISTRUST_S * h.rate_Hz)
     h.forget_played = -math.expm1(-1.0 / (FORGET_PLAYED_S * h.rate_Hz))
     h.forget = -math.expm1(-1.0 / (FORGET_S * h.rate_Hz))
 
