@@ -53,7 +53,7 @@ ONE: Final = 1 << 40
 def yield_corner(h: Any) -> float:
     """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher."""
     r, v = h.scout_x[2], h.scout_x[3] / h.scout_rad_s
-    swing = math.sqrt(r * r + v * v) / (h.room * h.room_m)
+    swing = math.sqrt(r * r + v * v) / (h.room * h.yield_m)
     u = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 

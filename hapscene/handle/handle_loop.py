@@ -122,6 +122,8 @@ def _update(h: Any, y: float, surprise: float) -> None:
     h.snap += k[COUNT + 1] * surprise * share
     for i in range(COUNT):
         theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
+        off = theta[i] / h.nominal[i] - 1.0
+        h.used[i] = h.nominal[i] * (1.0 + off * off * off / (off * off + h.slight2))
     for i in range(COUNT + 2):
         for j in range(i + 1):
             p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + forget * h.spread_before[i, j]
@@ -135,7 +137,7 @@ def _fall_back(h: Any) -> None:
     set_late(h.force_late, h.late_s * h.rate_Hz)
     h.sitting = 0
     for i in range(COUNT):
-        h.theta[i] = h.nominal[i]
+        h.theta[i] = h.used[i] = h.nominal[i]
     for i in range(COUNT + 2):
         for j in range(COUNT + 2):
             h.spread[i, j] = h.spread_before[i, j]
@@ -169,16 +171,15 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
         desired_m_s2 = 0.0
     wanted = _lead(h, min(max(desired_m_s2, -DESIRED_MAX_M_S2), DESIRED_MAX_M_S2))
     phi = _integrate(h, wanted) if h.kind >= 2 else (wanted, 0.0, 0.0, 0.0, 0.0)
-    asked, needed, nominal, pushed = 0.0, 0.0, 0.0, 0.0
+    asked, needed, pushed = 0.0, 0.0, 0.0
     late, slot, due = h.late, h.count & MASK, (h.count - h.delay) & MASK
     for i in range(COUNT):
         asked += h.nominal[i] * phi[i]
-        needed += h.theta[i] * phi[i]
+        needed += h.used[i] * phi[i]
         late[slot, i] = phi[i]
-        nominal += h.nominal[i] * late[due, i]
-        pushed += h.theta[i] * late[due, i]
-    gain = fade(h, foresee(h, asked, max(abs(asked), abs(needed))))
-    advance(h.scout_step, h.applied_x, gain * nominal)
+        pushed += h.used[i] * late[due, i]
+    gain = fade(h, foresee(h, needed, max(abs(asked), abs(needed))))
+    advance(h.scout_step, h.applied_x, gain * pushed)
     h.due[slot], h.gain_due[slot] = gain * late[due, 0], gain
     h.count += 1
     command = gain * pushed if h.kind > 0 else 0.0

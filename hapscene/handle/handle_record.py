@@ -76,6 +76,8 @@ FORGET_S: Final = 0.5
 SITTING_S: Final = 0.05
 DISTRUST_S: Final = 2.0
 FORGET_PLAYED_S: Final = 3.0
+YF = 2.0
+SLIGHT = 0.04
 HUSH_M_S2: Final = 0.1
 _LEAD_MAX: Final = 0.5
 """Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
@@ -112,7 +114,7 @@ HANDLE: Final = np.dtype(
         ("lead", "f8", (3,)),  # its gain, zero and pole
         ("lead_m_s2", "f8", (2,)),  # its last input and output
         ("wanted", "f8", (6,)),  # integrals of the desired acceleration
-        *_fields("nominal theta", "f8", (COUNT,)),  # θ of the nominal handle, and as known now [kg]
+        *_fields("nominal theta used", "f8", (COUNT,)),  # θ of the nominal handle, and as known now [kg]
         *_fields("delay count", "i8"),  # look-ahead, and how many there were so far [samples]
         ("late", "f8", (RING, COUNT)),  # φ of the last samples
         # the governor. The scout is as if all that was asked for were played, `applied` as what is played is thought
@@ -150,9 +152,9 @@ HANDLE: Final = np.dtype(
         *_fields("phi z gain", "f8", (COUNT + 2,)),
         *_fields("spread spread_before", "f8", (COUNT + 2, COUNT + 2)),  # covariance of θ and lag, and at first
         *_fields("theta_low theta_high", "f8", (COUNT,)),
-        *_fields("doubt_N2 doubt noise_N2 noise_share noise_least_N2 whiter loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
+        *_fields("slight2 doubt_N2 doubt noise_N2 noise_share noise_least_N2 whiter loud loud_share quiet", "f8"),  # loud: mean square of what is played [m²/s⁴]
         # share of the travel that knocks have left; travel that the governor gives out without knocks
-        *_fields("room room_m room_back knock_N knocked", "f8"),
+        *_fields("room room_m yield_m room_back knock_N knocked", "f8"),
         *_fields("sitting sitting_count distrust distrust_least", "i8"),
         *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
         *_fields("forget forget_played", "f8"),
@@ -189,8 +191,9 @@ def new_handle(
     hold(h, h.step)
     h.force_limit_N = min(plant.force_limit_N, nominal.force_limit_N)
     h.travel_limit_m = plant.travel_limit_m
-    h.room, h.room_m = 1.0, TRAVEL_SHARE * min(plant.travel_limit_m, nominal.travel_limit_m)
+    h.room, h.room_m = 1.0, chosen.travel_share * min(plant.travel_limit_m, nominal.travel_limit_m)
     sensor = Sensor() if sensor is None else sensor
+    h.yield_m = h.room_m * YF
     _set_electronics(h, plant, nominal, chosen.leads, seed)
     _set_sensor(h, sensor, sensor if believed is None else believed)
     h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
@@ -199,9 +202,9 @@ def new_handle(
     h.g_high = math.tan(math.pi * HIGH_HZ / rate_Hz)
     h.d1, h.d2 = chosen.damping
     h.force_share = chosen.force_share
-    h.nominal = h.theta = weights(nominal, LEARN_HZ)
+    h.nominal = h.theta = h.used = weights(nominal, LEARN_HZ)
     if chosen.mass_only:
-        h.nominal[1:] = h.theta[1:] = 0.0
+        h.nominal[1:] = h.theta[1:] = h.used[1:] = 0.0
     h.delay = round(LOOK_AHEAD_S * rate_Hz)
     h.ahead = np.linalg.matrix_power(h.scout_step, h.delay)
     h.ahead[:, 4] = 0.0
@@ -263,6 +266,7 @@ def _set_adaptation(h: Any, nominal: Plant, corner_Hz: float) -> None:
     h.theta_low, h.theta_high = np.multiply(BOUND, h.nominal)
     h.room_back = -math.expm1(-1.0 / (ROOM_BACK_S * h.rate_Hz))
     h.knocked = KNOCKED
+    h.slight2 = SLIGHT**2
     h.knock_N, h.deaf_count = KNOCK * nominal.force_limit_N, round(DEAF_S * h.rate_Hz)
     h.doubt_N2, h.doubt = DOUBT_N**2, DOUBT
     h.whiter = WHITER * 0.5 * h.rate_Hz / (0.5 * math.pi * HEARD_HZ[1])
