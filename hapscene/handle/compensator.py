@@ -105,6 +105,7 @@ class Compensator:
     adapts: bool = False
     force_share: float = 1.0
     travel_share: float = 0.6
+    yield_share: float = 0.6
 
 
 FLAT_HZ: Final = 9.0
@@ -118,7 +119,7 @@ COMPENSATORS: Final[Mapping[str, Compensator]] = {
     "naive": Compensator("F = m_h a", mass_only=True),
     "inverse": Compensator("den(s)/(m_c (s + ω₀)⁴), f₀ = 5 Hz", leads=True),
     "flat": _FLAT,
-    "adaptive": replace(_FLAT, says="the same, learnt from the accelerometer", adapts=True, force_share=0.75, travel_share=0.9,corner_Hz=8.0,damping=(1.8478,1.2)),
+    "adaptive": replace(_FLAT, says="the same, learnt from the accelerometer", adapts=True, force_share=0.98, travel_share=0.9, yield_share=2.0, corner_Hz=7.9,damping=(1.9,1.2)),
 }
 """By name. `adaptive` may find a mass a third above the nominal, and needs as much more force: hence its share."""
 

@@ -54,6 +54,8 @@ def yield_corner(h: Any) -> float:
     """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher."""
     r, v = h.scout_x[2], h.scout_x[3] / h.scout_rad_s
     swing = math.sqrt(r * r + v * v) / (h.room * h.yield_m)
+    r, v = h.plain_x[2], h.plain_x[3] / h.scout_rad_s
+    swing = max(swing, math.sqrt(r * r + v * v) / (h.room * h.plain_m))
     u = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 

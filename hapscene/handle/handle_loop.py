@@ -85,16 +85,17 @@ def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
     for i in range(COUNT):
         surprise -= h.theta[i] * phi[i]
     h.room += h.room_back * (1.0 - h.room)
+    r, v = h.applied_x[2], h.applied_x[3] / h.scout_rad_s
+    swing = math.sqrt(r * r + v * v) / h.room_m
     if surprise * surprise > h.knock_N**2 + SURE * h.nominal[0] ** 2 * h.loud:
-        r, v = h.applied_x[2], h.applied_x[3] / h.scout_rad_s
-        if math.sqrt(r * r + v * v) < KNOCK_SHARE * h.room_m:
+        if swing < KNOCK_SHARE:
             _fall_back(h)
         elif h.deaf == 0:
             h.room *= h.knocked
         h.deaf = max(h.deaf, h.deaf_count)
     if h.deaf > 0:
         h.deaf -= 1
-    elif gain > LEARN_ABOVE:
+    elif gain > LEARN_ABOVE or swing < KNOCK_SHARE:
         _update(h, y, surprise)
         h.distrust = max(h.distrust - 1, h.distrust_least)
         if sample & 63 == 0:
@@ -178,14 +179,17 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
         needed += h.used[i] * phi[i]
         late[slot, i] = phi[i]
         pushed += h.used[i] * late[due, i]
-    gain = fade(h, foresee(h, needed, max(abs(asked), abs(needed))))
-    advance(h.scout_step, h.applied_x, gain * pushed)
+    advance(h.scout_step, h.plain_x, asked)
+    gain = fade(h, foresee(h, needed, needed))
     h.due[slot], h.gain_due[slot] = gain * late[due, 0], gain
     h.count += 1
-    command = gain * pushed if h.kind > 0 else 0.0
-    if abs(command) > h.force_limit_N:  # the last net
+    h.squeezed += (1.0 - h.squeezed) * h.release
+    command = h.squeezed * gain * pushed if h.kind > 0 else 0.0
+    if abs(command) > h.force_limit_N:
+        h.squeezed *= h.force_limit_N / abs(command)
         command = math.copysign(h.force_limit_N, command)
         h.clips += 1
+    advance(h.scout_step, h.applied_x, command if h.kind > 0 else gain * pushed)
     return float(command)
 
 

@@ -76,8 +76,7 @@ FORGET_S: Final = 0.5
 SITTING_S: Final = 0.05
 DISTRUST_S: Final = 2.0
 FORGET_PLAYED_S: Final = 3.0
-YF = 2.0
-SLIGHT = 0.04
+SLIGHT = 0.045
 HUSH_M_S2: Final = 0.1
 _LEAD_MAX: Final = 0.5
 """Bound of the lead's own pole [1]: above it what lies beyond 1 kHz would be amplified for nothing."""
@@ -122,10 +121,11 @@ HANDLE: Final = np.dtype(
         *_fields("force_share scout_rad_s", "f8"),
         ("scout_step", "f8", (5, 5)),
         ("scout_x", "f8", (4,)),
+        ("plain_x", "f8", (4,)), ("plain_m", "f8"),
         ("scouted", "f8", (RING, 4)),  # of the last samples
         ("applied_x", "f8", (4,)),
         ("ahead", "f8", (5, 5)),
-        *_fields("released release", "f8"),
+        *_fields("released release squeezed", "f8"),
         *_fields("first last", "i8"),  # ascending gains of the look-ahead lie at first … last−1
         ("least", "f8", (RING,)),
         *_fields("when gains", "i8", (RING,)),
@@ -193,7 +193,8 @@ def new_handle(
     h.travel_limit_m = plant.travel_limit_m
     h.room, h.room_m = 1.0, chosen.travel_share * min(plant.travel_limit_m, nominal.travel_limit_m)
     sensor = Sensor() if sensor is None else sensor
-    h.yield_m = h.room_m * YF
+    h.plain_m = .6 * min(plant.travel_limit_m, nominal.travel_limit_m)
+    h.yield_m = chosen.yield_share * min(plant.travel_limit_m, nominal.travel_limit_m)
     _set_electronics(h, plant, nominal, chosen.leads, seed)
     _set_sensor(h, sensor, sensor if believed is None else believed)
     h.kind = 0 if compensator == "none" else 1 if chosen.mass_only else 3 if chosen.adapts else 2
@@ -208,6 +209,7 @@ def new_handle(
     h.delay = round(LOOK_AHEAD_S * rate_Hz)
     h.ahead = np.linalg.matrix_power(h.scout_step, h.delay)
     h.ahead[:, 4] = 0.0
+    h.squeezed = 1.0
     h.released, h.release = 1.0, -math.expm1(-1.0 / (RELEASE_S * rate_Hz))
     h.gains[:] = ONE
     h.total = (h.delay + 1) * ONE
