@@ -61,10 +61,12 @@ def play(
     `nominal` is the handle that the compensator believes in; both are `Plant()` unless given. The compensators are
     those of `COMPENSATORS`; with "none" no force acts, and everything stays at 0. Whatever is asked for, force and
     travel stay inside the plant's limits: what would need more is faded beforehand, see `governor`. Samples that are
-    not finite count as 0. `seed` is that of the accelerometer's noise.
+    not finite count as 0. `sensor` is what is heard of the handle, and `believed` what the compensator takes it for:
+    `Sensor()`, and the same. `seed` is that of the accelerometer's noise.
 
     Raises:
-        HandleError: no such compensator, a rate out of range, or an acceleration that is not one row of numbers.
+        HandleError: no such compensator, a rate out of range, a sensor too late for it, or an acceleration that is not
+            one row of numbers.
     """
     desired = row_of(acceleration_m_s2, "acceleration_m_s2")
     plant = Plant() if plant is None else plant
