@@ -69,7 +69,7 @@ FOLD: Final = 0.1
 
 @native
 def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
-    """Hear what a sample did, one `HANDLE`: the force that acted [N], and the acceleration that was read with it [m/s²].
+    """Hear what a sample did, one `HANDLE`: the force that acted [N], the acceleration that was read with it [m/s²].
 
     Samples are counted as `command_force` gave them, from 0, and heard in order, up to 500 samples after they were
     given; where some are missing, or not finite, nothing is learnt for a while. Where the force is not measured
