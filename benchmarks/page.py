@@ -314,9 +314,10 @@ def _handle(sheet: Sheet, charts: dict[str, str]) -> str:
 
 def _sensor(sheet: Sheet) -> str:
     """How the learning compensator does with sensors as they are, and in teleoperation."""
-    rows = []
-    for case in sheet.cases("sensor, "):
-        rows.append((case.removeprefix("sensor, "), *(_beside_flat(sheet, case, signal) for signal in SIGNALS)))
+    rows = [
+        (case.removeprefix("sensor, "), *(_beside_flat(sheet, case, signal) for signal in SIGNALS))
+        for case in sheet.cases("sensor, ")
+    ]
     operated = [
         (case.removeprefix("teleoperation, "), *(f"{sheet.number(case, name):.0f}" for name in TELEOPERATED))
         for case in sheet.cases("teleoperation, ")
@@ -325,8 +326,8 @@ def _sensor(sheet: Sheet) -> str:
         six parameters off by up to {100 * SPREAD:.0f} %. `adaptive` hears an accelerometer that is late, slow or noisy;
         `flat` hears nothing. The accelerometer has a pole at {ACCELEROMETER_HZ:g} Hz and 150 µg/√Hz unless said; the
         force is measured, or known from the command alone. Signals are those above, times what is said."""
-    line = f"""The haptography paper's teleoperation in simulation, {TAPS} taps and {DRAGS} drags on wood, by two Omnis on
-        the position–position controller without delay: spectrogram error [%] of the leader's tip against the follower's
+    line = f"""The haptography paper's teleoperation in simulation, {TAPS} taps and {DRAGS} drags on wood, by two Omnis
+        on the position–position controller without delay: spectrogram error [%] of the leader's tip against the follower's
         accelerometer, 20 to 1000 Hz, over the whole of it, by grip. The paper's handle had 48 %."""
     return f"""## The handle: late, slow and noisy sensors
 

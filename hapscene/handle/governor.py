@@ -45,7 +45,8 @@ ringing."""
 
 TRAVEL_SHARE: Final = 0.6
 """Share of the travel that the nominal model may use where nothing is learnt [1]. For one acceleration the travel is
-(m_c + m_h)/m_c a/ω²: with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a fifth more was seen."""
+(m_c + m_h)/m_c a/ω²: with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a
+fifth more was seen."""
 
 ONE: Final = 1 << 40
 """The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
