@@ -327,8 +327,8 @@ def _sensor(sheet: Sheet) -> str:
         `flat` hears nothing. The accelerometer has a pole at {ACCELEROMETER_HZ:g} Hz and 150 µg/√Hz unless said; the
         force is measured, or known from the command alone. Signals are those above, times what is said."""
     line = f"""The haptography paper's teleoperation in simulation, {TAPS} taps and {DRAGS} drags on wood, by two Omnis
-        on the position–position controller without delay: spectrogram error [%] of the leader's tip against the follower's
-        accelerometer, 20 to 1000 Hz, over the whole of it, by grip. The paper's handle had 48 %."""
+        on the position–position controller without delay: spectrogram error [%] of the leader's tip against the
+        follower's accelerometer, 20 to 1000 Hz, over the whole of it, by grip. The paper's handle had 48 %."""
     return f"""## The handle: late, slow and noisy sensors
 
 {paragraph(said)}

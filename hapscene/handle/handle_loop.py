@@ -60,6 +60,9 @@ SURE: Final = 4.0
 """A force that the model leaves unexplained is a knock where its square is above so much of the mean square of what is
 played [1]: a handle of three times the nominal mass is not taken for one."""
 
+NEAR: Final = 1.05
+"""How near to its bound the mass sits there [1]: noise moves it a little."""
+
 FOLD_SAMPLES: Final = 64
 """After how many samples some of the lag is taken into the delay [count], a power of two."""
 
@@ -168,7 +171,8 @@ def _update(h: Any, y: float, surprise: float) -> None:
 def _judge(h: Any) -> None:
     """Fall back where mass or delay have sat at a bound for long; trust what has been learnt for long again."""
     h.distrust = max(h.distrust - 1, h.distrust_least)
-    at_bound = h.theta[0] <= h.theta_low[0] or h.theta[0] >= h.theta_high[0] or h.late_s >= h.late_most_s
+    mass = h.theta[0]
+    at_bound = mass < NEAR * h.theta_low[0] or NEAR * mass > h.theta_high[0] or h.late_s >= h.late_most_s
     h.sitting = h.sitting + 1 if at_bound else 0
     if h.sitting > h.sitting_count:
         _fall_back(h)

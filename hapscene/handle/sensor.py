@@ -37,5 +37,11 @@ class Sensor:
     def __post_init__(self) -> None:
         ranges = {"delay_s": (0.0, DELAY_MAX_S), "bandwidth_Hz": (10.0, 1e6), "noise_m_s2_rtHz": (0.0, 100.0)}
         for name, (least, most) in ranges.items():
-            if not least <= getattr(self, name) <= most:
-                raise HandleError(f"sensor: {name} must be {least:g} to {most:g}, is {getattr(self, name)!r:.60}")
+            given = getattr(self, name)
+            try:
+                value = float(given)
+            except (TypeError, ValueError):
+                raise HandleError(f"sensor: {name} must be a number, is {given!r:.60}") from None
+            if not least <= value <= most:
+                raise HandleError(f"sensor: {name} must be {least:g} to {most:g}, is {value:g}")
+            object.__setattr__(self, name, value)
