@@ -218,7 +218,7 @@ def measure_teleoperation(sheet: Sheet) -> None:
 
 
 def measure(count: int = PLANTS) -> Sheet:
-    """All of it, in a sheet of its own."""
+    """What the chart shows, in a sheet of its own."""
     sheet = Sheet()
     measure_handle(sheet, count)
     return sheet
