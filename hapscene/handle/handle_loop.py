@@ -1,6 +1,7 @@
 """The handle, one sample at a time: what is asked for, compensated, limited, amplified, and felt by a hand. Compiled.
 
-`command_force`: the acceleration that is asked for → the force to command; all that a real handle needs to play.
+`command_force`: the acceleration that is asked for → the force to command; all that a real handle needs to play, with
+the record `new_handle(found.plant, found.plant, "adaptive", rate_Hz, sensor=found.sensor)` of its identification.
 
 lead       make up for the amplifier's lag, where the compensator does
 sum        the compensator's signals φ, weighted by θ: what will be needed               compensator.py
