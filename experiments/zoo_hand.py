@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.moving import place_bodies
-from hapscene.device.arm import find_tip
+from hapscene.device.arm import SIMULATED_POINT, find_tip
 from hapscene.device.omni_kinematics import reachable, tip, turns_at
 from hapscene.native import native
 from hapscene.renderer import Renderer
@@ -170,7 +170,7 @@ def press_along(
 @native
 def _find_motors(arm: Any, place_m: Array) -> None:
     """Where the motors' force acts: a point mass's place, or the end of an Omni's arm without its structure's give."""
-    if arm.is_omni == 0:
+    if arm.kind == SIMULATED_POINT:
         p = find_tip(arm)
         place_m[0], place_m[1], place_m[2] = p[0], p[1], p[2]
         return

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 
 __all__ = [
     "CaptureError",
+    "DeviceError",
     "EffectError",
     "FormatError",
     "HandleError",
@@ -71,6 +72,10 @@ class CaptureError(FormatError):
 
 class HandleError(FormatError):
     """A haptography handle that cannot be: bad parameters, an unknown compensator, signals that do not fit."""
+
+
+class DeviceError(HapsceneError):
+    """A device that is unknown, not there, not to be used, or gone, with what would help."""
 
 
 class ViewError(HapsceneError):

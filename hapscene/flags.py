@@ -1,7 +1,7 @@
 """What can go wrong in a tick, or be limited: a tick raises nothing, it flags."""
 
 from enum import IntFlag
-from typing import Final
+from functools import cache
 
 
 class Flag(IntFlag):
@@ -25,7 +25,30 @@ class Flag(IntFlag):
     """More bodies overlap where the tool is than one tick asks (`NEAR_MAX`): some of them are not felt."""
     POSE_REFUSED = 256
     """A body was given a pose that is not finite, or no rotation and translation: it stays at its last good one."""
+    # what the servo's safety does to the force that goes to the device (`hapscene.device.safety`)
+    OUT_OF_WORKSPACE = 512
+    """The tool left the device's workspace: no force until it is back."""
+    TOO_FAST = 1024
+    """The tool moved faster than a hand moves it: no force until it rests."""
+    FORCE_NOT_FINITE = 2048
+    """The force was NaN or infinite: none was sent."""
+    PEAK_LIMITED = 4096
+    """The force was over what the device may ever be sent: its magnitude was cut, its direction kept."""
+    HEAT_LIMITED = 8192
+    """The motors are warm: no more than they bear for long was sent."""
+    STEP_LIMITED = 16384
+    """The force sent changed faster than the device may be made to."""
+    RAMPED = 32768
+    """Less than the whole force was sent, since it begins or ends."""
+    APPLICATION_SILENT = 65536
+    """The application is gone, stopped, or no longer asks: no force until it is back."""
+    DEVICE_NOT_READY = 131072
+    """The device is not calibrated, homed or powered, or says nothing new: no force until it does."""
+    STALLED = 262144
+    """The loop itself stood still, as when the machine slept: the force begins anew."""
 
 
-FLAGS: Final = [Flag(bits) for bits in range(2 * max(Flag))]
-"""Every set of flags, by its bits: to make one costs a microsecond."""
+@cache
+def flag_of(bits: int) -> Flag:
+    """A set of flags, by its bits: to make one costs a microsecond, to find it again a tenth."""
+    return Flag(bits)

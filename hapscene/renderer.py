@@ -16,7 +16,7 @@ from hapscene.contact.world import Growth, build_world, crowd
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
-from hapscene.flags import FLAGS, Flag
+from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED
@@ -420,7 +420,7 @@ class Renderer:
         self._play(self.world, self.surface, p, *slots, self._row, self._samples)
         self._ticks += 1
         f_W_N, flags, touching = self._out
-        command = Command(f_W_N.copy(), self._samples[0].copy(), FLAGS[flags.item()])
+        command = Command(f_W_N.copy(), self._samples[0].copy(), flag_of(flags.item()))
         if touching.item():
             command.contact = Contact(self._told.tobytes(), self._body_names, self._swatch_names)
         return command

@@ -13,8 +13,20 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 FLOOR = (
-    *("clock", "confined", "constants", "dsp", "errors", "files", "flags", "geometry", "memory", "native"),
-    *("number_files", "old_spellings"),
+    *(
+        "bound_call",
+        "c_call",
+        "clock",
+        "confined",
+        "constants",
+        "dsp",
+        "errors",
+        "files",
+        "flags",
+        "geometry",
+        "memory",
+    ),
+    *("native", "number_files", "old_spellings", "plugin_registry"),
 )
 """The ground floor: knows nobody above it."""
 
@@ -39,10 +51,22 @@ CORE = (
 INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
-OUTER = ("bridge", "capture", "cli", "command", "exchange", "paint", "stability", "teleoperation", "touch", "view")
+OUTER = (
+    "bridge",
+    "capture",
+    "cli",
+    "command",
+    "exchange",
+    "paint",
+    "play",
+    "stability",
+    "teleoperation",
+    "touch",
+    "view",
+)
 """Uses of the house."""
 
-TOP = ("cli", "command", "paint", "stability", "teleoperation")
+TOP = ("cli", "command", "paint", "play", "stability", "teleoperation")
 """Rooms that no other room knows but commands."""
 
 APART = {
@@ -61,6 +85,7 @@ BETWEEN = {
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},
+    "handle/live_process.py": {"device", "servo"},  # drivers by name; what a servo's channel asks for, by its memory's
 }
 """Files that know more than their room, and why."""
 

@@ -28,17 +28,17 @@ def _plugins(options: argparse.Namespace) -> int:
         return 0
     for item in effects.values():
         lines = [f"{item.name}  ({item.distribution} {item.version}, {item.module})"]
-        if item.effect is None:
+        if item.plugin is None:
             tell([*lines, f"  cannot be used: {item.error}"])
             continue
-        lines.append(f"  {item.effect.summary}")
-        if item.effect.scope == "scene":
-            more = "".join(f", {name}" for name in (*item.effect.arrays, "bodies"))
+        lines.append(f"  {item.plugin.summary}")
+        if item.plugin.scope == "scene":
+            more = "".join(f", {name}" for name in (*item.plugin.arrays, "bodies"))
             lines.append(f"  of the scene: settings={{{item.name!r}: {{…}}}} takes its parameters{more}")
-        if item.effect.params:
+        if item.plugin.params:
             lines.append(f"  {'parameter':<24} {'default':<8} {'unit':<8} meaning")
         rows = (
-            f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}" for param in item.effect.params
+            f"  {param.name:<24} {param.default:<8g} {param.unit:<8} {param.meaning}" for param in item.plugin.params
         )
         tell([*lines, *rows])
     if not effects:
@@ -53,11 +53,11 @@ def _plugins(options: argparse.Namespace) -> int:
 def _described(item: Any) -> dict[str, Any]:
     """One effect as JSON; a bound that is infinite is null."""
     described = {key: getattr(item, key) for key in ("name", "distribution", "version", "module", "error")}
-    if item.effect is not None:
-        described |= {"summary": item.effect.summary, "scope": item.effect.scope, "arrays": list(item.effect.arrays)}
+    if item.plugin is not None:
+        described |= {"summary": item.plugin.summary, "scope": item.plugin.scope, "arrays": list(item.plugin.arrays)}
         keys = ("name", "unit", "default", "minimum", "maximum", "meaning")
         described["parameters"] = [
             {key: None if (value := getattr(param, key)) in (math.inf, -math.inf) else value for key in keys}
-            for param in item.effect.params
+            for param in item.plugin.params
         ]
     return described

@@ -1,4 +1,13 @@
 from . import model as model
+from .driver import DEVICE_STATE as DEVICE_STATE
+from .driver import Connection as Connection
+from .driver import Driver as Driver
+from .driver import Found as Found
+from .driver import Option as Option
+from .driver import VendorConnection as VendorConnection
+from .driver_registry import DeviceChoice as DeviceChoice
+from .driver_registry import choose as choose
+from .driver_registry import open as open
 from .hand import Grip as Grip
 from .model import DEVICES as DEVICES
 from .model import Device as Device

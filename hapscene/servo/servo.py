@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import operator
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,27 +22,31 @@ from hapscene.contact.deformation import shape_of
 from hapscene.contact.prediction import HORIZON_S
 from hapscene.contact_events import ContactEvent, events_of
 from hapscene.contact_info import Impulse
+from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.hand import Grip, grip_named
-from hapscene.errors import HapsceneError, PathError, SceneError, no_such
-from hapscene.flags import FLAGS, Flag
+from hapscene.device.model import DEVICES
+from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, no_such
+from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
+from hapscene.servo.heartbeat import Heartbeat
 from hapscene.servo.servo_loop import Lateness
-from hapscene.servo.shared_memory import Channel, open_channel
+from hapscene.servo.shared_memory import Channel, open_channel, read_text
 
 if TYPE_CHECKING:
-    import os
-
     from hapscene.device.model import DeviceLike
+    from hapscene.handle.live_process import LiveHandle
+    from hapscene.handle.plant import Plant
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
+    from hapscene.servo.flight_recorder import Flight
     from hapscene.surface.swatch import SwatchLike
 
 RING_S: Final = 8.0
-"""How much of the past the flight recorder holds [s]: a page that hangs for some seconds loses nothing."""
+"""How much of the past is held [s]: a page that hangs for some seconds loses nothing."""
 
 START_S: Final = 300.0
 """How long the process may take to be ready [s]: on its first run ever it compiles, which may take half a minute."""
@@ -124,9 +129,19 @@ class Servo:
 
     Args:
         scene: what is there, as it is now.
-        device: what the hand holds: a name, which brings its limits along, or a simulated device, as `Twin` has it; a
+        device: what the hand holds: a simulated device, or its name, which brings its limits along, as `Twin` has it;
+            or a real one by the name of its driver (`hapscene devices`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
+        handle: what the first tool's accelerations are played on: a simulated handle, or a real one by its name, as
+            "audio", with options by `hapscene.device.choose`.
+        handle_file: of a real one that was identified (`hapscene handle identify`): its compensator drives it.
+        flights: a folder: what was felt last is written into it when a device or the application is gone
+            (`save_flight`).
+        force_N: largest force that a real device is sent, where its own limit is not lower.
+        patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
+            is killed, stopped or suspended is noticed within 20 ms without it.
+        ring_s: how much of the past is held [s].
         made: more arguments of `Twin`: effects, settings, seed, limits, handle, compensator, X_WD.
 
     Attributes:
@@ -146,22 +161,40 @@ class Servo:
     def __init__(
         self,
         scene: "Scene",
-        device: "DeviceLike | Sequence[DeviceLike]",
+        device: "DeviceLike | DeviceChoice | Sequence[DeviceLike | DeviceChoice]",
         *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
+        handle: "Plant | DeviceChoice | str | None" = None,
+        handle_file: "str | os.PathLike[str] | None" = None,
+        flights: "str | os.PathLike[str] | None" = None,
+        force_N: float | None = None,
+        patience_s: float = math.inf,
+        ring_s: float = RING_S,
         **made: Any,
     ) -> None:
         self.tick_s, self.a_rate_Hz = tick_s, a_rate_Hz
-        devices = list(device) if isinstance(device, list | tuple) else [device]
+        given: list[Any] = list(device) if isinstance(device, list | tuple) else [device]
+        devices = [_device(one) for one in given]
         if not devices:
             raise HapsceneError('a servo has a device at least, or several: ["omni", "falcon"]')
+        if not patience_s > 0.0 or not 0.0 < ring_s < math.inf:
+            raise HapsceneError(f"patience_s and ring_s must be above 0, are {patience_s} and {ring_s}")
+        self._patience_s = patience_s
+        self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
+        self._handle_file = None if handle_file is None else os.fspath(handle_file)
+        if isinstance(self._live_handle, DeviceChoice):
+            DRIVERS.load(self._live_handle.name).read_options(self._live_handle.options)  # refused before all starts
+        elif handle is not None:
+            made["handle"] = handle
+        self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
         self.scene = scene.copy()
         self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
-        rates = {"tick_s": tick_s, "a_rate_Hz": a_rate_Hz}
-        self._made = {"scene": self.scene, "devices": devices, "bodies": self._room, **rates, **made}
+        own = {"devices": devices, "bodies": self._room, "force_N": force_N}
+        own["flights"] = None if flights is None else os.fspath(flights)
+        self._made = {"scene": self.scene, **own, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         self._block = block_of(tick_s, a_rate_Hz)
-        self._length = max(math.ceil(RING_S / tick_s), 2)
+        self._length = max(math.ceil(ring_s / tick_s), 2)
         self.body_names = [body.name for body in scene.bodies]
         self._index_of = {name: index for index, name in enumerate(self.body_names)}
         self._moving: set[int] = set()
@@ -169,14 +202,21 @@ class Servo:
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
         self._frames: Any = None
+        self._fault: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
+        self._guard: Any = None
+        self._played: LiveHandle | None = None
+        self._heartbeat: Heartbeat | None = None
+        self._asked: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
         self._lane = ThreadPoolExecutor(1, "hapscene orders")
         self._cancelled = False
+        self._told_made: dict[str, Any] = {}
+        self._tuned: list[tuple[str, str, dict[str, float]]] = []
 
     def __repr__(self) -> str:
         begun = "not begun" if self._process is None else "running" if self.alive else "ended"
@@ -192,9 +232,11 @@ class Servo:
         try:
             with _shielded():  # it starts Python's resource tracker
                 self._opened = open_channel(self._length, self._block, bodies=self._room, tools=self._tools)
+            self._opened.channel.pause = 1
             self._look(self._opened)
             self._wire, theirs = context.Pipe()
-            arguments = (theirs, self._opened.memory.name, self._length)
+            life, dying = context.Pipe(duplex=False)
+            arguments = (theirs, dying, self._opened.memory.name, self._length)
             process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
             made = ForkingPickler.dumps(self._made)
             with _shielded():
@@ -204,14 +246,58 @@ class Servo:
                 process.kill()
                 raise HapsceneError("the start of the servo was cancelled")
             theirs.close()
+            dying.close()
+            if any(DRIVERS.load(choice.name).force for choice in self._choices):
+                self._start_guard(context, life)
+            life.close()
             self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
-            self._answer(START_S)
+            self._told_made = self._answer(START_S)
+            pulse = self._opened.channel["pulse"].view(np.ndarray)
+            self._heartbeat = Heartbeat(pulse, self._patience_s)
+            self._asked = self._heartbeat.asked
+            if isinstance(self._live_handle, DeviceChoice):
+                self._start_handle(self._live_handle)
             self._opened.memory.unlink()  # from now on it goes with the two processes, even if both are killed
             self._shared = True
         except BaseException:
             self.close()
             raise
         return self
+
+    def _start_guard(self, context: Any, life: Any) -> None:
+        """Have a third process see to it that no force is left if the servo's dies."""
+        from hapscene.servo.guard import watch
+
+        assert self._opened is not None
+        here, there = context.Pipe(duplex=False)
+        shape = self._length, self._block, self._room, self._tools
+        arguments = (life, there, self._opened.memory.name, shape, self._process.pid, self._choices)
+        self._guard = context.Process(target=watch, args=arguments, name="hapscene guard", daemon=True)
+        with _shielded():
+            self._guard.start()
+        there.close()
+        if not here.poll(START_S):
+            raise HapsceneError("the servo's guard did not start: no device is driven without it")
+        here.recv()
+
+    def _start_handle(self, choice: DeviceChoice) -> None:
+        """Have a process play what the first tool's channel asks for."""
+        from hapscene.handle.live_process import LiveHandle
+
+        assert self._opened is not None
+        shape = {"length": self._length, "block": self._block, "bodies": self._room, "tools": self._tools}
+        shared = shape | {"name": self._opened.memory.name}
+        options = dict(choice.options)
+        with _shielded():
+            self._played = LiveHandle(shared, self.a_rate_Hz, 0, choice.name, options, handle=self._handle_file)
+
+    def handle_report(self) -> dict[str, float]:
+        """How a real handle plays: latency [s], drift of its clock [ppm], counts of what went wrong; empty without one.
+
+        Raises:
+            HandleError: it plays no more, and why.
+        """
+        return {} if self._played is None else self._played.look()
 
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
@@ -220,6 +306,7 @@ class Servo:
         self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
         self._ticks = shared.rows.view(np.ndarray), channel["done"], channel["done_ns"]
         self._frames = shared.frames.view(np.ndarray)
+        self._fault = shared.fault
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -250,7 +337,15 @@ class Servo:
                 self._process.join()
         if self._wire is not None:
             self._wire.close()
-        self._aim = self._ticks = self._frames = None
+        if self._played is not None:
+            self._played.close()
+        if self._guard is not None:
+            self._guard.join(ANSWER_S)
+            if self._guard.is_alive():
+                self._guard.kill()
+        if self._heartbeat is not None:
+            self._heartbeat.stop()
+        self._aim = self._ticks = self._frames = self._fault = None
         self._opened.close(unlink=not self._shared)
         self._opened = None
 
@@ -263,12 +358,33 @@ class Servo:
             raise HapsceneError("this servo does not run; use it as a context: with Servo(…) as servo")
         if not self._process.is_alive():
             raise HapsceneError(self._gone())
+        self._asked[0] += 1
+        if self._fault[0]:
+            raise DeviceError(read_text(self._fault))
         return self._opened
 
     @property
     def alive(self) -> bool:
         """Whether the process runs."""
         return self._process is not None and self._process.is_alive()
+
+    @property
+    def notice(self) -> str:
+        """What troubles a real device, and what helps; empty where nothing does.
+
+        Raises:
+            HapsceneError: the process has ended.
+            DeviceError: a device is gone.
+        """
+        return read_text(self._channel.notice)
+
+    def device_state(self, *, tool: int = 0) -> Any:
+        """What a real device last said: (DEVICE_STATE,) a copy: readiness, buttons, warmth.
+
+        Raises:
+            HapsceneError: as `state` has them.
+        """
+        return self._channel.states[self._number(tool)].copy()
 
     @old_spellings(p_WT_m="p_WT")
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
@@ -454,10 +570,12 @@ class Servo:
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
         self._order("tune", swatch, numbers)
+        self._tuned.append(("tune", swatch, numbers))
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
         self._order("tune_field", effect, numbers)
+        self._tuned.append(("tune_field", effect, numbers))
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
@@ -571,7 +689,7 @@ class Servo:
             body=int(whole[_AT["body"]]),
             face=int(whole[_AT["face"]]),
             swatch=int(whole[_AT["swatch"]]),
-            flags=FLAGS[whole[_AT["flags"]]],
+            flags=flag_of(int(whole[_AT["flags"]])),
             age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
@@ -594,6 +712,30 @@ class Servo:
         taken = [part[number, slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
+
+    def flight(self, reason: str = "asked for") -> "Flight":
+        """What was felt last (`ring_s`), with what is needed to fly it again; also after the process has ended.
+
+        Raises:
+            HapsceneError: the servo is closed.
+        """
+        from hapscene.servo.flight_recorder import flight_of
+
+        if self._opened is None:
+            raise HapsceneError("this servo is closed, and what it felt is gone with it")
+        return flight_of(self._opened, self.scene, self._told_made, self._tuned, reason)
+
+    def save_flight(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+        """Write `flight` into a folder; `hapscene replay FOLDER` flies it again.
+
+        Raises:
+            HapsceneError: the servo is closed, or the folder cannot be written.
+        """
+        flight = self.flight(reason)
+        try:
+            flight.save(os.fspath(folder))
+        except OSError as error:
+            raise HapsceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
     def lateness(self) -> Lateness:
         """How well the loop has kept time since the process started.
@@ -642,6 +784,15 @@ class Servo:
     def _gone(self) -> str:
         self._process.join(1.0)
         return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+
+
+def _device(device: "DeviceLike | DeviceChoice") -> "DeviceLike | DeviceChoice":
+    """A simulated device as it is; one that is not simulated as what the servo opens."""
+    if not isinstance(device, str) or device in DEVICES:
+        return device
+    if device not in DRIVERS.names():
+        raise HapsceneError(no_such("device", device, (*DEVICES, *DRIVERS.names())))
+    return DeviceChoice(device)
 
 
 def _whole(tick: int) -> int:

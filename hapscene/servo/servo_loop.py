@@ -9,11 +9,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.bound_call import loaded
 from hapscene.clock import now_ns, sleep_ns
 from hapscene.constants import TINY
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.prediction import predict_bodies
+from hapscene.device.safety import STALL_S
 from hapscene.native import INTERPRETED, native
+from hapscene.servo.tick_memory import keep_memory
 from hapscene.twin.twin_loop import beat, take_grip
 
 # How late ticks begin and how long they take: histograms, which the tick fills without allocating.
@@ -101,45 +104,105 @@ class ServoBodies(NamedTuple):
     jumps: NDArray[np.int64]  # (t, b) the same, until each tool has seen it
 
 
-@native
-def serve(
-    worlds: Any,
-    surfaces: Any,
-    twins: Any,
-    bodies: ServoBodies,
-    channel: Any,
-    aims: Any,
-    rows: Any,
-    felt: Any,
-    a_m_s2: NDArray[np.float64],
-    a_handle_m_s2: NDArray[np.float64],
-    hands: NDArray[np.float64],
-    clock: NDArray[np.int64],
-) -> None:
-    """Tick in real time until `channel.pause`, one tool after the other.
+class Loop(NamedTuple):
+    """All that a tick of t tools acts on."""
 
-    `hands` (t, 5, 3): the aim of each, its target, its velocity, grip and push, as last read.
-    """
-    tick_s = surfaces[0].touch[0].tick_s
-    tick_ns = round(tick_s * 1e9)
-    due = now_ns(clock)
-    while channel.pause == 0:
-        due, start = await_tick(channel, clock, due + tick_ns, tick_ns)
-        count = channel.moving_count
-        _predict(worlds, bodies, count, start, clock, tick_s)
-        slot = channel.done % rows.shape[1]
-        for t in range(len(worlds)):
-            _read_aim(aims[t], hands[t], clock)
-            _follow(twins[t], hands[t], tick_s)
-            place_bodies(worlds[t], surfaces[t], bodies.moving[:count], bodies.X_WB[:, :count], bodies.jumps[t], 0)
-            beat(
-                worlds[t], surfaces[t], twins[t], rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot]
-            )
-        # the clock is a call the compiler knows nothing of: what is above stays above
-        end = now_ns(clock)
-        count_in_bin(channel.busy, end - start)
-        channel.done_ns = end
-        channel.done += 1
+    worlds: Any  # (t,) `hapscene.contact.world.World`
+    surfaces: Any  # (t,) `hapscene.surface.surface_arrays.Surface`
+    twins: Any  # (t,) `hapscene.twin.twin_loop.TwinBody`
+    bodies: ServoBodies
+    channel: Any  # CHANNEL
+    aims: Any  # (t,) AIM
+    rows: Any  # (t, length) ROW
+    felt: Any  # (t, length) FELT
+    a_m_s2: NDArray[np.float64]  # (t, length, block) asked for
+    a_handle_m_s2: NDArray[np.float64]  # (t, length, block) of the handle
+    hands: NDArray[np.float64]  # (t, 5, 3) the aim of each, its target, its velocity, grip and push, as last read
+    clock: NDArray[np.int64]  # of `new_clock`
+    memory: Any  # what the ticks of all tools remember, a tuple of bytes
+    checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
+    timing: NDArray[np.int64]  # (4,) when the tick was due, and began [ns]; whether it was late, the loop stood still
+
+
+@native
+def serve(loop: Loop) -> None:
+    """Tick in real time until `channel.pause`, all tools being simulated."""
+    begin_timing(loop)
+    while loop.channel.pause == 0:
+        wait_for_tick(loop)
+        serve_tick(loop)
+
+
+@native
+def begin_timing(loop: Loop) -> None:
+    """From now on ticks are due."""
+    loop.timing[0] = loop.timing[1] = now_ns(loop.clock)
+    loop.timing[2] = loop.timing[3] = 0
+
+
+@native
+def wait_for_tick(loop: Loop) -> None:
+    """Wait until the next tick is due."""
+    channel, timing = loop.channel, loop.timing
+    tick_ns = round(loop.surfaces[0].touch[0].tick_s * 1e9)
+    missed = channel.missed
+    timing[0], timing[1] = await_tick(channel, loop.clock, timing[0] + tick_ns, tick_ns)
+    timing[2] = int(timing[1] - timing[0] > tick_ns)
+    timing[3] = int(channel.missed > missed)
+
+
+@native
+def serve_scheduled(loop: Loop) -> None:
+    """A tick that a vendor's thread calls: that keeps the time, and how late it is after the last one is noted."""
+    channel, timing = loop.channel, loop.timing
+    tick_ns = round(loop.surfaces[0].touch[0].tick_s * 1e9)
+    start = now_ns(loop.clock)
+    late = max(start - timing[1] - tick_ns, 0)
+    timing[0] = timing[1] = start
+    timing[2], timing[3] = 0, int(late > STALL_S * 1e9)
+    channel.missed += late // tick_ns
+    count_in_bin(channel.late, late)
+    serve_tick(loop)
+
+
+@native
+def serve_tick(loop: Loop) -> None:
+    """A tick of all tools, one after the other."""
+    worlds, surfaces, twins, bodies, channel = loop.worlds, loop.surfaces, loop.twins, loop.bodies, loop.channel
+    rows, a_m_s2, felt, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.felt, loop.a_handle_m_s2
+    clock, timing, hands = loop.clock, loop.timing, loop.hands
+    tick_s, count = surfaces[0].touch[0].tick_s, channel.moving_count
+    keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks)
+    _predict(worlds, bodies, count, timing[1], clock, tick_s)
+    slot = channel.done % rows.shape[1]
+    for t in range(len(worlds)):
+        safety = twins[t].safety[0]
+        safety.pulse_now, safety.late, safety.stalled = channel.pulse, timing[2], timing[3]
+        _read_aim(loop.aims[t], hands[t], clock)
+        _follow(twins[t], hands[t], tick_s)
+        place_bodies(worlds[t], surfaces[t], bodies.moving[:count], bodies.X_WB[:, :count], bodies.jumps[t], 0)
+        beat(worlds[t], surfaces[t], twins[t], rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot])
+    # the clock is a call the compiler knows nothing of: what is above stays above
+    end = now_ns(clock)
+    count_in_bin(channel.busy, end - timing[1])
+    channel.done_ns = end
+    channel.done += 1
+
+
+# The same as `BoundCall` takes them: from where compiled code does not drive the loop.
+
+
+def wait_at(address: Any, kind: Any) -> None:
+    wait_for_tick(loaded(address, kind))
+
+
+def tick_at(address: Any, kind: Any) -> None:
+    serve_tick(loaded(address, kind))
+
+
+def scheduled_at(address: Any, kind: Any) -> None:
+    serve_scheduled(loaded(address, kind))
 
 
 @native

@@ -1,24 +1,47 @@
-"""The other process of a servo: builds the twin, runs the loop in a thread without the GIL, and answers."""
+"""The other process of a servo: opens the devices, runs the loop, and answers.
 
+Simulated devices, and those whose vendor's thread calls the tick, are driven by compiled code without the GIL. Others
+are read and written by Python before and after each tick, in a thread of a process that does little else.
+"""
+
+import gc
+import signal
+import sys
 import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from multiprocessing.connection import Connection as Pipe
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.bound_call import BoundCall
 from hapscene.clock import new_clock
 from hapscene.contact.prediction import PREDICTED
-from hapscene.device.arm import new_arm
-from hapscene.errors import HapsceneError
+from hapscene.device.arm import new_arm, read_arm
+from hapscene.device.driver import Connection, VendorConnection, new_state
+from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+from hapscene.device.model import limits_of
+from hapscene.device.safety import begin_safety, safety_of, simulated_safety
+from hapscene.errors import DeviceError, HapsceneError
 from hapscene.records import records
-from hapscene.servo.servo_loop import ServoBodies, request_realtime_priority, serve
-from hapscene.servo.shared_memory import Channel, open_channel
+from hapscene.servo.flight_recorder import flight_of, told_of, write_flight
+from hapscene.servo.servo_loop import (
+    Loop,
+    ServoBodies,
+    begin_timing,
+    request_realtime_priority,
+    scheduled_at,
+    serve,
+    tick_at,
+    wait_at,
+)
+from hapscene.servo.shared_memory import Channel, open_channel, write_text
+from hapscene.servo.tick_memory import memory_of
 
 if TYPE_CHECKING:
     from hapscene.renderer import Renderer
@@ -28,25 +51,41 @@ if TYPE_CHECKING:
     from hapscene.twin import Twin
 
 
-def run(wire: Connection, name: str, length: int) -> None:
+WATCH_S: Final = 0.1
+"""How often devices are asked what troubles them [s]."""
+
+SWITCH_S: Final = 1e-4
+"""How long a thread of Python may keep the loop waiting that reads and writes a device [s]; Python's own is 5 ms."""
+
+
+def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     """The process's main function: `name` and `length` are of the channel; the arguments of `Twin` come first.
 
-    Ends when it is told to, or when the application is gone. Answers every message with (None, result) or (error text,
-    None).
+    Ends when it is told to, when the application is gone, or at SIGTERM. Answers every message with (None, result) or
+    (error text, None); `life` hears at the end that all devices are closed.
     """
     from hapscene.twin import Twin
 
+    signal.signal(signal.SIGTERM, _end)
     channel = desk = None
     twins: list[Twin] = []
+    opened: list[Connection] = []
+    ending = ""
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         made = _heard(wire)
-        devices, bodies = made.pop("devices"), made.pop("bodies")
-        twins += [Twin(device=device, **made) for device in devices]
+        devices, bodies, folder = made.pop("devices"), made.pop("bodies"), made.pop("flights")
+        force_N = made.pop("force_N")
+        twins += [_twin(device, opened, made) for device in devices]
+        if force_N is not None:
+            for twin in twins:
+                twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        desk = Desk(made["scene"], twins, channel)
-        wire.send((None, None))
+        desk = Desk(made["scene"], twins, channel, folder, told_of(twins[0].renderer, made.get("settings")))
+        wire.send((None, desk.made))
         while True:
+            while opened and not wire.poll(WATCH_S):
+                desk.look_after()
             order, arguments = _heard(wire)
             if order == "stop":
                 break
@@ -57,22 +96,55 @@ def run(wire: Connection, name: str, length: int) -> None:
             except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
                 wire.send((f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None))
     except (EOFError, ConnectionError, KeyboardInterrupt):
-        pass  # the application is gone; where signals cannot be held off, Ctrl-C reaches both
+        # the application is gone; where signals cannot be held off, Ctrl-C reaches both
+        ending = "the application was gone"
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:
         wire.send((f"the servo's process failed:\n{traceback.format_exc()}", None))
         raise
     finally:
+        try:
+            if desk is not None:
+                desk.end()
+        finally:
+            for connection in opened:
+                connection.close()
+                connection.state = new_state()  # not of the shared memory any more
+            with suppress(OSError):
+                life.send(None)
         if desk is not None:
-            desk.end()
+            desk.write_faults()
+            if ending:
+                desk.write_flight(ending)
         desk = None
         twins.clear()  # they look at the memory that is given back
         if channel is not None:
             channel.close(unlink=False)
 
 
-def _heard(wire: Connection) -> Any:
+def _end(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin":
+    """What closes the loop over a device; a real one is opened, and put into `opened`."""
+    from hapscene.twin import Twin
+
+    if not isinstance(device, DeviceChoice):
+        twin = Twin(device=device, **made)
+        twin.safety = simulated_safety()
+        return twin
+    driver = DRIVERS.load(device.name)
+    opened.append(connection := device.open())
+    if driver.model is not None:
+        made = {"limits": limits_of(driver.model, made["tick_s"])} | made
+    twin = Twin(device=connection, **made)
+    twin.safety = safety_of(driver)
+    return twin
+
+
+def _heard(wire: Pipe) -> Any:
     """What the application sends.
 
     Raises:
@@ -87,14 +159,26 @@ def _heard(wire: Connection) -> Any:
 class Desk:
     """What the application may order. Orders that the running loop would not survive stop it for one to three ticks."""
 
-    def __init__(self, scene: "Scene", twins: "Sequence[Twin]", channel: Channel) -> None:
-        self._scene = scene
+    def __init__(
+        self,
+        scene: "Scene",
+        twins: "Sequence[Twin]",
+        channel: Channel,
+        flights: str | None = None,
+        made: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._scene, self._flights, self.made = scene, flights, dict(made or {})
         self._twins = tuple(twins)
         self._channel = channel
         self._hands = np.zeros((len(twins), 5, 3))
         self._clock = new_clock()
         self._loop: threading.Thread | None = None
+        self._scheduled: VendorConnection | None = None
         self._started = False
+        self._faults: list[str] = []
+        self._tuned: list[tuple[str, str, dict[str, float]]] = []
+        self._timing = np.zeros(4, np.int64)
+        self._connections = [twin.device for twin in self._twins if isinstance(twin.device, Connection)]
         count = len(channel.frames)
         self._bodies = ServoBodies(
             frames=channel.frames,
@@ -107,9 +191,25 @@ class Desk:
         )
         for twin, impulse in zip(self._twins, channel.impulse, strict=True):
             twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # where the application sees it
+        for twin, state in zip(self._twins, channel.states, strict=True):
+            if isinstance(twin.device, Connection):
+                slot = state.reshape(1).view(np.recarray)
+                slot[:] = twin.device.state
+                twin.device.state = slot
             twin.reset((0.0, 0.0, 0.0))
+        vendors = [device for device in self._connections if isinstance(device, VendorConnection)]
+        if vendors and len(self._twins) > 1:
+            raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
         channel.channel.pause = 1
-        serve(*self._arguments())  # has it compiled, and returns at once
+        parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
+        channel.channel.checkpoint_size = sum(len(part) for part in parts)
+        if not self._connections:
+            serve(self._acted_on())  # has it compiled, and returns at once
+            return
+        begin_timing(self._acted_on())  # compiled, as what follows is
+        self._bound()
+        gc.freeze()  # nothing that is there now is looked through again while devices wait
+        sys.setswitchinterval(SWITCH_S)
 
     @property
     def _renderers(self) -> "list[Renderer]":
@@ -122,6 +222,9 @@ class Desk:
         self.rest()
         for twin, place_m in zip(self._twins, places_m, strict=True):
             twin.reset(place_m)
+            if isinstance(twin.device, Connection):
+                twin.device.read()
+                twin.renderer.reset(np.array(read_arm(twin.body.arm)))
         self._channel.frames["seen"] = 0.0  # impulses begin anew
         self._bodies.predicted.view(np.uint8)[:] = 0
         for aim, place_m in zip(self._channel.aims, places_m, strict=True):  # the application waits meanwhile
@@ -131,24 +234,39 @@ class Desk:
         self._hands[:, :3] = 0.0
         self._hands[:, 0] = self._hands[:, 1] = places_m
         self._started = True
-        self._go()
+        self._begin()
 
     def resume(self) -> None:
         """Go on from where `rest` stopped, contact and memory kept."""
         if not self._started:
             raise HapsceneError("a servo that never started has nothing to resume: start it")
-        if self._loop is None:
-            self._go()
+        if self._loop is None and self._scheduled is None:
+            self._begin()
+
+    def look_after(self) -> None:
+        """Tell the application what troubles the devices, and whether one is gone; then write what led there."""
+        self.write_faults()
+        for connection in self._connections:
+            write_text(self._channel.notice, connection.reason(int(connection.state.trouble[0])))
+            if isinstance(connection, VendorConnection):
+                try:
+                    connection.check()
+                except Exception as error:
+                    self._note_fault(error)
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
         for renderer in self._renderers:
             renderer.tune(swatch, **numbers)
+        self._tuned.append(("tune", swatch, dict(numbers)))
+        self._note_change()
 
     def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of an effect of the scene, likewise."""
         for renderer in self._renderers:
             renderer.tune_field(effect, **numbers)
+        self._tuned.append(("tune_field", effect, dict(numbers)))
+        self._note_change()
 
     def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
         """Take over swatches, and which face of each body wears which."""
@@ -190,12 +308,29 @@ class Desk:
                 if renderer.world is not world:
                     with self._between_ticks():
                         pass  # it goes on with the new one
+        self._channel.channel.changed = np.iinfo(np.int64).max  # shapes are not kept: no flight from here on
+
+    def write_faults(self) -> None:
+        """Write what led to the faults that were noted since."""
+        while self._faults:
+            self.write_flight(self._faults.pop())
+
+    def write_flight(self, reason: str) -> None:
+        """Write the last minute, where the application has named a folder, and anything was felt."""
+        channel = self._channel
+        if self._flights is not None and channel.channel[0].done > 0:
+            told = write_flight(flight_of(channel, self._scene, self.made, self._tuned, reason), self._flights)
+            print(f"hapscene: note: {told}", file=sys.stderr, flush=True)
 
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
+        self._channel.channel.pause = 1
+        if self._scheduled is not None:
+            self._scheduled.unschedule()
+            self._scheduled = None
+            return True
         if self._loop is None:
             return False
-        self._channel.channel.pause = 1
         self._loop.join()
         self._loop = None
         return True
@@ -228,18 +363,85 @@ class Desk:
             if running:
                 self._go()
 
+    def _begin(self) -> None:
+        """Go on after a pause: forces begin anew."""
+        for twin in self._twins:
+            begin_safety(twin.body.safety[0])
+        self._go()
+
     def _go(self) -> None:
+        self._note_change()
         self._channel.channel.pause = 0
-        self._loop = threading.Thread(target=self._tick, daemon=True)
+        vendor = self._connections[0] if self._connections else None
+        if isinstance(vendor, VendorConnection):
+            begin_timing(self._acted_on())
+            self._calls = self._bound()
+            vendor.schedule(self._calls[0].address, self._calls[0].context)
+            self._scheduled = vendor
+            return
+        self._loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
         self._loop.start()
 
     def _tick(self) -> None:
         request_realtime_priority()
-        serve(*self._arguments())
+        serve(self._acted_on())
 
-    def _arguments(self) -> tuple[Any, ...]:
+    def _drive(self) -> None:
+        """Read, tick, write, with devices that Python reads and writes."""
+        request_realtime_priority()
+        wait, tick = self._bound()
+        pause, connections = self._channel.channel["pause"].view(np.ndarray), self._connections
+        begin_timing(self._acted_on())
+        try:
+            while pause[0] == 0:
+                wait()
+                for connection in connections:
+                    connection.read()
+                tick()
+                for connection in connections:
+                    connection.write()
+        except Exception as error:  # of a device or a driver: it is gone
+            self._note_fault(error)
+        for connection in connections:  # no force is held over a pause
+            connection.state.f_D_N = 0.0
+            with suppress(Exception):
+                connection.write()
+
+    def _bound(self) -> tuple[BoundCall, ...]:
+        """What is called once a tick, from where compiled code does not drive the loop."""
+        vendor = bool(self._connections) and isinstance(self._connections[0], VendorConnection)
+        loop = self._acted_on()
+        return tuple(BoundCall(part, loop) for part in ((scheduled_at,) if vendor else (wait_at, tick_at)))
+
+    def _note_change(self) -> None:
+        """What ticks remember is to be copied anew: from here on they give something else."""
+        row, running = self._channel.channel[0], self._loop is not None or self._scheduled is not None
+        row.changed = max(row.changed, row.done + running)
+        row.checkpoint_due = min(row.changed, row.done + 1)
+
+    def _note_fault(self, error: Exception) -> None:
+        text = str(error) if isinstance(error, HapsceneError) else f"{type(error).__name__}: {error}"
+        if not self._channel.fault[0]:
+            write_text(self._channel.fault, text)
+            self._faults.append(text)
+
+    def _acted_on(self) -> Loop:
         c, renderers = self._channel, self._renderers
-        worlds, surfaces = tuple(r.world for r in renderers), tuple(r.surface for r in renderers)
-        twins = tuple(twin.body for twin in self._twins)
-        rings = c.rows, c.felt, c.a_m_s2, c.a_handle_m_s2
-        return worlds, surfaces, twins, self._bodies, c.channel[0], c.aims, *rings, self._hands, self._clock
+        return Loop(
+            worlds=tuple(r.world for r in renderers),
+            surfaces=tuple(r.surface for r in renderers),
+            twins=tuple(twin.body for twin in self._twins),
+            bodies=self._bodies,
+            channel=c.channel[0],
+            aims=c.aims,
+            rows=c.rows,
+            felt=c.felt,
+            a_m_s2=c.a_m_s2,
+            a_handle_m_s2=c.a_handle_m_s2,
+            hands=self._hands,
+            memory=tuple(part for r in renderers for part in memory_of(r.world, r.surface)),
+            checkpoints=c.checkpoints,
+            checkpoint_ticks=c.checkpoint_ticks,
+            clock=self._clock,
+            timing=self._timing,
+        )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.prediction import FRAME
+from hapscene.device.driver import DEVICE_STATE
 from hapscene.errors import HapsceneError
 from hapscene.records import ROW
 from hapscene.servo.servo_loop import BIN_COUNT
@@ -26,10 +27,15 @@ CHANNEL: Final = np.dtype(
         # by the application
         ("pause", "i8"),  # 1: the loop shall return
         ("moving_count", "i8"),  # bodies that the application moves: so many of `Channel.moving` are written
+        ("pulse", "i8"),  # one more every 2 ms, while the application lives
         # by the servo
         ("done", "i8"),  # complete ticks
         ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
         ("missed", "i8"),  # ticks that were left out since the loop was too late for them
+        ("changed", "i8"),  # number of the first tick since what is felt was last changed by an order
+        ("checkpoint_due", "i8"),  # tick before which what ticks remember is copied next
+        ("checkpoint_count", "i8"),  # copies so far
+        ("checkpoint_size", "i8"),  # of each [bytes]
         ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
         ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
     ],
@@ -45,6 +51,27 @@ AIM: Final = np.dtype(
 )
 """Where the hand on a tool aims, by the application."""
 
+CHECKPOINT_COUNT: Final = 8
+"""Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
+
+MEMORY_B: Final = 131_072
+"""Room in each for a tool [bytes]: 200 bodies. Copied in 10 µs; with more bodies a flight cannot be flown again."""
+
+TEXT_MAX: Final = 512
+"""Room for a sentence [bytes]."""
+
+
+def write_text(room: NDArray[np.uint8], text: str) -> None:
+    """Write a sentence (UTF-8) where `read_text` finds it, cut where it is too long."""
+    raw = np.frombuffer(text.encode()[: len(room) - 1], np.uint8)
+    room[len(raw) :] = 0
+    room[: len(raw)] = raw
+
+
+def read_text(room: NDArray[np.uint8]) -> str:
+    """The sentence that was written there."""
+    return bytes(room).rstrip(b"\0").decode(errors="ignore")
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:
@@ -59,13 +86,21 @@ class Channel:
     frames: Any  # (bodies,) FRAME, by the application
     moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
     impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, by the servo
+    checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) what ticks remembered, tool after tool
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,) before which tick; −1: nothing that is whole
+    states: Any  # (tools,) DEVICE_STATE of real devices
+    fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device is gone, by the servo; empty where none is
+    notice: NDArray[np.uint8]  # (TEXT_MAX,) what troubles it otherwise, likewise
     memory: SharedMemory  # the last: where nobody closes it, it goes after its views, or else complains of them
 
     def close(self, unlink: bool) -> None:
         """Let go of the memory. The views must not be used afterwards."""
         for name in (field.name for field in fields(self) if field.name != "memory"):
             object.__setattr__(self, name, None)
-        self.memory.close()
+        try:
+            self.memory.close()
+        except BufferError:  # somebody still looks at it: it goes with the process
+            self.memory._buf = self.memory._mmap = None  # type: ignore[attr-defined]  # else it tries again, and complains
         if unlink:
             self.memory.unlink()
 
@@ -87,6 +122,11 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
         (FRAME, (bodies,)),
         (np.dtype("i8"), (bodies,)),
         (number, (tools, bodies, 6)),
+        (np.dtype("u1"), (CHECKPOINT_COUNT, tools * MEMORY_B)),
+        (np.dtype("i8"), (CHECKPOINT_COUNT,)),
+        (DEVICE_STATE, (tools,)),
+        (np.dtype("u1"), (TEXT_MAX,)),
+        (np.dtype("u1"), (TEXT_MAX,)),
     ]
     starts = np.cumsum([0, *(dtype.itemsize * math.prod(shape) for dtype, shape in parts)])
     memory = _reserved(int(starts[-1])) if name is None else SharedMemory(name)
@@ -94,8 +134,8 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
     for (dtype, shape), start in zip(parts, starts[:-1].tolist(), strict=True):
         flat = np.frombuffer(cast(memoryview, memory.buf), dtype, math.prod(shape), start)
         views.append((flat.view(np.recarray) if dtype.fields else flat).reshape(shape))
-    channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse = views
-    return Channel(channel, aims, rows, felt, a_m_s2, a_handle_m_s2, frames, moving, impulse, memory)
+    names = [field.name for field in fields(Channel)]
+    return Channel(**dict(zip(names, (*views, memory), strict=True)))
 
 
 SYSTEM_FOLDER: Final = "/dev/shm"

@@ -8,9 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import new_arm, simulated_device
+from hapscene.device.driver import Connection
 from hapscene.device.model import Limits, limits_of
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
+from hapscene.device.safety import no_safety
 from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
@@ -46,6 +48,7 @@ class Twin:
 
     Attributes:
         renderer: the renderer in the loop; `tune` it as you like.
+        safety: (1,) `hapscene.device.safety.SAFETY`, where the servo has set one.
         body: what the compiled loop acts on; None before the first `reset` or `run`.
 
     Raises:
@@ -56,7 +59,7 @@ class Twin:
     def __init__(
         self,
         scene: "Scene",
-        device: "DeviceLike",
+        device: "DeviceLike | Connection",
         effects: "Sequence[str | Effect]" = EFFECTS,
         *,
         seed: int = 0,
@@ -74,8 +77,8 @@ class Twin:
             raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
         if handle is not None and not isinstance(handle, Plant):
             raise HapsceneError(f"handle must be a Plant, is {handle!r:.60}")
-        self.device = simulated_device(device)
-        if limits is None and not isinstance(device, PointMass | Omni):
+        self.device = device if isinstance(device, Connection) else simulated_device(device)
+        if limits is None and not isinstance(device, PointMass | Omni | Connection):
             limits = limits_of(device, tick_s, delay_ticks)
         self.renderer = Renderer(
             scene, effects, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, limits=limits, settings=settings
@@ -84,6 +87,7 @@ class Twin:
         self.X_WD = X_WD
         self._seed = seed
         self._delay = delay_ticks
+        self.safety: Any = None
         self.body: Any = None
 
     def __repr__(self) -> str:
@@ -113,10 +117,11 @@ class Twin:
             has_handle=int(self.handle is not None),
             axis_W=np.array([0.0, 0.0, 1.0]),
             shift_m=np.zeros(1),
-            quantum_m=self.device.quantum_m if isinstance(self.device, PointMass) else self.device.resolution_m,
+            quantum_m=_quantum_m(self.device),
             wait_N=np.zeros((DELAY_MAX, 3)),
             ticks=np.zeros(1, np.int64),
             delay=self._delay,
+            safety=no_safety() if self.safety is None else self.safety,
         )
         self.renderer.reset(p)
 
@@ -171,6 +176,13 @@ class Twin:
             heat=_column(felt, "heat"),
             trouble=np.ascontiguousarray(felt["trouble"]),
         )
+
+
+def _quantum_m(device: PointMass | Omni | Connection) -> float:
+    """Step of the encoders in which the handle's own movement is seen; 0 of a real device, which measures it all."""
+    if isinstance(device, Connection):
+        return 0.0
+    return device.quantum_m if isinstance(device, PointMass) else device.resolution_m
 
 
 def _column(rows: Any, name: str) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
     read       the device's encoders                                    device/
     tick       the real one                                             tick.py
+    protect    the person, where the device is real                     device/safety.py
     wait       the force goes out `delay` ticks later
     hold       it, until the next tick                                  device/
     move       device, hand and handle, a sample of the channel a time  device/ handle/
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.contact.moving import place_bodies
-from hapscene.device.arm import advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
+from hapscene.device.arm import CONNECTED, SIMULATED_OMNI, advance_arm, drive_arm, find_tip, find_tip_velocity, read_arm
 from hapscene.device.hand import pull
+from hapscene.device.safety import protect
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
@@ -41,6 +43,7 @@ class TwinBody(NamedTuple):
     wait_N: NDArray[np.float64]  # (DELAY_MAX, 3) forces on their way
     ticks: NDArray[np.int64]  # (1,) so far
     delay: int
+    safety: Any  # (1,) SAFETY
 
 
 @native
@@ -85,13 +88,14 @@ def beat(
     touch, arm = surface.touch[0], body.arm
     h_s = touch.tick_s / touch.block
     x, y, z = _read(body)
+    felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
     tick(world, surface, x, y, z, row, a_m_s2)
-    _send(body, row.f_W_N, felt)
+    _send(body, _protect(body, row, touch), felt)
     _note(arm, felt)
     for i in range(touch.block):
         a_handle_m_s2[i] = _shake(body, a_m_s2[i], felt)
         advance_arm(arm, h_s)
-    _close(arm, felt)
+    _close(body, felt)
 
 
 @native
@@ -102,6 +106,21 @@ def _read(body: Any) -> Vector:
     if body.quantum_m > 0.0:
         shift = body.quantum_m * math.floor(shift / body.quantum_m + 0.5)
     return x + shift * axis[0], y + shift * axis[1], z + shift * axis[2]
+
+
+@native
+def _protect(body: Any, row: Any, touch: Any) -> Vector:
+    """The force that may go out, in W [N]."""
+    f, safety, arm = row.f_W_N, body.safety[0], body.arm
+    if safety.on == 0:
+        return f[0], f[1], f[2]
+    if arm.kind == CONNECTED:
+        p, state = arm.state[0].p_DT_m, arm.state[0]
+        sent, flags = protect(safety, (p[0], p[1], p[2]), state.ready, state.count, f, touch.tick_s)
+    else:
+        sent, flags = protect(safety, (0.0, 0.0, 0.0), 1, touch.tick, f, touch.tick_s)
+    row.flags |= flags
+    return sent
 
 
 @native
@@ -137,7 +156,7 @@ def take_grip(body: Any, k_N_m: float, b_Ns_m: float, mass_kg: float) -> None:
 
 
 @native
-def _send(body: Any, f_N: Any, felt: Any) -> None:
+def _send(body: Any, f_N: Vector, felt: Any) -> None:
     """Put a force on its way; hold the one that arrives."""
     k = body.ticks[0]
     enter, leave = k % DELAY_MAX, (k - body.delay) % DELAY_MAX
@@ -159,13 +178,16 @@ def _note(arm: Any, felt: Any) -> None:
 
 
 @native
-def _close(arm: Any, felt: Any) -> None:
+def _close(body: Any, felt: Any) -> None:
     """Work at the tip: exact for a point mass, whose motors' force is held."""
+    arm = body.arm
     p = find_tip(arm)
     work = 0.0
     for i in range(3):
         work += felt.f_motor_W_N[i] * (p[i] - felt.p_W_m[i])
     felt.work_J = work
-    if arm.is_omni == 1:
+    if arm.kind == CONNECTED:
+        felt.trouble, felt.heat = arm.state[0].trouble, body.safety[0].heat
+    if arm.kind == SIMULATED_OMNI:
         felt.trouble = arm.omni[0].trouble
         felt.heat = max(arm.omni[0].heat[0], arm.omni[0].heat[1], arm.omni[0].heat[2])

@@ -24,7 +24,7 @@ SHIPPED = {
 }
 EFFECTS = [
     pytest.param(effect, id=name)
-    for name, effect in {**{name: entry.effect for name, entry in listed().items()}, **SHIPPED}.items()
+    for name, effect in {**{name: entry.plugin for name, entry in listed().items()}, **SHIPPED}.items()
     if effect
 ]
 LINE = [[0.0, 0.0, 0.0], [0.003, 0.0, 0.0], [0.003, 0.004, 0.0]]

@@ -111,7 +111,7 @@ def desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_all_is_compiled_before_the_hand_is_asked_for(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[4].pause))
+    monkeypatch.setattr(servo_process, "serve", lambda *given: asked.append(given[0].channel.pause))
     Desk(desk._scene, desk._twins, desk._channel)
     assert asked == [1]  # paused: it returns at once
 
@@ -123,7 +123,7 @@ def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) ->
 
     def live() -> tuple[float, float]:
         wall_s, used_s = time.monotonic(), time.thread_time()
-        serve(*desk._arguments())
+        serve(desk._acted_on())
         return time.monotonic() - wall_s, time.thread_time() - used_s
 
     channel.pause = 0

@@ -32,7 +32,7 @@ def install(tmp_path, monkeypatch):
 
 def test_ours_are_listed():
     entry = listed()["wall"]
-    assert entry.effect.name == "wall" and entry.error is None
+    assert entry.plugin.name == "wall" and entry.error is None
     assert entry.distribution == "hapscene" and entry.version
     assert entry.module == "hapscene_plugins.effects.wall"
     assert list(listed()) == sorted(listed())
@@ -42,7 +42,7 @@ def test_somebody_else_s_is_listed(install):
     install("others_hum", GOOD.format("hum"), hum="others_hum:EFFECT")
     entry = listed()["hum"]
     assert (entry.distribution, entry.version, entry.module) == ("others_hum", "2.5", "others_hum")
-    assert load_effect("hum") is entry.effect
+    assert load_effect("hum") is entry.plugin
 
 
 @pytest.mark.parametrize(
@@ -59,8 +59,8 @@ def test_somebody_else_s_is_listed(install):
 def test_broken_one_is_named_and_the_others_live(install, source, said):
     install("others_broken", source, broken="others_broken:EFFECT")
     entries = listed()
-    assert entries["wall"].effect is not None
-    assert entries["broken"].effect is None
+    assert entries["wall"].plugin is not None
+    assert entries["broken"].plugin is None
     assert said in entries["broken"].error and "others_broken 2.5" in entries["broken"].error
     with pytest.raises(EffectError, match=r"effect 'broken' of others_broken 2\.5"):
         load_effect("broken")
@@ -71,8 +71,8 @@ def test_offered_twice_is_refused(install):
     with pytest.raises(EffectError, match=r"offered twice, by hapscene .* and others_wall 2\.5 .*uninstall"):
         load_effect("wall")
     entries = listed()
-    assert entries["wall"].effect is None and "offered twice" in entries["wall"].error
-    assert entries["friction"].effect is not None
+    assert entries["wall"].plugin is None and "offered twice" in entries["wall"].error
+    assert entries["friction"].plugin is not None
 
 
 def test_unknown_says_what_there_is():

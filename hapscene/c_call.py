@@ -1,0 +1,40 @@
+"""C functions called by their address from compiled code: those of a vendor's library, which ctypes has loaded."""
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+_tuple: Any = types.Tuple  # numba types neither
+_unpack: Any = cgutils.unpack_tuple
+
+
+def c_caller(result: Any, *arguments: Any) -> Callable[..., Any]:
+    """What calls a C function of this signature (types of numba) from compiled code: `call(address, (a, b, …))`.
+
+    Pointers are `types.uintp`: `array.ctypes.data`. Structures by value are not for it: how they are passed differs
+    between systems.
+    """
+    declared = tuple(arguments)
+    given_type = _tuple(declared)
+
+    def call(typing: Any, address: Any, given: Any) -> Any:
+        signature = result(types.uintp, given_type)
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            parts = _unpack(builder, values[1]) if declared else []
+            function_type = ir.FunctionType(
+                ir.VoidType() if result == types.void else context.get_value_type(result),
+                [context.get_value_type(kind) for kind in declared],
+            )
+            function = builder.inttoptr(values[0], function_type.as_pointer())
+            told = builder.call(function, parts)
+            return context.get_dummy_value() if result == types.void else told
+
+        return signature, generate
+
+    caller: Callable[..., Any] = intrinsic(call)
+    return caller

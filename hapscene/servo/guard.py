@@ -1,0 +1,92 @@
+"""The servo's guard: a process that sees to it that no force is left when the servo dies or stands still.
+
+A servo that ends by itself closes its devices, and says so. One that is killed, or does not tick for `STILL_S`, cannot:
+then the guard ends it for good, opens each device that keeps its last force, and writes zero (`Driver.release`).
+"""
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Final
+
+from hapscene.device.driver import Driver
+from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+from hapscene.servo.shared_memory import Channel, open_channel
+
+STILL_S: Final = 0.05
+"""How long a running servo may be without a tick [s]: twice what a loaded machine without real-time priority was seen
+to take."""
+
+LOOK_S: Final = 0.005
+"""How often the guard looks [s]."""
+
+RELEASE_S: Final = 2.0
+"""How long it tries to open a device that a dying process may still have [s]."""
+
+
+def watch(
+    life: Connection,
+    ready: Connection,
+    name: str,
+    shape: tuple[int, int, int, int],
+    pid: int,
+    choices: Sequence[DeviceChoice],
+) -> None:
+    """The process's main function.
+
+    Args:
+        life: its other end is the servo's alone: it ends with it, and brings a word before where all is closed.
+        ready: told when the watch has begun.
+        name, shape: of the channel: its length, block, bodies and tools.
+        pid: of the servo's process.
+        choices: the devices.
+    """
+    for signum in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signum, signal.SIG_IGN)  # it ends after the servo
+    drivers = [(DRIVERS.load(choice.name), choice) for choice in choices]  # imported before they are needed
+    length, block, bodies, tools = shape
+    channel = open_channel(length, block, name, bodies=bodies, tools=tools)
+    ready.send(None)
+    closed = _until_needed(life, channel)
+    channel.close(unlink=False)
+    if closed:
+        return
+    with suppress(OSError):
+        os.kill(pid, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+    for driver, choice in drivers:
+        if driver.release is not None:
+            _release(driver, choice)
+
+
+def _until_needed(life: Connection, channel: Channel) -> bool:
+    """Wait; says whether the servo has closed all itself."""
+    row, done, still_s, before_s = channel.channel[0], -1, 0.0, time.monotonic()
+    while True:
+        if life.poll(LOOK_S):
+            with suppress(EOFError, OSError):
+                life.recv()
+                return True
+            return False
+        now_s = time.monotonic()
+        moved = row.done != done or row.pause == 1
+        # a guard that itself had no time has seen nothing
+        still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
+        done, before_s = int(row.done), now_s
+        if still_s > STILL_S:
+            return False
+
+
+def _release(driver: Driver, choice: DeviceChoice) -> None:
+    """Write zero; again, while the dying process still has the device."""
+    end_s = time.monotonic() + RELEASE_S
+    while True:
+        try:
+            driver.release(**driver.read_options(choice.options))  # type: ignore[misc]
+            return
+        except Exception:  # of a driver; the next device is released all the same
+            if time.monotonic() > end_s:
+                return
+            time.sleep(0.002)

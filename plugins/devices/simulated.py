@@ -1,0 +1,50 @@
+"""A simulated device as a driver: what real ones are compared with, and what is there without hardware.
+
+A hand holds it where it is, as firmly as `grip` says; each `write` lets it live through a millisecond.
+"""
+
+from hapscene.constants import TICK_S
+from hapscene.device.arm import advance_arm, drive_arm, new_arm, read_arm, simulated_device
+from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.device.hand import GRIPS, grip_named
+from hapscene.device.model import DEVICES
+from hapscene.device.omni import stand
+
+MODELS = tuple(name for name, device in DEVICES.items() if device.point is not None)
+
+
+class SimulatedConnection(Connection):
+    """An arm in a hand, which lives from write to write."""
+
+    def __init__(self, model: str, grip: str) -> None:
+        super().__init__()
+        self._arm = new_arm(simulated_device(model), (0.0, 0.0, 0.0), stand((0.0, 0.0, 0.0)))
+        held, hand = grip_named(grip), self._arm.hand
+        hand.k_N_m, hand.b_Ns_m, hand.mass_kg = held.k_N_m, held.b_Ns_m, held.mass_kg
+        self.state.ready = 1
+
+    def read(self) -> None:
+        self.state.p_DT_m = read_arm(self._arm)
+        self.state.count += 1
+
+    def write(self) -> None:
+        x, y, z = self.state.f_D_N[0].tolist()
+        drive_arm(self._arm, (x, y, z))
+        advance_arm(self._arm, TICK_S)
+
+    def close(self) -> None:
+        drive_arm(self._arm, (0.0, 0.0, 0.0))
+
+
+DRIVER = Driver(
+    name="simulated",
+    summary="An Omni, or another Phantom, in a simulated hand: no hardware.",
+    open=SimulatedConnection,
+    find=lambda **options: [Found("in this computer")],
+    model=DEVICES["omni"],
+    options=(
+        Option("model", "omni", "which one", MODELS),
+        Option("grip", "light", "how firmly it is held", tuple(GRIPS)),
+    ),
+    simulated=True,
+)
