@@ -23,7 +23,8 @@ and gives out less travel (`handle_loop.learn`).
 import math
 from typing import Any, Final
 
-from hapscene.handle.handle_dynamics import MASK, advance
+from hapscene.handle.handle_dynamics import MASK as MASK
+from hapscene.handle.handle_dynamics import advance
 from hapscene.native import native
 
 LOOK_AHEAD_S: Final = 0.004
