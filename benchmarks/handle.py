@@ -1,4 +1,4 @@
-"""The handle's compensators: how far what is felt is from what was asked for, and what that costs."""
+"""The handle's compensators: how far what is felt is from what was asked for, with what sensor, and what that costs."""
 
 import time
 from collections.abc import Iterator
@@ -14,6 +14,8 @@ from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play, run
+from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
+from hapscene.teleoperation.experiment import compare_handles
 from hapscene.view.palette import OKABE_ITO
 
 from .sheet import Sheet
@@ -42,6 +44,49 @@ SIGNALS: Final = ("white", "texture", "tap", "chirp")
 
 PAIRS: Final = {"none": "naive", "naive": "none", "inverse": "flat", "flat": "inverse"}
 """Compensators that cost much the same: in the chart their names go to either side."""
+
+NOISY: Final = 10.0
+"""How much louder the accelerometer's noise is than that of the assumed one, where it is noisy [1]."""
+
+QUIET: Final = 0.2
+"""What is played of the texture where it is quiet [1]: 0.33 m/s², root mean square."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """How the handle is heard, what is believed of that, and what is played, how many times as loud."""
+
+    sensor: Sensor
+    believed: Sensor
+    signals: tuple[str, ...]
+    loud: float = 1.0
+
+
+def _known(sensor: Sensor, signals: tuple[str, ...] = SIGNALS, loud: float = 1.0) -> Condition:
+    return Condition(sensor, sensor, signals, loud)
+
+
+_NOISY: Final = Sensor(noise_m_s2_rtHz=NOISY * Sensor().noise_m_s2_rtHz)
+
+CONDITIONS: Final = {
+    "known delay of 0 ms": _known(Sensor()),
+    "known delay of 0.3 ms": _known(Sensor(delay_s=0.3e-3)),
+    "known delay of 1 ms": _known(Sensor(delay_s=1e-3)),
+    "0.1 ms later than believed": Condition(Sensor(delay_s=0.4e-3), Sensor(delay_s=0.3e-3), SIGNALS),
+    "0.1 ms earlier than believed": Condition(Sensor(delay_s=0.2e-3), Sensor(delay_s=0.3e-3), SIGNALS),
+    "pole at half of what is believed": Condition(Sensor(bandwidth_Hz=0.5 * ACCELEROMETER_HZ), Sensor(), SIGNALS),
+    f"noise × {NOISY:g}, texture × {QUIET:g}": _known(_NOISY, ("texture",), QUIET),
+    f"the same, noise × {NOISY:g} not known": Condition(_NOISY, Sensor(), ("texture",), QUIET),
+    "force commanded, tap × 8": _known(Sensor(force_measured=False), ("tap",), 8.0),
+    "force commanded, white × 20": _known(Sensor(force_measured=False), ("white",), 20.0),
+    "force commanded, texture × 20": _known(Sensor(force_measured=False), ("texture",), 20.0),
+}
+"""Sensors as they are and as they are believed to be; loudest last: the governor then fades most of it."""
+
+TAPS, DRAGS = 2, 5
+"""Of the haptography paper's teleoperation on wood [count]; its handle's error was 48 %."""
+
+TELEOPERATED: Final = ("none", "inverse", "flat", "adaptive")
 
 PARAMETERS: Final = tuple(field.name for field in fields(Plant))[:6]
 
@@ -108,11 +153,17 @@ def firm(plant: Plant, factor: float = FIRM) -> Plant:
     return replace(plant, k_u_N_m=factor * plant.k_u_N_m, b_u_Ns_m=factor * plant.b_u_Ns_m)
 
 
-def judge(desired_m_s2: Array, compensator: str, count: int = PLANTS) -> Judged:
-    """The errors of a compensator on a signal (n,) [m/s²]."""
+def judge(
+    desired_m_s2: Array,
+    compensator: str,
+    count: int = PLANTS,
+    sensor: Sensor | None = None,
+    believed: Sensor | None = None,
+) -> Judged:
+    """The errors of a compensator on a signal (n,) [m/s²], with that sensor, taken for what is believed."""
 
     def error(plant: Plant) -> tuple[float, int]:
-        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator)
+        played = play(desired_m_s2, RATE_HZ, plant, compensator=compensator, sensor=sensor, believed=believed)
         return spectrogram_error(desired_m_s2, played.acceleration_m_s2, RATE_HZ), played.hits
 
     errors, hits = zip(*map(error, (Plant(), firm(Plant()), *plants(count))), strict=True)
@@ -145,8 +196,29 @@ def measure_handle(sheet: Sheet, count: int = PLANTS) -> None:
             sheet.add(case, f"{signal} stops met", judged.hits, "1")
 
 
+def measure_sensor(sheet: Sheet, count: int = PLANTS) -> None:
+    """Note errors of the learning compensator with other sensors, beside the one that hears nothing."""
+    played, flat = signals(), dict[tuple[str, float], Judged]()
+    for name, condition in CONDITIONS.items():
+        for signal in condition.signals:
+            desired = condition.loud * played[signal]
+            known = (signal, condition.loud)
+            flat[known] = flat.get(known) or judge(desired, "flat", count)
+            judged = judge(desired, "adaptive", count, condition.sensor, condition.believed)
+            for compensator, errors in (("flat", flat[known]), ("adaptive", judged)):
+                for what in ("nominal", "median", "p95"):
+                    sheet.add(f"sensor, {name}", f"{signal} {compensator} {what}", 100.0 * getattr(errors, what), "%")
+
+
+def measure_teleoperation(sheet: Sheet) -> None:
+    """Note errors of the haptography paper's two taps and five drags on wood, in each grip."""
+    for grip in ("light", "medium", "firm"):
+        for rendering in compare_handles("wood", TELEOPERATED, grip, taps=TAPS, strokes=DRAGS):
+            sheet.add(f"teleoperation, {grip}", rendering.compensator, 100.0 * rendering.errors["all"], "%")
+
+
 def measure(count: int = PLANTS) -> Sheet:
-    """All of it, in a sheet of its own."""
+    """What the chart shows, in a sheet of its own."""
     sheet = Sheet()
     measure_handle(sheet, count)
     return sheet

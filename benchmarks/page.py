@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Final
 
 from hapscene.files import whole_file
+from hapscene.handle.sensor import ACCELEROMETER_HZ
 from hapscene.view.chart import picture
 
-from .handle import FIRM, PLANTS, SIGNALS, SPREAD
+from .handle import DRAGS, FIRM, PLANTS, SIGNALS, SPREAD, TAPS, TELEOPERATED
 from .machine import machine_words
 from .markdown import paragraph, shown, table
 from .order import ORDERS, RECORDINGS
@@ -57,6 +58,8 @@ def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
         parts.append(_twin(sheet))
     if "handle" in known:
         parts.append(_handle(sheet, known))
+    if sheet.cases("sensor, "):
+        parts.append(_sensor(sheet))
     parts.append(_crowd(sheet, known))
     with whole_file(path) as part:
         part.write_text("\n".join(parts), encoding="utf-8")
@@ -307,6 +310,45 @@ def _handle(sheet: Sheet, charts: dict[str, str]) -> str:
 {paragraph(said)}
 
 {table(head, rows)}"""
+
+
+def _sensor(sheet: Sheet) -> str:
+    """How the learning compensator does with sensors as they are, and in teleoperation."""
+    rows = [
+        (case.removeprefix("sensor, "), *(_beside_flat(sheet, case, signal) for signal in SIGNALS))
+        for case in sheet.cases("sensor, ")
+    ]
+    operated = [
+        (case.removeprefix("teleoperation, "), *(f"{sheet.number(case, name):.0f}" for name in TELEOPERATED))
+        for case in sheet.cases("teleoperation, ")
+    ]
+    said = f"""Errors as above, of `adaptive` · `flat`: the nominal handle / median and p95 of {PLANTS} handles with all
+        six parameters off by up to {100 * SPREAD:.0f} %. `adaptive` hears an accelerometer that is late, slow or noisy;
+        `flat` hears nothing. The accelerometer has a pole at {ACCELEROMETER_HZ:g} Hz and 150 µg/√Hz unless said; the
+        force is measured, or known from the command alone. Signals are those above, times what is said."""
+    line = f"""The haptography paper's teleoperation in simulation, {TAPS} taps and {DRAGS} drags on wood, by two Omnis
+        on the position–position controller without delay: spectrogram error [%] of the leader's tip against the
+        follower's accelerometer, 20 to 1000 Hz, over the whole of it, by grip. The paper's handle had 48 %."""
+    return f"""## The handle: late, slow and noisy sensors
+
+{paragraph(said)}
+
+{table(("sensor", *SIGNALS), rows)}
+
+{paragraph(line)}
+
+{table(("grip", *TELEOPERATED), operated)}"""
+
+
+def _beside_flat(sheet: Sheet, case: str, signal: str) -> str:
+    """Errors of `adaptive` and of `flat`, where the signal was played."""
+    if (case, f"{signal} flat nominal") not in sheet:
+        return ""
+    errors = [
+        " / ".join(f"{sheet.number(case, f'{signal} {kind} {what}'):.1f}" for what in ("nominal", "median", "p95"))
+        for kind in ("adaptive", "flat")
+    ]
+    return " · ".join(errors)
 
 
 def _crowd(sheet: Sheet, charts: dict[str, str]) -> str:

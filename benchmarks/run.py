@@ -119,6 +119,8 @@ def measure(quick: bool, zoo: Path | None, recordings: Path, say: Callable[[str]
     say("the twin in closed loop; the handle's compensators")
     twin_time.measure_twin(sheet)
     handle.measure_handle(sheet, 12 if quick else handle.PLANTS)
+    handle.measure_sensor(sheet, 12 if quick else handle.PLANTS)
+    handle.measure_teleoperation(sheet)
     say("grooves; recordings" if recordings.is_dir() else "grooves; no recordings beside the checkout: no texture.png")
     projection.measure_projection(sheet)
     if recordings.is_dir():

@@ -88,12 +88,15 @@ def _play(options: argparse.Namespace) -> int:
     from hapscene.handle.plant import Plant
     from hapscene.handle.playback import play
     from hapscene.handle.playback_report import write_playback, write_wave
+    from hapscene.handle.sensor import Sensor
 
     find_compensator(options.compensator)
     nominal = plant = Plant()
+    sensor = Sensor()
     if options.handle is not None:
         handle = load_handle(options.handle)
         nominal = plant = handle.plant
+        sensor = handle.sensor
         if options.grip is not None:
             if not 1 <= options.grip <= len(handle.grips):
                 raise HandleError(no_such("grip", str(options.grip), map(str, range(1, len(handle.grips) + 1))))
@@ -101,7 +104,8 @@ def _play(options: argparse.Namespace) -> int:
     check_there(options.file, CaptureError)
     desired, rate_Hz = _desired(options)
     with refusing(HandleError, options.file):
-        played = play(desired, rate_Hz, plant, compensator=options.compensator, nominal=nominal, seed=options.seed)
+        how = {"compensator": options.compensator, "nominal": nominal, "seed": options.seed, "sensor": sensor}
+        played = play(desired, rate_Hz, plant, **how)
         error = spectrogram_error(desired, played.acceleration_m_s2, rate_Hz)
     told = f"{Path(options.file).name} by {options.compensator}: spectrogram error {100 * error:.1f} %"
     with whole_folder(options.out) as out:

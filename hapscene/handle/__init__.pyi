@@ -8,3 +8,4 @@ from .playback import Played as Played
 from .playback import play as play
 from .playback import spectrogram_error as spectrogram_error
 from .response import estimate_response as estimate_response
+from .sensor import Sensor as Sensor

@@ -11,6 +11,7 @@ from hapscene.errors import HandleError
 from hapscene.handle.handle_loop import ACCELEROMETER_HZ
 from hapscene.handle.plant import Array, Complex, Plant
 from hapscene.handle.response import BAND_PER_OCTAVE, Response
+from hapscene.handle.sensor import DELAY_MAX_S, Sensor
 from hapscene.old_spellings import old_spellings
 
 Interval = tuple[float, float]
@@ -83,6 +84,17 @@ class Identification:
             f"<Identification {self.name!r}: coil {1e3 * self.plant.m_c_kg:.3g} g on {self.plant.k_s_N_m:.3g} N/m, "
             f"handle {1e3 * self.plant.m_h_kg:.3g} g; {len(self.grips)} grips, misfit {self.misfit:.3g}>"
         )
+
+    @property
+    def sensor(self) -> Sensor:
+        """What is heard of it, for a compensator that is told of force n and the acceleration read as force n begins.
+
+        To `delay_s` comes what a force that is held, and an accelerometer whose pole knows no samples, are later than
+        in the compensator's reckoning: half a sample, and the rest of the pole's time constant.
+        """
+        period_s, pole_s = 1.0 / self.rate_Hz, 0.5 / (np.pi * self.accelerometer_Hz)
+        late_s = self.delay_s + 0.5 * period_s + pole_s - period_s / np.expm1(period_s / pole_s)
+        return Sensor(float(np.clip(late_s, 0.0, DELAY_MAX_S)), self.accelerometer_Hz)
 
     def plant_in(self, grip: IdentifiedGrip) -> Plant:
         """The plant as it was in that grip."""

@@ -1,16 +1,19 @@
 """Where force goes and acceleration comes from: a simulated handle here, a real one in `port`."""
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.errors import HandleError
-from hapscene.handle.handle_loop import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
+from hapscene.handle.handle_dynamics import delay, set_late
+from hapscene.handle.handle_record import LATE
 from hapscene.handle.plant import Array, Plant
+from hapscene.handle.sensor import ACCELEROMETER_HZ, ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.native import native
+from hapscene.records import records
 
 LIGHT: Final = (150.0, 3.0)
 """Stiffness [N/m] and damping [N·s/m] of the lightest simulated grip. Assumed: the reference's hand is 500 and 5."""
@@ -61,6 +64,7 @@ class SimulatedSource:
         accelerometer_Hz: its pole.
         unrest_N: force of the hand's own unrest, root mean square.
         seed: of noise and unrest.
+        delay_s: how much later than the accelerometer's pole says a reading comes.
     """
 
     plant: Plant
@@ -69,10 +73,13 @@ class SimulatedSource:
     accelerometer_Hz: float = ACCELEROMETER_HZ
     unrest_N: float = UNREST_N
     seed: int = 0
+    delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
         self._state = np.zeros((2, 7))
+        self._late = records(1, LATE)
+        set_late(self._late[0], self.delay_s * self.rate_Hz)
         self._step = np.zeros((7, 10))
         self._stepped: Plant | None = None
 
@@ -107,7 +114,7 @@ class SimulatedSource:
             a, b, *_ = cont2discrete(self._system(), 1.0 / self.rate_Hz, method="zoh")
             self._step, self._stepped = np.hstack([a, b]), self.plant
         out = np.zeros((len(force), 2))
-        _advance(self._step, np.column_stack([force, noise]), self._state, out)
+        _advance(self._step, np.column_stack([force, noise]), self._state, self._late[0], out)
         return out[:, 0].copy(), out[:, 1].copy()
 
     def _system(self) -> tuple[Array, Array, Array, Array]:
@@ -130,10 +137,10 @@ class SimulatedSource:
 
 
 @native
-def _advance(step: Array, inputs: Array, x: Array, out: Array) -> None:
+def _advance(step: Array, inputs: Array, x: Array, late: Any, out: Array) -> None:
     """Fill out (n, 2) with reading and travel as each of the inputs (n, 3) begins; the state is the first row of x."""
     for k in range(len(inputs)):
-        out[k, 0], out[k, 1] = x[0, _READING], x[0, _TRAVEL]
+        out[k, 0], out[k, 1] = delay(late, x[0, _READING]), x[0, _TRAVEL]
         for i in range(7):
             total = 0.0
             for j in range(7):

@@ -4,7 +4,7 @@ Travel is asked for by low frequencies: an acceleration a takes a/ω². So the m
 inverse's corner goes (`yield_corner`): the slow is given up, what is felt stays. Only where that is not enough, or the
 force is over its limit, the gain of it all falls.
 
-The signal is played `LOOK_AHEAD_S` late. Meanwhile a model of the nominal handle tells what it will ask for. A sample
+The signal is played `LOOK_AHEAD_S` late. Meanwhile a model of the handle tells what it will ask for. A sample
 bears a gain at which the force is inside its limit, and at which the coil, at the end of the look-ahead, swings no
 further than it may: it is where what has been played will leave it, plus the gain times what is still to be played
 (a reference governor, Gilbert & Kolmanovsky 2002, "Nonlinear tracking control in the presence of state and control
@@ -14,13 +14,16 @@ constraints: a generalized reference governor", Automatica 38; here in closed fo
 What is played is the least of the gains over the look-ahead, averaged over the look-ahead: no sample has more than its
 own, and the gain has no corner sharper than a ramp of that length. Afterwards it comes back slowly.
 
-The model is the nominal handle. One that differs may reach its stops where the signal is far too loud: see
-`handle_dynamics.move`; the learning compensator hears that, and gives out less travel (`handle_loop.adapt`).
+The model is the nominal handle, under the force that the handle needs as far as it was learnt: a grip four times as
+firm takes four times the force below 10 Hz, and the coil goes four times as far. One that differs before that is learnt
+may reach its stops where the signal is far too loud: see `handle_dynamics.move`; the learning compensator hears that,
+and gives out less travel (`handle_loop.learn`).
 """
 
 import math
 from typing import Any, Final
 
+from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
 from hapscene.native import native
 
@@ -42,14 +45,9 @@ RELEASE_S: Final = 0.1
 ringing."""
 
 TRAVEL_SHARE: Final = 0.6
-"""Share of the travel that the nominal model may use [1]. For one acceleration the travel is (m_c + m_h)/m_c a/ω²:
-with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a fifth more was seen."""
-
-RING: Final = 512
-"""Room for the look-ahead [samples], a power of two: up to 100 kHz."""
-
-MASK: Final = RING - 1
-"""A count's place in a ring, as a mask: a division would cost as much as the rest."""
+"""Share of the travel that the nominal model may use where nothing is learnt [1]. For one acceleration the travel is
+(m_c + m_h)/m_c a/ω²: with both masses off by 30 % it is up to 1.7 times the nominal. While the gain falls, up to a
+fifth more was seen."""
 
 ONE: Final = 1 << 40
 """The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
@@ -57,22 +55,27 @@ ONE: Final = 1 << 40
 
 @native
 def yield_corner(h: Any) -> float:
-    """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher."""
+    """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher.
+
+    What counts is the swing of the nominal handle, or where that is much more, of the one that was learnt.
+    """
     r, v = h.scout_x[2], h.scout_x[3] / h.scout_rad_s
-    swing = math.sqrt(r * r + v * v) / (h.room * h.room_m)
+    swing = math.sqrt(r * r + v * v) / (h.room * h.yield_m)
+    r, v = h.plain_x[2], h.plain_x[3] / h.scout_rad_s
+    swing = max(swing, math.sqrt(r * r + v * v) / (h.room * h.plain_m))
     u = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 
 
 @native
-def foresee(h: Any, asked_N: float, needed_N: float) -> float:
+def foresee(h: Any, needed_N: float) -> float:
     """The gain that the sample asked for now will bear, when it is played a look-ahead from now; 0 … 1.
 
-    `asked_N` is the force that the nominal handle would need for it, `needed_N` the most that any is known to need.
+    `needed_N` is the force that the handle needs for it, as far as it is known.
     """
     bound = min(1.0, h.force_share * h.force_limit_N / max(abs(needed_N), 1e-12))
     s, x, ahead = h.scout_x, h.applied_x, h.ahead
-    advance(h.scout_step, s, asked_N)
+    advance(h.scout_step, s, needed_N)
     old = h.scouted[(h.count - h.delay) & MASK]
     # where the coil is at the end of the look-ahead: (r, v) if nothing is played, (dr, dv) more at gain 1
     r = v = dr = dv = 0.0

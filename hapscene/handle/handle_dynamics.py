@@ -11,6 +11,12 @@ from typing import Any, Final
 from hapscene.dsp.noise import normal
 from hapscene.native import native
 
+RING: Final = 512
+"""Room for what is delayed or played ahead [samples], a power of two: a look-ahead at up to 100 kHz."""
+
+MASK: Final = RING - 1
+"""A count's place in a ring, as a mask: a division would cost as much as the rest."""
+
 _TERMS: Final = 12
 """Terms of the matrix exponential's series [count]: for a norm of 1/2 the rest is below 1e-13."""
 
@@ -120,7 +126,31 @@ def move(h: Any, force_N: float) -> float:
 
 @native
 def sense(h: Any, acceleration_m_s2: float) -> float:
-    """What the accelerometer reads [m/s²]: one pole, and noise."""
+    """What the accelerometer reads [m/s²]: one pole, noise, and late."""
     noisy = acceleration_m_s2 + h.noise_m_s2 * normal(h.rng)
     h.sensor_m_s2 += (1.0 - h.sensor_pole) * (noisy - h.sensor_m_s2)
-    return float(h.sensor_m_s2)
+    return delay(h.sensor_late, h.sensor_m_s2)
+
+
+@native
+def set_late(late: Any, samples: float) -> None:
+    """Have one `LATE` delay by that, fractions of a sample by Lagrange's polynomial of third order."""
+    late.whole = max(0, int(samples) - 1)
+    at = samples - late.whole
+    for i in range(4):
+        late.taps[i] = 1.0
+        for j in range(4):
+            if i != j:
+                late.taps[i] *= (at - j) / (i - j)
+
+
+@native
+def delay(late: Any, x: float) -> float:
+    """The signal whose next sample is x, late by one `LATE`."""
+    n = late.count
+    late.last[n & MASK] = x
+    late.count = n + 1
+    n -= late.whole
+    taps, last = late.taps, late.last
+    late_x = taps[0] * last[n & MASK] + taps[1] * last[(n - 1) & MASK]
+    return float(late_x + taps[2] * last[(n - 2) & MASK] + taps[3] * last[(n - 3) & MASK])

@@ -10,6 +10,7 @@ from hapscene.dsp.spectrogram import row_of
 from hapscene.dsp.spectrogram import spectrogram_error as spectrogram_error  # part of this room's face
 from hapscene.handle.handle_loop import new_handle, vibrate
 from hapscene.handle.plant import Array, Plant
+from hapscene.handle.sensor import Sensor
 from hapscene.native import native
 from hapscene.old_spellings import old_spellings
 
@@ -52,20 +53,24 @@ def play(
     compensator: str = "adaptive",
     nominal: Plant | None = None,
     seed: int = 0,
+    sensor: Sensor | None = None,
+    believed: Sensor | None = None,
 ) -> Played:
     """Play a desired acceleration (n,) [m/s²] through the handle `plant`, at rest before it.
 
     `nominal` is the handle that the compensator believes in; both are `Plant()` unless given. The compensators are
     those of `COMPENSATORS`; with "none" no force acts, and everything stays at 0. Whatever is asked for, force and
     travel stay inside the plant's limits: what would need more is faded beforehand, see `governor`. Samples that are
-    not finite count as 0. `seed` is that of the accelerometer's noise.
+    not finite count as 0. `sensor` is what is heard of the handle, and `believed` what the compensator takes it for:
+    `Sensor()`, and the same. `seed` is that of the accelerometer's noise.
 
     Raises:
-        HandleError: no such compensator, a rate out of range, or an acceleration that is not one row of numbers.
+        HandleError: no such compensator, a rate out of range, a sensor too late for it, or an acceleration that is not
+            one row of numbers.
     """
     desired = row_of(acceleration_m_s2, "acceleration_m_s2")
     plant = Plant() if plant is None else plant
-    handle = new_handle(plant, Plant() if nominal is None else nominal, compensator, rate_Hz, seed)
+    handle = new_handle(plant, Plant() if nominal is None else nominal, compensator, rate_Hz, seed, sensor, believed)
     delay = int(handle[0].delay)
     out = np.zeros((4, len(desired) + delay))
     run(handle[0], np.concatenate([desired, np.zeros(delay)]), out)

@@ -59,11 +59,16 @@ class Rendering:
 
 
 def compare_handles(
-    swatch: "str | Swatch", compensators: tuple[str, ...], grip: str = DEFAULT_GRIP, seed: int = 0
+    swatch: "str | Swatch",
+    compensators: tuple[str, ...],
+    grip: str = DEFAULT_GRIP,
+    seed: int = 0,
+    taps: int = 3,
+    strokes: int = 4,
 ) -> list[Rendering]:
     """The experiment once for each compensator: taps, a press, strokes, over a line without delay."""
     coupling = Coupling("position")
-    gesture = explore(grip, coupling.stiffness_N_m)
+    gesture = explore(grip, coupling.stiffness_N_m, taps, strokes)
     return [_render(swatch, compensator, coupling, gesture, seed) for compensator in compensators]
 
 

@@ -38,6 +38,11 @@ COUPLING_HZ: Final = 12.0
 """Corner of the high-pass, Butterworth of second order, through which the accelerometer is heard [Hz]: gravity and the
 hand's own motion are none of the handle's, which has no travel for them. 6 % are lost at 20 Hz."""
 
+CROSSOVER_HZ: Final = 30.0
+"""Corner of the same high-pass on what the handle is asked for [Hz]: below, the base motors move the tip as the
+follower's moves, some ms before the handle could, and both together are too much. It leaves the coil's travel to taps.
+Tried on wood in three grips: 20 to 45 Hz do much the same."""
+
 TOOL: Final = np.dtype(
     [
         ("axis_W", "f8", (3,)),  # along the handle, a unit vector
@@ -45,7 +50,7 @@ TOOL: Final = np.dtype(
         ("before_m_s", "f8"),  # and its velocity
         ("shake_m", "f8"),  # displacement by vibration
         ("shake_m_s", "f8"),
-        ("slow", "f8", (2,)),  # state of the accelerometer's high-pass
+        ("slow", "f8", (2,)),  # state of the high-pass: of the accelerometer, or before the handle
     ],
     align=True,
 )
@@ -72,12 +77,12 @@ def accelerate(tool: Any, p_W_m: Vector, h_s: float) -> float:
 
 
 @native
-def couple(tool: Any, a_m_s2: float, h_s: float) -> float:
-    """A sample of acceleration as the accelerometer gives it, high-passed [m/s²].
+def couple(tool: Any, a_m_s2: float, h_s: float, corner_Hz: float = COUPLING_HZ) -> float:
+    """A sample of acceleration, high-passed [m/s²].
 
     Trapezoidal state-variable filter (Zavalishin 2012, "The Art of VA Filter Design", 4.4): exact at its corner.
     """
-    g = math.tan(math.pi * COUPLING_HZ * h_s)
+    g = math.tan(math.pi * corner_Hz * h_s)
     slow, damping = tool.slow, math.sqrt(2.0)
     high = (a_m_s2 - (damping + g) * slow[0] - slow[1]) / (1.0 + g * (damping + g))
     band = g * high + slow[0]
@@ -138,7 +143,8 @@ def lead(leader: Any, k: int) -> Vector:
     for i in range(SAMPLE_COUNT):
         advance_arm(leader.arm, h_s)
         leader.tip_m_s2[i] = accelerate(tool, find_tip(leader.arm), h_s)
-        leader.handle_m_s2[i], tool.shake_m, _ = vibrate(handle, leader.wanted_m_s2[i])
+        wanted = couple(tool, leader.wanted_m_s2[i], h_s, CROSSOVER_HZ)
+        leader.handle_m_s2[i], tool.shake_m, _ = vibrate(handle, wanted)
     return force
 
 

@@ -59,12 +59,13 @@ def plate(swatch: "str | Swatch") -> "Scene":
     return scene
 
 
-def explore(grip: str, give_N_m: float) -> Gesture:
-    """Three taps, a press, four strokes to and fro, and rest where it began.
+def explore(grip: str, give_N_m: float, taps: int = 3, strokes: int = 4) -> Gesture:
+    """Taps, a press, strokes to and fro, and rest where it began.
 
     Args:
         grip: how firmly the tool is held; a name of `hapscene.device.hand.GRIPS` with a spring.
         give_N_m: stiffness of all that gives between the hand and the plate: to press, it aims so much deeper.
+        taps, strokes: how many, 2 or more and up to 5; the haptography paper has two taps and five drags.
 
     Raises:
         HapsceneError: no such grip, or one without a spring.
@@ -75,12 +76,12 @@ def explore(grip: str, give_N_m: float) -> Gesture:
     depth_m = PRESS_N * (1.0 / held.k_N_m + 1.0 / give_N_m)
     parts: dict[str, list[tuple[int, int]]] = {"tap": [], "stroke": []}
     hand.rest(0.2)
-    for x_m in (-0.02, 0.0, 0.02):
+    for x_m in np.linspace(-0.02, 0.02, taps).tolist():
         start = hand.tick_count
         hand.tap(x_m, 0.0, depth_m)
         parts["tap"].append((start, hand.tick_count))
     hand.press(0.0, 0.0, depth_m, hold_s=0.3)
-    way = np.concatenate([hand.line((a, 0.0), (-a, 0.0), speed) for a, speed in STROKES])
+    way = np.concatenate([hand.line((a, 0.0), (-a, 0.0), speed) for a, speed in STROKES[:strokes]])
     start = hand.trace(way, depth_m)
     parts["stroke"].append((start, start + len(way)))
     hand.move(START_M, 0.4)
@@ -88,7 +89,7 @@ def explore(grip: str, give_N_m: float) -> Gesture:
     return Gesture(Intent.along(hand.p_WT_m, grip), parts)
 
 
-STROKES: Final = ((-SPAN_M, 0.06), (SPAN_M, 0.1), (-SPAN_M, 0.15), (SPAN_M, 0.2))
+STROKES: Final = ((-SPAN_M, 0.06), (SPAN_M, 0.1), (-SPAN_M, 0.15), (SPAN_M, 0.2), (-SPAN_M, 0.1))
 """Where each stroke begins [m], and its mean speed [m/s]."""
 
 

@@ -9,7 +9,7 @@ from hapscene.errors import HapsceneError
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene_benchmarks import machine, synthesis
 from hapscene_benchmarks.case import short
-from hapscene_benchmarks.handle import SIGNALS
+from hapscene_benchmarks.handle import SIGNALS, TELEOPERATED
 from hapscene_benchmarks.order import ORDERS, RECORDINGS
 from hapscene_benchmarks.page import AIMS
 from hapscene_benchmarks.peer import TRIANGLES
@@ -85,6 +85,11 @@ def _add_rest(sheet: Sheet) -> None:
         for signal in SIGNALS:
             for what in ("nominal", "median", "p95", "firm"):
                 sheet.add(f"handle, {name}", f"{signal} {what}", 90.0 / (k + 1), "%")
+    for compensator, error in (("adaptive", 3.14), ("flat", 15.9)):
+        for what in ("nominal", "median", "p95"):
+            sheet.add("sensor, noise × 10", f"texture {compensator} {what}", error, "%")
+    for k, name in enumerate(TELEOPERATED):
+        sheet.add("teleoperation, light", name, 90.0 - 20.0 * k, "%")
     for name in RECORDINGS:
         for order in ORDERS:
             sheet.add(f"recording {name}", f"order {order} distance", 20.0 / order, "dB")
@@ -114,6 +119,12 @@ def test_aims_are_judged(made: list[Path]) -> None:
     assert "| harness of the effect calls | ≤ 0.3 µs | 0.0625 µs | yes |" in page
     assert "| `step()` with 1,000 bodies that move | ≤ 120 µs | 105 µs | yes |" in page
     assert page.count("| yes |") + page.count("| **no** |") == len(AIMS)
+
+
+def test_sensors_are_told_for_the_signals_that_were_played(made: list[Path]) -> None:
+    page = made[-1].read_text(encoding="utf-8")
+    assert "| noise × 10 |  | 3.1 / 3.1 / 3.1 · 15.9 / 15.9 / 15.9 |  |  |" in page
+    assert "| light | 90 | 70 | 50 | 30 |" in page
 
 
 def test_synthesis_is_told_in_multiples_of_real_time(made: list[Path]) -> None:

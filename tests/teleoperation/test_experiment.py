@@ -38,6 +38,13 @@ def test_the_handle_brings_back_what_base_motors_cannot(renderings: list[Renderi
     assert handle.errors["all"] < 0.7 * alone.errors["all"]
 
 
+@pytest.mark.parametrize("grip", ["light", "medium", "firm"])
+def test_two_taps_and_five_drags_on_wood(grip: str) -> None:
+    """Of the paper, whose handle had 48 %: what base motors and handle both move is not felt twice."""
+    inverse, adaptive = compare_handles("wood", ("inverse", "adaptive"), grip, taps=2, strokes=5)
+    assert adaptive.errors["all"] < min(0.30, inverse.errors["all"] + 0.02)
+
+
 def test_latency_is_taken_out(renderings: list[Rendering]) -> None:
     """Within the strokes desired and rendered lie on each other, to the sample."""
     _, handle = renderings

@@ -1,0 +1,47 @@
+"""What a handle's driver hears of the handle: an accelerometer that is late, slow and noisy, and a force or none."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from hapscene.errors import HandleError
+
+ACCELEROMETER_NOISE_M_S2_RTHZ: Final = 150e-6 * 9.80665
+"""Noise density of the accelerometer [m/s²/√Hz]: 150 µg/√Hz, x and y of Analog Devices' ADXL312 (data sheet)."""
+
+ACCELEROMETER_HZ: Final = 1600.0
+"""Bandwidth of the accelerometer, one pole [Hz]: what the same sheet allows at its highest output rate."""
+
+DELAY_MAX_S: Final = 0.01
+"""Longest delay of a sensor [s]: ten times what a bus and a filter take. A slower one tells of a grip that has gone."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What is heard of a handle.
+
+    Attributes:
+        delay_s: how much later than the force that caused it an acceleration is read, beside what the pole takes.
+        bandwidth_Hz: of the accelerometer, one pole.
+        noise_m_s2_rtHz: density of its noise [m/s²/√Hz], before that pole.
+        force_measured: whether the actuator's current is measured; else its force is reckoned from the command.
+
+    Raises:
+        HandleError: a number out of range.
+    """
+
+    delay_s: float = 0.0
+    bandwidth_Hz: float = ACCELEROMETER_HZ
+    noise_m_s2_rtHz: float = ACCELEROMETER_NOISE_M_S2_RTHZ
+    force_measured: bool = True
+
+    def __post_init__(self) -> None:
+        ranges = {"delay_s": (0.0, DELAY_MAX_S), "bandwidth_Hz": (10.0, 1e6), "noise_m_s2_rtHz": (0.0, 100.0)}
+        for name, (least, most) in ranges.items():
+            given = getattr(self, name)
+            try:
+                value = float(given)
+            except (TypeError, ValueError):
+                raise HandleError(f"sensor: {name} must be a number, is {given!r:.60}") from None
+            if not least <= value <= most:
+                raise HandleError(f"sensor: {name} must be {least:g} to {most:g}, is {value:g}")
+            object.__setattr__(self, name, value)
