@@ -18,7 +18,7 @@ import numpy as np
 
 from hapscene.errors import HandleError
 from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
-from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, vibrate
+from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, command_force
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
 from hapscene.native import native
@@ -212,9 +212,9 @@ def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
 
 @native
 def compensate(handle: Any, samples: Array) -> None:
-    """Accelerations (n,) [m/s²] become forces [N], in place. The accelerometer is the simulated one's."""
+    """Accelerations (n,) [m/s²] become forces [N], in place."""
     for k in range(len(samples)):
-        samples[k] = vibrate(handle[0], samples[k])[2]
+        samples[k] = command_force(handle[0], samples[k])
 
 
 @native
