@@ -177,10 +177,11 @@ class LiveBoard(Board):
         force[(states & EMPTY) > 0] = np.nan
         self._feed.hear(self._pulled - self._sent + self._played + steps - 1, force, acceleration)
         self._played += step
-        empty = bool(states[-1] & EMPTY) and self._played == self._sent > 0
+        empty = bool(((states & EMPTY) * played).any())  # not before the first
         if empty and not self._empty:
             self.counts["underruns"] += 1
-            self._feed.fade_in()
+            if self._played == self._sent:  # else more is on its way, and would be cut
+                self._feed.fade_in()
         self._empty = empty
 
     def _send(self) -> None:

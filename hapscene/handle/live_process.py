@@ -111,12 +111,8 @@ def compensator_of(output: HandleOutput, file: str | None, compensator: str | No
     learns = file is not None and output.reads_back
     chosen = compensator or ("adaptive" if learns else "flat")
     if find_compensator(chosen).adapts and not learns:
-        lack = (
-            f"{output.name} reads nothing back in time" if file else "give the file of one (`hapscene handle identify`)"
-        )
-        raise HandleError(
-            f"the compensator {chosen!r} learns from what an identified handle reads back: {lack}, or flat"
-        )
+        lack = f"{output.name} reads nothing back in time" if file else "give the file of one"
+        raise HandleError(f"{chosen!r} learns from what an identified handle reads back: {lack}, or take flat")
     nominal, sensor = Plant(), None
     if file is not None:
         found = replace(load_handle(file), rate_Hz=output.rate_Hz)

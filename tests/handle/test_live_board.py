@@ -222,6 +222,28 @@ def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
     feed.check(lost=True)
 
 
+def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> None:
+    wire, feed, on_its_way = Wire(peer()), Sine(), []
+    late: list[int] = []
+
+    def next_() -> Any:
+        said = wire.peer.give(late.pop() if late else 10)
+        wire.peer.take(b"".join(on_its_way))
+        on_its_way.clear()
+        return said, time.monotonic()
+
+    wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
+    live = board(wire, watchdog_s=0.1)
+    live.start(feed)
+    wait(lambda: feed.count > 500)
+    late.append(85)  # 75 are in hand
+    wait(lambda: feed.count > 1000)
+    live.close()
+    assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
+    feed.check()
+    assert np.isnan(np.hstack(feed.heard)[1, 200:]).sum() > 9  # the compensator knows that time passed
+
+
 OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=650.0, b_u_Ns_m=3.5, force_limit_N=3.0)
 """A handle 30 % off the assumed one, whichever number."""
 
