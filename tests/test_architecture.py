@@ -39,7 +39,10 @@ CORE = (
 INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
-OUTER = ("bridge", "capture", "cli", "command", "exchange", "paint", "stability", "teleoperation", "touch", "view")
+OUTER = (
+    *("bridge", "capture", "cli", "command", "exchange", "paint", "play", "stability", "teleoperation", "touch"),
+    "view",
+)
 """Uses of the house."""
 
 TOP = ("cli", "command", "paint", "stability", "teleoperation")
