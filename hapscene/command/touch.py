@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.command.console import name_made, say
+from hapscene.command.live import add_page_options, play_on_page
 from hapscene.command.options import (
     add_command,
     add_mesh_options,
@@ -269,6 +270,9 @@ def add_demo(commands: Any) -> None:
     command = add_command(commands, "demo", _demo)
     add_out_folder(command, "out/demo")
     _add_dark(command)
+    live = command.add_argument_group("live", "on a page in the browser, with mouse, pen or fingers")
+    live.add_argument("--live", action="store_true", help="touch it yourself; nothing is written")
+    add_page_options(live)
 
 
 def _add_dark(command: argparse.ArgumentParser) -> None:
@@ -280,6 +284,8 @@ def _demo(options: argparse.Namespace) -> int:
 
     for example:
       hapscene demo
+      hapscene demo --live                 # with the mouse, or with what the screen takes
+      hapscene demo --live --kiosk --host 0.0.0.0   # for visitors, also on their phones
     """
     from importlib.resources import as_file, files
 
@@ -288,6 +294,9 @@ def _demo(options: argparse.Namespace) -> int:
 
     with step(say, "loading the demo scene"), as_file(files("hapscene_assets")) as folder:
         scene = open_scene(folder / "demo.scene.json")
-        path = explore(scene, TICK_S)
+    if options.live:
+        play_on_page(scene, "demo", options)
+        return 0
+    path = explore(scene, TICK_S)
     name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=say))
     return 0

@@ -67,7 +67,7 @@ function up(event) {
 pad.addEventListener("pointerdown", (event) => {
   if (event.button !== 0) return;
   event.preventDefault();
-  pad.focus({ preventScroll: true });
+  document.activeElement?.blur(); // so that Space is not a button's
   try { pad.setPointerCapture(event.pointerId); } catch { /* it is gone already */ }
   take(event);
 });
@@ -129,7 +129,7 @@ function takeState(next) {
   $("sound").disabled = $("volume").disabled = state.sound === null;
   $("sound").setAttribute("aria-pressed", !!state.sound);
   $("sound").textContent = state.sound === null ? "no sound here" : state.sound ? "stop sound" : "start sound";
-  say(state.said || (state.paused ? "paused" : ""), !!state.said);
+  say(state.said || (!state.ready ? "starting …" : state.paused ? "paused" : ""), !!state.said);
   if (reset) {
     for (const trace of Object.values(traces)) trace.values.length = 0;
     down.clear();

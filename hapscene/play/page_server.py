@@ -97,6 +97,7 @@ class PageServer:
 
     Attributes:
         url: of the page, with its token: whoever has it may touch, nobody else.
+        public: whether it is served to others than this machine.
         devices: what the servo is made with, one for each tool.
         sound: has sound started and stopped; None where there is none.
 
@@ -124,7 +125,7 @@ class PageServer:
         self._scene, self._kiosk_s = scene, kiosk_s
         self._token = secrets.token_urlsafe(16)
         self._names = {"localhost", "127.0.0.1", "::1", host.lower()}
-        self._public = _is_address(host) and not ipaddress.ip_address(host).is_loopback
+        self.public = _is_address(host) and not ipaddress.ip_address(host).is_loopback
         self.frame = TopFrame(scene)
         folder = resources.files("hapscene.play")
         self._files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
@@ -139,6 +140,7 @@ class PageServer:
                 process_request=self._answer,
                 compression=None,
                 open_timeout=5.0,
+                close_timeout=1.0,
                 max_size=MESSAGE_MAX,
                 max_queue=16,
                 logger=log,
@@ -241,7 +243,7 @@ class PageServer:
         """Why a request gets nothing; empty if it is ours."""
         host = request.headers.get("Host", "")
         name = urlsplit(f"//{host}").hostname or ""
-        if not (name in self._names or (self._public and _is_address(name))):
+        if not (name in self._names or (self.public and _is_address(name))):
             return "this host name is not served"
         token = request.path.partition("?")[0][1:].rpartition("/")[0]
         if not hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
@@ -444,6 +446,7 @@ class PageServer:
             "kiosk": math.isfinite(self._kiosk_s),
             "resets": self._resets,
             "said": self._said,
+            "ready": self._servo is not None or self._scene is None,
             "bin_s": BIN * (TICK_S if self._servo is None else self._servo.tick_s),
         }
 

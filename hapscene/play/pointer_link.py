@@ -1,12 +1,13 @@
-"""What passes between the page's server and the device `pointer` in the servo's process: small datagrams on this machine.
+"""What passes between the page's server and the device `pointer` in the servo's process: datagrams on this machine.
 
-The driver says hello, with a key that the server gave it; from then on the server sends it places, each newest one again
+The driver says hello, with a key that the server gave it; from then on the server sends it places, the newest one again
 and again: a driver that hears nothing for `SILENCE_S` lifts its tool.
 """
 
 import secrets
 import socket
 import struct
+from contextlib import suppress
 from threading import Lock
 from typing import Final, NamedTuple
 
@@ -88,7 +89,5 @@ class PointerLink:
 
     def _send(self, tool: int) -> None:
         if tool in self._drivers:
-            try:
+            with suppress(OSError):  # it is gone, or this is closed
                 self._socket.sendto(PLACE.pack(*self._places[tool]), self._drivers[tool])
-            except OSError:  # it is gone, or this is closed
-                pass

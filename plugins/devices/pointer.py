@@ -1,13 +1,14 @@
 """Mouse, pen or finger on a page in the browser as a device: position, no force.
 
-The page's server turns what the pointer does into places on the surface, and a depth below it. They come 60 to 240 times
-a second; between them the tool goes straight, and then follows smoothly, so that their steps are neither felt nor heard.
-Its frame D is that of the scene: `Servo.start` at 0.
+The page's server turns what the pointer does into places on the surface, and a depth below it. They come 60 to 240
+times a second; the tool goes straight from one to the next, and follows that smoothly, so that the steps are neither
+felt nor heard. Its frame D is that of the scene: `Servo.start` at 0.
 """
 
 import math
 import socket
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.constants import TICK_S
@@ -18,7 +19,7 @@ from hapscene.play.pointer_link import HELLO, PLACE, SILENCE_S, Place
 FOLLOW_RAD_S: Final = 120.0
 """How fast the tool follows, critically damped [rad/s]: 17 ms behind a hand that moves evenly."""
 
-SPAN_S: Final = (0.002, 0.025)
+SPAN_S: Final = (0.002, 0.04)
 """Least and longest time in which it goes straight from a place to the next [s]: as long as they are apart."""
 
 HOVER_M: Final = 0.0003
@@ -64,17 +65,15 @@ class PointerConnection(Connection):
             self._hear()
             if time.monotonic() > end_s:
                 self.close()
-                raise DeviceError(f"no page's server answers at port {door}: open one (`hapscene play`), or leave door out")
+                raise DeviceError(f"no server of a page answers at port {door}; without door a page is opened")
             if self._place is None:
                 self._say_hello()
                 time.sleep(0.01)
         self.state.ready = 1
 
     def _say_hello(self) -> None:
-        try:
+        with suppress(OSError):  # nobody is there, or no longer
             self._socket.send(self._hello)
-        except OSError:  # nobody is there, or no longer
-            pass
 
     def read(self) -> None:
         """The newest place, and a tick's way towards it."""
@@ -115,7 +114,9 @@ class PointerConnection(Connection):
                 elif self._down == 0:
                     self._down = 1
                 else:
-                    self._span += 0.25 * (min(max(self._gap, SPAN_S[0] / self._tick_s), SPAN_S[1] / self._tick_s) - self._span)
+                    self._span += 0.25 * (
+                        min(max(self._gap, SPAN_S[0] / self._tick_s), SPAN_S[1] / self._tick_s) - self._span
+                    )
                     self._left = self._span
                 self._gap = 0
         except OSError:  # nothing more; or nobody there

@@ -1,0 +1,79 @@
+"""Touch on a page in the browser: what `demo --live` does, and `play` with the device `pointer`."""
+
+import argparse
+import math
+import time
+import webbrowser
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Final
+
+from hapscene.command.console import say
+from hapscene.command.options import HOST, port
+from hapscene.interrupt import interrupt_noted
+
+if TYPE_CHECKING:
+    from hapscene.play.page_server import PageServer
+    from hapscene.scene.scene import Scene
+    from hapscene.servo import Servo
+
+TOOLS: Final = 2
+"""Fingers that touch at a time [count]: each takes 10 µs of a tick, and two hands are what a person has."""
+
+KIOSK_S: Final = 60.0
+"""After how long without input a kiosk is as at the start [s]."""
+
+NAP_S: Final = 0.2
+
+
+def add_page_options(command: Any) -> None:
+    """Where the page is."""
+    command.add_argument("--kiosk", action="store_true", help=f"all as at the start after {KIOSK_S:g} s without input")
+    command.add_argument("--port", type=port, default=0, help="where the page is (default: any that is free)")
+    command.add_argument(
+        "--host",
+        default=HOST,
+        metavar="ADDRESS",
+        help="to serve at (default 127.0.0.1: this computer alone); 0.0.0.0 for phones in the same network: whoever "
+        "has the printed address may touch",
+    )
+    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+
+
+def play_on_page(scene: "Scene", title: str, options: argparse.Namespace, **made: Any) -> None:
+    """Have a scene touched on the page until Ctrl-C.
+
+    Args:
+        scene: what is touched.
+        title: of the page.
+        options: as `add_page_options` has them.
+        made: more arguments of `Servo`.
+
+    Raises:
+        HapsceneError: websockets is missing, the port is taken, or the servo has ended.
+    """
+    from hapscene.play.page_server import PageServer
+    from hapscene.servo import Servo
+    from hapscene.touch import step
+
+    kiosk_s = KIOSK_S if options.kiosk else math.inf
+    with ExitStack() as stack:
+        place = {"host": options.host, "port": options.port}
+        page = stack.enter_context(PageServer(scene, title=title, tools=TOOLS, kiosk_s=kiosk_s, **place))
+        with step(say, "starting"):
+            servo = stack.enter_context(Servo(scene, page.devices, **made))
+            servo.start([(0.0, 0.0, 0.0)] * page.tools)
+        start_sound(page, servo)
+        page.attach(servo)
+        noted = stack.enter_context(interrupt_noted())
+        print(f"{page.url}   (Ctrl-C ends)", flush=True)
+        if page.public:
+            say("open to the network: whoever has this address may touch\n")
+        if not options.no_browser:
+            webbrowser.open(page.url)
+        while not noted():
+            time.sleep(NAP_S)
+            servo.state()  # raises where it has ended
+
+
+def start_sound(page: "PageServer", servo: "Servo") -> None:
+    """Have the page's button start what plays the servo's acceleration: `page.sound`, where there is something."""
