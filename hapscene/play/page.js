@@ -17,8 +17,8 @@ dark.addEventListener("change", load);
 
 function place() { // where the picture lies in the canvas [CSS pixels]
   const box = pad.getBoundingClientRect(), [pw, ph] = state.size;
-  const turned = (box.width < box.height) !== (pw < ph);
-  const [w, h] = turned ? [ph, pw] : [pw, ph], scale = Math.min(box.width / w, box.height / h);
+  const size = (w, h) => Math.min(box.width / w, box.height / h), turned = size(ph, pw) > 1.2 * size(pw, ph);
+  const [w, h] = turned ? [ph, pw] : [pw, ph], scale = size(w, h);
   return { box, turned, w: w * scale, h: h * scale, x: (box.width - w * scale) / 2, y: (box.height - h * scale) / 2 };
 }
 

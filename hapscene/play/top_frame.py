@@ -45,6 +45,7 @@ class TopFrame:
             corners_m = np.array([bounds_of(body) for body in scene.bodies])
             bounds_m = np.array([corners_m[:, 0].min(axis=0), corners_m[:, 1].max(axis=0)])
             self._look = look_from_above(scene)
+            self._look(*corners_m[:, :, :2].mean(axis=1).T)  # builds the searches, which the first touch would wait for
         self._middle_m = bounds_m.mean(axis=0)
         span_m = np.maximum(np.ptp(bounds_m, axis=0), 1e-9)
         self.size = WIDTH, round(WIDTH * float(np.clip(span_m[1] / span_m[0], *HEIGHT_SHARES)))
