@@ -26,9 +26,11 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.bench import add_bench
     from hapscene.command.capture import add_capture
     from hapscene.command.check import add_check
+    from hapscene.command.devices import add_devices
     from hapscene.command.export import add_export, add_import
     from hapscene.command.handle import add_handle
     from hapscene.command.paint import add_paint
+    from hapscene.command.play import add_play, add_replay
     from hapscene.command.plugins import add_plugins
     from hapscene.command.serve import add_serve
     from hapscene.command.stability import add_stability
@@ -37,9 +39,9 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.touch import add_demo, add_touch
     from hapscene.command.view import add_view
 
-    first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
+    first = (add_demo, add_touch, add_paint, add_play, add_capture, add_swatch)
     further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
-    return first, (*further, add_plugins, add_bench)
+    return first, (*further, add_replay, add_devices, add_plugins, add_bench)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

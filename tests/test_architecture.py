@@ -13,8 +13,20 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hapscene"
 
 FLOOR = (
-    *("clock", "confined", "constants", "dsp", "errors", "files", "flags", "geometry", "memory", "native"),
-    *("number_files", "old_spellings"),
+    *(
+        "bound_call",
+        "c_call",
+        "clock",
+        "confined",
+        "constants",
+        "dsp",
+        "errors",
+        "files",
+        "flags",
+        "geometry",
+        "memory",
+    ),
+    *("native", "number_files", "old_spellings", "plugin_registry"),
 )
 """The ground floor: knows nobody above it."""
 
@@ -40,12 +52,21 @@ INNER = ("handle", "interrupt", "motion", "servo", "twin", "wire")
 """What the core does not need, and others build on."""
 
 OUTER = (
-    *("bridge", "capture", "cli", "command", "exchange", "paint", "play", "stability", "teleoperation", "touch"),
+    "bridge",
+    "capture",
+    "cli",
+    "command",
+    "exchange",
+    "paint",
+    "play",
+    "stability",
+    "teleoperation",
+    "touch",
     "view",
 )
 """Uses of the house."""
 
-TOP = ("cli", "command", "paint", "stability", "teleoperation")
+TOP = ("cli", "command", "paint", "play", "stability", "teleoperation")
 """Rooms that no other room knows but commands."""
 
 APART = {

@@ -20,10 +20,13 @@ WORDS = {
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`."""
+"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`.
+Drivers that need `usb` or `hid` are tried in tests/plugins/devices."""
+
+NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "usb"}
 
 
-@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - {"dev", "docs", "gymnasium"}))
+@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))
 def test_an_extra_that_is_missing_is_named(
     extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -338,6 +338,14 @@ def pairs(text: str) -> Mapping[str, str]:
     return found
 
 
+def key_value(text: str) -> tuple[str, str]:
+    """An option of a plugin as in "firmware=falcon.bin"."""
+    key, equals, value = text.partition("=")
+    if not (key and equals):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected KEY=VALUE, as in firmware=falcon.bin")
+    return key, value
+
+
 def recording_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `load_recording` takes of them."""
     return {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.constants import TINY
 from hapscene.device.driver import Driver
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
@@ -140,7 +141,8 @@ def protect(s: Any, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float)
         wanted = (f[0], f[1], f[2])
     force, flags = _limited(s, wanted, tick_s)
     if causes != 0:
-        s.gain, s.rested_s = max(0.0, s.gain - tick_s / FALL_S), 0.0
+        left = s.gain - tick_s / FALL_S
+        s.gain, s.rested_s = left if left > TINY else 0.0, 0.0
     else:
         s.rested_s += tick_s
         if s.rested_s >= s.calm_s and s.gain < 1.0:

@@ -1,1 +1,1 @@
-"""Touch in the browser: a page with a picture of the scene from above, which mouse, pen and fingers stroke."""
+"""Playing with what stands on the desk: what a terminal or a page shows while a device is felt."""

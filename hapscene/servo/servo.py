@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import operator
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,8 +36,6 @@ from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel, read_text
 
 if TYPE_CHECKING:
-    import os
-
     from hapscene.device.model import DeviceLike
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
@@ -131,6 +130,9 @@ class Servo:
             or a real one by the name of its driver (`hapscene devices`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
+        flights: a folder: what was felt last is written into it when a device or the application is gone
+            (`save_flight`).
+        force_N: largest force that a real device is sent, where its own limit is not lower.
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
@@ -157,6 +159,8 @@ class Servo:
         *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
+        flights: "str | os.PathLike[str] | None" = None,
+        force_N: float | None = None,
         patience_s: float = math.inf,
         ring_s: float = RING_S,
         **made: Any,
@@ -172,8 +176,9 @@ class Servo:
         self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
         self.scene = scene.copy()
         self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
-        rates = {"tick_s": tick_s, "a_rate_Hz": a_rate_Hz}
-        self._made = {"scene": self.scene, "devices": devices, "bodies": self._room, **rates, **made}
+        own = {"devices": devices, "bodies": self._room, "force_N": force_N}
+        own["flights"] = None if flights is None else os.fspath(flights)
+        self._made = {"scene": self.scene, **own, "tick_s": tick_s, "a_rate_Hz": a_rate_Hz, **made}
         self._block = block_of(tick_s, a_rate_Hz)
         self._length = max(math.ceil(ring_s / tick_s), 2)
         self.body_names = [body.name for body in scene.bodies]
@@ -183,18 +188,20 @@ class Servo:
         self._aim: Any = None  # views of what is opened below: at the very end they must go before it
         self._ticks: Any = None
         self._frames: Any = None
+        self._fault: Any = None
         self._opened: Channel | None = None
         self._closed = False
         self._process: Any = None
         self._guard: Any = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
-        self._fault: Any = None
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
         self._lane = ThreadPoolExecutor(1, "hapscene orders")
         self._cancelled = False
+        self._told_made: dict[str, Any] = {}
+        self._tuned: list[tuple[str, str, dict[str, float]]] = []
 
     def __repr__(self) -> str:
         begun = "not begun" if self._process is None else "running" if self.alive else "ended"
@@ -229,7 +236,7 @@ class Servo:
                 self._start_guard(context, life)
             life.close()
             self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
-            self._answer(START_S)
+            self._told_made = self._answer(START_S)
             pulse = self._opened.channel["pulse"].view(np.ndarray)
             self._heartbeat = Heartbeat(pulse, self._patience_s)
             self._asked = self._heartbeat.asked
@@ -525,10 +532,12 @@ class Servo:
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
         self._order("tune", swatch, numbers)
+        self._tuned.append(("tune", swatch, numbers))
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
         self._order("tune_field", effect, numbers)
+        self._tuned.append(("tune_field", effect, numbers))
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
@@ -665,6 +674,22 @@ class Servo:
         taken = [part[number, slots] for part in (shared.rows, shared.a_m_s2, shared.a_handle_m_s2)]
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
+
+    def save_flight(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+        """Write what was felt last (`ring_s`) into a folder; also after the process has ended. It is a
+        `hapscene.servo.Flight`, and `hapscene replay FOLDER` flies it again.
+
+        Raises:
+            HapsceneError: the servo is closed, or the folder cannot be written.
+        """
+        from hapscene.servo.flight_recorder import flight_of
+
+        if self._opened is None:
+            raise HapsceneError("this servo is closed, and what it felt is gone with it")
+        try:
+            flight_of(self._opened, self.scene, self._told_made, self._tuned, reason).save(os.fspath(folder))
+        except OSError as error:
+            raise HapsceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
     def lateness(self) -> Lateness:
         """How well the loop has kept time since the process started.

@@ -16,6 +16,7 @@ from hapscene.contact.moving import place_bodies
 from hapscene.contact.prediction import predict_bodies
 from hapscene.device.safety import STALL_S
 from hapscene.native import INTERPRETED, native
+from hapscene.servo.tick_memory import keep_memory
 from hapscene.twin.twin_loop import beat, take_grip
 
 # How late ticks begin and how long they take: histograms, which the tick fills without allocating.
@@ -118,6 +119,9 @@ class Loop(NamedTuple):
     a_handle_m_s2: NDArray[np.float64]  # (t, length, block) of the handle
     hands: NDArray[np.float64]  # (t, 5, 3) the aim of each, its target, its velocity, grip and push, as last read
     clock: NDArray[np.int64]  # of `new_clock`
+    memory: Any  # what the ticks of all tools remember, a tuple of bytes
+    checkpoints: Any  # (CHECKPOINT_COUNT, room) bytes
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,)
     timing: NDArray[np.int64]  # (4,) when the tick was due, and began [ns]; whether it was late, the loop stood still
 
 
@@ -169,6 +173,7 @@ def serve_tick(loop: Loop) -> None:
     rows, a_m_s2, felt, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.felt, loop.a_handle_m_s2
     clock, timing, hands = loop.clock, loop.timing, loop.hands
     tick_s, count = surfaces[0].touch[0].tick_s, channel.moving_count
+    keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks)
     _predict(worlds, bodies, count, timing[1], clock, tick_s)
     slot = channel.done % rows.shape[1]
     for t in range(len(worlds)):

@@ -29,6 +29,7 @@ from hapscene.device.model import limits_of
 from hapscene.device.safety import begin_safety, safety_of, simulated_safety
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.records import records
+from hapscene.servo.flight_recorder import flight_of, told_of, write_flight
 from hapscene.servo.servo_loop import (
     Loop,
     ServoBodies,
@@ -40,6 +41,7 @@ from hapscene.servo.servo_loop import (
     wait_at,
 )
 from hapscene.servo.shared_memory import Channel, open_channel, write_text
+from hapscene.servo.tick_memory import memory_of
 
 if TYPE_CHECKING:
     from hapscene.renderer import Renderer
@@ -68,14 +70,19 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
     channel = desk = None
     twins: list[Twin] = []
     opened: list[Connection] = []
+    ending = ""
     warnings.formatwarning = lambda message, *place: f"hapscene: note: {message}\n"  # whose line it was nobody can see
     try:
         made = _heard(wire)
-        devices, bodies = made.pop("devices"), made.pop("bodies")
+        devices, bodies, folder = made.pop("devices"), made.pop("bodies"), made.pop("flights")
+        force_N = made.pop("force_N")
         twins += [_twin(device, opened, made) for device in devices]
+        if force_N is not None:
+            for twin in twins:
+                twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        desk = Desk(made["scene"], twins, channel)
-        wire.send((None, None))
+        desk = Desk(made["scene"], twins, channel, folder, told_of(twins[0].renderer, made.get("settings")))
+        wire.send((None, desk.made))
         while True:
             while opened and not wire.poll(WATCH_S):
                 desk.look_after()
@@ -89,7 +96,8 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             except Exception as error:  # a fault of ours, or of an effect's: what is felt goes on
                 wire.send((f"the order {order!r} failed: {type(error).__name__}: {error!s:.200}", None))
     except (EOFError, ConnectionError, KeyboardInterrupt):
-        pass  # the application is gone; where signals cannot be held off, Ctrl-C reaches both
+        # the application is gone; where signals cannot be held off, Ctrl-C reaches both
+        ending = "the application was gone"
     except HapsceneError as error:
         wire.send((str(error), None))
     except BaseException:
@@ -105,6 +113,8 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
                 connection.state = new_state()  # not of the shared memory any more
             with suppress(OSError):
                 life.send(None)
+        if desk is not None and ending:
+            desk.write_flight(ending)
         desk = None
         twins.clear()  # they look at the memory that is given back
         if channel is not None:
@@ -147,8 +157,15 @@ def _heard(wire: Pipe) -> Any:
 class Desk:
     """What the application may order. Orders that the running loop would not survive stop it for one to three ticks."""
 
-    def __init__(self, scene: "Scene", twins: "Sequence[Twin]", channel: Channel) -> None:
-        self._scene = scene
+    def __init__(
+        self,
+        scene: "Scene",
+        twins: "Sequence[Twin]",
+        channel: Channel,
+        flights: str | None = None,
+        made: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._scene, self._flights, self.made = scene, flights, dict(made or {})
         self._twins = tuple(twins)
         self._channel = channel
         self._hands = np.zeros((len(twins), 5, 3))
@@ -156,6 +173,8 @@ class Desk:
         self._loop: threading.Thread | None = None
         self._scheduled: VendorConnection | None = None
         self._started = False
+        self._faults: list[str] = []
+        self._tuned: list[tuple[str, str, dict[str, float]]] = []
         self._timing = np.zeros(4, np.int64)
         self._connections = [twin.device for twin in self._twins if isinstance(twin.device, Connection)]
         count = len(channel.frames)
@@ -180,6 +199,8 @@ class Desk:
         if vendors and len(self._twins) > 1:
             raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
         channel.channel.pause = 1
+        parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
+        channel.channel.checkpoint_size = sum(len(part) for part in parts)
         if not self._connections:
             serve(self._acted_on())  # has it compiled, and returns at once
             return
@@ -221,7 +242,9 @@ class Desk:
             self._begin()
 
     def look_after(self) -> None:
-        """Tell the application what troubles the devices, and whether one is gone."""
+        """Tell the application what troubles the devices, and whether one is gone; then write what led there."""
+        if self._faults:
+            self.write_flight(self._faults.pop())
         for connection in self._connections:
             write_text(self._channel.notice, connection.reason(int(connection.state.trouble[0])))
             if isinstance(connection, VendorConnection):
@@ -234,11 +257,15 @@ class Desk:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
         for renderer in self._renderers:
             renderer.tune(swatch, **numbers)
+        self._tuned.append(("tune", swatch, dict(numbers)))
+        self._note_change()
 
     def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of an effect of the scene, likewise."""
         for renderer in self._renderers:
             renderer.tune_field(effect, **numbers)
+        self._tuned.append(("tune_field", effect, dict(numbers)))
+        self._note_change()
 
     def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
         """Take over swatches, and which face of each body wears which."""
@@ -280,6 +307,14 @@ class Desk:
                 if renderer.world is not world:
                     with self._between_ticks():
                         pass  # it goes on with the new one
+        self._channel.channel.changed = np.iinfo(np.int64).max  # shapes are not kept: no flight from here on
+
+    def write_flight(self, reason: str) -> None:
+        """Write the last minute, where the application has named a folder, and anything was felt."""
+        channel = self._channel
+        if self._flights is not None and channel.channel[0].done > 0:
+            told = write_flight(flight_of(channel, self._scene, self.made, self._tuned, reason), self._flights)
+            print(f"hapscene: note: {told}", file=sys.stderr, flush=True)
 
     def rest(self) -> bool:
         """Stop the loop; says whether it ran."""
@@ -329,6 +364,7 @@ class Desk:
         self._go()
 
     def _go(self) -> None:
+        self._note_change()
         self._channel.channel.pause = 0
         vendor = self._connections[0] if self._connections else None
         if isinstance(vendor, VendorConnection):
@@ -371,9 +407,17 @@ class Desk:
         loop = self._acted_on()
         return tuple(BoundCall(part, loop) for part in ((scheduled_at,) if vendor else (wait_at, tick_at)))
 
+    def _note_change(self) -> None:
+        """What ticks remember is to be copied anew: from here on they give something else."""
+        row, running = self._channel.channel[0], self._loop is not None or self._scheduled is not None
+        row.changed = max(row.changed, row.done + running)
+        row.checkpoint_due = min(row.changed, row.done + 1)
+
     def _note_fault(self, error: Exception) -> None:
-        known = isinstance(error, HapsceneError)
-        write_text(self._channel.fault, str(error) if known else f"{type(error).__name__}: {error}")
+        text = str(error) if isinstance(error, HapsceneError) else f"{type(error).__name__}: {error}"
+        if not self._channel.fault[0]:
+            write_text(self._channel.fault, text)
+            self._faults.append(text)
 
     def _acted_on(self) -> Loop:
         c, renderers = self._channel, self._renderers
@@ -389,6 +433,9 @@ class Desk:
             a_m_s2=c.a_m_s2,
             a_handle_m_s2=c.a_handle_m_s2,
             hands=self._hands,
+            memory=tuple(part for r in renderers for part in memory_of(r.world, r.surface)),
+            checkpoints=c.checkpoints,
+            checkpoint_ticks=c.checkpoint_ticks,
             clock=self._clock,
             timing=self._timing,
         )

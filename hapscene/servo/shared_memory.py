@@ -32,6 +32,10 @@ CHANNEL: Final = np.dtype(
         ("done", "i8"),  # complete ticks
         ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
         ("missed", "i8"),  # ticks that were left out since the loop was too late for them
+        ("changed", "i8"),  # number of the first tick since what is felt was last changed by an order
+        ("checkpoint_due", "i8"),  # tick before which what ticks remember is copied next
+        ("checkpoint_count", "i8"),  # copies so far
+        ("checkpoint_size", "i8"),  # of each [bytes]
         ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
         ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
     ],
@@ -46,6 +50,12 @@ AIM: Final = np.dtype(
     ]
 )
 """Where the hand on a tool aims, by the application."""
+
+CHECKPOINT_COUNT: Final = 8
+"""Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
+
+MEMORY_B: Final = 131_072
+"""Room in each for a tool [bytes]: 200 bodies. Copied in 10 µs; with more bodies a flight cannot be flown again."""
 
 TEXT_MAX: Final = 512
 """Room for a sentence [bytes]."""
@@ -76,6 +86,8 @@ class Channel:
     frames: Any  # (bodies,) FRAME, by the application
     moving: NDArray[np.int64]  # (bodies,) indices of those it moves, likewise
     impulse: NDArray[np.float64]  # (tools, bodies, 6) as `World.impulse`, by the servo
+    checkpoints: NDArray[np.uint8]  # (CHECKPOINT_COUNT, room) what ticks remembered, tool after tool
+    checkpoint_ticks: NDArray[np.int64]  # (CHECKPOINT_COUNT,) before which tick; −1: nothing that is whole
     states: Any  # (tools,) DEVICE_STATE of real devices
     fault: NDArray[np.uint8]  # (TEXT_MAX,) why a device is gone, by the servo; empty where none is
     notice: NDArray[np.uint8]  # (TEXT_MAX,) what troubles it otherwise, likewise
@@ -85,7 +97,10 @@ class Channel:
         """Let go of the memory. The views must not be used afterwards."""
         for name in (field.name for field in fields(self) if field.name != "memory"):
             object.__setattr__(self, name, None)
-        self.memory.close()
+        try:
+            self.memory.close()
+        except BufferError:  # somebody still looks at it: it goes with the process
+            self.memory._buf = self.memory._mmap = None  # type: ignore[attr-defined]  # else it tries again, and complains
         if unlink:
             self.memory.unlink()
 
@@ -107,6 +122,8 @@ def open_channel(length: int, block: int, name: str | None = None, *, bodies: in
         (FRAME, (bodies,)),
         (np.dtype("i8"), (bodies,)),
         (number, (tools, bodies, 6)),
+        (np.dtype("u1"), (CHECKPOINT_COUNT, tools * MEMORY_B)),
+        (np.dtype("i8"), (CHECKPOINT_COUNT,)),
         (DEVICE_STATE, (tools,)),
         (np.dtype("u1"), (TEXT_MAX,)),
         (np.dtype("u1"), (TEXT_MAX,)),

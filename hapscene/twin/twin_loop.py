@@ -88,6 +88,7 @@ def beat(
     touch, arm = surface.touch[0], body.arm
     h_s = touch.tick_s / touch.block
     x, y, z = _read(body)
+    felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
     tick(world, surface, x, y, z, row, a_m_s2)
     _send(body, _protect(body, row, touch), felt)
     _note(arm, felt)

@@ -16,6 +16,7 @@ REST_S: Final = 0.3
 
 FELT: Final = np.dtype(
     [
+        ("read_W_m", "f8", (3,)),  # tool, as the tick was given it
         ("p_W_m", "f8", (3,)),  # tool, true
         ("v_W_m_s", "f8", (3,)),
         ("f_motor_W_N", "f8", (3,)),  # held over the tick: what was asked for `delay_ticks` ago

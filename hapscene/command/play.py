@@ -1,0 +1,208 @@
+"""`hapscene play` and `hapscene replay`."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from hapscene.command.console import note, say, tell
+from hapscene.command.options import add_command, add_mesh_options, check_scene, key_value, load_input, number
+from hapscene.errors import Codes, HapsceneError
+from hapscene.interrupt import interrupt_noted
+
+LOOK_S: Final = 0.25
+"""How often the terminal is brought up to date [s]."""
+
+QUIET_S: Final = 5.0
+"""And how often a line is written where there is no terminal [s]."""
+
+
+def add_play(commands: Any) -> None:
+    command = add_command(commands, "play", _play)
+    command.add_argument("scene", metavar="SCENE", help="a scene, or a mesh")
+    command.add_argument("--device", default="simulated", metavar="NAME", help="`hapscene devices` lists them")
+    command.add_argument("--handle", metavar="NAME", help="what plays the fine feel: audio, a handle on a serial port")
+    command.add_argument(
+        "--option",
+        type=key_value,
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="of the device",
+    )
+    command.add_argument(
+        "--handle-option",
+        type=key_value,
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="of the handle",
+    )
+    command.add_argument(
+        "--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
+        help="where the middle of the device's workspace lies in the scene, in m (default: the middle of its top)",
+    )  # fmt: skip
+    command.add_argument(
+        "--force", type=number("a force in N", 0.0), metavar="N", help="give no more than this; the device's own holds"
+    )
+    command.add_argument("--seconds", type=number("seconds", 0.0), metavar="S", help="end by itself")
+    command.add_argument(
+        "--flights", metavar="FOLDER", help="where the last minute is written when something breaks (default: yours)"
+    )
+    add_mesh_options(command)
+
+
+def _play(options: argparse.Namespace) -> int:
+    """Feel a scene with what stands on the desk: a haptic device, a handle, a pointer and headphones.
+
+    On a terminal: space pauses, f writes the last minute down, q ends. Forces rise within two seconds after the start
+    and after every pause, and end when anything breaks.
+
+    for example:
+      hapscene devices
+      hapscene play demo.scene.json --device openhaptics
+      hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
+      hapscene play demo.scene.json --device pointer --handle audio
+    """
+    check_scene(options.scene, options.unit, options.swatch)
+    from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+    from hapscene.device.model import DEVICES
+    from hapscene.play.monitor import Monitor
+    from hapscene.servo import Servo
+    from hapscene.servo.flight_recorder import FLIGHT_S
+    from hapscene.touch import step
+
+    told = dict(options.option)
+    device: Any = options.device
+    if device not in DEVICES:
+        DRIVERS.load(device).read_options(told)  # refused before the scene is read
+        device = DeviceChoice(device, told)
+    scene = load_input(
+        options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
+    )
+    flights = options.flights or flights_folder()
+    with ExitStack() as stack:
+        servo = Servo(scene, device, ring_s=FLIGHT_S, flights=flights, force_N=options.force)
+        with step(say, f"starting {options.device}"):
+            stack.enter_context(servo)
+        servo.start(options.at or middle_of_top(scene))
+        monitor = Monitor(servo)
+        stack.callback(monitor.close)
+        keys = stack.enter_context(_keys())
+        with interrupt_noted() as noted:
+            try:
+                _watch(servo, monitor, keys, noted, options.seconds)
+            except HapsceneError as error:
+                _write(servo, flights, str(error))
+                raise
+        tell(monitor.summary())
+    return 0
+
+
+def _watch(servo: Any, monitor: Any, keys: Callable[[], str], noted: Any, seconds: float | None) -> None:
+    """Show what happens until it ends."""
+    terminal, start_s, count, paused = sys.stdout.isatty(), time.monotonic(), 0, False
+    end_s = start_s + (float("inf") if seconds is None else seconds)
+    told_s = start_s
+    while not noted() and time.monotonic() < end_s:
+        time.sleep(min(LOOK_S, max(end_s - time.monotonic(), 0.0)))
+        key = keys()
+        if key == "q":
+            return
+        if key == "f":
+            _write(servo, flights_folder(), "asked for")
+            count = 0
+        if key == " ":
+            (servo.resume if paused else servo.pause)()
+            paused = not paused
+        if not terminal and time.monotonic() - told_s < QUIET_S:
+            continue
+        lines = monitor.lines() + (["paused: space goes on"] if paused else [])
+        told_s = time.monotonic()
+        if not terminal:
+            tell([lines[0]])
+            continue
+        sys.stdout.write(Codes(f"\x1b[{count}F\x1b[J" if count else ""))
+        tell(lines)
+        count = len(lines)
+
+
+def _write(servo: Any, folder: str, reason: str) -> None:
+    """Write the last minute, and say where."""
+    place = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
+    try:
+        servo.save_flight(place, reason)
+        note(f"the last minute is in {place}; `hapscene replay {place}` flies it again")
+    except HapsceneError as error:
+        note(f"the last minute could not be written: {error}")
+
+
+def flights_folder() -> str:
+    """Where flights of this user lie."""
+    from platformdirs import user_state_path
+
+    return str(user_state_path("hapscene", appauthor=False) / "flights")
+
+
+def middle_of_top(scene: Any) -> tuple[float, float, float]:
+    """The middle of a scene, at the height of its top: what a hand reaches first."""
+    import numpy as np
+
+    corners = [
+        body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body in scene.bodies if len(body.mesh.faces)
+    ]
+    low, high = np.min([c.min(axis=0) for c in corners], axis=0), np.max([c.max(axis=0) for c in corners], axis=0)
+    return float((low[0] + high[0]) / 2), float((low[1] + high[1]) / 2), float(high[2])
+
+
+@contextmanager
+def _keys() -> Iterator[Callable[[], str]]:
+    """What tells the key that was pressed last, "" for none, on a terminal that can say it."""
+    try:
+        import select
+        import termios
+        import tty
+
+        fd = sys.stdin.fileno()
+        before = termios.tcgetattr(fd)
+    except (ImportError, OSError, ValueError, termios.error):
+        yield lambda: ""
+        return
+
+    def key() -> str:
+        pressed = ""
+        while select.select([fd], [], [], 0.0)[0]:
+            with suppress(OSError):
+                pressed = sys.stdin.read(1)
+            if not pressed:
+                break
+        return pressed
+
+    tty.setcbreak(fd)
+    try:
+        yield key
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)
+
+
+def add_replay(commands: Any) -> None:
+    command = add_command(commands, "replay", _replay)
+    command.add_argument("flight", metavar="FLIGHT", help="a folder that `hapscene play` wrote")
+
+
+def _replay(options: argparse.Namespace) -> int:
+    """Fly the last minute of a servo again: say whether the same inputs give the same forces, to the bit.
+
+    for example:
+      hapscene replay flights/2026-11-23-101500
+    """
+    from hapscene.servo import Flight
+
+    flight = Flight.load(options.flight)
+    tell([f"{flight.rows.shape[1]:,} ticks from {flight.first:,}; written because: {flight.reason}"])
+    result = flight.replay()
+    tell([str(result)])
+    return 1 if len(result.unlike) else 0

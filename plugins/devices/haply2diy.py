@@ -1,0 +1,261 @@
+"""Haply's 2DIY, a pantograph in a plane, over its serial port. The protocol is as the board's firmware has it
+(Haply-Arduino-Firmware-Versions, Haply_M3_Firmware_V1_5): no frames, no checksum, float32, little-endian.
+
+Its axes H, as it lies on a desk: x to the left, y towards the hand. The board keeps the last torque that it was told,
+for ever: zero is sent on every way out.
+"""
+
+import atexit
+import math
+import os
+import struct
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.device.model import Device, Limits
+from hapscene.device.point import PointMass
+from hapscene.errors import DeviceError
+
+ID: Final = 5
+"""What the board is to call itself; each answer begins with it."""
+
+BAUD: Final = 115_200
+"""The board has USB of its own, and ignores it. (At 1,200 it would erase itself.)"""
+
+SETUP, RUN = 1, 2
+CW, CCW = 0, 1
+
+ANSWER: Final = struct.Struct("<B2f")
+TORQUES: Final = struct.Struct("<BB2f")
+
+TORQUE_MAX_N_m: Final = 0.123
+"""What the firmware cuts a torque to."""
+
+UPPER_M, LOWER_M = 0.07, 0.09
+MIDDLE_M: Final = 0.09
+"""y in H of D's origin."""
+
+JUMP_RAD: Final = math.radians(20.0)
+"""An arm that turned further since the last answer was not read right: a hand takes tens of milliseconds for it."""
+
+SILENT_S: Final = 0.08
+"""Longest time without a good answer before the device counts as gone."""
+
+
+class Hardware(NamedTuple):
+    """One version: direction of motors and encoders, offset [°] and counts of encoders, all by port: 2, then 1."""
+
+    direction: tuple[int, int]
+    zero_deg: tuple[float, float]
+    counts: float
+    base_m: float  # from the first arm's axis to the second's
+
+
+HARDWARE = {
+    "v3": Hardware((CCW, CCW), (12.0, 168.0), 4880.0, 0.038),
+    "v2": Hardware((CW, CCW), (-61.0, 241.0), 10752.0, 0.0),
+}
+"""The second arm is at port 1, the first at port 2."""
+
+
+def setup_message(hardware: Hardware) -> bytes:
+    """What tells the board of two motors and two encoders, no sensors, no PWM pins."""
+    head = bytes((SETUP, ID, 0b11, *hardware.direction, 0b11, *hardware.direction, 0, 0))
+    return head + struct.pack("<4f", hardware.zero_deg[0], hardware.counts, hardware.zero_deg[1], hardware.counts)
+
+
+def run_message(torques: tuple[float, float]) -> bytes:
+    """The torques of the first and the second arm [N·m]."""
+    return TORQUES.pack(RUN, ID, torques[1], torques[0])
+
+
+def forward(theta: tuple[float, float], base_m: float) -> tuple[float, float] | None:
+    """The handle in H [m] at two arms' angles [rad]; None where the arms do not meet."""
+    ax, ay = UPPER_M * math.cos(theta[0]), UPPER_M * math.sin(theta[0])
+    hx, hy = base_m + UPPER_M * math.cos(theta[1]) - ax, UPPER_M * math.sin(theta[1]) - ay
+    size = math.hypot(hx, hy)
+    if not 1e-3 < size < 2.0 * LOWER_M * 0.999:
+        return None
+    rise = math.sqrt(LOWER_M * LOWER_M - 0.25 * size * size) / size
+    return ax + 0.5 * hx - rise * hy, ay + 0.5 * hy + rise * hx
+
+
+def arm_torques(
+    force: tuple[float, float], p: tuple[float, float], theta: tuple[float, float], base_m: float
+) -> tuple[float, float]:
+    """Torques [N·m] for a force in H [N]: Jᵀ f, the direction kept where one would be too large.
+
+    The lower arms keep their length: (p − a) · ṗ = (p − a) · ȧ for each elbow a.
+    """
+    rows, turns = [], []
+    for angle, base in zip(theta, (0.0, base_m), strict=True):
+        x, y = UPPER_M * math.cos(angle), UPPER_M * math.sin(angle)
+        rows.append((p[0] - base - x, p[1] - y))
+        turns.append(rows[-1][1] * x - rows[-1][0] * y)
+    (a, b), (c, d) = rows
+    det = a * d - b * c
+    if abs(det) < 1e-5:  # the lower arms are in line: there, no torque is a force
+        return 0.0, 0.0
+    first, second = (d * force[0] - c * force[1]) / det * turns[0], (a * force[1] - b * force[0]) / det * turns[1]
+    share = min(1.0, TORQUE_MAX_N_m / max(abs(first), abs(second), 1e-12))
+    return share * first, share * second
+
+
+def open_port(port: str | None) -> Any:
+    """The board's port.
+
+    Raises:
+        DeviceError: none was told and not just one is there; it is not there, or may not be opened.
+    """
+    import serial
+
+    if port is None:
+        found = _ports()
+        if len(found) != 1:
+            names = ", ".join(place.where for place in found)
+            raise DeviceError(f"haply2diy: say which port: --option port=NAME; there are: {names or 'none'}")
+        port = found[0].options["port"]
+    try:
+        return serial.Serial(port, BAUD, timeout=0.0015, write_timeout=0.05)
+    except (OSError, ValueError) as error:
+        remedy = "; sudo usermod -aG dialout $USER, and log in anew" if isinstance(error, PermissionError) else ""
+        raise DeviceError(f"haply2diy: {port}: cannot be opened: {error}{remedy}") from None
+
+
+def _ports() -> list[Found]:
+    from serial.tools.list_ports import comports
+
+    ports = [port for port in comports() if port.vid is not None]
+    return [_found(port.device, f"{port.device} ({port.description})") for port in ports]
+
+
+def _found(port: str, where: str) -> Found:
+    trouble = remedy = ""
+    if os.name == "posix" and not Path(port).exists():
+        trouble, remedy = f"{port}: no such port", "plug it in, or say another: --option port=NAME"
+    elif os.name == "posix" and not os.access(port, os.R_OK | os.W_OK):
+        trouble, remedy = f"{port}: no permission", "sudo usermod -aG dialout $USER, and log in anew"
+    return Found(where, {"port": port}, trouble, remedy)
+
+
+def find(port: str | None = None, **options: Any) -> Sequence[Found]:
+    """Serial ports on USB: a port does not say what is behind it."""
+    return [_found(port, port)] if port is not None else _ports()
+
+
+class Haply2diyConnection(Connection):
+    """A 2DIY. Torques go out each tick, and the arms' angles come back."""
+
+    def __init__(self, port: str | None = None, hardware: str = "v3", homed: bool = False) -> None:
+        super().__init__()
+        self._hardware, self._homed = HARDWARE[hardware], homed
+        self._port = open_port(port)
+        self._name = f"haply2diy: {self._port.port}"
+        self._tail, self._theta, self._p, self._heard_s = b"", (0.0, 0.0), (0.0, 0.0), time.monotonic()
+        self._known = self._garbled = False
+        atexit.register(self.close)
+        try:
+            self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
+        except BaseException:
+            self.close()
+            raise
+
+    def _send(self, data: bytes) -> None:
+        try:
+            if self._garbled:  # what is still to come begins somewhere: the next answer is whole
+                self._port.reset_input_buffer()
+                self._tail, self._garbled = b"", False
+            self._port.write(data)
+        except (OSError, TypeError) as error:  # pyserial's own are OSErrors
+            raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
+
+    def read(self) -> None:
+        try:
+            data = self._tail + self._port.read(max(ANSWER.size - len(self._tail), self._port.in_waiting))
+        except (OSError, TypeError) as error:
+            raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
+        self._garbled = len(data) > 4 * ANSWER.size
+        while len(data) >= ANSWER.size and not self._garbled:
+            self._garbled = not self._take(*ANSWER.unpack_from(data))
+            data = data[ANSWER.size :]
+        self._tail = b"" if self._garbled else data
+        if time.monotonic() - self._heard_s > SILENT_S:
+            self.state.ready = 0
+            raise DeviceError(f"{self._name}: has said nothing that it can mean for 0.08 s: is it a 2DIY's board?")
+
+    def _take(self, name: int, second_deg: float, first_deg: float) -> bool:
+        """Whether an answer can be one; then the state has it."""
+        if name != ID or not (abs(first_deg) < 720.0 and abs(second_deg) < 720.0):
+            return False
+        theta = math.radians(first_deg), math.radians(second_deg)
+        if self._known and max(abs(theta[0] - self._theta[0]), abs(theta[1] - self._theta[1])) > JUMP_RAD:
+            return False
+        p = forward(theta, self._hardware.base_m)
+        if p is None:
+            return False
+        self._theta, self._p, self._known, self._heard_s = theta, p, True, time.monotonic()
+        state = self.state[0]
+        state.p_DT_m = (0.5 * self._hardware.base_m - p[0], MIDDLE_M - p[1], 0.0)
+        state.ready, state.trouble = int(self._homed), int(not self._homed)
+        state.count += 1
+        return True
+
+    def write(self) -> None:
+        x, y, _ = self.state.f_D_N[0].tolist()
+        if self.state.ready[0] == 1 and math.isfinite(x) and math.isfinite(y):
+            self._send(run_message(arm_torques((-x, -y), self._p, self._theta, self._hardware.base_m)))
+        else:
+            self._send(run_message((0.0, 0.0)))
+
+    def close(self) -> None:
+        atexit.unregister(self.close)
+        if self._port.is_open:
+            with suppress(DeviceError, OSError):
+                self._send(run_message((0.0, 0.0)))
+                self._port.flush()
+        with suppress(OSError):
+            self._port.close()
+
+    def reason(self, trouble: int) -> str:
+        marks = "put its arms to their marks, and open it with --option homed=yes"
+        return f"where its arms are is not known: {marks}" if trouble else ""
+
+
+def release(port: str | None = None, **options: Any) -> None:
+    """Write zero torque to a board whose driver has died."""
+    with open_port(port) as device:
+        device.write(run_message((0.0, 0.0)))
+        device.flush()
+
+
+DRIVER = Driver(
+    name="haply2diy",
+    summary="Haply's 2DIY, versions 2 and 3, over its serial port: it moves in a plane.",
+    open=Haply2diyConnection,
+    find=find,
+    model=Device(
+        "haply2diy",
+        PointMass(0.1, 0.1, 0.1, 60e-6),
+        Limits(3.0, 3000.0, stiffness_N_m=500.0, damping_Ns_m=2.0),
+    ),
+    continuous_N=1.0,
+    low_D_m=(-0.08, -0.07, -0.001),
+    high_D_m=(0.08, 0.07, 0.001),
+    rate_Hz=1000.0,
+    needs="a serial port, and the permission to open it",
+    options=(
+        Option("port", None, "the serial port: /dev/ttyACM0, COM3; where one alone is there, that"),
+        Option("hardware", "v3", "which version it is", tuple(HARDWARE)),
+        Option("homed", False, "yes where its arms stand at their marks as it is opened; without, no force is given"),
+    ),
+    release=release,
+    assumptions=(
+        "It lies before the hand with its arms towards it; z is not felt.",
+        "Force, mass, damping and friction are guessed; the firmware cuts torques to 0.123 N·m.",
+        "Angles are counted from the marks at which its arms stand when it is set up.",
+    ),
+)

@@ -1,0 +1,77 @@
+"""A recording as a device: the places where a tool was, a tick each.
+
+What it is told of forces changes nothing. At its end it goes back the way it came, or stays.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.constants import TICK_S
+from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.errors import DeviceError, FormatError
+from hapscene.motion.path_file import load_path
+from hapscene.recording import Recording
+
+
+def load(file: str) -> NDArray[np.float64]:
+    """(n, 3) where the tool was, a row a tick, of a recording of ours (npz) or a path (CSV).
+
+    Raises:
+        DeviceError: no file, or none of them.
+    """
+    if not file:
+        raise DeviceError("replay: say what: --option file=touch.npz, or a path's CSV")
+    try:
+        if Path(file).suffix.lower() != ".npz":
+            return load_path(file, TICK_S)[1]
+        recording = Recording.load(file)
+    except FormatError as error:
+        raise DeviceError(f"replay: {error}") from None
+    t_s, p_WT = recording.t_s, recording.p_WT_m
+    if len(t_s) < 2 or not np.isfinite(p_WT).all() or not (np.diff(t_s) > 0.0).all():
+        raise DeviceError(f"replay: {file}: {len(t_s)} ticks; expected two or more, finite, of increasing time")
+    grid_s = t_s[0] + TICK_S * np.arange(round((t_s[-1] - t_s[0]) / TICK_S) + 1)
+    return np.column_stack([np.interp(grid_s, t_s, p_WT[:, axis]) for axis in range(3)])
+
+
+class ReplayConnection(Connection):
+    """A recording that plays: a row a read."""
+
+    def __init__(self, file: str = "", origin: str = "start", again: bool = False) -> None:
+        super().__init__()
+        self._p = load(file)
+        if origin == "start":
+            self._p -= self._p[0].copy()
+        self._tick, self._again = 0, again
+        self.state.ready = 1
+
+    def read(self) -> None:
+        last = len(self._p) - 1
+        at = self._tick % (2 * last) if self._again else min(self._tick, last)
+        self.state.p_DT_m = self._p[min(at, 2 * last - at)]
+        self._tick += 1
+        self.state.count += 1
+
+    def write(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+DRIVER = Driver(
+    name="replay",
+    summary="A recording, played as if a hand did it again: no hardware.",
+    open=ReplayConnection,
+    find=lambda **options: [Found("in this computer")],
+    force=False,
+    needs="a recording (touch.npz) or a path (CSV with t, x, y, z)",
+    options=(
+        Option("file", "", "the recording or the path"),
+        Option("origin", "start", "what lies at D's origin: where it starts, or the world's", ("start", "world")),
+        Option("again", False, "yes to play it there and back for ever; without, it stays where it ends"),
+    ),
+    simulated=True,
+)

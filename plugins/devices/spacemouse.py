@@ -1,0 +1,129 @@
+"""3Dconnexion's SpaceMouse over HID: what it is pushed moves a point, the farther the faster. It gives no force.
+
+Reports as PySpaceMouse has them (devices.toml): 1 is x, y, z, then the rotation where the device does not send that as
+report 2; 3 is the buttons. Its own axes: x to the right, y towards the hand, z down.
+"""
+
+import importlib
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Final
+
+import numpy as np
+
+from hapscene.constants import TICK_S
+from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.errors import DeviceError
+
+PRODUCTS: Final = {
+    **{(0x256F, product): "SpaceMouse" for product in (0xC62E, 0xC632, 0xC633, 0xC635, 0xC638, 0xC63A, 0xC641, 0xC652)},
+    **{(0x046D, product): "SpaceNavigator" for product in (0xC625, 0xC626, 0xC627, 0xC628, 0xC629, 0xC62B)},
+}
+"""The numbers on USB of those that are known."""
+
+FULL: Final = 350.0
+"""Full deflection [count]."""
+
+REST: Final = 8.0
+"""Deflection that is a hand's weight or a spring that does not come back wholly [count]."""
+
+_RULE: Final = (
+    'put the line KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess" (and one with 046d) into '
+    "/etc/udev/rules.d/60-hapscene.rules, and plug it in again"
+)
+
+
+def _hid(backend: str) -> Any:
+    try:
+        return importlib.import_module(backend)
+    except ImportError:
+        raise DeviceError("spacemouse needs one more package: pip install 'hapscene[hid]'") from None
+
+
+def _plugged(hid: Any) -> list[dict[str, Any]]:
+    """The motion controllers among the HIDs: usage page 1, usage 8; those that do not say theirs, too."""
+    known = [told for told in hid.enumerate() if (told["vendor_id"], told["product_id"]) in PRODUCTS]
+    return [told for told in known if (told.get("usage_page", 0), told.get("usage", 0)) in ((1, 8), (0, 0))]
+
+
+class SpaceMouseConnection(Connection):
+    """A SpaceMouse that moves a point."""
+
+    def __init__(self, speed_m_s: float = 0.1, reach_m: float = 0.1, backend: str = "hid") -> None:
+        super().__init__()
+        hid = _hid(backend)
+        plugged = _plugged(hid)
+        if not plugged:
+            raise DeviceError("spacemouse: none is plugged in")
+        self._way_m, self._reach_m = speed_m_s * TICK_S / FULL, reach_m
+        self._pushed = np.zeros(3)
+        self._device = hid.device()
+        try:
+            self._device.open_path(plugged[0]["path"])
+            self._device.set_nonblocking(1)
+        except OSError as error:
+            raise DeviceError(f"spacemouse: cannot be opened: {error}; {_RULE}") from None
+        self.state.ready = 1
+
+    def read(self) -> None:
+        try:
+            while report := self._device.read(64):
+                self._take(bytes(report))
+        except (OSError, ValueError) as error:  # hidapi says ValueError of what is closed
+            raise DeviceError(f"spacemouse: is gone ({error}); plug it in again") from None
+        p = self.state.p_DT_m[0] + self._way_m * self._pushed
+        self.state.p_DT_m = np.clip(p, -self._reach_m, self._reach_m)
+        self.state.count += 1
+
+    def _take(self, report: bytes) -> None:
+        """One report; what is none changes nothing."""
+        if report[0] == 1 and len(report) in (7, 13):
+            x, y, z = np.frombuffer(report, "<i2", 3, 1).clip(-FULL, FULL).astype(float)
+            pushed = np.array((x, -y, -z))
+            self._pushed = np.where(np.abs(pushed) > REST, pushed, 0.0)
+        elif report[0] == 3 and 2 <= len(report) <= 8:
+            self.state.buttons = int.from_bytes(report[1:], "little") & 0xFFFFFFFF
+
+    def write(self) -> None:
+        pass
+
+    def close(self) -> None:
+        with suppress(OSError, ValueError):
+            self._device.close()
+
+
+def find(backend: str = "hid", **options: Any) -> Sequence[Found]:
+    """Those that are plugged in; each is opened for a moment to see whether that is allowed."""
+    try:
+        hid = _hid(backend)
+    except DeviceError as error:
+        what, _, remedy = str(error).partition(": ")
+        return [Found("HID", trouble=what, remedy=remedy)]
+    found = []
+    for told in _plugged(hid):
+        where = f"{told.get('product_string') or PRODUCTS[told['vendor_id'], told['product_id']]}"
+        device = hid.device()
+        try:
+            device.open_path(told["path"])
+            found.append(Found(where))
+        except OSError as error:
+            found.append(Found(where, trouble=f"{where}: cannot be opened: {error}", remedy=_RULE))
+        device.close()
+    return found
+
+
+DRIVER = Driver(
+    name="spacemouse",
+    summary="3Dconnexion's SpaceMouse: it moves a point, and gives no force.",
+    open=SpaceMouseConnection,
+    find=find,
+    force=False,
+    button_count=2,
+    needs="hidapi (pip install 'hapscene[hid]'), permission",
+    options=(
+        Option("speed_m_s", 0.1, "how fast the point goes when it is pushed all the way [m/s]"),
+        Option("reach_m", 0.1, "how far the point goes from the middle, on each axis [m]"),
+        Option("backend", "hid", "module that speaks HID, as hidapi's"),
+    ),
+    assumptions=("Full deflection is 350 counts on each axis.",),
+)

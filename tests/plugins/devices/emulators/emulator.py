@@ -1,0 +1,59 @@
+"""What all emulators share: orders on stdin, and a log of the forces that they were told, on their own clock."""
+
+import argparse
+import os
+import random
+import sys
+import threading
+import time
+from pathlib import Path
+
+
+class Emulator:
+    """Orders are lines `name number`, and set an attribute; the end of stdin ends the process."""
+
+    def __init__(self) -> None:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("log")
+        parser.add_argument("place", nargs="?")
+        self.arguments = parser.parse_args()
+        self._log = Path(self.arguments.log).open("a", buffering=1)  # noqa: SIM115
+        self.ready = 0.0  # calibrated, homed
+        self.gone = 0.0  # torn out
+        self.mangled = 0.0  # which share of what is sent comes out wrong
+        self.random = random.Random(7)
+        self.obeyed = threading.Event()  # never: what is gone waits for its end
+
+    def obey(self, say: str = "up") -> None:
+        """From now on; `say` tells the test where it listens."""
+        print(say, flush=True)
+        threading.Thread(target=self._obey, daemon=True).start()
+
+    def _obey(self) -> None:
+        for line in sys.stdin:
+            name, value = line.split()
+            setattr(self, name, float(value))
+            print("done", flush=True)
+        os._exit(0)
+
+    def log(self, *values: float) -> None:
+        """A row: what was commanded, now."""
+        self._log.write(" ".join(map(repr, (time.monotonic_ns(), *values))) + "\n")
+
+    def mangle(self, data: bytes) -> bytes:
+        """A share of it with bits turned, bytes lost, doubled or made up; in the end anything."""
+        if self.random.random() >= self.mangled:
+            return data
+        wrong, at = bytearray(data), self.random.randrange(len(data))
+        match self.random.randrange(5):
+            case 0:
+                wrong[at] ^= 1 << self.random.randrange(8)
+            case 1:
+                del wrong[at:]
+            case 2:
+                wrong[at:at] = self.random.randbytes(self.random.randrange(1, 40))
+            case 3:
+                wrong = bytearray(self.random.randbytes(len(wrong)))
+            case 4:
+                wrong += wrong[at:]
+        return bytes(wrong)

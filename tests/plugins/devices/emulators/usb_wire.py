@@ -1,0 +1,134 @@
+"""A USB bus of one device between two processes: pyusb's backend on one side, an emulator on the other.
+
+Each transfer is one message over a Unix socket: (op, endpoint, request, value, wait_ms) and data, answered by a status
+and data. The backend finds the socket's name in HAPSCENE_USB.
+"""
+
+import os
+import socket
+import struct
+import threading
+from types import SimpleNamespace
+
+from usb.backend import IBackend
+from usb.core import USBError, USBTimeoutError
+
+HEAD = struct.Struct("<BBBHI")
+CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
+OK, SILENT, GONE, REFUSED = range(4)
+
+
+def serve(emulator, path):
+    """Answer transfers for ever: `emulator` has `ids`, `kind` (2 bulk, 3 interrupt), `ends`, and does control(request,
+    value), write(endpoint, data), read(endpoint, wait_s) → bytes or None."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(path)
+    listener.listen()
+    emulator.obey()
+    while True:
+        wire, _ = listener.accept()
+        threading.Thread(target=_answer, args=(emulator, wire), daemon=True).start()
+
+
+def _answer(emulator, wire):
+    while message := wire.recv(65536):
+        op, endpoint, request, value, wait_ms = HEAD.unpack_from(message)
+        status, data = OK, b""
+        if emulator.gone:
+            status = GONE
+        elif op == DESCRIBE:
+            data = struct.pack("<HHB", *emulator.ids, emulator.kind) + bytes(emulator.ends)
+        elif op == CONFIGURE:
+            status = REFUSED if getattr(emulator, "refused", 0.0) else OK
+        elif op == CONTROL:
+            emulator.control(request, value)
+        elif op == WRITE:
+            emulator.write(endpoint, message[HEAD.size :])
+        elif (data := emulator.read(endpoint, wait_ms / 1000.0)) is None:
+            status, data = SILENT, b""
+        wire.send(bytes([status]) + data)
+
+
+class Backend(IBackend):
+    """One device, with one configuration and one interface, and two endpoints."""
+
+    def __init__(self):
+        self._wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._wire.connect(os.environ["HAPSCENE_USB"])
+        told = self._ask(DESCRIBE)
+        (self._vendor, self._product, self._kind), self._ends = struct.unpack_from("<HHB", told), told[5:]
+
+    def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
+        self._wire.send(HEAD.pack(op, endpoint, request, value, wait_ms) + data)
+        answer = self._wire.recv(65536)
+        if not answer or answer[0] == GONE:
+            raise USBError("No such device (it may have been disconnected)", -4, 19)
+        if answer[0] == SILENT:
+            raise USBTimeoutError("Operation timed out", -7, 110)
+        if answer[0] == REFUSED:
+            raise USBError("Access denied (insufficient permissions)", -3, 13)
+        return answer[1:]
+
+    def enumerate_devices(self):
+        return [self]
+
+    def get_device_descriptor(self, dev):
+        names = "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 bcdDevice"
+        names += " iManufacturer iProduct iSerialNumber address bus port_number port_numbers speed"
+        own = {"idVendor": self._vendor, "idProduct": self._product, "bNumConfigurations": 1, "bus": 1, "address": 2}
+        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | own))
+
+    def get_configuration_descriptor(self, dev, config):
+        if config > 0:
+            raise IndexError
+        names = "bLength bDescriptorType wTotalLength iConfiguration bmAttributes bMaxPower extra_descriptors"
+        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | {"bNumInterfaces": 1, "bConfigurationValue": 1}))
+
+    def get_interface_descriptor(self, dev, intf, alt, config):
+        if intf > 0 or alt > 0:
+            raise IndexError
+        names = "bLength bDescriptorType bInterfaceNumber bAlternateSetting bInterfaceClass bInterfaceSubClass"
+        names += " bInterfaceProtocol iInterface extra_descriptors"
+        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | {"bNumEndpoints": len(self._ends)}))
+
+    def get_endpoint_descriptor(self, dev, ep, intf, alt, config):
+        names = "bLength bDescriptorType bInterval bRefresh bSynchAddress extra_descriptors"
+        own = {"bEndpointAddress": self._ends[ep], "bmAttributes": self._kind, "wMaxPacketSize": 64}
+        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | own))
+
+    def open_device(self, dev):
+        return dev
+
+    def get_configuration(self, handle):
+        self._ask(CONFIGURE)
+        return 1
+
+    def set_configuration(self, handle, value):
+        self._ask(CONFIGURE)
+
+    def is_kernel_driver_active(self, handle, intf):
+        return False
+
+    def close_device(self, handle):
+        pass
+
+    claim_interface = release_interface = lambda self, handle, intf: None
+
+    def ctrl_transfer(self, handle, kind, request, value, index, data, wait_ms):
+        self._ask(CONTROL, 0, request, value)
+        return 0
+
+    def bulk_write(self, handle, ep, intf, data, wait_ms):
+        self._ask(WRITE, ep, data=bytes(data))
+        return len(data)
+
+    def bulk_read(self, handle, ep, intf, buffer, wait_ms):
+        data = self._ask(READ, ep, wait_ms=wait_ms)[: len(buffer)]
+        buffer[: len(data)] = type(buffer)("B", data)
+        return len(data)
+
+    intr_write, intr_read = bulk_write, bulk_read
+
+
+def get_backend():
+    return Backend()

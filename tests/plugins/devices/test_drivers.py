@@ -1,0 +1,215 @@
+"""What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
+
+import importlib
+import signal
+import subprocess
+import sys
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from hapscene.device.driver import Driver
+from hapscene.errors import DeviceError
+
+
+class Case(NamedTuple):
+    """A driver with its emulator; `options` name the emulator's place as {place}. `homed`: the user says that it is."""
+
+    name: str
+    options: dict[str, Any]
+    homed: bool = False
+
+    @property
+    def driver(self) -> Driver:
+        driver = importlib.import_module(f"hapscene_plugins.devices.{self.name}").DRIVER
+        assert isinstance(driver, Driver)
+        return driver
+
+    def told(self, place: str, ready: bool = True) -> dict[str, Any]:
+        texts = {name: value.format(place=place) for name, value in self.options.items()}
+        return self.driver.read_options(texts | ({"homed": "yes"} if self.homed and ready else {}))
+
+
+CASES = [
+    Case("falcon", {"backend": "usb_wire"}),
+    Case("haply2diy", {"port": "{place}"}, homed=True),
+    Case("inverse3", {"uri": "{place}"}),
+    Case("woodenhaptics", {"backend": "usb_wire"}, homed=True),
+]
+case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+
+
+def forces(emulated: Any) -> np.ndarray:
+    """(n, 3) or (n, 2) in the device's own units: all that it was told."""
+    return np.array([row[1:4] for row in emulated.rows() if row[1] != -1])
+
+
+def turn(device: Any, count: int, f_D_N: tuple[float, ...] = (0.3, -0.4, 0.2)) -> None:
+    for _ in range(count):
+        device.read()
+        device.state.f_D_N = f_D_N
+        device.write()
+
+
+@case
+def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    with case.driver.open(**case.told(emulated.place, ready=False)) as device:
+        turn(device, 60)
+        assert device.state.ready[0] == 0 and device.reason(int(device.state.trouble[0]))
+        assert not forces(emulated).any()
+    with case.driver.open(**case.told(emulated.place)) as device:
+        emulated.tell(ready=1)
+        turn(device, 60)
+        assert device.state.ready[0] == 1 and device.state.trouble[0] == 0 and device.reason(0) == ""
+        assert forces(emulated)[-1].any()
+        if not case.homed:
+            emulated.tell(ready=0)
+            turn(device, 5)
+            assert device.state.ready[0] == 0 and not forces(emulated)[-1].any()
+
+
+@case
+@pytest.mark.parametrize("way", ["close", "close after it is torn out", "an exception"])
+def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    device = case.driver.open(**case.told(emulated.place))
+    turn(device, 60)
+    assert forces(emulated)[-1].any()
+    if way == "an exception":
+        with pytest.raises(ZeroDivisionError), device:
+            _ = 1 / 0
+    elif way == "close":
+        device.close()
+    else:
+        emulated.tell(gone=1)
+    device.close()
+    if way != "close after it is torn out":
+        wait_for(lambda: not forces(emulated)[-1].any())
+
+
+@case
+def test_what_is_torn_out_is_told_at_once_by_its_name(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    with case.driver.open(**case.told(emulated.place)) as device:
+        turn(device, 30)
+        emulated.tell(gone=1)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError, match=f"^{case.name}: "):
+            turn(device, 10_000)
+        assert time.monotonic() - start_s < 0.1
+
+
+@case
+def test_zero_is_written_to_a_device_whose_driver_was_killed(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    told = case.told(emulated.place)
+    script = f"""
+import sys, time
+from hapscene_plugins.devices.{case.name} import DRIVER
+device = DRIVER.open(**{told!r})
+while True:
+    device.read()
+    device.state.f_D_N = 0.3, -0.4, 0.2
+    device.write()
+"""
+    driver = subprocess.Popen([sys.executable, "-c", script])
+    try:
+        wait_for(lambda: bool(forces(emulated).size and forces(emulated)[-1].any()), 20.0)
+    finally:
+        driver.send_signal(signal.SIGKILL)
+        driver.wait()
+    if case.driver.release is None:
+        assert case.driver.watchdog_s < 1.0  # it lets go by itself
+        wait_for(lambda: not forces(emulated)[-1].any())
+        return
+    start_s = time.monotonic()
+    case.driver.release(**told)
+    wait_for(lambda: not forces(emulated)[-1].any())
+    assert time.monotonic() - start_s < 0.5
+
+
+@case
+def test_mangled_frames_give_neither_force_nor_hang(case: Case, emulate) -> None:
+    beat(case, emulate, 2_000)
+
+
+@case
+@pytest.mark.soak
+def test_very_many_mangled_frames(case: Case, emulate) -> None:
+    beat(case, emulate, 100_000)
+
+
+def beat(case: Case, emulate: Any, count: int) -> None:
+    """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang."""
+    emulated = emulate(case.name)
+    told, device, reopened, worst_s = case.told(emulated.place, ready=False), None, 0, 0.0
+    for i in range(count):
+        if device is None:
+            emulated.tell(mangled=0.0)
+            device = case.driver.open(**told)
+            emulated.tell(mangled=0.5)
+        start_s = time.monotonic()
+        try:
+            turn(device, 1, (1.0, 1.0, 1.0))
+        except DeviceError as error:
+            assert str(error).startswith(case.name)
+            device.close()
+            device, reopened = None, reopened + 1
+            continue
+        worst_s = max(worst_s, time.monotonic() - start_s)
+        assert np.isfinite(device.state.p_DT_m).all() and np.abs(device.state.p_DT_m).max() < 1.0, i
+        assert np.isfinite(device.state.R_DT).all()
+    assert device is not None
+    assert worst_s < 0.1 and reopened < count / 50
+    device.close()
+    assert not forces(emulated).any()
+
+
+@case
+def test_forces_that_are_none_are_not_sent(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    with case.driver.open(**case.told(emulated.place)) as device:
+        turn(device, 60)
+        for wrong in ((np.nan, 0.0, 0.0), (np.inf, 1.0, 0.0)):
+            turn(device, 3, wrong)
+            wait_for(lambda: not forces(emulated)[-1].any())
+
+
+@case
+def test_find_lists_it(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    found = case.driver.find(**case.told(emulated.place))
+    assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
+
+
+@pytest.mark.parametrize("missing", ["usb.core"])
+def test_a_package_that_is_missing_is_named(missing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    driver = Case("falcon", {}).driver
+    with pytest.raises(DeviceError, match=r"pip install 'hapscene\[usb\]'"):
+        driver.open()
+    (found,) = driver.find()
+    assert found.trouble and found.remedy == "pip install 'hapscene[usb]'"
+
+
+def test_what_may_not_be_opened_is_told_with_the_rule_that_helps(emulate) -> None:
+    emulate("falcon").tell(refused=1)
+    driver = Case("falcon", {}).driver
+    (found,) = driver.find(backend="usb_wire")
+    assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
+    with pytest.raises(DeviceError, match=r"falcon: cannot be opened.*udev"):
+        driver.open(backend="usb_wire")
+
+
+def wait_for(what: Any, longest_s: float = 2.0) -> None:
+    end_s = time.monotonic() + longest_s
+    while not what():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)

@@ -1,0 +1,179 @@
+"""A client of the bridge as a device: its aim is the tool, the STATE is the force."""
+
+import importlib.util
+import json
+import math
+import random
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.bridge.packets import BYE, FRAME, HELLO, REFUSED, STATE, WELCOME, Frame, Packet, pack, unpack
+from hapscene.errors import DeviceError
+from hapscene_plugins.devices.network import DRIVER, FORCE_N, SILENT, WAITING
+
+_FILE = Path(__file__).parents[2] / "bridge" / "client_packets.py"
+_SPEC = importlib.util.spec_from_file_location("client_packets", _FILE)
+assert _SPEC is not None and _SPEC.loader is not None
+client_packets = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(client_packets)
+
+UNITY = {"version": 1, "nonce": 5, "up": "y", "handed": "left", "metres": 0.1}
+
+
+class Client:
+    def __init__(self, device: Any) -> None:
+        self.device, self.key, self.sequence = device, 0, 0
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(device.address)
+        self.socket.settimeout(1.0)
+
+    def say(self, kind: int, payload: bytes = b"") -> None:
+        self.sequence += 1
+        self.socket.send(pack(Packet(kind, self.key, self.sequence, payload)))
+
+    def heard(self) -> Packet:
+        return unpack(self.socket.recv(65536))
+
+    def hello(self, **words: Any) -> Packet:
+        self.say(HELLO, json.dumps(UNITY | words).encode())
+        turn(self.device)
+        answer = self.heard()
+        self.key = answer.key
+        return answer
+
+    def frame(self, *aim: float) -> None:
+        self.say(FRAME, client_packets.pack_frame(Frame(aim, 0, ())))
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+def turn(device: Any, f_D_N: Any = (0.0, 0.0, 0.0)) -> None:
+    device.read()
+    device.state.f_D_N = f_D_N
+    device.write()
+
+
+@pytest.fixture
+def device() -> Iterator[Any]:
+    with DRIVER.open(**DRIVER.read_options({"port": "0"})) as device:
+        yield device
+
+
+@pytest.fixture
+def client(device: Any) -> Iterator[Client]:
+    client = Client(device)
+    yield client
+    client.close()
+
+
+def test_aim_is_the_tool_and_the_state_the_force_in_the_client_s_frame(device: Any, client: Client) -> None:
+    turn(device)
+    assert device.state.ready[0] == 0 and device.state.trouble[0] == WAITING
+    assert client.hello().kind == WELCOME
+    client.frame(1.0, 2.0, 3.0)
+    turn(device, (1.0, 2.0, -1.0))
+    answer = client.heard()
+    state = client_packets.unpack_state(answer.payload)
+    assert (answer.kind, answer.sequence) == (STATE, client.sequence)
+    np.testing.assert_allclose(device.state.p_DT_m[0], (0.1, 0.3, 0.2))  # Unity: y up, z away
+    np.testing.assert_allclose(state.force, (1.0, -1.0, 2.0))
+    np.testing.assert_allclose(state.tool, (1.0, 2.0, 3.0))
+    assert device.state.ready[0] == 1 and device.state.count[0] == 1
+
+
+def test_force_is_within_the_limit_and_none_that_is_none(device: Any, client: Client) -> None:
+    client.hello()
+    for f_D_N, size in (((300.0, 0.0, 400.0), FORCE_N), ((math.nan, 0.0, 0.0), 0.0), ((math.inf, 0.0, 0.0), 0.0)):
+        client.frame(0.0, 0.0, 0.0)
+        turn(device, f_D_N)
+        assert np.linalg.norm(client_packets.unpack_state(client.heard().payload).force) == pytest.approx(size)
+
+
+def test_a_silent_client_gets_no_force_and_may_go_on(device: Any, client: Client) -> None:
+    client.hello()
+    client.frame(0.0, 0.0, 0.0)
+    turn(device)
+    assert device.state.ready[0] == 1
+    end_s = time.monotonic() + 0.03
+    while time.monotonic() < end_s:
+        turn(device)
+    assert device.state.ready[0] == 0 and device.state.trouble[0] == SILENT and "silent" in device.reason(SILENT)
+    client.frame(0.0, 0.0, 0.0)
+    turn(device)
+    assert device.state.ready[0] == 1
+    client.say(BYE)
+    turn(device)
+    assert device.state.ready[0] == 0 and device.state.trouble[0] == WAITING
+
+
+def test_places_that_are_none_and_packets_that_come_late_change_nothing(device: Any, client: Client) -> None:
+    client.hello()
+    client.frame(0.1, 0.0, 0.0)
+    turn(device)
+    for aim in ((math.nan, 0.0, 0.0), (1e9, 0.0, 0.0)):
+        client.frame(*aim)
+        turn(device)
+    client.sequence = 0
+    client.frame(0.2, 0.0, 0.0)
+    turn(device)
+    np.testing.assert_allclose(device.state.p_DT_m[0], (0.01, 0.0, 0.0))
+    assert device.state.count[0] == 1
+
+
+def test_one_client_at_a_time(device: Any, client: Client) -> None:
+    client.hello()
+    other = Client(device)
+    refused = other.hello(nonce=6)
+    assert refused.kind == REFUSED and b"another client is here" in refused.payload
+    other.key = client.key
+    other.frame(0.0, 0.0, 0.0)
+    turn(device)
+    assert other.heard().kind == REFUSED and device.state.ready[0] == 0
+    other.close()
+
+
+def test_closing_says_zero_and_goodbye(client: Client) -> None:
+    client.hello()
+    client.frame(0.0, 0.0, 0.0)
+    turn(client.device, (1.0, 0.0, 0.0))
+    assert np.any(client_packets.unpack_state(client.heard().payload).force)
+    client.device.close()
+    client.device.close()
+    assert not np.any(client_packets.unpack_state(client.heard().payload).force)
+    assert client.heard().kind == BYE
+
+
+def test_mangled_packets_give_no_force(device: Any, client: Client) -> None:
+    beat(device, client, 2_000)
+
+
+@pytest.mark.soak
+def test_very_many_mangled_packets(device: Any, client: Client) -> None:
+    beat(device, client, 100_000)
+
+
+def beat(device: Any, client: Client, count: int) -> None:
+    """One bit or more of a good FRAME is wrong: the checksum says so, and nothing is ready."""
+    client.hello()
+    rng = random.Random(3)
+    for i in range(count):
+        good = pack(Packet(FRAME, client.key, i + 2, client_packets.pack_frame(Frame((0.0,) * 3, 0, ()))))
+        data = bytearray(good)
+        for at in rng.sample(range(len(data)), rng.randrange(1, 4)):
+            data[at] ^= rng.randrange(1, 256)
+        client.socket.send(bytes(data[: rng.choice((None, rng.randrange(len(data))))]))
+        turn(device, (1.0, 1.0, 1.0))
+        assert device.state.ready[0] == 0 and device.state.count[0] == 0
+        np.testing.assert_array_equal(device.state.p_DT_m[0], 0.0)
+
+
+def test_a_port_that_is_taken_is_told(device: Any) -> None:
+    with pytest.raises(DeviceError, match=r"network: cannot listen at 127.0.0.1:\d+: .*port="):
+        DRIVER.open(port=device.address[1])
