@@ -4,11 +4,13 @@ import argparse
 import math
 import time
 import webbrowser
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
 from hapscene.command.options import HOST, port
+from hapscene.constants import TICK_S
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
@@ -39,40 +41,56 @@ def add_page_options(command: Any) -> None:
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
 
 
-def play_on_page(scene: "Scene", title: str, options: argparse.Namespace, **made: Any) -> None:
-    """Have a scene touched on the page until Ctrl-C.
+def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
+    """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
+    kiosk_s = KIOSK_S if options.kiosk else math.inf
+    with (
+        open_page(scene, title, host=options.host, port=options.port, kiosk_s=kiosk_s) as (page, servo),
+        interrupt_noted() as noted,
+    ):
+        tell_page(page, open_browser=not options.no_browser)
+        while not noted():
+            time.sleep(NAP_S)
+            servo.state()
+
+
+@contextmanager
+def open_page(
+    scene: "Scene", title: str, *, host: str = HOST, port: int = 0, kiosk_s: float = math.inf, **made: Any
+) -> "Iterator[tuple[PageServer, Servo]]":
+    """A page, and the servo that it moves, started and shown there.
 
     Args:
         scene: what is touched.
-        title: of the page.
-        options: as `add_page_options` has them.
+        title, host, port, kiosk_s: as `PageServer` has them.
         made: more arguments of `Servo`.
 
     Raises:
-        HapsceneError: websockets is missing, the port is taken, or the servo has ended.
+        HapsceneError: websockets is missing, the port is taken, or what `Servo` refuses.
     """
     from hapscene.play.page_server import PageServer
     from hapscene.servo import Servo
     from hapscene.touch import step
 
-    kiosk_s = KIOSK_S if options.kiosk else math.inf
-    with ExitStack() as stack:
-        place = {"host": options.host, "port": options.port}
-        page = stack.enter_context(PageServer(scene, title=title, tools=TOOLS, kiosk_s=kiosk_s, **place))
-        with step(say, "starting"):
-            servo = stack.enter_context(Servo(scene, page.devices, **made))
-            servo.start([(0.0, 0.0, 0.0)] * page.tools)
-        start_sound(page, servo)
-        page.attach(servo)
-        noted = stack.enter_context(interrupt_noted())
-        print(f"{page.url}   (Ctrl-C ends)", flush=True)
-        if page.public:
-            say("open to the network: whoever has this address may touch\n")
-        if not options.no_browser:
-            webbrowser.open(page.url)
-        while not noted():
-            time.sleep(NAP_S)
-            servo.state()  # raises where it has ended
+    tick_s = made.get("tick_s", TICK_S)
+    with PageServer(scene, title=title, tools=TOOLS, host=host, port=port, kiosk_s=kiosk_s, tick_s=tick_s) as page:
+        servo = Servo(scene, page.devices, **made)
+        with ExitStack() as stack:
+            with step(say, "starting"):
+                stack.enter_context(servo)
+                servo.start([(0.0, 0.0, 0.0)] * page.tools)
+            start_sound(page, servo)
+            page.attach(servo)
+            yield page, servo
+
+
+def tell_page(page: "PageServer", open_browser: bool) -> None:
+    """Print where it is, and open it."""
+    print(f"{page.url}   (Ctrl-C ends)", flush=True)
+    if page.public:
+        say("open to the network: whoever has this address may touch\n")
+    if open_browser:
+        webbrowser.open(page.url)
 
 
 def start_sound(page: "PageServer", servo: "Servo") -> None:

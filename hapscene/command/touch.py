@@ -24,7 +24,7 @@ from hapscene.command.options import (
     whole,
 )
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
-from hapscene.errors import EffectError, PathError
+from hapscene.errors import EffectError, HapsceneError, PathError
 
 HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "adaptive", "delay": 0}
 """Options of a touch in closed loop."""
@@ -292,6 +292,8 @@ def _demo(options: argparse.Namespace) -> int:
     from hapscene.motion.hand_path import explore
     from hapscene.touch import open_scene, step, touch
 
+    if options.kiosk and not options.live:
+        raise HapsceneError("--kiosk is for the page; say --live as well")
     with step(say, "loading the demo scene"), as_file(files("hapscene_assets")) as folder:
         scene = open_scene(folder / "demo.scene.json")
     if options.live:

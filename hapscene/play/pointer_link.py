@@ -25,14 +25,14 @@ class Place(NamedTuple):
     """Where a tool shall be.
 
     Attributes:
-        count: one more with each place.
+        number: one more with each place.
         down: whether it touches; else it is held over the scene.
         x_m, y_m, z_m: the surface under the pointer, in W.
         depth_m: how far below it.
         clear_m: height over everything.
     """
 
-    count: int
+    number: int
     down: bool
     x_m: float
     y_m: float
@@ -62,7 +62,7 @@ class PointerLink:
         """Have a tool go to a place."""
         with self._lock:
             before = self._places[tool]
-            self._places[tool] = Place((before.count + 1) % 2**32, down, *place_m, depth_m, before.clear_m)
+            self._places[tool] = Place((before.number + 1) % 2**32, down, *place_m, depth_m, before.clear_m)
             self._send(tool)
 
     def beat(self) -> None:

@@ -106,7 +106,7 @@ class PointerConnection(Connection):
                     continue
                 place, before = Place(*PLACE.unpack(said)), self._place
                 self._silent = 0
-                if before is not None and place.count == before.count and place.down == (self._down > 0):
+                if before is not None and place.number == before.number and place.down == (self._down > 0):
                     continue
                 self._place, self._goal = place, [place.x_m, place.y_m, place.z_m - place.depth_m]
                 if not place.down:
