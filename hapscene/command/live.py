@@ -44,11 +44,8 @@ def add_page_options(command: Any) -> None:
 def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
     """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
     kiosk_s = KIOSK_S if options.kiosk else math.inf
-    with (
-        open_page(scene, title, host=options.host, port=options.port, kiosk_s=kiosk_s) as (page, servo),
-        interrupt_noted() as noted,
-    ):
-        tell_page(page, open_browser=not options.no_browser)
+    place = {"host": options.host, "port": options.port, "with_browser": not options.no_browser}
+    with open_page(scene, title, kiosk_s=kiosk_s, **place) as (_, servo), interrupt_noted() as noted:
         while not noted():
             time.sleep(NAP_S)
             servo.state()
@@ -56,13 +53,21 @@ def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> Non
 
 @contextmanager
 def open_page(
-    scene: "Scene", title: str, *, host: str = HOST, port: int = 0, kiosk_s: float = math.inf, **made: Any
+    scene: "Scene",
+    title: str,
+    *,
+    host: str = HOST,
+    port: int = 0,
+    kiosk_s: float = math.inf,
+    with_browser: bool = True,
+    **made: Any,
 ) -> "Iterator[tuple[PageServer, Servo]]":
-    """A page, and the servo that it moves, started and shown there.
+    """A page, and the servo that it moves, started and shown there. Its address is printed.
 
     Args:
         scene: what is touched.
         title, host, port, kiosk_s: as `PageServer` has them.
+        with_browser: whether to open the page, too.
         made: more arguments of `Servo`.
 
     Raises:
@@ -72,25 +77,19 @@ def open_page(
     from hapscene.servo import Servo
     from hapscene.touch import step
 
-    tick_s = made.get("tick_s", TICK_S)
-    with PageServer(scene, title=title, tools=TOOLS, host=host, port=port, kiosk_s=kiosk_s, tick_s=tick_s) as page:
-        servo = Servo(scene, page.devices, **made)
-        with ExitStack() as stack:
-            with step(say, "starting"):
-                stack.enter_context(servo)
-                servo.start([(0.0, 0.0, 0.0)] * page.tools)
-            start_sound(page, servo)
-            page.attach(servo)
-            yield page, servo
-
-
-def tell_page(page: "PageServer", open_browser: bool) -> None:
-    """Print where it is, and open it."""
-    print(f"{page.url}   (Ctrl-C ends)", flush=True)
-    if page.public:
-        say("open to the network: whoever has this address may touch\n")
-    if open_browser:
-        webbrowser.open(page.url)
+    place = {"host": host, "port": port, "tick_s": made.get("tick_s", TICK_S)}
+    with PageServer(scene, title=title, tools=TOOLS, kiosk_s=kiosk_s, **place) as page, ExitStack() as stack:
+        print(f"{page.url}   (Ctrl-C ends)", flush=True)
+        if page.public:
+            say("open to the network: whoever has this address may touch\n")
+        if with_browser:
+            webbrowser.open(page.url)
+        with step(say, "starting"):  # meanwhile the page shows the picture, and says so
+            servo = stack.enter_context(Servo(scene, page.devices, **made))
+            servo.start([(0.0, 0.0, 0.0)] * page.tools)
+        start_sound(page, servo)
+        page.attach(servo)
+        yield page, servo
 
 
 def start_sound(page: "PageServer", servo: "Servo") -> None:
