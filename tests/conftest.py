@@ -14,6 +14,11 @@ settings.register_profile("fixed", derandomize=True, deadline=None)  # the same 
 settings.load_profile("fixed")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--device", metavar="NAME", help="try the contract of devices on this one, which is plugged in")
+    parser.addoption("--device-option", action="append", default=[], metavar="KEY=VALUE", help="of its driver")
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of reference data beside the checkout; tests that need it skip without it."""

@@ -54,8 +54,9 @@ def _devices(options: argparse.Namespace) -> int:
         driver = offer.plugin
         lines = [f"{name:<15} {driver.summary}"]
         for one in found[name]:
-            state = "ready" if not one.trouble else f"{one.trouble}. {one.remedy}".rstrip(". ")
-            lines.append(f"  {one.where}: {state}")
+            help_ = "" if one.remedy in one.trouble else f"; {one.remedy}"
+            state = f"{one.trouble}{help_}" if one.trouble else "ready"
+            lines.append(f"  {one.where}: {state}" if one.where else f"  {state}")
         if not found[name]:
             lines.append("  not plugged in" + (f"; needs {driver.needs}" if driver.needs else ""))
         tell(lines)

@@ -113,8 +113,10 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
                 connection.state = new_state()  # not of the shared memory any more
             with suppress(OSError):
                 life.send(None)
-        if desk is not None and ending:
-            desk.write_flight(ending)
+        if desk is not None:
+            desk.write_faults()
+            if ending:
+                desk.write_flight(ending)
         desk = None
         twins.clear()  # they look at the memory that is given back
         if channel is not None:
@@ -243,8 +245,7 @@ class Desk:
 
     def look_after(self) -> None:
         """Tell the application what troubles the devices, and whether one is gone; then write what led there."""
-        if self._faults:
-            self.write_flight(self._faults.pop())
+        self.write_faults()
         for connection in self._connections:
             write_text(self._channel.notice, connection.reason(int(connection.state.trouble[0])))
             if isinstance(connection, VendorConnection):
@@ -308,6 +309,11 @@ class Desk:
                     with self._between_ticks():
                         pass  # it goes on with the new one
         self._channel.channel.changed = np.iinfo(np.int64).max  # shapes are not kept: no flight from here on
+
+    def write_faults(self) -> None:
+        """Write what led to the faults that were noted since."""
+        while self._faults:
+            self.write_flight(self._faults.pop())
 
     def write_flight(self, reason: str) -> None:
         """Write the last minute, where the application has named a folder, and anything was felt."""

@@ -1,0 +1,167 @@
+"""What breaks while a device is felt: real processes killed, stopped, torn out; the board's own clock says when no
+force was left. The board is an emulated 2DIY, which keeps its last torques for ever.
+"""
+
+import contextlib
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from hapscene.native import INTERPRETED
+from hapscene.servo import Flight
+
+if not hasattr(os, "openpty"):
+    pytest.skip("the board is on a pseudo-terminal", allow_module_level=True)
+if INTERPRETED:
+    pytest.skip("an interpreted tick takes longer than a period", allow_module_level=True)
+
+WITHIN_S = 0.02
+"""In which no force is left, where the application is gone or stopped: what `hapscene.device.safety` promises."""
+
+GUARDED_S = 0.1
+"""And where the servo is: the guard sees it after 50 ms, and opens the port."""
+
+SLACK_S = 0.05
+"""How late a loaded machine may be."""
+
+APPLICATION = """
+import sys, time
+import numpy as np, trimesh
+from hapscene.device import choose
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.servo import Servo
+
+if __name__ == "__main__":
+    port, flights = sys.argv[1:]
+    scene, pose = Scene(), np.eye(4)
+    pose[2, 3] = -10.0
+    scene.add(Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.1)), "m"), name="far", pose=pose)
+    pull = {"weight": {"mass_kg": 0.1, "gravity_y_m_s2": -9.81, "gravity_z_m_s2": 0.0}}
+    device = choose("haply2diy", port=port, homed=True)
+    with Servo(scene, device, effects=["wall", "weight"], settings=pull, flights=flights) as servo:
+        servo.start((0.0, 0.0, 0.0))
+        print(servo._process.pid, flush=True)
+        while True:
+            servo.state()
+            time.sleep(0.01)
+"""
+
+
+@pytest.fixture
+def emulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """The drivers' tests' way to start emulators."""
+    place = Path(__file__).parents[1] / "plugins" / "devices" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("emulated_devices", place)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+
+
+class Desk:
+    """A board, and an application that pulls at it."""
+
+    def __init__(self, emulated: Any, folder: Path) -> None:
+        self.board = emulated.Emulated("haply2diy", folder)
+        (folder / "application.py").write_text(APPLICATION)
+        command = [sys.executable, str(folder / "application.py"), self.board.place, str(folder / "flights")]
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.application = subprocess.Popen(command, **pipes, start_new_session=True)
+        said = self.application.stdout.readline().strip()  # type: ignore[union-attr]
+        assert said, self.application.communicate()[1]
+        self.servo_pid = int(said)
+        self.await_torque(lambda now: now > 0.99 * self.full())
+
+    def full(self) -> float:
+        """The largest torque so far, that of the whole force [N·m]; something, before any."""
+        return max((abs(row[1]) for row in self.torques()), default=1.0) or 1.0
+
+    def torques(self) -> list[list[float]]:
+        return [row for row in self.board.rows() if len(row) == 3]
+
+    def await_torque(self, good: Callable[[float], bool], patience_s: float = 20.0) -> None:
+        end_s, steady = time.monotonic() + patience_s, 0.0
+        while True:
+            rows = self.torques()
+            now = abs(rows[-1][1]) if rows else 0.0
+            if good(now) and (now == 0.0 or now == steady):
+                return
+            assert time.monotonic() < end_s, f"the torque stays at {now}"
+            steady = now
+            time.sleep(0.1)
+
+    def none_left_after(self, since_ns: int) -> float:
+        """How long after that the last torque that is not 0 was sent [s]; from then on there is none."""
+        self.await_torque(lambda now: now == 0.0)
+        return max(max(row[0] - since_ns, 0) for row in self.torques() if row[1] != 0.0 or row[2] != 0.0) * 1e-9
+
+    def end(self) -> None:
+        for stop in (lambda: os.kill(self.servo_pid, signal.SIGKILL), self.application.kill):
+            with contextlib.suppress(ProcessLookupError):
+                stop()
+        self.application.communicate()
+        self.board.end()
+
+
+@pytest.fixture
+def desk(emulated: Any, tmp_path: Path) -> Iterator[Desk]:
+    made = Desk(emulated, tmp_path)
+    yield made
+    made.end()
+
+
+def flight_in(folder: Path, patience_s: float = 20.0) -> Flight:
+    """The flight that is written there, sooner or later."""
+    end_s = time.monotonic() + patience_s
+    while not (found := [place for place in folder.glob("*") if not place.name.startswith(".")]):
+        assert time.monotonic() < end_s, "no flight was written"
+        time.sleep(0.05)
+    return Flight.load(found[0])
+
+
+def test_an_application_stopped_gone_on_and_killed(desk: Desk, tmp_path: Path) -> None:
+    at_ns = time.monotonic_ns()
+    os.kill(desk.application.pid, signal.SIGSTOP)
+    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    os.kill(desk.application.pid, signal.SIGCONT)
+    desk.await_torque(lambda now: now > 0.99 * desk.full())
+    at_ns = time.monotonic_ns()
+    os.kill(desk.application.pid, signal.SIGKILL)
+    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+    flight = flight_in(tmp_path / "flights")
+    assert flight.reason == "the application was gone" and flight.rows.shape[1] > 1000
+    assert len(flight.replay().unlike) == 0
+
+
+@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_servo_that_dies_or_stands_still(desk: Desk, by: signal.Signals) -> None:
+    at_ns = time.monotonic_ns()
+    os.kill(desk.servo_pid, by)
+    desk.await_torque(lambda now: now == 0.0)
+    assert desk.none_left_after(at_ns) < GUARDED_S + SLACK_S
+    _, errors = desk.application.communicate(timeout=30.0)
+    assert "the servo's process has ended" in errors
+
+
+def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_path: Path) -> None:
+    desk.board.tell(gone=1)
+    _, errors = desk.application.communicate(timeout=30.0)
+    assert f"haply2diy: {desk.board.place}" in errors and "plug it in again" in errors
+    flight = flight_in(tmp_path / "flights")
+    assert "haply2diy" in flight.reason and len(flight.replay().unlike) == 0
+
+
+def test_ctrl_c_leaves_no_force(desk: Desk) -> None:
+    at_ns = time.monotonic_ns()
+    os.kill(desk.application.pid, signal.SIGINT)
+    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
