@@ -39,7 +39,7 @@ class TopFrame:
     """
 
     def __init__(self, scene: "Scene | None") -> None:
-        self._scene = scene
+        self._scene = scene = scene if scene is not None and scene.bodies else None
         bounds_m = np.array([[-0.5 * PAD_M[0], -0.5 * PAD_M[1], 0.0], [0.5 * PAD_M[0], 0.5 * PAD_M[1], 0.0]])
         if scene is not None:
             corners_m = np.array([bounds_of(body) for body in scene.bodies])
