@@ -7,17 +7,18 @@ touches nothing of Python.
 
 import ctypes
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import typeof, types
+from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hapscene.native import INTERPRETED, native_for
+from hapscene.native import INTERPRETED, native, native_for
 
-_njit: Any = njit  # numba types neither options nor intrinsics as they are used
-_intrinsic: Any = intrinsic
+_intrinsic: Any = intrinsic  # numba types neither as they are used
 _typeof: Any = typeof
 
 ALIGNED: Final = 64
@@ -39,14 +40,11 @@ class BoundCall:
             self._function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda context: function(argument, None))
             self.address, self.context = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0), 0
         else:
-            key = function, _typeof(argument)
-            if key not in _bound:
-                _bound[key] = _Bound(*key)
-            bound = _bound[key]
-            self._memory: NDArray[np.uint8] = np.zeros(bound.size(argument) + ALIGNED, np.uint8)
+            kind = _typeof(argument)
+            self._function, self.address = _compiled(function, kind)
+            self._memory: NDArray[np.uint8] = np.zeros(_size(kind) + ALIGNED, np.uint8)
             self.context = (self._memory.ctypes.data + ALIGNED - 1) // ALIGNED * ALIGNED
-            bound.store(self.context, argument)
-            self.address = bound.address
+            _store(self.context, argument)
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self.address)
 
     def __call__(self) -> None:
@@ -73,40 +71,31 @@ else:
         return value(types.uintp, kind), generate
 
 
-class _Bound:
-    """What is compiled for a function and the type of its argument."""
+@_intrinsic
+def _stored(typing: Any, address: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(value).as_pointer()))
+        return context.get_dummy_value()
 
-    def __init__(self, function: Callable[[Any, Any], None], kind: Any) -> None:
-        signature = types.uintp, types.TypeRef(kind)
-        result = native_for(types.void(*signature), function).overloads[signature]
-        # its second argument is of no size: who calls it leaves it out
-        self.address = int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
-        self._keep = result
-
-        @_intrinsic
-        def size(typing: Any, value: Any) -> Any:
-            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-                return context.get_constant(types.intp, context.get_abi_sizeof(context.get_value_type(kind)))
-
-            return types.intp(value), generate
-
-        @_intrinsic
-        def store(typing: Any, address: Any, value: Any) -> Any:
-            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-                builder.store(values[1], builder.inttoptr(values[0], context.get_value_type(kind).as_pointer()))
-                return context.get_dummy_value()
-
-            return types.void(types.uintp, kind), generate
-
-        @_njit(_nrt=False)
-        def size_of(value: Any) -> int:
-            return int(size(value))
-
-        @_njit(_nrt=False)
-        def put(address: int, value: Any) -> None:
-            store(np.uintp(address), value)
-
-        self.size, self.store = size_of, put
+    return types.void(types.uintp, value), generate
 
 
-_bound: dict[tuple[Any, Any], _Bound] = {}
+@native
+def _store(address: int, value: Any) -> None:
+    """Put an argument where `loaded` finds it."""
+    _stored(np.uintp(address), value)
+
+
+@cache
+def _compiled(function: Callable[[Any, Any], None], kind: Any) -> Any:
+    """The function for an argument of that type: what keeps it, and its address."""
+    signature = types.uintp, types.TypeRef(kind)
+    result = native_for(types.void(*signature), function).overloads[signature]
+    # its second argument is of no size: who calls it leaves it out
+    return result, int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+
+
+def _size(kind: Any) -> int:
+    """How much memory an argument of that type takes [bytes]."""
+    context: Any = cpu_target.target_context
+    return int(context.get_abi_sizeof(context.get_value_type(kind)))

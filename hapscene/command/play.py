@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any, Final
 
 from hapscene.command.console import note, say, tell
@@ -98,6 +97,7 @@ def _play(options: argparse.Namespace) -> int:
             except HapsceneError as error:
                 _write(servo, flights, str(error))
                 raise
+            monitor.lines()
         tell(monitor.summary())
     return 0
 
@@ -132,12 +132,9 @@ def _watch(servo: Any, monitor: Any, keys: Callable[[], str], noted: Any, second
 
 def _write(servo: Any, folder: str, reason: str) -> None:
     """Write the last minute, and say where."""
-    place = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
-    try:
-        servo.save_flight(place, reason)
-        note(f"the last minute is in {place}; `hapscene replay {place}` flies it again")
-    except HapsceneError as error:
-        note(f"the last minute could not be written: {error}")
+    from hapscene.servo.flight_recorder import write_flight
+
+    note(write_flight(servo.flight(reason), folder))
 
 
 def flights_folder() -> str:

@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -70,8 +71,7 @@ class Flight:
     scene: Scene
 
     def __repr__(self) -> str:
-        count = self.rows.shape[1]
-        return f"<Flight: ticks {self.first:,} to {self.first + count - 1:,}; {self.reason}>"
+        return f"<Flight: ticks {self.first:,} to {self.first + self.rows.shape[1] - 1:,}; {self.reason}>"
 
     def save(self, folder: str | Path) -> None:
         """Write it, whole or not at all: a scene, the numbers, and what happened.
@@ -135,23 +135,23 @@ class Flight:
                 "moved: it can be looked at, not flown again"
             )
         start = self.memory_tick - self.first
-        count = self.rows.shape[1] - start
+        length = self.rows.shape[1] - start
         share = len(self.memory) // len(self.rows)
-        unlike = np.zeros(count, np.bool_)
+        unlike = np.zeros(length, np.bool_)
         none = np.zeros(0, np.int64)
         for tool, rows in enumerate(self.rows):
             renderer = _renderer(self.scene, self.made)
             for order, name, numbers in self.tuned:
                 (renderer.tune if order == "tune" else renderer.tune_field)(name, **numbers)
             remember(renderer.world, renderer.surface, self.memory[tool * share : (tool + 1) * share])
-            again, a_m_s2 = records(count, ROW), np.zeros((count, renderer.block))
+            again, a_m_s2 = records(length, ROW), np.zeros((length, renderer.block))
             path = np.ascontiguousarray(self.felt[tool]["read_W_m"][start:])
-            run_ticks(renderer.world, renderer.surface, path, none, np.zeros((count, 0, 4, 4)), none, again, a_m_s2)
+            run_ticks(renderer.world, renderer.surface, path, none, np.zeros((length, 0, 4, 4)), none, again, a_m_s2)
             for name in _GIVEN:
                 same = again[name] == rows[name][start:]
-                unlike |= ~same.reshape(count, -1).all(axis=1)
+                unlike |= ~same.reshape(length, -1).all(axis=1)
             unlike |= (a_m_s2 != self.a_m_s2[tool, start:]).any(axis=1)
-        return Replay(self.memory_tick, count, np.flatnonzero(unlike) + self.memory_tick)
+        return Replay(self.memory_tick, length, np.flatnonzero(unlike) + self.memory_tick)
 
 
 _GIVEN: Final = ("p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "slip_m_s", "f_W_N", "f_body_W_N")
@@ -209,7 +209,8 @@ def told_of(renderer: Renderer, settings: Mapping[str, Any] | None) -> dict[str,
 
 def write_flight(flight: Flight, folder: str | Path) -> str:
     """Write a flight into a folder of its own in `folder`, named after the time; says where, or why not."""
-    place = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
+    start = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
+    place = next(one for k in count(1) if not (one := start if k == 1 else Path(f"{start}-{k}")).exists())
     try:
         flight.save(place)
     except (OSError, HapsceneError) as error:  # a full disk must not end what goes on

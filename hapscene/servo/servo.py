@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
+    from hapscene.servo.flight_recorder import Flight
     from hapscene.surface.swatch import SwatchLike
 
 RING_S: Final = 8.0
@@ -675,19 +676,27 @@ class Servo:
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
-    def save_flight(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
-        """Write what was felt last (`ring_s`) into a folder; also after the process has ended. It is a
-        `hapscene.servo.Flight`, and `hapscene replay FOLDER` flies it again.
+    def flight(self, reason: str = "asked for") -> "Flight":
+        """What was felt last (`ring_s`), with what is needed to fly it again; also after the process has ended.
 
         Raises:
-            HapsceneError: the servo is closed, or the folder cannot be written.
+            HapsceneError: the servo is closed.
         """
         from hapscene.servo.flight_recorder import flight_of
 
         if self._opened is None:
             raise HapsceneError("this servo is closed, and what it felt is gone with it")
+        return flight_of(self._opened, self.scene, self._told_made, self._tuned, reason)
+
+    def save_flight(self, folder: "str | os.PathLike[str]", reason: str = "asked for") -> None:
+        """Write `flight` into a folder; `hapscene replay FOLDER` flies it again.
+
+        Raises:
+            HapsceneError: the servo is closed, or the folder cannot be written.
+        """
+        flight = self.flight(reason)
         try:
-            flight_of(self._opened, self.scene, self._told_made, self._tuned, reason).save(os.fspath(folder))
+            flight.save(os.fspath(folder))
         except OSError as error:
             raise HapsceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
 

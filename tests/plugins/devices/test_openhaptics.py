@@ -273,7 +273,7 @@ def test_names_are_tried_in_turn(desk):
 
 
 def test_a_device_that_another_has(desk, device):
-    with pytest.raises(DeviceError, match="HD_DEVICE_ALREADY_INITIATED.*close that"):
+    with pytest.raises(DeviceError, match=r"HD_DEVICE_ALREADY_INITIATED.*close that"):
         connect()
     device.read()
 

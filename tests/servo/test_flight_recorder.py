@@ -1,0 +1,107 @@
+"""The last minute: kept, written, read from strangers, and flown again."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HapsceneError
+from hapscene.native import INTERPRETED
+from hapscene.servo import Flight, Servo
+from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, write_flight
+
+from .test_servo import MASS, make_scene, until_tick
+
+pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A stroke, tuned on its way, in a ring that is smaller than it."""
+    folder = tmp_path_factory.mktemp("flights") / "stroke"
+    with Servo(make_scene(), MASS, ring_s=1.5) as servo:
+        servo.start((-0.03, 0.0, 0.002))
+        for k, x_m in enumerate(np.linspace(-0.03, 0.03, 40)):
+            servo.aim((x_m, 0.0, -0.004), "medium")
+            until_tick(servo, 20 * k)
+            if k == 20:
+                servo.tune("wood", stiffness_N_m=400.0)
+        until_tick(servo, 1700)
+        servo.save_flight(folder)
+    return folder
+
+
+def test_it_is_flown_again_to_the_bit(flown: Path) -> None:
+    flight = Flight.load(flown)
+    replay = flight.replay()
+    assert replay.count > 500 and len(replay.unlike) == 0 and "the same to the bit" in str(replay)
+    assert flight.first > 0  # the ring is shorter than the stroke
+    assert 400 < flight.memory_tick < 1500  # from after the tuning on
+    assert flight.rows["f_W_N"].any() and flight.a_m_s2.any()
+
+
+def test_another_force_is_found_at_its_tick(flown: Path) -> None:
+    flight = Flight.load(flown)
+    at = flight.rows.shape[1] - 50
+    flight.rows["f_W_N"][0, at, 2] = np.nextafter(flight.rows["f_W_N"][0, at, 2], 9.0)
+    assert flight.replay().unlike.tolist() == [flight.first + at]
+
+
+def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path: Path) -> None:
+    scene = make_scene()
+    with Servo(scene, MASS) as servo:
+        servo.start((0.0, 0.0, 0.01))
+        servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
+        until_tick(servo, servo.state().tick + 20)
+        servo.save_flight(tmp_path / "deformed")
+    with pytest.raises(HapsceneError, match="looked at, not flown again"):
+        Flight.load(tmp_path / "deformed").replay()
+
+
+@pytest.mark.parametrize("damage", ["gone", "no numbers", "later", "cut", "pickle"])
+def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path: Path) -> None:
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    for file in flown.iterdir():
+        if file.is_file():
+            (folder / file.name).write_bytes(file.read_bytes())
+    story = json.loads((folder / STORY_FILE).read_text())
+    match damage:
+        case "gone":
+            (folder / STORY_FILE).unlink()
+        case "no numbers":
+            (folder / NUMBERS_FILE).unlink()
+        case "later":
+            (folder / STORY_FILE).write_text(json.dumps(story | {"version": 99}))
+        case "cut":
+            content = (folder / NUMBERS_FILE).read_bytes()
+            (folder / NUMBERS_FILE).write_bytes(content[: len(content) // 2])
+        case "pickle":
+            np.savez(folder / NUMBERS_FILE, a_m_s2=np.array([[[object()]]], dtype=object))
+    with pytest.raises(HapsceneError) as error:
+        Flight.load(folder)
+    assert str(folder) in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root mounts a full disk")
+def test_a_full_disk_is_told_and_nothing_else_happens(flown: Path, tmp_path: Path) -> None:
+    full = tmp_path / "full"
+    full.mkdir()
+    if os.system(f"mount -t tmpfs -o size=64k tmpfs {full}") != 0:
+        pytest.skip("no disk may be mounted here")
+    try:
+        assert "could not be written" in write_flight(Flight.load(flown), full)
+        assert list(full.iterdir()) == []
+    finally:
+        os.system(f"umount {full}")
+
+
+def test_two_in_one_second_are_two(flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "strftime", lambda form: "now")
+    flight = Flight.load(flown)
+    write_flight(flight, tmp_path)
+    write_flight(flight, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
