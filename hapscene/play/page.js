@@ -80,6 +80,7 @@ pad.addEventListener("wheel", (event) => {
   event.preventDefault();
   $("depth").value = +$("depth").value - Math.sign(event.deltaY) * 0.1;
   deepen();
+  send({ here: true });
 }, { passive: false });
 
 function deepen() {
@@ -111,7 +112,7 @@ $("volume").addEventListener("input", () => {
   $("volumenum").value = `${Math.round($("volume").value * 100)} %`;
   if (state.sound !== null) send({ hear: [state.sound, +$("volume").value] });
 });
-$("depth").addEventListener("input", deepen);
+$("depth").addEventListener("input", () => { deepen(); send({ here: true }); });
 
 // --- what is felt
 

@@ -485,6 +485,7 @@ ORDERS: Final[dict[str, Callable[[PageServer, int, Any], None]]] = {
     "switch": PageServer._switch,
     "pause": PageServer._pause,
     "hear": PageServer._hear,
+    "here": lambda server, page, value: None,  # somebody is: a kiosk waits on
 }
 """What a page may say: {"points": …, "up": …}."""
 
