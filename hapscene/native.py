@@ -100,7 +100,10 @@ class _CacheFile(_NumbaFile):  # type: ignore[misc]
             super().save(key, data)
 
     def _load_index(self) -> Any:
-        return super()._load_index() if _is_whole(self._index_path) else {}
+        try:
+            return super()._load_index() if _is_whole(self._index_path) else {}
+        except (ImportError, AttributeError):  # it was compiled for a type that this process does not know
+            return {}
 
     def _load_data(self, name: str) -> Any:
         if not _is_whole(self._data_path(name)):

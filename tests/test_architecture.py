@@ -85,6 +85,7 @@ BETWEEN = {
     "handle/measure.py": {"capture"},  # recordings of a sweep are read as other recordings are
     "handle/identification_report.py": {"view"},  # plots beside what they show
     "handle/playback_report.py": {"view"},
+    "handle/live_process.py": {"device", "servo"},  # drivers by name; what a servo's channel asks for, by its memory's
 }
 """Files that know more than their room, and why."""
 

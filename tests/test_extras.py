@@ -14,6 +14,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 
 WORDS = {
     "step": "check part.step",
+    "audio": "handle play oak.csv --rate 10000 --units acceleration=m/s2,force=N --handle audio",
     "cluster": "capture batch oak.csv --rate 2000 --out swatches --scheduler tcp://127.0.0.1:9",
     "mujoco": "touch box.xml --no-picture",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",

@@ -16,6 +16,7 @@ from hapscene.command.options import (
     check_there,
     folder,
     force,
+    key_value,
     number,
     rate,
     recording_options,
@@ -32,24 +33,49 @@ from hapscene.wire.port import BAUD
 def _add_play(commands: Any) -> None:
     command = add_command(commands, "play", _play)
     command.add_argument("file", metavar="FILE", help="a recording of `hapscene touch`, or CSV, WAV, NPZ, MAT, .hsrec")
-    command.add_argument("--handle", metavar="FILE", help="an identified handle (default: the assumed one)")
+    command.add_argument(
+        "--handle",
+        action="append",
+        default=[],
+        metavar="FILE|NAME",
+        help="an identified handle (default: the assumed one); audio, serial or usb: a real one to play on. May be "
+        "given once for each",
+    )
+    command.add_argument(
+        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE",
+        help="of the real one, as port=/dev/ttyACM0",
+    )  # fmt: skip
     command.add_argument(
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )
-    command.add_argument("--compensator", default="adaptive", help="none, naive, inverse, … (default adaptive)")
+    command.add_argument("--compensator", help="none, naive, inverse, … (default adaptive; on a real handle flat)")
     add_out_folder(command, None, "out/NAME, as out/oak")
     command.add_argument("--seed", type=seed, default=0, help="of the accelerometer's noise (default 0)")
     add_recording_options(command)
 
 
 def _play(options: argparse.Namespace) -> int:
-    """Play an acceleration through the simulated handle, and write what would be felt.
+    """Play an acceleration through the simulated handle, and write what would be felt; or on a real one.
 
     for example:
       hapscene handle play touch.npz --handle my.handle --out out/felt
       hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --compensator inverse --out out/oak
       hapscene handle play tap.wav --units 'acceleration=50 m/s2' --handle my.handle --grip 1 --out out/light
+      hapscene handle play oak.csv --rate 10000 --units acceleration=m/s2 --handle audio --option gain=0.01
+      hapscene handle play touch.npz --handle my.handle --handle serial --option port=/dev/ttyACM0
     """
+    from hapscene.device.driver_registry import DRIVERS
+
+    names = [name for name in options.handle if name in DRIVERS.names()]
+    files = [name for name in options.handle if name not in names]
+    if max(len(names), len(files)) > 1:
+        raise HandleError("--handle may be given once for an identified handle's file, and once for a real one's name")
+    options.handle = next(iter(files), None)
+    if names:
+        return _play_on(names[0], options)
+    if options.option:
+        raise HandleError("--option needs --handle with the name of a real handle: audio, serial, usb")
+    options.compensator = options.compensator or "adaptive"
     if options.handle is None and options.grip is not None:
         raise HandleError("--grip needs --handle: the assumed handle has but one")
     check_there(options.handle, HandleError)
@@ -86,6 +112,36 @@ def _play(options: argparse.Namespace) -> int:
     if played.hits or played.clips:
         print(f"the coil met a stop {played.hits} times; the force was cut {played.clips} times")
     name_made([Path(options.out) / name for name in ("felt.png", "felt.wav")])
+    return 0
+
+
+def _play_on(name: str, options: argparse.Namespace) -> int:
+    """Play on a real handle."""
+    from hapscene.handle.live_process import compensator_of, open_output, play_recording, report
+
+    if options.grip is not None or options.out is not None:
+        raise HandleError("--grip and --out are of the simulated handle; how a real one is held nobody can tell it")
+    chosen = options.compensator or "flat"
+    if chosen == "adaptive":
+        raise HandleError("--compensator adaptive learns from a simulated handle; a real one takes flat or inverse")
+    check_there(options.handle, HandleError)
+    check_there(options.file, CaptureError)
+    desired, rate_Hz = _desired(options)
+    output = open_output(name, dict(options.option))
+    try:
+        handle = compensator_of(output, options.handle, chosen, rate_Hz)
+        tell([f"playing {Path(options.file).name}, {len(desired) / rate_Hz:.3g} s, on {output.name}"])
+        stream = play_recording(desired, rate_Hz, output, handle)
+    finally:
+        output.close()
+    found = report(stream, output)
+    print(f"felt {1e3 * found['latency_s']:.1f} ms after it is asked for")
+    if found["limited"] > 0:
+        share = found["limited"] / (len(desired) / rate_Hz * output.rate_Hz)
+        print(f"{100 * share:.1f} % was made quieter, for it was louder than {output.ceiling / output.gain:.3g} allows")
+    wrong = [f"{word} {found[word]}" for word in (*output.counts, "clipped", "not_finite") if found[word]]
+    if wrong:
+        print(f"not all went well: {', '.join(wrong)}")
     return 0
 
 

@@ -41,6 +41,9 @@ def add_play(commands: Any) -> None:
         help="of the handle",
     )
     command.add_argument(
+        "--handle-file", metavar="FILE", help="of `handle identify`: its compensator drives the handle"
+    )
+    command.add_argument(
         "--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="where the middle of the device's workspace lies in the scene, in m (default: the middle of its top)",
     )  # fmt: skip
@@ -84,9 +87,21 @@ def _play(options: argparse.Namespace) -> int:
     )
     flights = options.flights or flights_folder()
     with ExitStack() as stack:
-        servo = Servo(scene, device, ring_s=FLIGHT_S, flights=flights, force_N=options.force)
+        handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
+        servo = Servo(
+            scene,
+            device,
+            handle=handle,
+            handle_file=options.handle_file,
+            ring_s=FLIGHT_S,
+            flights=flights,
+            force_N=options.force,
+        )
         with step(say, f"starting {options.device}"):
             stack.enter_context(servo)
+        if handle is not None:
+            report = servo.handle_report()
+            say(f"{options.handle} plays {1e3 * report['latency_s']:.0f} ms after the tick\n")
         servo.start(options.at or middle_of_top(scene))
         monitor = Monitor(servo)
         stack.callback(monitor.close)

@@ -11,10 +11,13 @@ from typing import Any
 from hapscene.errors import DeviceError
 
 
-def load_library(path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str) -> Any:
+def load_library(
+    driver: str, path: str | None, names: Sequence[str], functions: Mapping[str, tuple[Any, ...]], remedy: str
+) -> Any:
     """The library at `path`; without, the first of `names` that the system finds.
 
     Args:
+        driver: what messages begin with.
         path: of the file, as the user tells it.
         names: with and without a prefix, as systems spell them.
         functions: what is called, each with its result and its arguments.
@@ -23,23 +26,24 @@ def load_library(path: str | None, names: Sequence[str], functions: Mapping[str,
     Raises:
         DeviceError: none is there, it does not load, or it lacks one of the functions.
     """
-    library, tried = None, []
+    library, why = None, ""
     for name in [path] if path else names:
-        place = name if path else find_library(name) or name
+        found = path or find_library(name)
         try:
-            library = ctypes.CDLL(place)
+            library = ctypes.CDLL(found or name)
             break
         except OSError as error:
-            tried.append(str(error))
+            if found or not str(error).startswith(name):  # it is there: it is broken, or lacks what it needs itself
+                why = f" ({error})"
     if library is None:
-        raise DeviceError(f"the vendor's library does not load ({'; '.join(tried)}); {remedy}")
+        tried = path or ", ".join(names)
+        raise DeviceError(f"{driver}: the vendor's library does not load, tried as {tried}{why}; {remedy}")
     for function, (result, *arguments) in functions.items():
         try:
             entry = getattr(library, function)
         except AttributeError:
-            raise DeviceError(
-                f"{library._name} has no function {function}: another library, or too old; {remedy}"
-            ) from None
+            place = f"{library._name} has no function {function}"
+            raise DeviceError(f"{driver}: {place}: another library, or too old; {remedy}") from None
         entry.restype, entry.argtypes = result, arguments
     return library
 

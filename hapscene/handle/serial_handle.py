@@ -7,7 +7,7 @@ all the clock there is, so a busy computer costs no samples until that buffer is
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -35,9 +35,29 @@ MISSING_MAX: Final = 0.01
 
 _NAMES: Final = ("force", "acceleration", "played")
 
+STATE: Final = "state"
+"""The column that a handle has which plays live."""
 
-class _Wire(Port):
-    """The drained port, written to as well."""
+
+class Wire(Protocol):
+    """What a handle hangs on: drained as `DrainedPort` says, and written to."""
+
+    def next(self) -> tuple[bytes, float] | str | None:
+        """What came, and when; None where nothing did for a while; a text, why, when it is gone."""
+
+    def write(self, data: bytes) -> None:
+        """Send that.
+
+        Raises:
+            HandleError: it is not taken.
+        """
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class SerialWire(Port):
+    """A serial port, written to as well."""
 
     def write(self, data: bytes) -> None:
         try:
@@ -47,18 +67,16 @@ class _Wire(Port):
             raise HandleError(f"the handle takes nothing: {' '.join(str(error).split())}") from None
 
 
-class SerialSource:
-    """A handle on a serial port, as a `Source`."""
+class Board:
+    """A handle's microcontroller, on whatever wire."""
 
-    def __init__(self, name: str, baud: int = BAUD, say: Callable[[float], None] = lambda share: None) -> None:
-        """Opens the port and waits for the handle to announce itself; `say` is told the share that was played [1].
+    def __init__(self, name: str, wire: Wire) -> None:
+        """Waits for the handle to announce itself.
 
         Raises:
-            HandleError: no such port, silence, or something else than a handle.
+            HandleError: silence, or something else than a handle.
         """
-        self.name, self._say = name, say
-        with refusing(HandleError):
-            self._wire = _Wire(name, baud)
+        self.name, self._wire = name, wire
         self._decoder = Decoder()
         self._pieces: list[Run] = []
         try:
@@ -80,6 +98,40 @@ class SerialSource:
         """Has the handle put out no more force, and closes the port."""
         with closing(self._wire), suppress(HandleError):  # it is gone: a handle whose buffer is empty puts out none
             self._wire.write(sealed(START))
+
+    def _await(self, done: Callable[[], bool], trouble: str) -> None:
+        """Takes in what comes until `done`."""
+        deadline_s = time.monotonic() + SILENCE_S
+        while not done():
+            piece = self._wire.next()
+            if isinstance(piece, str):
+                raise HandleError(f"{self.name}: the handle went away: {piece}")
+            if piece is not None:
+                with refusing(HandleError, self.name):
+                    self._pieces += self._decoder.feed(*piece)
+            if time.monotonic() > deadline_s and not done():
+                raise HandleError(
+                    f"{self.name}: {trouble} for {SILENCE_S:g} s; check the cable, --baud and docs/handle-protocol.md"
+                )
+
+    def _last_played(self) -> int | None:
+        """How many samples the handle had played, modulo `WRAP`, at the last sample that came."""
+        return int(self._pieces[-1].counts[-1, self.columns["played"][0]]) % WRAP if self._pieces else None
+
+
+class SerialSource(Board):
+    """A handle on a serial port, as a `Source`."""
+
+    def __init__(self, name: str, baud: int = BAUD, say: Callable[[float], None] = lambda share: None) -> None:
+        """Opens the port and waits for the handle to announce itself; `say` is told the share that was played [1].
+
+        Raises:
+            HandleError: no such port, silence, or something else than a handle.
+        """
+        self._say = say
+        with refusing(HandleError):
+            wire = SerialWire(name, baud)
+        super().__init__(name, wire)
 
     def play(self, force_N: Array) -> tuple[Array, Array]:
         """Play force (n,) [N]; gives what was put out, and the acceleration [m/s²], (m,) each, m ≥ n.
@@ -121,25 +173,6 @@ class SerialSource:
         self._await(done, "it plays nothing")
         return ((self._last_played() or 0) - before) % WRAP
 
-    def _await(self, done: Callable[[], bool], trouble: str) -> None:
-        """Takes in what comes until `done`."""
-        deadline_s = time.monotonic() + SILENCE_S
-        while not done():
-            piece = self._wire.next()
-            if isinstance(piece, str):
-                raise HandleError(f"{self.name}: the handle went away: {piece}")
-            if piece is not None:
-                with refusing(HandleError, self.name):
-                    self._pieces += self._decoder.feed(*piece)
-            if time.monotonic() > deadline_s and not done():
-                raise HandleError(
-                    f"{self.name}: {trouble} for {SILENCE_S:g} s; check the cable, --baud and docs/handle-protocol.md"
-                )
-
-    def _last_played(self) -> int | None:
-        """How many samples the handle had played, modulo `WRAP`, at the last sample that came."""
-        return int(self._pieces[-1].counts[-1, self.columns["played"][0]]) % WRAP if self._pieces else None
-
     def _gathered(self) -> tuple[Array, Array]:
         """Force and acceleration since the start, lost samples on straight lines."""
         first = self._pieces[0].first
@@ -161,7 +194,7 @@ def _columns(port: str, announced: tuple[Column, ...]) -> dict[str, tuple[int, f
     """Index and scale to SI of each column that a handle must have."""
     found: dict[str, tuple[int, float]] = {}
     for index, column in enumerate(announced):
-        if column.name in _NAMES:
+        if column.name in (*_NAMES, STATE):
             units = UNITS.get(column.name, {"1": 1.0})
             if column.unit not in units:
                 raise HandleError(f"{port}: no unit {column.unit!r} of {column.name}; there are: {', '.join(units)}")

@@ -37,6 +37,8 @@ from hapscene.servo.shared_memory import Channel, open_channel, read_text
 
 if TYPE_CHECKING:
     from hapscene.device.model import DeviceLike
+    from hapscene.handle.live_process import LiveHandle
+    from hapscene.handle.plant import Plant
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
@@ -131,6 +133,9 @@ class Servo:
             or a real one by the name of its driver (`hapscene devices`), with options by `hapscene.device.choose`. A
             list of them for several tools, which touch the scene in one loop, and are called by their numbers from 0.
         tick_s, a_rate_Hz: as `Renderer` has them.
+        handle: what the first tool's accelerations are played on: a simulated handle, or a real one by its name, as
+            "audio", with options by `hapscene.device.choose`.
+        handle_file: of a real one that was identified (`hapscene handle identify`): its compensator drives it.
         flights: a folder: what was felt last is written into it when a device or the application is gone
             (`save_flight`).
         force_N: largest force that a real device is sent, where its own limit is not lower.
@@ -160,6 +165,8 @@ class Servo:
         *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
+        handle: "Plant | DeviceChoice | str | None" = None,
+        handle_file: "str | os.PathLike[str] | None" = None,
         flights: "str | os.PathLike[str] | None" = None,
         force_N: float | None = None,
         patience_s: float = math.inf,
@@ -174,6 +181,12 @@ class Servo:
         if not patience_s > 0.0 or not 0.0 < ring_s < math.inf:
             raise HapsceneError(f"patience_s and ring_s must be above 0, are {patience_s} and {ring_s}")
         self._patience_s = patience_s
+        self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
+        self._handle_file = None if handle_file is None else os.fspath(handle_file)
+        if isinstance(self._live_handle, DeviceChoice):
+            DRIVERS.load(self._live_handle.name).read_options(self._live_handle.options)  # refused before all starts
+        elif handle is not None:
+            made["handle"] = handle
         self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
         self.scene = scene.copy()
         self._tools, self._room = len(devices), len(scene.bodies) + BODY_ROOM
@@ -194,6 +207,7 @@ class Servo:
         self._closed = False
         self._process: Any = None
         self._guard: Any = None
+        self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
         self._wire: Any = None
@@ -241,6 +255,8 @@ class Servo:
             pulse = self._opened.channel["pulse"].view(np.ndarray)
             self._heartbeat = Heartbeat(pulse, self._patience_s)
             self._asked = self._heartbeat.asked
+            if isinstance(self._live_handle, DeviceChoice):
+                self._start_handle(self._live_handle)
             self._opened.memory.unlink()  # from now on it goes with the two processes, even if both are killed
             self._shared = True
         except BaseException:
@@ -263,6 +279,25 @@ class Servo:
         if not here.poll(START_S):
             raise HapsceneError("the servo's guard did not start: no device is driven without it")
         here.recv()
+
+    def _start_handle(self, choice: DeviceChoice) -> None:
+        """Have a process play what the first tool's channel asks for."""
+        from hapscene.handle.live_process import LiveHandle
+
+        assert self._opened is not None
+        shape = {"length": self._length, "block": self._block, "bodies": self._room, "tools": self._tools}
+        shared = shape | {"name": self._opened.memory.name}
+        options = dict(choice.options)
+        with _shielded():
+            self._played = LiveHandle(shared, self.a_rate_Hz, 0, choice.name, options, handle=self._handle_file)
+
+    def handle_report(self) -> dict[str, float]:
+        """How a real handle plays: latency [s], drift of its clock [ppm], counts of what went wrong; empty without one.
+
+        Raises:
+            HandleError: it plays no more, and why.
+        """
+        return {} if self._played is None else self._played.look()
 
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
@@ -302,6 +337,8 @@ class Servo:
                 self._process.join()
         if self._wire is not None:
             self._wire.close()
+        if self._played is not None:
+            self._played.close()
         if self._guard is not None:
             self._guard.join(ANSWER_S)
             if self._guard.is_alive():

@@ -22,7 +22,33 @@ LUMP_S: Final = 2e-3
 Linux holds in front of a reader last for 2 MB/s."""
 
 
-class Port:
+class DrainedPort:
+    """What a thread of its own drains into a queue."""
+
+    def __init__(self) -> None:
+        """Begins to drain."""
+        self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._drain, name="hapscene probe", daemon=True)
+        self._thread.start()
+
+    def _drain(self) -> None:
+        """Puts what comes, and when, into the queue until it shall close; as its last the reason why it is gone."""
+        raise NotImplementedError
+
+    def next(self) -> tuple[bytes, float] | str | None:
+        """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
+        with suppress(queue.Empty):
+            return self._pieces.get(timeout=POLL_S)
+        return None
+
+    def close(self) -> None:
+        """Stops the thread."""
+        self._closing.set()
+        self._thread.join()
+
+
+class Port(DrainedPort):
     """A serial port that a thread of its own drains into a queue."""
 
     def __init__(self, name: str, baud: int) -> None:
@@ -38,10 +64,7 @@ class Port:
             self._serial: Any = serial.Serial(name, baud, timeout=POLL_S, exclusive=alone)
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise CaptureError(f"{name}: the port cannot be opened: {_reason(error)}{_ports()}") from None
-        self._pieces: queue.SimpleQueue[tuple[bytes, float] | str] = queue.SimpleQueue()
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._drain, name="hapscene probe", daemon=True)
-        self._thread.start()
+        super().__init__()
 
     def _drain(self) -> None:
         try:
@@ -54,16 +77,9 @@ class Port:
         except (OSError, TypeError) as error:  # pyserial raises TypeError when the port closes under it
             self._pieces.put(_reason(error))
 
-    def next(self) -> tuple[bytes, float] | str | None:
-        """What the port gave; None where it gave nothing for a while; a text, why, when it is gone."""
-        with suppress(queue.Empty):
-            return self._pieces.get(timeout=POLL_S)
-        return None
-
     def close(self) -> None:
         """Stops the thread, then closes the port."""
-        self._closing.set()
-        self._thread.join()
+        super().close()
         self._serial.close()
 
 

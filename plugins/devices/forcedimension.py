@@ -87,11 +87,11 @@ class ForceDimensionConnection(Connection):
 
     def __init__(self, library: str | None, device: int, gravity: bool) -> None:
         super().__init__()
-        self._dhd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+        self._dhd = load_library("forcedimension", library, LIBRARIES, _FUNCTIONS, _remedy())
         self._id = int(self._dhd.dhdOpenID(device))
         self._open = self._id >= 0
         if not self._open:
-            raise DeviceError(f"forcedimension, device={device}: {self._error()}; {_remedy()}")
+            raise DeviceError(f"forcedimension: device={device}: {self._error()}; {_remedy()}")
         atexit.register(self.close)
         self._xyz, self._status = (c_double(), c_double(), c_double()), (c_int * 32)()
         self._bad_reads = self._bad_writes = self._reads = self._enable_at = 0
@@ -113,7 +113,7 @@ class ForceDimensionConnection(Connection):
 
     def _try(self, doing: str, told: int) -> None:
         if told < 0:
-            raise DeviceError(f"forcedimension, {doing}: {self._error()}")
+            raise DeviceError(f"forcedimension: {doing}: {self._error()}")
 
     def read(self) -> None:
         state, dhd = self.state[0], self._dhd
@@ -175,7 +175,7 @@ class ForceDimensionConnection(Connection):
         self._saturated = told == _SATURATED
         self._bad_writes = self._bad_writes + 1 if told < 0 else 0
         if self._bad_writes >= _BAD_COUNT:
-            raise DeviceError(f"forcedimension, force: {self._error()}")
+            raise DeviceError(f"forcedimension: force: {self._error()}")
 
     def close(self) -> None:
         if not self._open:
@@ -201,7 +201,7 @@ def _error_text(dhd: Any, code: int) -> str:
 def find(library: str | None = None, **options: Any) -> Sequence[Found]:
     """The devices that the library counts, or why it cannot."""
     try:
-        dhd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+        dhd = load_library("forcedimension", library, LIBRARIES, _FUNCTIONS, _remedy())
     except DeviceError as error:
         return [Found("", trouble=str(error), remedy=_remedy())]
     return [Found(f"device {index}", {"device": index}) for index in range(max(0, int(dhd.dhdGetDeviceCount())))]

@@ -96,7 +96,7 @@ def numbers(content: dict[str, Any], name: str, letters: str = "xyz") -> tuple[f
     values = [inner.get(letter) for letter in letters]
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
         return None
-    if not all(abs(value) < 1e6 for value in values):  # type: ignore[operator, arg-type]
+    if not all(abs(value) < 1e6 for value in values):  # type: ignore[arg-type]
         return None
     return tuple(float(value) for value in values)  # type: ignore[arg-type]
 

@@ -17,7 +17,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
+from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
 from functools import cache, partial
 from typing import Any, Final
 
@@ -88,6 +88,7 @@ _ERROR_COUNT: Final = 16  # of a frame's errors so many are looked at
 _WARMTH_FRAMES: Final = 64  # warmth is asked for every so many
 _BAD_FRAMES: Final = 20  # so many bad frames in turn are more than a moment
 _WAIT_S: Final = 0.2  # what the scheduler has not begun by then, it does not
+_STILL: Final = "the library's scheduler stands still; unplug the device, plug it in again"
 
 
 class _ErrorInfo(ctypes.Structure):
@@ -140,7 +141,6 @@ LINK: Final = np.dtype(
         ("ended", "i8"),  # 1: the last frame is over
         ("frames", "i8"),  # so far
         ("bad", "i8"),  # frames in turn whose numbers cannot be
-        ("after", "i8"),  # error of the last frame's end
         ("tells_warmth", "i8"),
     ],
     align=True,
@@ -177,7 +177,7 @@ def _pop_error(link: Any) -> Any:
 
 @native
 def _read_frame(link: Any, state: Any) -> Any:
-    """Fill the state, or leave it and say why."""
+    """Fill the state, or leave it and say why: what went wrong since the last frame was read."""
     doubles = link.doubles
     doubles[0] = doubles[1] = doubles[2] = math.nan
     _with_values(link.hdGetDoublev, (_POSITION, link.doubles_at))
@@ -249,15 +249,12 @@ def _serve(link: Any, state: Any) -> int:
     trouble = _read_frame(link, state)
     link.bad = link.bad + 1 if trouble == _NOT_FINITE else 0
     if trouble == 0:
-        trouble = link.after
-    if trouble == 0:
         trouble = _unready(link, calibration)
     state.trouble, state.ready = trouble, 1 if trouble == 0 else 0
     if purpose == _SERVE:
         _tick(link.tick, (link.context,))
     _write_frame(link, state)
     _with_device(link.hdEndFrame, (link.device,))
-    link.after = _pop_error(link)
     link.frames += 1
     if purpose == _END:
         link.ended = 1
@@ -292,9 +289,7 @@ def error_text(code: int) -> str:
 def _remedy() -> str:
     text = "install OpenHaptics and the device's drivers, or say where the library is: library=PATH"
     if sys.platform.startswith("linux") and "GTDD_HOME" not in os.environ:
-        text += (
-            "; GTDD_HOME is not set, without which the Touch's drivers find no device: log in again after installing"
-        )
+        text += "; GTDD_HOME is not set, and the Touch's drivers find nothing without: log in again after installing"
     return text
 
 
@@ -309,7 +304,7 @@ def _initiate(hd: Any, name: str | None) -> int:
         if device != _NO_DEVICE:
             hd.hdDisableDevice(device)
         refused.append(f"{asked or 'NULL'}: {error_text(errors[-1]) if errors else 'refused without an error'}")
-    raise DeviceError(f"no device of OpenHaptics can be opened ({'; '.join(refused)}); {_remedy()}")
+    raise DeviceError(f"openhaptics: no device can be opened ({'; '.join(refused)}); {_remedy()}")
 
 
 class OpenHapticsConnection(VendorConnection):
@@ -322,10 +317,10 @@ class OpenHapticsConnection(VendorConnection):
     def __init__(self, library: str | None, name: str | None, rate: int, priority: int, reset: bool) -> None:
         super().__init__()
         if INTERPRETED:
-            raise DeviceError("openhaptics calls compiled code: it does not work with NUMBA_DISABLE_JIT=1")
+            raise DeviceError("openhaptics: the callback is compiled: it does not work with NUMBA_DISABLE_JIT=1")
         if not 0 <= priority <= PRIORITY_MAX:
-            raise DeviceError(f"option priority={priority}: it is a whole number from 0 to {PRIORITY_MAX}")
-        self._hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+            raise DeviceError(f"openhaptics: option priority={priority}: it is a whole number from 0 to {PRIORITY_MAX}")
+        self._hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
         self._handle: int | None = None
         self._priority = priority
         self._link = records(1, LINK)
@@ -376,7 +371,7 @@ class OpenHapticsConnection(VendorConnection):
 
     def _check(self, doing: str) -> None:
         if errors := _pop(self._hd):
-            raise DeviceError(f"openhaptics, {doing}: {error_text(errors[-1])}")
+            raise DeviceError(f"openhaptics: {doing}: {error_text(errors[-1])}")
 
     def read(self) -> None:
         self._frame()
@@ -386,11 +381,21 @@ class OpenHapticsConnection(VendorConnection):
 
     def _frame(self) -> None:
         """Read, and send the force that is wanted, in a frame of the scheduler's."""
-        if self._device is None:
-            raise DeviceError("the device is closed")
         self._link.purpose = _ONCE
-        self._hd.hdScheduleSynchronous(self._address, self._context(), self._priority)
+        self._hand_over()
         self._see()
+
+    def _hand_over(self) -> int:
+        """Have the scheduler call back, and wait until it has; the handle of that."""
+        if self._device is None:
+            raise DeviceError("openhaptics: the device is closed")
+        before = int(self._link.frames[0])
+        handle = int(self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority))
+        if not _wait(lambda: int(self._link.frames[0]) > before):
+            errors = _pop(self._hd)
+            self._hd.hdUnschedule(handle)
+            raise DeviceError(f"openhaptics: {error_text(errors[-1]) if errors else _STILL}")
+        return handle
 
     def _see(self) -> None:
         trouble = int(self.state.trouble[0])
@@ -403,7 +408,7 @@ class OpenHapticsConnection(VendorConnection):
         if frames != self._moved:
             self._moved, self._moved_s = frames, now_s
         elif now_s - self._moved_s > _WAIT_S:
-            raise DeviceError("openhaptics: the library's scheduler stands still; unplug the device, plug it in again")
+            raise DeviceError(f"openhaptics: {_STILL}")
 
     def _context(self) -> int:
         """What the callback is called with; the state may have been put elsewhere."""
@@ -411,19 +416,11 @@ class OpenHapticsConnection(VendorConnection):
         return int(self._places.ctypes.data)
 
     def schedule(self, tick: int, context: int) -> None:
-        if self._device is None:
-            raise DeviceError("the device is closed")
         self.unschedule()
         link = self._link
         link.tick, link.context, link.purpose = tick, context, _SERVE
-        before = int(link.frames[0])
-        self._handle = self._hd.hdScheduleAsynchronous(self._address, self._context(), self._priority)
-        if not _wait(lambda: int(link.frames[0]) > before):
-            errors = _pop(self._hd)
-            self.unschedule()
-            why = error_text(errors[-1]) if errors else "its scheduler does not call"
-            raise DeviceError(f"openhaptics does not begin: {why}")
-        self._moved, self._moved_s = before, time.monotonic()
+        self._moved, self._moved_s = -1, 0.0
+        self._handle = self._hand_over()
 
     def unschedule(self) -> None:
         if self._handle is not None:
@@ -468,7 +465,7 @@ def _wait(over: Callable[[], bool]) -> bool:
 def find(library: str | None = None, name: str | None = None, **options: Any) -> Sequence[Found]:
     """The device that answers, or why none does."""
     try:
-        hd = load_library(library, LIBRARIES, _FUNCTIONS, _remedy())
+        hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
         device = _initiate(hd, name)
     except DeviceError as error:
         return [Found("", trouble=str(error), remedy=_remedy())]
@@ -478,9 +475,23 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
     return [Found(" ".join(word.decode(errors="replace") for word in words).strip() or "unnamed")]
 
 
-def release(**options: Any) -> None:
-    """Open it anew, so that its last force is zero."""
-    OpenHapticsConnection(**options).close()
+def release(library: str | None = None, name: str | None = None, **options: Any) -> None:
+    """Open it anew, and give zero: at once, with nothing to be compiled."""
+    hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
+    device, nothing = _initiate(hd, name), (c_double * 3)()
+
+    def give(context: Any) -> int:
+        hd.hdBeginFrame(device)
+        hd.hdSetDoublev(int(_FORCE), nothing)
+        hd.hdEndFrame(device)
+        return _DONE
+
+    hd.hdEnable(int(_FORCE_OUTPUT))
+    hd.hdStartScheduler()
+    hd.hdScheduleSynchronous(CFUNCTYPE(c_uint, c_void_p)(give), None, PRIORITY)
+    hd.hdStopScheduler()
+    hd.hdDisableDevice(device)
+    _pop(hd)
 
 
 DRIVER = Driver(
@@ -499,15 +510,15 @@ DRIVER = Driver(
     options=(
         Option("library", None, "path of the vendor's library; without, the system is asked for HD"),
         Option("name", None, "the device's name in the vendor's setup; without, the usual ones are tried"),
-        Option("rate", 1000, "rate of the vendor's scheduler [Hz]"),
+        Option("rate", 1000, "rate of the vendor's scheduler, and so of the ticks [Hz]"),
         Option("priority", PRIORITY, f"of the tick among what the vendor's scheduler calls, 0 to {PRIORITY_MAX}"),
         Option("reset", False, "whether the arm stands in its reset position now, to be calibrated so"),
     ),
     release=release,
     assumptions=(
-        "What the device does when its process dies is not known: it is taken to hold its last force, "
-        "until it is opened anew and given zero.",
-        "0.88 N for long and 3.3 N at most are the Omni's and Touch's data sheet; the library's own maximum counts "
+        "What the device does when its process dies is not known: it is taken to hold its last force, until it is "
+        "opened anew and given zero.",
+        "0.88 N for long and 3.3 N at most are taken for the Omni's and Touch's; the library's own maximum counts "
         "where it is less.",
         "The workspace is the whole reach that the library names for an Omni, about the middle of the usable one.",
         "The library's transform has z along the stylus, towards the hand.",

@@ -124,3 +124,41 @@ def test_a_recording_that_cannot_be_played_is_named(
 def test_a_grip_that_is_not_there(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["handle", "play", "a.csv", "--handle", str(folder / "ours.handle"), "--grip", "3", "--out", "o"]) == 2
     assert "no grip '3'; there are: 1, 2" in capsys.readouterr().err
+
+
+@pytest.fixture
+def texture(tmp_path: Path) -> str:
+    t_s = np.arange(3000) / 1e4
+    rows = "".join(f"{a:.6f}\n" for a in 4.0 * np.sin(2.0 * np.pi * 200.0 * t_s))
+    (tmp_path / "texture.csv").write_text("acceleration\n" + rows)
+    return str(tmp_path / "texture.csv")
+
+
+READ = ["--rate", "10000", "--units", "acceleration=m/s2"]
+
+
+def test_play_on_a_real_handle(texture: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A board on USB, simulated at its wire; an identified handle's compensator makes the force."""
+    pytest.importorskip("usb", reason="no pyusb: extra `usb`")
+    words = ["handle", "play", texture, *READ, "--handle", "usb", "--option", "backend=hapscene.handle.usb_simulator"]
+    assert main([*words, "--handle", str(folder / "ours.handle"), "--option", "watchdog_s=0.5"]) == 0
+    told = capsys.readouterr().out
+    assert "playing texture.csv, 0.3 s, on usb 16c0:05dc" in told and "ms after it is asked for" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--handle", "audio", "--handle", "usb"], "--handle may be given once for"),
+        (["--option", "gain=1"], "--option needs --handle with the name"),
+        (["--handle", "serial", "--grip", "1"], "--grip and --out are of the simulated handle"),
+        (["--handle", "serial", "--compensator", "adaptive"], "learns from a simulated handle"),
+        (["--handle", "serial", "--option", "tempo=1"], "no option 'tempo'; there are:"),
+        (["--handle", "serial"], "which port"),
+    ],
+)
+def test_what_play_cannot_do_on_a_real_handle(
+    texture: str, words: list[str], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["handle", "play", texture, *READ, *words]) == 2
+    assert error in capsys.readouterr().err

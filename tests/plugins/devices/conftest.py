@@ -1,10 +1,16 @@
-"""Emulated devices: each a process of its own, which logs the force that it is told on its own clock."""
+"""Emulated devices: each a process of its own, which logs the force that it is told on its own clock; a sound card."""
 
+import os
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 EMULATORS = Path(__file__).parent / "emulators"
@@ -55,3 +61,98 @@ def emulate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     yield start
     for emulated in running:
         emulated.end()
+
+
+# A sound card that is none: PulseAudio with a sink that leads nowhere, and what was played on it.
+
+
+RATE_HZ = 48_000
+
+NEEDED = {"pulseaudio": "pulseaudio", "parec": "pulseaudio-utils", "pactl": "pulseaudio-utils"}
+
+ALSA = 'pcm.dualsense { type pulse device dualsense hint { show on description "DualSense" } }\n'
+
+MAP = "front-left,front-right,rear-left,rear-right"
+"""Its channels, as a DualSense's descriptor has them."""
+
+
+def missing() -> str:
+    """What is not installed, for a test's skip; empty where all is there."""
+    packages = sorted({package for command, package in NEEDED.items() if shutil.which(command) is None})
+    try:
+        import sounddevice  # noqa: F401
+    except ImportError:
+        packages.append("sounddevice (Python)")
+    except OSError:
+        packages.append("libportaudio2")
+    if not any(Path("/usr/lib").glob("*/alsa-lib/libasound_module_pcm_pulse.so")):
+        packages.append("libasound2-plugins")
+    return ", ".join(packages)
+
+
+class NullSink:
+    """A sink of four channels, listed as a DualSense."""
+
+    def __init__(self, folder: Path) -> None:
+        runtime = folder / "run"
+        runtime.mkdir(mode=0o700)
+        (folder / ".asoundrc").write_text(ALSA)
+        self.env = {
+            **os.environ, "HOME": str(folder), "XDG_RUNTIME_DIR": str(runtime), "PULSE_RUNTIME_PATH": str(runtime),
+            "PULSE_SERVER": f"unix:{runtime}/native",
+        }  # fmt: skip
+        sink = f"module-null-sink sink_name=dualsense channels=4 channel_map={MAP} rate=48000 format=s16le"
+        words = ["pulseaudio", "-n", "--daemonize=no", "--use-pid-file=no", "--exit-idle-time=-1", "--log-level=0"]
+        loads = [f"--load=module-native-protocol-unix socket={runtime}/native auth-anonymous=1", f"--load={sink}"]
+        self._daemon = subprocess.Popen([*words, *loads], env=self.env, stderr=subprocess.DEVNULL)
+        self._wait(lambda: "dualsense" in self._listed(), "the sink")
+
+    def _listed(self) -> str:
+        return subprocess.run(["pactl", "list", "short", "sinks"], env=self.env, capture_output=True, text=True).stdout
+
+    @staticmethod
+    def _wait(done: Callable[[], bool], what: str) -> None:
+        deadline_s = time.monotonic() + 20.0
+        while not done():
+            assert time.monotonic() < deadline_s, f"{what} does not come"
+            time.sleep(0.05)
+
+    @contextmanager
+    def recording(self, file: Path) -> Iterator[None]:
+        """All that is played meanwhile, (n, 4) int16, into a file."""
+        words = ["parec", "--device=dualsense.monitor", "--format=s16le", f"--rate={RATE_HZ}", "--channels=4", "--raw"]
+        words += [f"--channel-map={MAP}", "--latency-msec=20"]
+        with file.open("wb") as out, subprocess.Popen(words, env=self.env, stdout=out) as recorder:
+            try:
+                self._wait(lambda: file.stat().st_size > 0, "the monitor's first sample")  # 1 to 2 s
+                yield
+            finally:
+                recorder.send_signal(signal.SIGTERM)
+
+    def python(self, code: str, *words: str, timeout_s: float = 120.0) -> str:
+        """What a Python prints that has this sound card."""
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], env=self.env, capture_output=True, text=True, timeout=timeout_s
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def close(self) -> None:
+        self._daemon.terminate()
+        self._daemon.wait(10.0)
+
+    @staticmethod
+    def recorded(file: Path) -> np.ndarray:
+        """(n, 4) of full scale, as PortAudio makes 16 bits of it."""
+        whole = np.fromfile(file, np.int16)
+        return whole[: len(whole) // 4 * 4].reshape(-1, 4) / 32767.0
+
+
+@pytest.fixture(scope="session")
+def sink(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NullSink]:
+    lacking = missing()
+    if lacking:
+        pytest.skip(f"not installed: {lacking} (.ci/system-packages, extra `audio`)")
+    sink = NullSink(tmp_path_factory.mktemp("sink"))
+    yield sink
+    sink.close()

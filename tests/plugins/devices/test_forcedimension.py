@@ -128,6 +128,15 @@ def test_saturated_motors_are_told(desk, device):
     assert device.state.trouble == 0
 
 
+def test_a_position_that_is_not_new_is_not_counted(desk, device):
+    desk.set(end_error=1)
+    device.read()
+    assert device.state.count == 2 and device.state.ready == 1
+    desk.set(end_error=0)
+    device.read()
+    assert device.state.count == 3
+
+
 def test_the_watchdog_ends_the_force_of_a_silent_servo(desk, device):
     device.state.f_D_N = (1.0, 0.0, 0.0)
     device.write()

@@ -192,12 +192,17 @@ def test_an_error_of_the_frames_end_counts_in_the_next(desk, device):
     assert "let them cool" in device.reason(0x0200)
 
 
-def test_the_cause_is_told_and_not_what_follows(desk, device):
-    """Newest first is how the library gives its errors: the oldest is the cause, and warm motors are less than a
-    device that is gone."""
-    desk.set(begin_error=0x0302, warmth=1.0)
-    with pytest.raises(DeviceError, match=r"HD_COMM_ERROR \(0x0302\).*cable and power"):
-        device.read()
+@pytest.mark.parametrize(
+    ("first", "later", "told"),
+    [(0x0302, 0x0402, 0x0302), (0x0302, 0x0200, 0x0302), (0x0200, 0x0302, 0x0302), (0x0203, 0x0200, 0x0203)],
+)
+def test_the_cause_is_told_and_not_what_follows(desk, device, first, later, told):
+    """The library gives its newest error first: the oldest is the cause. Warm motors are less than what is gone."""
+    serve(device, 1.0)
+    desk.set(begin_error=first, refuse=b"hdGetIntegerv", refuse_code=later)
+    gone(desk)
+    gone(desk)
+    assert device.state.trouble == told
 
 
 def test_forces_that_the_library_switched_off_stay_off(desk, device):
@@ -261,6 +266,9 @@ def test_a_device_that_is_gone_is_seen(desk, device):
     ctypes.CDLL(emulator("hd")).hdStopScheduler()
     with pytest.raises(DeviceError, match="stands still"):
         until(device.check)
+    device.unschedule()
+    with pytest.raises(DeviceError, match="stands still"):
+        device.read()
 
 
 def test_names_are_tried_in_turn(desk):
@@ -307,8 +315,22 @@ def test_options_that_are_wrong(desk, options, message):
         connect(**options)
 
 
+def test_the_library_is_looked_for(desk, monkeypatch, tmp_path):
+    lay(desk)
+    places = {"libHD.so": emulator("hd")}
+    monkeypatch.setattr("hapscene.device.vendor_library.find_library", places.get)
+    connect(library=None).close()
+    broken = tmp_path / "libHD.so"
+    broken.write_text("not a library")
+    places["libHD.so"] = str(broken)
+    with pytest.raises(DeviceError, match=r"tried as HD, libHD\.so, HD\.dll \(.*libHD\.so: .*\); install OpenHaptics"):
+        connect(library=None)
+
+
 def test_no_library():
-    with pytest.raises(DeviceError, match=r"nowhere/libHD\.so.*install OpenHaptics.*library=PATH"):
+    with pytest.raises(
+        DeviceError, match=r"tried as nowhere/libHD\.so .*cannot open.*install OpenHaptics.*library=PATH"
+    ):
         connect(library="nowhere/libHD.so")
     (found,) = DRIVER.find(library="nowhere/libHD.so")
     assert "does not load" in found.trouble

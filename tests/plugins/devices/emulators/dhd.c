@@ -60,7 +60,7 @@ int dhdGetPosition(double *x, double *y, double *z, char id) {
     bad = 0;
     if (refused("dhdGetPosition")) return -1;
     *x = mutant(desk->position[0], &bad), *y = mutant(desk->position[1], &bad), *z = mutant(desk->position[2], &bad);
-    return mutated(0);
+    return mutated(desk->end_error); /* 1: not a new one */
 }
 
 unsigned int dhdGetButtonMask(char id) { return seed ? draw() : desk->buttons; }

@@ -1,0 +1,195 @@
+"""A handle that plays live in its own process: fed by a real channel, on a board at a pseudo-terminal."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError, HapsceneError
+from hapscene.handle.force_source import SimulatedSource
+from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
+from hapscene.handle.plant import Plant
+from hapscene.handle.port_simulator import Peer, serve
+from hapscene.servo.shared_memory import Channel, open_channel
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+
+LENGTH, BLOCK = 4000, 10
+
+APPLICATION = """
+import sys, time
+from hapscene.handle.live_process import LiveHandle
+if __name__ == "__main__":
+    where = {"length": int(sys.argv[1]), "block": int(sys.argv[2]), "name": sys.argv[3]}
+    handle = LiveHandle(where, 1e4, 0, "serial", {"port": sys.argv[4]})
+    print(handle._process.pid, flush=True)
+    time.sleep(60.0)
+"""
+
+
+class Board:
+    """A simulated board at a port; what force it put out, and when."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        peer = Peer(SimulatedSource(Plant(), 5000.0))
+        peer.give(1)  # compiled before anybody waits
+        self.force: list[tuple[float, float]] = []
+        step = peer._next
+
+        def note() -> tuple[int, int, int]:
+            row = step()
+            self.force.append((time.monotonic(), 1e-4 * row[0]))
+            return row
+
+        peer._next = note  # type: ignore[method-assign]
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=serve, args=(peer, self.ours, self._over.is_set), daemon=True)
+        self._thread.start()
+
+    def loud_since(self, t_s: float) -> float:
+        """When it last put out force after that time [s after it]; 0 where it did not."""
+        return max((at - t_s for at, force in self.force if at > t_s and abs(force) > 1e-3), default=0.0)
+
+    def wait_for_force(self) -> None:
+        until_s = time.monotonic() + 20.0
+        while not (self.force and abs(self.force[-1][1]) > 0.1):
+            assert time.monotonic() < until_s, "no force comes"
+            time.sleep(1e-3)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        os.close(self.ours)
+        os.close(self._theirs)
+
+
+class Ticks:
+    """A servo's ticks, 1,000 a second, of a sine of 100 Hz."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._over = channel, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        began_s, done = time.monotonic(), 0
+        while not self._over.is_set():
+            for done in range(done + 1, int(1e3 * (time.monotonic() - began_s)) + 1):  # noqa: B020
+                t_s = np.arange(BLOCK * (done - 1), BLOCK * done) / 1e4
+                self._channel.a_m_s2[0, (done - 1) % LENGTH] = 5.0 * np.sin(2.0 * np.pi * 100.0 * t_s)
+                self._channel.channel[0].done = done
+            time.sleep(1e-3)
+
+    def stop(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    board.close()
+
+
+@pytest.fixture
+def channel() -> Iterator[Channel]:
+    channel = open_channel(LENGTH, BLOCK)
+    yield channel
+    channel.close(unlink=False)
+    with suppress(FileNotFoundError):  # the tracker of a process that was killed has done so
+        channel.memory.unlink()
+
+
+def where(channel: Channel) -> dict[str, object]:
+    return {"length": LENGTH, "block": BLOCK, "name": channel.memory.name}
+
+
+def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Channel) -> None:
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
+        board.wait_for_force()
+        time.sleep(1.0)
+        told = handle.look()
+        ticks.stop()
+        stopped_s = time.monotonic()
+        time.sleep(0.3)
+        assert board.loud_since(stopped_s) < 0.1
+        assert handle.look()["gaps"] >= 1
+    force = np.array([force for _, force in board.force])
+    strong = force[np.abs(force) > 0.01][-5000:-1500]
+    mass_kg = np.abs(Plant().response(100.0)) ** -1
+    assert np.abs(strong).max() == pytest.approx(5.0 * mass_kg, rel=0.05)
+    assert 0.01 < told["latency_s"] < 0.06
+    assert not handle._process.is_alive()
+
+
+def test_a_killed_application_is_silence_and_nothing_stays_behind(
+    board: Board, channel: Channel, tmp_path: Path, end_in_time: Callable[["subprocess.Popen[str]"], None]
+) -> None:
+    (tmp_path / "application.py").write_text(APPLICATION)
+    ticks = Ticks(channel)  # of a servo that lives on for a while
+    words = [str(tmp_path / "application.py"), str(LENGTH), str(BLOCK), channel.memory.name, board.port]
+    with subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True) as application:
+        end_in_time(application)
+        assert application.stdout is not None
+        pid = int(application.stdout.readline())
+        board.wait_for_force()
+        application.send_signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        time.sleep(0.5)
+        assert 0.0 < board.loud_since(killed_s) < 0.2
+    until_s = time.monotonic() + 5.0
+    while Path(f"/proc/{pid}").exists() and "Z" not in Path(f"/proc/{pid}/stat").read_text().split()[2]:
+        assert time.monotonic() < until_s, "its process lives on"
+        time.sleep(0.01)
+    ticks.stop()
+
+
+def test_what_the_handle_refuses_is_said_by_the_application(channel: Channel) -> None:
+    with pytest.raises(HandleError, match="/dev/none: the port cannot be opened"):
+        LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("spoon", {}, "no device 'spoon'; there are: audio"),
+        ("simulated", {}, "plays no acceleration"),
+        ("serial", {"prot": "x"}, "no option 'prot'; there are: .*port"),
+        ("serial", {"limit_N": "much"}, "limit_N=much"),
+        ("serial", {}, "which port"),
+        ("usb", {"id": "teensy"}, "is VENDOR:PRODUCT in hexadecimal digits"),
+    ],
+)
+def test_what_cannot_be_opened_is_said_in_words(name: str, options: dict[str, str], words: str) -> None:
+    with pytest.raises(HapsceneError, match=words):
+        open_output(name, options)
+
+
+def test_the_newest_ticks_are_taken_and_none_twice(channel: Channel) -> None:
+    channel.channel[0].done = 3
+    source = ChannelSource(channel, 0)
+    channel.a_m_s2[0, 3:5] = np.arange(20.0).reshape(2, 10)
+    assert len(source.fetch(99)) == 0  # what is complete
+    channel.channel[0].done = 5
+    np.testing.assert_array_equal(source.fetch(0), np.arange(20.0))
+    channel.channel[0].done = 5 + 2 * LENGTH  # it stood still
+    assert len(source.fetch(0)) == LENGTH // 2 * BLOCK
+    channel.channel[0].done = 0  # another servo's count
+    assert len(source.fetch(0)) == 0
+    source.close()

@@ -1,0 +1,197 @@
+"""The channel's samples on their way to an output: what is played is what was asked for, and nothing clicks."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import firwin, freqz, kaiser_beta, resample_poly
+
+from hapscene.errors import HandleError
+from hapscene.handle.handle_record import new_handle
+from hapscene.handle.live_stream import FADE_S, PHASES, LiveStream, filter_table
+from hapscene.handle.plant import Plant
+from hapscene.handle.playback import play
+
+RATE_HZ = 10_000.0
+CARD_HZ = 48_000.0
+
+
+def output(**other: float) -> Any:
+    told = {"rate_Hz": CARD_HZ, "gain": 1.0, "ceiling": 1.0, "highpass_Hz": 0.0, "lag_s": 0.005}
+    return SimpleNamespace(**told | other)
+
+
+def played(samples: np.ndarray, block: int = 480, late: bool = False, **other: float) -> np.ndarray:
+    """What an output gets of a recording; without the limiter's delay unless `late`."""
+    left = [np.asarray(samples, dtype=np.float64)]
+
+    def fetch(wanted: int) -> np.ndarray:
+        part, left[0] = left[0][:wanted].copy(), left[0][wanted:]
+        return part
+
+    stream = LiveStream(fetch, RATE_HZ, output(**other), steered=False)
+    out = np.zeros(round((len(samples) / RATE_HZ + 0.1) * stream.output_rate_Hz) // block * block)
+    for i in range(0, len(out), block):
+        stream.pull(out[i : i + block])
+    return out if late else out[int(stream._state[0].delay) :]
+
+
+class Clocks:
+    """A channel whose clock is off, and an output that pulls by its own."""
+
+    def __init__(self, signal: Callable[[np.ndarray], np.ndarray], ppm: float = 0.0, **other: float) -> None:
+        self.t_s, self.sent, self.stopped_s = 0.0, 0, np.inf
+        self._signal, self._rate = signal, 1.0 + 1e-6 * ppm
+        self.stream = LiveStream(self._fetch, RATE_HZ, output(**other), steered=True)
+
+    def _fetch(self, wanted: int) -> np.ndarray:
+        ticks = int(1000.0 * min(self.t_s, self.stopped_s) * self._rate)  # of 10 samples
+        first, self.sent = self.sent, 10 * ticks
+        return self._signal(np.arange(first, self.sent) / RATE_HZ)
+
+    def run(self, seconds: float, block: int = 480) -> np.ndarray:
+        out = np.zeros(int(seconds * CARD_HZ) // block * block)
+        for i in range(0, len(out), block):
+            self.t_s += block / CARD_HZ
+            self.stream.pull(out[i : i + block])
+        return out
+
+
+def sine(t_s: np.ndarray) -> np.ndarray:
+    return 0.5 * np.sin(2.0 * np.pi * 250.0 * t_s)
+
+
+@pytest.mark.parametrize(("rate_Hz", "card_Hz"), [(10_000, 48_000), (5_000, 48_000), (10_000, 44_100), (10_000, 5_000)])
+def test_the_filter_is_flat_where_it_is_felt_and_lets_no_image_through(rate_Hz: int, card_Hz: int) -> None:
+    table = filter_table(rate_Hz, card_Hz)
+    taps = table.shape[1]
+    whole = np.zeros(taps * PHASES)
+    for p in range(PHASES):
+        whole[p::PHASES] = table[p][::-1]
+    frequency_Hz = np.concatenate([np.linspace(1.0, 1000.0, 500), np.linspace(0.5, 20.0, 5000) * min(rate_Hz, card_Hz)])
+    level_dB = 20.0 * np.log10(np.abs(freqz(whole / PHASES, worN=frequency_Hz, fs=rate_Hz * PHASES)[1]) + 1e-12)
+    assert np.abs(level_dB[:500]).max() < 0.01
+    assert level_dB[500:].max() < -96.0
+
+
+def test_it_resamples_as_scipy_does() -> None:
+    """24/5, by the same window designed there: to 16 bits, so that nothing of the streaming is heard."""
+    t_s = np.arange(20_000) / RATE_HZ
+    chirp = 0.5 * np.sin(2.0 * np.pi * (20.0 + 245.0 * t_s) * t_s)
+    taps = filter_table(RATE_HZ, CARD_HZ).shape[1]
+    window = firwin(taps * 24 + 1, 3750.0, window=("kaiser", float(kaiser_beta(110.0))), fs=RATE_HZ * 24)
+    wanted = resample_poly(chirp, 24, 5, window=window)
+    got = played(chirp)
+    inside = slice(int(2 * FADE_S * CARD_HZ), len(wanted) - 2000)
+    assert np.abs(got[inside] - wanted[inside]).max() < 1.5e-5
+
+
+@pytest.mark.parametrize("block", [64, 479, 4096])
+def test_a_sine_stays_one_however_it_is_pulled(block: int) -> None:
+    t_s = np.arange(20_000) / RATE_HZ
+    got = played(sine(t_s), block=block)
+    inside = slice(int(2 * FADE_S * CARD_HZ), 90_000)
+    assert np.abs(got[inside] - sine(np.arange(len(got)) / CARD_HZ)[inside]).max() < 2e-6
+
+
+def test_it_begins_and_ends_in_silence_without_a_step() -> None:
+    got = played(np.full(5000, 0.5), late=True)
+    assert not got[:90].any() and not got[-1000:].any()
+    assert np.abs(np.diff(got)).max() < 0.025  # the filter's own edge, within the fade
+    at = int(FADE_S * CARD_HZ)
+    np.testing.assert_allclose(got[at : 24_000 - at], 0.5, rtol=1e-6)
+
+
+def test_what_is_too_loud_is_made_quieter_before_it_comes_and_never_cut() -> None:
+    t_s = np.arange(20_000) / RATE_HZ
+    loud = np.where((t_s > 0.8) & (t_s < 1.2), 8.0, 1.0) * sine(t_s)
+    stream_out = played(loud, ceiling=0.9)
+    assert np.abs(stream_out).max() <= 0.9
+    spectrum = np.abs(np.fft.rfft(stream_out[int(0.9 * CARD_HZ) : int(1.1 * CARD_HZ)] * np.hanning(9600)))
+    assert (
+        spectrum[150 * 9600 // 48000 * 5 :].max() < 3e-3 * spectrum.max()
+    )  # 750 Hz: a cut sine has a third of a third
+    np.testing.assert_allclose(stream_out[20_000:35_000], sine(np.arange(20_000, 35_000) / CARD_HZ), atol=2e-6)
+
+
+def test_what_is_slow_is_kept_from_the_coil() -> None:
+    t_s = np.arange(30_000) / RATE_HZ
+    got = played(0.4 + sine(t_s), highpass_Hz=15.0)
+    assert abs(got[48_000:96_000].mean()) < 1e-4
+    assert np.abs(got[48_000:96_000]).max() == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("ppm", [0.0, 200.0, -200.0])
+def test_clocks_that_differ_are_brought_together_without_a_click(ppm: float) -> None:
+    """60 s. A sample left out or put in of the 250 Hz would be a step of 0.08; the derivative's bound is 0.0164."""
+    clocks = Clocks(sine, ppm)
+    silence = clocks.run(1.0)
+    assert not silence[:12_000].any()
+    got = clocks.run(30.0)
+    hand = clocks.stream.latency_s
+    got = np.concatenate([got, clocks.run(29.0)])
+    assert np.abs(np.diff(got)).max() < 0.5 * 2.0 * np.pi * 250.0 / CARD_HZ * 1.005
+    assert clocks.stream.latency_s == pytest.approx(hand, abs=1.1e-3) and hand < 0.014
+    assert not any(clocks.stream.counts.values())
+    part = got[-(1 << 19) :] * np.blackman(1 << 19)
+    spectrum = np.abs(np.fft.rfft(part))
+    frequency_Hz = np.fft.rfftfreq(1 << 19, 1.0 / CARD_HZ)
+    away = np.abs(frequency_Hz - 250.0) > 5.0
+    assert spectrum[away].max() < 10.0 ** (-90 / 20) * spectrum.max()
+    assert frequency_Hz[spectrum.argmax()] == pytest.approx(250.0, rel=3e-4)
+    if ppm == 0.0:
+        assert clocks.stream.drift == 0.0
+
+
+def test_ticks_that_stop_fade_to_silence_and_come_back_faded() -> None:
+    clocks = Clocks(sine)
+    clocks.run(2.0)
+    clocks.stopped_s = clocks.t_s
+    tail = clocks.run(0.5)
+    loud = np.flatnonzero(np.abs(tail) > 1e-9)
+    assert loud[-1] / CARD_HZ < 0.005 + FADE_S + 0.005  # what was in hand, the fade, the limiter's delay
+    assert np.abs(np.diff(tail)).max() < 0.025
+    clocks.stopped_s = np.inf
+    back = clocks.run(2.0)
+    assert clocks.stream.counts["gaps"] == 1 and np.abs(back[-9600:]).max() == pytest.approx(0.5, rel=1e-3)
+    assert np.abs(np.diff(back)).max() < 0.025
+
+
+def test_ends_in_a_fade_when_told() -> None:
+    clocks = Clocks(sine)
+    clocks.run(2.0)
+    clocks.stream.end()
+    tail = clocks.run(0.1)
+    assert clocks.stream.over and not tail[int(FADE_S * CARD_HZ) + 2 :].any()
+    assert np.abs(np.diff(tail)).max() < 0.02
+    assert clocks.stream.counts["gaps"] == 0
+
+
+def test_what_is_no_number_is_silence_and_counted() -> None:
+    bad = np.zeros(3000)
+    bad[1500:1503] = np.nan, np.inf, 1e300
+    got = played(bad, ceiling=0.5)
+    assert np.isfinite(got).all() and np.abs(got).max() <= 0.5
+
+
+def test_a_compensator_makes_the_force_that_the_simulated_handle_gets() -> None:
+    t_s = np.arange(8000) / RATE_HZ
+    wanted = 4.0 * np.sin(2.0 * np.pi * 90.0 * t_s)
+    force = play(wanted, RATE_HZ, compensator="flat").force_N
+    stream = LiveStream(
+        lambda count: np.zeros(0),
+        RATE_HZ,
+        output(),
+        steered=False,
+        handle=new_handle(Plant(), Plant(), "flat", RATE_HZ),
+    )
+    stream._push(wanted.copy())
+    delay = round(0.004 * RATE_HZ)
+    np.testing.assert_allclose(stream._ring[delay : len(force)], force[: len(force) - delay], atol=1e-12)
+
+
+def test_rates_that_are_too_far_apart_are_refused() -> None:
+    with pytest.raises(HandleError, match="cannot be played at 100 Hz"):
+        LiveStream(lambda count: np.zeros(0), RATE_HZ, output(rate_Hz=100.0), steered=False)

@@ -1,0 +1,222 @@
+"""The handle that is played as sound: on a sound card that is none, and on cards that are none at all."""
+
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene_plugins.devices.audio import DRIVER, AudioHandle
+
+RATE_HZ = 48_000
+
+RECORDING = """
+import sys, numpy as np
+from hapscene.handle.live_process import open_output
+from hapscene.handle.live_process import play_recording
+samples = np.load(sys.argv[1])
+output = open_output("audio", {"gain": 0.02, "highpass_Hz": 0, "buffer_s": sys.argv[2], "block": 480})
+stream = play_recording(samples, 10_000.0, output)
+print(output.name, output._columns, stream.counts)
+"""
+
+LIVE = """
+import runpy, sys
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+SERVO = """
+import sys, threading, time, numpy as np
+from hapscene.servo.shared_memory import open_channel
+from hapscene.handle.live_process import LiveHandle
+
+def tick(channel, over):
+    began, done = time.monotonic(), 0
+    while not over.is_set():
+        for done in range(done + 1, int(1e3 * (time.monotonic() - began)) + 1):
+            at = np.arange(10 * done - 10, 10 * done) / 1e4
+            channel.a_m_s2[0, (done - 1) % 8000] = 25.0 * np.sin(2 * np.pi * 250.0 * at)
+            channel.channel[0].done = done
+        time.sleep(1e-3)
+
+if __name__ == "__main__":
+    channel, over = open_channel(8000, 10), threading.Event()
+    thread = threading.Thread(target=tick, args=(channel, over))
+    thread.start()
+    where = {"length": 8000, "block": 10, "name": channel.memory.name}
+    with LiveHandle(where, 1e4, 0, "audio", {"gain": 0.02, "buffer_s": sys.argv[1]}) as handle:
+        time.sleep(1.9)
+        told = handle.look()
+        over.set()  # ticks stop
+        thread.join()
+        time.sleep(0.2)
+    channel.close(unlink=True)
+    print(round(1e3 * told["latency_s"], 1), int(told["gaps"] + told["skips"] + told["underruns"]))
+"""
+
+
+def test_a_dualsense_gets_on_3_and_4_what_was_recorded_to_16_bits(sink: Any, tmp_path: Path) -> None:
+    t_s = np.arange(10_000) / 1e4
+    np.save(tmp_path / "chirp.npy", 25.0 * np.sin(2.0 * np.pi * (20.0 + 245.0 * t_s) * t_s))
+    wanted_s = np.arange(1200, 47_000) / RATE_HZ
+    wanted = 0.5 * np.sin(2.0 * np.pi * (20.0 + 245.0 * wanted_s) * wanted_s)
+    error = np.inf
+    for buffer_s in ("0.1", "0.2"):  # a busy computer may leave a gap that nobody tells of
+        with sink.recording(tmp_path / "heard"):
+            told = sink.python(RECORDING, str(tmp_path / "chirp.npy"), buffer_s)
+            time.sleep(0.3)
+        heard = sink.recorded(tmp_path / "heard")
+        assert told.startswith("dualsense [2, 3]")
+        assert not heard[:, :2].any()
+        np.testing.assert_array_equal(heard[:, 2], heard[:, 3])
+        at = int(np.argmax(np.correlate(heard[:, 2], wanted[20_000:24_000], "valid"))) - 20_000
+        assert not heard[: at - 1500, 2].any() and not heard[at + 49_000 :, 2].any()  # silence, faded, before and after
+        error = min(error, np.abs(heard[at : at + len(wanted), 2] - wanted).max())
+        if error < 1.8e-5:
+            break
+    assert error < 1.8e-5  # half a step of 16 bits, 1.53e-5, and what the resampler is off by
+
+
+def test_a_servo_s_ticks_are_felt_without_a_click_and_end_in_silence(sink: Any, tmp_path: Path) -> None:
+    (tmp_path / "servo.py").write_text(SERVO)
+    for buffer_s in ("0.05", "0.1", "0.2"):  # a busy computer
+        with sink.recording(tmp_path / "heard"):
+            latency_ms, wrong = sink.python(LIVE, str(tmp_path / "servo.py"), buffer_s).split()
+            time.sleep(0.2)
+        heard = sink.recorded(tmp_path / "heard")
+        loud = np.flatnonzero(np.abs(heard[:, 2]) > 1e-3)
+        if wrong == "0" and np.abs(np.diff(heard[:, 2])).max() < 0.025:
+            break
+    assert wrong == "0" and 0.0 < float(latency_ms) - 1e3 * float(buffer_s) < 60.0
+    assert not heard[:, :2].any() and not heard[-2000:].any()
+    assert np.abs(np.diff(heard[:, 2])).max() < 0.025
+    part = heard[loud[-1] - 52_800 : loud[-1] - 4_800, 2] * np.blackman(48_000)
+    spectrum = np.abs(np.fft.rfft(part))
+    assert spectrum.argmax() == 250 and spectrum[260:].max() < 1e-3 * spectrum.max()
+
+
+class FakeSound:
+    """As much of sounddevice as the handle uses."""
+
+    class PortAudioError(Exception):
+        pass
+
+    class CallbackAbort(Exception):
+        pass
+
+    def __init__(self, *cards: tuple[str, int]) -> None:
+        self._cards = cards
+        self.default = SimpleNamespace(device=(-1, 0))
+        self.opened: dict[str, Any] = {}
+
+    def query_devices(self) -> list[dict[str, Any]]:
+        return [{"name": name, "max_output_channels": count} for name, count in self._cards]
+
+    def OutputStream(self, **told: Any) -> Any:
+        self.opened = told
+        if told["samplerate"] != 48_000.0:
+            raise self.PortAudioError("Invalid sample rate")
+        return SimpleNamespace(latency=0.01, start=lambda: None, stop=lambda: None, close=lambda: None)
+
+
+HEADPHONES, PAD, SPLIT = ("USB Headphones", 2), ("Wireless Controller: USB Audio", 4), ("DualSense Speaker", 2)
+
+
+@pytest.fixture
+def cards(monkeypatch: pytest.MonkeyPatch) -> Any:
+    def plug(*cards: tuple[str, int]) -> FakeSound:
+        sound = FakeSound(*cards)
+        monkeypatch.setitem(sys.modules, "sounddevice", sound)
+        return sound
+
+    return plug
+
+
+@pytest.mark.parametrize(
+    ("told", "number", "columns", "count"),
+    [
+        ({}, 1, [2, 3], 4),  # a DualSense first, where there is one
+        ({"device": "dualsense"}, 1, [2, 3], 4),
+        ({"device": "headphones"}, 0, [0, 1], 2),
+        ({"device": "0", "channels": "2"}, 0, [1], 2),
+        ({"device": "wireless", "channels": "4"}, 1, [3], 4),
+    ],
+)
+def test_the_output_is_found_by_name(
+    cards: Any, told: dict[str, str], number: int, columns: list[int], count: int
+) -> None:
+    sound = cards(HEADPHONES, PAD)
+    handle = AudioHandle(**told)
+    assert (sound.opened["device"], handle._columns, sound.opened["channels"]) == (number, columns, count)
+    handle.close()
+    handle.close()
+    assert handle.latency_s == 0.01  # what is said at the end
+
+
+@pytest.mark.parametrize(
+    ("there", "told", "words"),
+    [
+        ((SPLIT,), {}, "shows only 2 of its four channels.*Pro Audio or Direct.*option channels=1,2"),
+        (
+            (HEADPHONES,),
+            {"device": "exciter"},
+            r"no sound output 'exciter'; there are: 0 USB Headphones \(2 channels\)",
+        ),
+        ((), {}, "there are: none"),
+        ((HEADPHONES,), {"channels": "3,4"}, "has the channels 1 to 2"),
+        ((HEADPHONES,), {"channels": "left"}, "numbers from 1 with commas between"),
+        ((HEADPHONES,), {"rate_Hz": 1.0}, "cannot be opened: Invalid sample rate"),
+    ],
+)
+def test_what_cannot_be_played_on_is_said_in_words(cards: Any, there: Any, told: dict[str, Any], words: str) -> None:
+    cards(*there)
+    with pytest.raises(HandleError, match=words):
+        AudioHandle(**told)
+
+
+def test_a_fault_in_the_callback_is_silence_and_told(cards: Any) -> None:
+    sound = cards(HEADPHONES)
+    handle = AudioHandle()
+
+    def pull(out: np.ndarray) -> None:
+        out[:] = 1.0
+        raise RuntimeError("no more")
+
+    handle.start(SimpleNamespace(pull=pull, fade_in=lambda: None))
+    out = np.ones((64, 2), np.int16)
+    with pytest.raises(FakeSound.CallbackAbort):
+        sound.opened["callback"](out, 64, None, SimpleNamespace(output_underflow=True))
+    assert not out.any() and "no more" in handle.fault and handle.counts == {"underruns": 1}
+
+
+def test_a_card_that_is_torn_out_is_told(cards: Any) -> None:
+    sound = cards(HEADPHONES)
+    handle = AudioHandle()
+    sound.opened["finished_callback"]()
+    assert handle.fault == "USB Headphones: plays no more: was it unplugged?"
+
+
+def test_without_portaudio_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Finder:
+        def find_spec(self, name: str, path: Any, target: Any = None) -> None:
+            if name == "sounddevice":
+                raise OSError("PortAudio library not found")
+
+    monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    with pytest.raises(HandleError, match="apt-get install libportaudio2"):
+        AudioHandle()
+    (found,) = DRIVER.find()
+    assert found.trouble and "libportaudio2" in found.remedy
+
+
+def test_outputs_are_found_and_the_trap_is_told(cards: Any) -> None:
+    cards(HEADPHONES, SPLIT)
+    headphones, split = DRIVER.find()
+    assert headphones.where == "USB Headphones (2 channels)" and headphones.trouble == ""
+    assert "shows only 2 of its four" in split.trouble and "Pro Audio or Direct" in split.remedy

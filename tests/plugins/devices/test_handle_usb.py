@@ -1,0 +1,83 @@
+"""A board on USB's bulk endpoints, behind a backend of pyusb that has one plugged in."""
+
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("usb", reason="no pyusb: extra `usb`")
+
+from hapscene.errors import HandleError
+from hapscene.handle import usb_simulator
+from hapscene.handle.live_process import compensator_of, open_output, play_recording
+from hapscene_plugins.devices.handle_usb import DRIVER
+
+BACKEND = "hapscene.handle.usb_simulator"
+
+
+@pytest.fixture(autouse=True)
+def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backend]:
+    backend = usb_simulator.Backend()
+    monkeypatch.setattr(usb_simulator, "_BACKEND", backend)
+    yield backend
+
+
+def test_an_acceleration_is_played_by_a_compensator_and_measured() -> None:
+    """The simulated handle is held by another hand than the assumed one: at 200 Hz that matters little."""
+    output: Any = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.2", "ahead_s": "0.05"})
+    wanted = 5.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(6000) / 1e4)
+    stream = play_recording(wanted, 1e4, output, compensator_of(output, None, "flat", 1e4))
+    force, acceleration = output.readings()
+    strong = acceleration[np.flatnonzero(np.abs(force) > 0.3)[0] :][750:2250]
+    assert np.sqrt(2.0 * np.mean(strong**2)) == pytest.approx(5.0, rel=0.1)
+    assert output.counts["restarts"] == output.counts["lost"] == 0 and stream.counts["clipped"] == 0
+
+
+def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> None:
+    handle = open_output("usb", {"backend": BACKEND})
+    handle.start(Silence())
+    plugged_in.unplugged = True
+    until_s = time.monotonic() + 5.0
+    while not handle.fault:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+    handle.close()
+    assert "no such device" in handle.fault or "handle went away" in handle.fault
+
+
+class Silence:
+    def pull(self, out: np.ndarray) -> None:
+        out[:] = 0.0
+
+    def fade_in(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"id": "1234:5678", "backend": BACKEND}, "none is plugged in .USB 1234:5678"),
+        ({"backend": "hapscene.no_such"}, "backend=hapscene.no_such: is no backend"),
+        ({"backend": "json"}, "backend=json: is no backend"),
+    ],
+)
+def test_what_is_not_there_is_said_in_words(told: dict[str, str], words: str) -> None:
+    with pytest.raises(HandleError, match=words):
+        open_output("usb", told)
+
+
+def test_a_board_without_an_endpoint_each_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(usb_simulator._INTERFACE, "bNumEndpoints", 1)
+    with pytest.raises(HandleError, match="not an endpoint each way"):
+        open_output("usb", {"backend": BACKEND})
+
+
+def test_it_is_found_and_what_is_missing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    (found,) = DRIVER.find(backend=BACKEND)
+    assert found.trouble == ""
+    monkeypatch.setitem(sys.modules, "usb.core", None)
+    with pytest.raises(HandleError, match=r"pip install 'hapscene\[usb\]'"):
+        open_output("usb", {"backend": BACKEND})
