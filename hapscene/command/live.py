@@ -28,7 +28,10 @@ NAP_S: Final = 0.2
 
 
 def add_page_options(command: Any) -> None:
-    """Where the page is."""
+    """Where the page is, and what is heard."""
+    command.add_argument(
+        "--handle", metavar="NAME", help="what plays the vibrations, which the page then starts: audio"
+    )
     command.add_argument("--kiosk", action="store_true", help=f"all as at the start after {KIOSK_S:g} s without input")
     command.add_argument("--port", type=port, default=0, help="where the page is (default: any that is free)")
     command.add_argument(
@@ -45,7 +48,10 @@ def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> Non
     """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
     kiosk_s = KIOSK_S if options.kiosk else math.inf
     place = {"host": options.host, "port": options.port, "with_browser": not options.no_browser}
-    with open_page(scene, title, kiosk_s=kiosk_s, **place) as (_, servo), interrupt_noted() as noted:
+    with (
+        open_page(scene, title, kiosk_s=kiosk_s, handle=options.handle, **place) as (_, servo),
+        interrupt_noted() as noted,
+    ):
         while not noted():
             time.sleep(NAP_S)
             servo.state()
@@ -93,4 +99,12 @@ def open_page(
 
 
 def start_sound(page: "PageServer", servo: "Servo") -> None:
-    """Have the page's button start what plays the servo's acceleration: `page.sound`, where there is something."""
+    """Have the page's button and volume be those of the servo's handle, silent at first; there is none without one."""
+    if not servo.handle_report():
+        return
+
+    def hear(on: bool, volume: float) -> None:
+        servo.turn_handle(volume if on else 0.0)
+
+    hear(False, 0.0)
+    page.sound = hear

@@ -19,6 +19,7 @@ class FakeServo:
     def __init__(self, scene: Any, devices: Any, **made: Any) -> None:
         self.scene, self.tick_s, self.tools, self.closed = scene, 1e-3, len(devices), False
         self.pages: list[bytes] = []
+        self.volumes: list[float] = []
         made_servos.append(self)
 
     def __enter__(self) -> "FakeServo":
@@ -26,6 +27,12 @@ class FakeServo:
 
     def __exit__(self, *error: object) -> None:
         self.closed = True
+
+    def handle_report(self) -> dict[str, float]:
+        return {"latency_s": 0.02}
+
+    def turn_handle(self, volume: float) -> None:
+        self.volumes.append(volume)
 
     def start(self, places: Any) -> None:
         assert len(places) == self.tools
@@ -50,6 +57,7 @@ def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.Monkey
     (servo,) = made_servos
     assert b"<canvas" in servo.pages[0]
     assert servo.closed
+    assert servo.volumes == [0.0]  # until somebody starts it
     assert set(threading.enumerate()) == before
     with pytest.raises(OSError):
         urllib.request.urlopen(urls[0])
