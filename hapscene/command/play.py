@@ -40,9 +40,7 @@ def add_play(commands: Any) -> None:
         metavar="KEY=VALUE",
         help="of the handle",
     )
-    command.add_argument(
-        "--handle-file", metavar="FILE", help="of `handle identify`: its compensator drives the handle"
-    )
+    command.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: it drives the handle")
     command.add_argument(
         "--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="where the middle of the device's workspace lies in the scene, in m (default: the middle of its top)",
@@ -64,7 +62,6 @@ def _play(options: argparse.Namespace) -> int:
     and after every pause, and end when anything breaks.
 
     for example:
-      hapscene devices
       hapscene play demo.scene.json --device openhaptics
       hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
       hapscene play demo.scene.json --device pointer --handle audio

@@ -16,6 +16,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
+from hapscene_plugins.devices.silence import Silence
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x0403, 0xCB48
@@ -62,9 +63,6 @@ given. The wire wraps at 32,768 into the other sign."""
 FORCE_N: Final = 8.0
 STEP_M: Final = 1e-8
 """The forward kinematics end when a step of Newton's is shorter."""
-
-SILENT_S: Final = 0.08
-"""Longest time without a good packet before the device counts as gone."""
 
 
 def pack(units: tuple[int, int, int], bits: int) -> bytes:
@@ -156,7 +154,7 @@ class FalconConnection(Connection):
     def __init__(self, firmware: str | None = None, backend: str | None = None) -> None:
         super().__init__()
         self._usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
-        self._tail, self._homed, self._heard_s = b"", 0, time.monotonic()
+        self._tail, self._homed, self._silence = b"", 0, Silence()
         self._p: Vector = (0.0, 0.0, MIDDLE_M)
         self._theta = (ZERO_RAD, ZERO_RAD, ZERO_RAD)
         try:
@@ -166,7 +164,6 @@ class FalconConnection(Connection):
         except BaseException:
             self._usb.close()
             raise
-        self._heard_s = time.monotonic()
 
     def _set(self, requests: tuple[tuple[int, int], ...]) -> None:
         for request, value in requests:
@@ -244,7 +241,8 @@ class FalconConnection(Connection):
         state.ready = int(self._homed >= HOMED_COUNT)
         if p is None:
             return False
-        self._p, self._theta, self._heard_s = p, theta, time.monotonic()  # type: ignore[assignment]
+        self._p, self._theta = p, theta  # type: ignore[assignment]
+        self._silence.end()
         state.p_DT_m = (p[0], MIDDLE_M - p[2], p[1])
         state.buttons, state.trouble = bits & 15, 0 if bits & HOMED == HOMED else 1
         state.count += 1
@@ -254,9 +252,9 @@ class FalconConnection(Connection):
         for _ in range(2):  # the first transfer may be FTDI's status alone
             if self._take(self._usb.read(IN, 64, 1)):
                 return
-        if time.monotonic() - self._heard_s > SILENT_S:
+        if self._silence.is_over():
             self.state.ready = 0
-            raise DeviceError("falcon: has said nothing that it can mean for 0.08 s; check its cable and its power")
+            raise DeviceError("falcon: has said nothing of sense for half a second; check its cable and its power")
 
     def write(self) -> None:
         state = self.state[0]

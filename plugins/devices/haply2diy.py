@@ -9,7 +9,6 @@ import atexit
 import math
 import os
 import struct
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,15 @@ from hapscene.device.driver import Connection, Driver, Found, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
+from hapscene_plugins.devices.silence import Silence
+
+try:
+    from termios import error as PortError
+except ImportError:  # Windows has none
+    PortError = OSError  # type: ignore[misc,assignment]
+
+GONE: Final = (OSError, TypeError, PortError)
+"""What pyserial raises of a port that is no more."""
 
 ID: Final = 5
 """What the board is to call itself; each answer begins with it."""
@@ -41,9 +49,6 @@ MIDDLE_M: Final = 0.09
 
 JUMP_RAD: Final = math.radians(20.0)
 """An arm that turned further since the last answer was not read right: a hand takes tens of milliseconds for it."""
-
-SILENT_S: Final = 0.08
-"""Longest time without a good answer before the device counts as gone."""
 
 
 class Hardware(NamedTuple):
@@ -155,7 +160,7 @@ class Haply2diyConnection(Connection):
         self._hardware, self._homed = HARDWARE[hardware], homed
         self._port = open_port(port)
         self._name = f"haply2diy: {self._port.port}"
-        self._tail, self._theta, self._p, self._heard_s = b"", (0.0, 0.0), (0.0, 0.0), time.monotonic()
+        self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
         self._known = self._garbled = False
         atexit.register(self.close)
         try:
@@ -170,34 +175,39 @@ class Haply2diyConnection(Connection):
                 self._port.reset_input_buffer()
                 self._tail, self._garbled = b"", False
             self._port.write(data)
-        except (OSError, TypeError) as error:  # pyserial's own are OSErrors
+        except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
 
     def read(self) -> None:
         try:
+            if self._known and self._silence.is_forgotten():  # what still waits is of before a pause
+                self._port.reset_input_buffer()
+                self._tail, self._known = b"", False
             data = self._tail + self._port.read(max(ANSWER.size - len(self._tail), self._port.in_waiting))
-        except (OSError, TypeError) as error:
+        except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
         self._garbled = len(data) > 4 * ANSWER.size
         while len(data) >= ANSWER.size and not self._garbled:
             self._garbled = not self._take(*ANSWER.unpack_from(data))
             data = data[ANSWER.size :]
         self._tail = b"" if self._garbled else data
-        if time.monotonic() - self._heard_s > SILENT_S:
+        if self._silence.is_over():
             self.state.ready = 0
-            raise DeviceError(f"{self._name}: has said nothing that it can mean for 0.08 s: is it a 2DIY's board?")
+            raise DeviceError(f"{self._name}: has said nothing of sense for half a second: is it a 2DIY's board?")
 
     def _take(self, name: int, second_deg: float, first_deg: float) -> bool:
         """Whether an answer can be one; then the state has it."""
         if name != ID or not (abs(first_deg) < 720.0 and abs(second_deg) < 720.0):
             return False
         theta = math.radians(first_deg), math.radians(second_deg)
-        if self._known and max(abs(theta[0] - self._theta[0]), abs(theta[1] - self._theta[1])) > JUMP_RAD:
+        turned = max(abs(theta[0] - self._theta[0]), abs(theta[1] - self._theta[1]))
+        if self._known and turned > JUMP_RAD:
             return False
         p = forward(theta, self._hardware.base_m)
         if p is None:
             return False
-        self._theta, self._p, self._known, self._heard_s = theta, p, True, time.monotonic()
+        self._theta, self._p, self._known = theta, p, True
+        self._silence.end()
         state = self.state[0]
         state.p_DT_m = (0.5 * self._hardware.base_m - p[0], MIDDLE_M - p[1], 0.0)
         state.ready, state.trouble = int(self._homed), int(not self._homed)
@@ -214,10 +224,10 @@ class Haply2diyConnection(Connection):
     def close(self) -> None:
         atexit.unregister(self.close)
         if self._port.is_open:
-            with suppress(DeviceError, OSError):
+            with suppress(DeviceError, *GONE):
                 self._send(run_message((0.0, 0.0)))
                 self._port.flush()
-        with suppress(OSError):
+        with suppress(*GONE):
             self._port.close()
 
     def reason(self, trouble: int) -> str:
@@ -227,9 +237,14 @@ class Haply2diyConnection(Connection):
 
 def release(port: str | None = None, **options: Any) -> None:
     """Write zero torque to a board whose driver has died."""
-    with open_port(port) as device:
+    device = open_port(port)
+    try:
         device.write(run_message((0.0, 0.0)))
         device.flush()
+    except GONE as error:
+        raise DeviceError(f"haply2diy: {port}: is gone ({error})") from None
+    finally:
+        device.close()
 
 
 DRIVER = Driver(

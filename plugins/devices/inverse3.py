@@ -18,6 +18,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import rotation_of
+from hapscene_plugins.devices.silence import Silence
 
 URI: Final = "ws://localhost:10001"
 
@@ -29,9 +30,6 @@ PENDING_MAX: Final = 4
 
 IGNORED_COUNT: Final = 50
 """States in which a force was sent and none is there, until that is told [count]."""
-
-SILENT_S: Final = 0.08
-"""Longest time without a good state before the device counts as gone."""
 
 CALIBRATE, POWER, TRANSFORMED, IGNORED = 1, 2, 3, 4
 REASONS = {
@@ -131,12 +129,12 @@ class Inverse3Connection(Connection):
         self._status: dict[str, Any] = {}
         self._socket = connect(uri, 2.0)
         self._id = ""
-        self._heard_s = time.monotonic()
+        self._silence, start_s = Silence(), time.monotonic()
         try:
             while not self._id:  # a service that has just started may tell of no device yet
                 content = parse(self._receive(1.0) or "") or {}
                 self._id = str(first(content, "inverse3").get("device_id") or "")
-                if not self._id and time.monotonic() - self._heard_s > 1.0:
+                if not self._id and time.monotonic() - start_s > 1.0:
                     raise DeviceError(f"{self._name}: the service has no Inverse3; plug it in")
             self._take(content)
             self._send((0.0, 0.0, 0.0))
@@ -179,9 +177,9 @@ class Inverse3Connection(Connection):
             self._pending -= 1
             if content is not None:
                 self._take(content)
-        if time.monotonic() - self._heard_s > SILENT_S:
+        if self._silence.is_over():
             self.state.ready = 0
-            raise DeviceError(f"{self._name}: the service has said nothing that it can mean for 0.08 s; start it again")
+            raise DeviceError(f"{self._name}: the service has said nothing of sense for half a second; start it again")
 
     def _take(self, content: dict[str, Any]) -> None:
         """Read a message into the state, if it is a state."""
@@ -190,7 +188,8 @@ class Inverse3Connection(Connection):
         p = numbers(inner, "cursor_position")
         if p is None or not all(abs(value) < 1.0 for value in p):
             return
-        state, self._heard_s = self.state[0], time.monotonic()
+        state = self.state[0]
+        self._silence.end()
         state.p_DT_m = [value - middle for value, middle in zip(p, self._middle, strict=True)]
         if "status" in told:
             self._status = part(told, "status")

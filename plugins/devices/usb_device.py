@@ -86,13 +86,16 @@ class UsbDevice:
             DeviceError: none is there, or it may not be opened.
         """
         self._name = name
-        devices = _devices(vendor, product, backend)
+        try:
+            devices = _devices(vendor, product, backend)
+        except DeviceError as error:
+            raise DeviceError(f"{name}: {error}") from None
         if not devices:
             raise DeviceError(f"{name}: none is plugged in (USB {vendor:04x}:{product:04x})")
         import usb.core
         import usb.util
 
-        self._usb, self._error, self._timeout = devices[0], usb.core.USBError, usb.core.USBTimeoutError
+        self._usb, self._timeout = devices[0], usb.core.USBTimeoutError
         self._let_go = usb.util.dispose_resources
         try:
             try:
@@ -103,7 +106,7 @@ class UsbDevice:
             self._usb.set_configuration()
             usb.util.claim_interface(self._usb, 0)
             self.endpoints = tuple(end.bEndpointAddress for end in self._usb.get_active_configuration()[(0, 0)])
-        except self._error as error:
+        except OSError as error:  # as USBError is
             self.close()
             raise DeviceError(f"{name}: cannot be opened: {error}; {_remedy(vendor, product)}") from None
 
@@ -115,7 +118,7 @@ class UsbDevice:
         """
         try:
             self._usb.ctrl_transfer(0x40, request, value, 0, None, 1000)
-        except self._error as error:
+        except OSError as error:  # as USBError is
             raise self._gone(error) from None
 
     def write(self, endpoint: int, data: bytes) -> None:
@@ -126,7 +129,7 @@ class UsbDevice:
         """
         try:
             sent = self._usb.write(endpoint, data, 50)
-        except self._error as error:
+        except OSError as error:  # as USBError is
             raise self._gone(error) from None
         if sent != len(data):
             raise DeviceError(f"{self._name}: took {sent} of {len(data)} bytes; unplug it and plug it in again")
@@ -141,12 +144,12 @@ class UsbDevice:
             return bytes(self._usb.read(endpoint, size, wait_ms))
         except self._timeout:
             return b""
-        except self._error as error:
+        except OSError as error:  # as USBError is
             raise self._gone(error) from None
 
     def close(self) -> None:
         """Let go of it. Raises nothing."""
-        with suppress(self._error):
+        with suppress(OSError):
             self._let_go(self._usb)
 
     def _gone(self, error: BaseException) -> DeviceError:

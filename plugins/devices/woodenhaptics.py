@@ -8,7 +8,6 @@ amplifiers switch themselves off half a second after the last report.
 
 import math
 import struct
-import time
 from contextlib import suppress
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
 from hapscene.geometry import Vector
+from hapscene_plugins.devices.silence import Silence
 from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 
 VENDOR, PRODUCT = 0x1234, 0x0006
@@ -45,9 +45,6 @@ FORCE_N: Final = 5.0
 
 JUMP: Final = 1000
 """Counts that an encoder cannot have gone since the last report: 20 ms of the fastest hand."""
-
-SILENT_S: Final = 0.08
-"""Longest time without a good report before the device counts as gone."""
 
 
 def body_angles(counts: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -98,20 +95,21 @@ class WoodenHapticsConnection(Connection):
             raise DeviceError("woodenhaptics: has no endpoint each way: is it the firmware WoodenHapticsHID?")
         self._in, self._out = ends[True], ends[False]
         self._counts: tuple[int, int, int] | None = None
-        self._angles, self._heard_s = body_angles((0, 0, 0)), time.monotonic()
+        self._angles, self._silence = body_angles((0, 0, 0)), Silence()
 
     def read(self) -> None:
-        data, now_s = self._usb.read(self._in, 64, 1), time.monotonic()
+        data = self._usb.read(self._in, 64, 1)
         if len(data) == REPORT.size and self._take(REPORT.unpack(data)[:3]):
-            self._heard_s = now_s
-        elif now_s - self._heard_s > SILENT_S:
+            self._silence.end()
+        elif self._silence.is_over():
             self.state.ready = 0
-            raise DeviceError("woodenhaptics: has said nothing that it can mean for 0.08 s; check its cable")
+            raise DeviceError("woodenhaptics: has said nothing of sense for half a second; check its cable")
 
     def _take(self, counts: Any) -> bool:
         """Whether the counts can be; then the state has them."""
         last = self._counts or counts
-        if max(abs(now - before) for now, before in zip(counts, last, strict=True)) > JUMP:
+        jump = max(abs(now - before) for now, before in zip(counts, last, strict=True))
+        if jump > JUMP and not self._silence.is_forgotten():
             return False
         self._counts, self._angles = counts, body_angles(counts)
         x, y, z = forward(self._angles)
@@ -153,7 +151,7 @@ DRIVER = Driver(
     continuous_N=2.0,
     low_D_m=(-0.1, -0.1, -0.1),
     high_D_m=(0.1, 0.1, 0.1),
-    rate_Hz=1000.0,
+    rate_Hz=500.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission",
     options=(
         Option("homed", False, "yes where it stood at its zero as it was plugged in; without, no force is given"),
@@ -163,6 +161,7 @@ DRIVER = Driver(
     watchdog_s=0.5,
     assumptions=(
         "It is built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
+        "A report each way waits for the bus's next millisecond, so that it runs at some 500 Hz.",
         "Mass, friction and the force that it bears for ever are guessed.",
         "Motors turn as its makers' library has them; it goes the wrong way where --option signs is wrong: try 0.5 N.",
         "It was plugged in with its upper arm upright and its lower arm level.",

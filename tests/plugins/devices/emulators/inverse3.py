@@ -16,11 +16,12 @@ class Service(Emulator):
         self.wireless = 0.0
         self.moved = 0.0  # a transform that is not the identity
         self.buttons = 0.0
-        self.p = {"x": 0.06, "y": -0.13, "z": 0.16}
+        self.x = 0.06
         self.force = {"x": 0.0, "y": 0.0, "z": 0.0}
 
     def state(self, whole):
-        told = {"device_id": "05DA", "state": {"cursor_position": self.p, "current_cursor_force": self.force}}
+        p = {"x": self.x, "y": -0.13, "z": 0.16}
+        told = {"device_id": "05DA", "state": {"cursor_position": p, "current_cursor_force": self.force}}
         told["state"]["transform"] = {"scale": {"x": 2.0, "y": 2.0, "z": 2.0}} if self.moved else {}
         told["status"] = {"calibrated": bool(self.ready), "ready": True, "power_supply": True, "in_use": True}
         if whole:

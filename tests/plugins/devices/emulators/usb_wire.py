@@ -8,6 +8,7 @@ import os
 import socket
 import struct
 import threading
+from contextlib import suppress
 from types import SimpleNamespace
 
 from usb.backend import IBackend
@@ -27,7 +28,12 @@ def serve(emulator, path):
     emulator.obey()
     while True:
         wire, _ = listener.accept()
-        threading.Thread(target=_answer, args=(emulator, wire), daemon=True).start()
+        threading.Thread(target=_served, args=(emulator, wire), daemon=True).start()
+
+
+def _served(emulator, wire):
+    with suppress(OSError):  # a driver that was killed
+        _answer(emulator, wire)
 
 
 def _answer(emulator, wire):
@@ -59,8 +65,11 @@ class Backend(IBackend):
         (self._vendor, self._product, self._kind), self._ends = struct.unpack_from("<HHB", told), told[5:]
 
     def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
-        self._wire.send(HEAD.pack(op, endpoint, request, value, wait_ms) + data)
-        answer = self._wire.recv(65536)
+        try:
+            self._wire.send(HEAD.pack(op, endpoint, request, value, wait_ms) + data)
+            answer = self._wire.recv(65536)
+        except OSError:
+            answer = b""
         if not answer or answer[0] == GONE:
             raise USBError("No such device (it may have been disconnected)", -4, 19)
         if answer[0] == SILENT:
