@@ -299,6 +299,15 @@ class Servo:
         """
         return {} if self._played is None else self._played.look()
 
+    def turn_handle(self, volume: float) -> None:
+        """Have a real handle play from now on at this share of its gain, 0 … 1; nothing without one.
+
+        Raises:
+            HandleError: it plays no more, and why.
+        """
+        if self._played is not None:
+            self._played.turn(volume)
+
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
         channel = shared.channel.view(np.ndarray)
