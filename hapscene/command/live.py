@@ -4,13 +4,14 @@ import argparse
 import math
 import time
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, port
+from hapscene.command.options import HOST, key_value, port
 from hapscene.constants import TICK_S
+from hapscene.device.driver_registry import DeviceChoice
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
@@ -29,8 +30,12 @@ NAP_S: Final = 0.2
 
 def add_page_options(command: Any) -> None:
     """Where the page is, and what is heard."""
+    command.add_argument("--handle", metavar="NAME", help="what plays the vibrations: audio, serial, usb")
     command.add_argument(
-        "--handle", metavar="NAME", help="what plays the vibrations, which the page then starts: audio"
+        "--handle-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the handle"
+    )
+    command.add_argument(
+        "--handle-file", metavar="FILE", help="of `handle identify`: its compensator drives the handle"
     )
     command.add_argument("--kiosk", action="store_true", help=f"all as at the start after {KIOSK_S:g} s without input")
     command.add_argument("--port", type=port, default=0, help="where the page is (default: any that is free)")
@@ -46,15 +51,21 @@ def add_page_options(command: Any) -> None:
 
 def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
     """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
-    kiosk_s = KIOSK_S if options.kiosk else math.inf
-    place = {"host": options.host, "port": options.port, "with_browser": not options.no_browser}
-    with (
-        open_page(scene, title, kiosk_s=kiosk_s, handle=options.handle, **place) as (_, servo),
-        interrupt_noted() as noted,
-    ):
+    handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
+    made = {"handle": handle, "handle_file": options.handle_file}
+    with opened_page(scene, title, options, made) as servo, interrupt_noted() as noted:
         while not noted():
             time.sleep(NAP_S)
             servo.state()
+
+
+@contextmanager
+def opened_page(scene: "Scene", title: str, options: argparse.Namespace, made: Mapping[str, Any]) -> "Iterator[Servo]":
+    """The servo behind a page that is open as the options say (`add_page_options`)."""
+    kiosk_s = KIOSK_S if options.kiosk else math.inf
+    place = {"host": options.host, "port": options.port, "with_browser": not options.no_browser}
+    with open_page(scene, title, kiosk_s=kiosk_s, **place, **made) as (_, servo):
+        yield servo
 
 
 @contextmanager

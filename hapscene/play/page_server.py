@@ -61,14 +61,8 @@ BIN: Final = 3
 BINS_MAX: Final = 400
 """Most values that a page is sent at once [count]: what it missed longer ago than that it never draws."""
 
-SWITCHES: Final = {
-    "wall": ("stiffness_N_m", "damping_Ns_m"),
-    "friction": ("friction_static", "friction_dynamic"),
-    "lpc_texture": ("texture_gain",),
-    "tap": ("tap_gain",),
-}
-"""What is 0 of all swatches while an effect is switched off. Without a wall nothing is pressed on: texture and friction
-end with it."""
+SWITCHES: Final = ("wall", "friction", "lpc_texture", "tap")
+"""Effects that the page switches off and on."""
 
 FILES: Final = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -365,14 +359,11 @@ class PageServer:
             self._say("")
 
     def _put(self, effect: str, on: bool) -> None:
-        """Switch an effect of all swatches."""
+        """Switch an effect."""
         servo = self._servo
         if servo is None or self._on[effect] == on:
             return
-        for swatch in servo.scene.swatches:
-            own = {"stiffness_N_m": swatch.stiffness_N_m}
-            numbers = {name: own.get(name, swatch.parameter(effect, name, 1.0)) for name in SWITCHES[effect]}
-            servo.tune(swatch.name, **{name: value * on for name, value in numbers.items()})
+        servo.mute(effect, not on)
         self._on[effect] = on
 
     def _pause(self, page: int, value: Any) -> None:

@@ -586,6 +586,11 @@ class Servo:
         self._order("tune_field", effect, numbers)
         self._tuned.append(("tune_field", effect, numbers))
 
+    def mute(self, effect: str, muted: bool = True) -> None:
+        """Switch an effect off, or on again, while it is felt, as `Renderer.mute` does."""
+        self._order("mute", effect, muted)
+        self._tuned.append(("mute", effect, {"muted": muted}))
+
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
 
