@@ -179,8 +179,8 @@ class FakeServo:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.tick_s, self.orders = scene, 1e-3, list[Any]()
 
-    def tune(self, swatch: str, **numbers: float) -> None:
-        self.orders.append((swatch, numbers))
+    def mute(self, effect: str, muted: bool) -> None:
+        self.orders.append((effect, muted))
 
     def pause(self) -> None:
         self.orders.append("pause")
@@ -199,10 +199,7 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer) -> Non
     page.sound = lambda on, volume: heard.append((on, volume))
     page.take(1, '{"switch": ["friction", false], "hear": [true, 0.5]}')
     page.take(1, '{"switch": ["friction", false]}')  # it is off already
-    wood = servo.scene.swatches[1]
-    off = {"friction_static": 0.0, "friction_dynamic": 0.0}
-    on = {"friction_static": wood.friction_static, "friction_dynamic": wood.friction_dynamic}
-    assert servo.orders == [("plain", off), ("wood", off)]
+    assert servo.orders == [("friction", True)]
     page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
     page.take(1, '{"pause": true}')
     assert not any(downs(page))
@@ -211,7 +208,7 @@ def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer) -> Non
     servo.orders.clear()
     page._kiosk_s = 0.1
     until(lambda: page.state()["resets"] == 1)
-    assert servo.orders == [("plain", off), ("wood", on), "resume"]
+    assert servo.orders == [("friction", False), "resume"]
     assert heard == [(True, 0.5), (False, 0.5)]
     assert page.state()["effects"]["friction"]
     time.sleep(0.2)
