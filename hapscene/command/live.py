@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene.command.console import say
 from hapscene.command.options import HOST, key_value, port
 from hapscene.constants import TICK_S
-from hapscene.device.driver_registry import DeviceChoice
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
@@ -34,9 +33,7 @@ def add_page_options(command: Any) -> None:
     command.add_argument(
         "--handle-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the handle"
     )
-    command.add_argument(
-        "--handle-file", metavar="FILE", help="of `handle identify`: its compensator drives the handle"
-    )
+    command.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: it drives the handle")
     command.add_argument("--kiosk", action="store_true", help=f"all as at the start after {KIOSK_S:g} s without input")
     command.add_argument("--port", type=port, default=0, help="where the page is (default: any that is free)")
     command.add_argument(
@@ -51,6 +48,8 @@ def add_page_options(command: Any) -> None:
 
 def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
     """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
+    from hapscene.device.driver_registry import DeviceChoice
+
     handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
     made = {"handle": handle, "handle_file": options.handle_file}
     with opened_page(scene, title, options, made) as servo, interrupt_noted() as noted:
