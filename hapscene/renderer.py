@@ -26,7 +26,7 @@ from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, s
 from hapscene.surface.effect import check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
-from hapscene.surface.surface_arrays import Surface, build_surface, clear_states, put_numbers
+from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
 from hapscene.tick import run_ticks
 
 if TYPE_CHECKING:
@@ -242,6 +242,17 @@ class Renderer:
         taken, clipped = self._field(k)
         put_numbers(self.surface, self._effects, len(self._swatch_names), taken)
         _warn([str(clip) for clip in clipped if clip.reported and clip.number in numbers])
+
+    def mute(self, effect: str, muted: bool = True) -> None:
+        """Leave an effect out of the sum from the next tick on, or take it in again; a reset changes nothing of it.
+
+        Raises:
+            EffectError: the renderer has no such effect.
+        """
+        names = [one.name for one in self._effects]
+        if effect not in names:
+            raise EffectError(no_such("effect", effect, names))
+        self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """The effects of the scene as they are set."""

@@ -411,3 +411,21 @@ def test_a_removed_body_stays_away_whatever_an_older_binding_says():
     felt = [renderer.step((0.0, 0.0, z), bound) for z in np.linspace(0.03, -0.01, 40)]
     assert all(command.contact is None for command in felt)
     assert renderer.run(stroke(10)).body_names == ("box",)
+
+
+def test_an_effect_is_switched_off_and_on() -> None:
+    scene = hapscene.Scene()
+    scene.add(hapscene.Mesh.from_trimesh(trimesh.creation.box((0.1, 0.1, 0.02)), "m"), name="plate", swatch="wood")
+    renderer = hapscene.Renderer(scene)
+    renderer.reset((0.0, 0.0, 0.02))
+    pressed = [renderer.step((0.0, 0.0, 0.009)).f_W_N[2] for _ in range(2)][1]
+    renderer.mute("wall")
+    command = renderer.step((0.0, 0.0, 0.009))
+    assert pressed > 0.1 and command.f_W_N[2] == pytest.approx(0.0, abs=1e-9) and command.flags == 0
+    renderer.reset((0.0, 0.0, 0.02))  # of whoever touches; what the user has switched off stays off
+    renderer.step((0.0, 0.0, 0.02))
+    assert renderer.step((0.0, 0.0, 0.009)).f_W_N[2] == pytest.approx(0.0, abs=1e-9)
+    renderer.mute("wall", False)
+    assert renderer.step((0.0, 0.0, 0.009)).f_W_N[2] > 0.1
+    with pytest.raises(HapsceneError, match="no effect 'wal'"):
+        renderer.mute("wal")

@@ -338,6 +338,17 @@ def pairs(text: str) -> Mapping[str, str]:
     return found
 
 
+def vector(text: str) -> tuple[float, float, float]:
+    """Three numbers as in "0,0.1,0.02"."""
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected three numbers, as in 0,0.1,0.02") from None
+    if not all(map(math.isfinite, (x, y, z))):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected finite numbers")
+    return x, y, z
+
+
 def key_value(text: str) -> tuple[str, str]:
     """An option of a plugin as in "firmware=falcon.bin"."""
     key, equals, value = text.partition("=")

@@ -3,14 +3,30 @@
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import note, say, tell
-from hapscene.command.options import add_command, add_mesh_options, check_scene, key_value, load_input, number
+from hapscene.command.live import add_page_options, opened_page
+from hapscene.command.options import (
+    add_command,
+    add_mesh_options,
+    base_name,
+    check_scene,
+    key_value,
+    load_input,
+    number,
+    vector,
+)
 from hapscene.errors import Codes, HapsceneError
 from hapscene.interrupt import interrupt_noted
+
+if TYPE_CHECKING:
+    from hapscene.servo import Servo
+
+FLIGHT_S: Final = 60.0
+"""How much of the past is kept [s]."""
 
 LOOK_S: Final = 0.25
 """How often the terminal is brought up to date [s]."""
@@ -22,28 +38,14 @@ QUIET_S: Final = 5.0
 def add_play(commands: Any) -> None:
     command = add_command(commands, "play", _play)
     command.add_argument("scene", metavar="SCENE", help="a scene, or a mesh")
-    command.add_argument("--device", default="simulated", metavar="NAME", help="`hapscene devices` lists them")
-    command.add_argument("--handle", metavar="NAME", help="what plays the fine feel: audio, a handle on a serial port")
     command.add_argument(
-        "--option",
-        type=key_value,
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="of the device",
-    )
+        "--device", default="pointer", metavar="NAME",
+        help="`hapscene devices` lists them; default: pointer, a page in the browser",
+    )  # fmt: skip
+    command.add_argument("--option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of it")
     command.add_argument(
-        "--handle-option",
-        type=key_value,
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="of the handle",
-    )
-    command.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: it drives the handle")
-    command.add_argument(
-        "--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
-        help="where the middle of the device's workspace lies in the scene, in m (default: the middle of its top)",
+        "--at", type=vector, metavar="X,Y,Z",
+        help="where the middle of its workspace lies in the scene, in m (default: the middle of the top)",
     )  # fmt: skip
     command.add_argument(
         "--force", type=number("a force in N", 0.0), metavar="N", help="give no more than this; the device's own holds"
@@ -53,79 +55,91 @@ def add_play(commands: Any) -> None:
         "--flights", metavar="FOLDER", help="where the last minute is written when something breaks (default: yours)"
     )
     add_mesh_options(command)
+    add_page_options(command.add_argument_group("what is heard, and the page"))
 
 
 def _play(options: argparse.Namespace) -> int:
-    """Feel a scene with what stands on the desk: a haptic device, a handle, a pointer and headphones.
+    """Feel a scene with what stands on the desk: a haptic device, a handle, or a pointer and headphones.
 
     On a terminal: space pauses, f writes the last minute down, q ends. Forces rise within two seconds after the start
     and after every pause, and end when anything breaks.
 
     for example:
+      hapscene play demo.scene.json --handle audio
       hapscene play demo.scene.json --device openhaptics
       hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
-      hapscene play demo.scene.json --device pointer --handle audio
     """
     check_scene(options.scene, options.unit, options.swatch)
     from hapscene.device.driver_registry import DRIVERS, DeviceChoice
     from hapscene.device.model import DEVICES
     from hapscene.play.monitor import Monitor
-    from hapscene.servo import Servo
-    from hapscene.servo.flight_recorder import FLIGHT_S
-    from hapscene.touch import step
 
-    told = dict(options.option)
+    told: dict[str, Any] = dict(options.option)
     device: Any = options.device
     if device not in DEVICES:
         DRIVERS.load(device).read_options(told)  # refused before the scene is read
         device = DeviceChoice(device, told)
+    handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
     scene = load_input(
         options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
     )
-    flights = options.flights or flights_folder()
+    made = {
+        "handle": handle,
+        "handle_file": options.handle_file,
+        "ring_s": FLIGHT_S,
+        "flights": options.flights or flights_folder(),
+        "force_N": options.force,
+    }
     with ExitStack() as stack:
-        handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
-        servo = Servo(
-            scene,
-            device,
-            handle=handle,
-            handle_file=options.handle_file,
-            ring_s=FLIGHT_S,
-            flights=flights,
-            force_N=options.force,
-        )
-        with step(say, f"starting {options.device}"):
-            stack.enter_context(servo)
+        if options.device == "pointer" and not told:
+            servo = stack.enter_context(opened_page(scene, base_name(options.scene), options, made))
+        else:
+            servo = stack.enter_context(_started(scene, device, options.at or middle_of_top(scene), made))
         if handle is not None:
-            report = servo.handle_report()
-            say(f"{options.handle} plays {1e3 * report['latency_s']:.0f} ms after the tick\n")
-        servo.start(options.at or middle_of_top(scene))
+            latency_s = servo.handle_report()["latency_s"]
+            say(f"{options.handle} plays {1e3 * latency_s:.0f} ms after the tick\n")
         monitor = Monitor(servo)
         stack.callback(monitor.close)
         keys = stack.enter_context(_keys())
         with interrupt_noted() as noted:
             try:
-                _watch(servo, monitor, keys, noted, options.seconds)
+                _watch(servo, monitor, keys, noted, options)
             except HapsceneError as error:
-                _write(servo, flights, str(error))
+                if servo.alive:  # else it has written it itself
+                    raise
+                _write(servo, made["flights"], str(error))
                 raise
             monitor.lines()
         tell(monitor.summary())
     return 0
 
 
-def _watch(servo: Any, monitor: Any, keys: Callable[[], str], noted: Any, seconds: float | None) -> None:
+@contextmanager
+def _started(scene: Any, device: Any, at: Sequence[float], made: Mapping[str, Any]) -> "Iterator[Servo]":
+    """A servo that runs, the middle of its workspace at a place."""
+    from hapscene.servo import Servo
+    from hapscene.touch import step
+
+    name = device if isinstance(device, str) else device.name
+    with ExitStack() as stack:
+        with step(say, f"starting {name}"):
+            servo = stack.enter_context(Servo(scene, device, **made))
+        servo.start(at)
+        yield servo
+
+
+def _watch(servo: "Servo", monitor: Any, keys: Callable[[], str], noted: Any, options: argparse.Namespace) -> None:
     """Show what happens until it ends."""
-    terminal, start_s, count, paused = sys.stdout.isatty(), time.monotonic(), 0, False
-    end_s = start_s + (float("inf") if seconds is None else seconds)
-    told_s = start_s
+    terminal, count, paused = sys.stdout.isatty(), 0, False
+    told_s = time.monotonic()
+    end_s = told_s + (float("inf") if options.seconds is None else options.seconds)
     while not noted() and time.monotonic() < end_s:
         time.sleep(min(LOOK_S, max(end_s - time.monotonic(), 0.0)))
         key = keys()
         if key == "q":
             return
         if key == "f":
-            _write(servo, flights_folder(), "asked for")
+            _write(servo, options.flights or flights_folder(), "asked for")
             count = 0
         if key == " ":
             (servo.resume if paused else servo.pause)()
@@ -142,7 +156,7 @@ def _watch(servo: Any, monitor: Any, keys: Callable[[], str], noted: Any, second
         count = len(lines)
 
 
-def _write(servo: Any, folder: str, reason: str) -> None:
+def _write(servo: "Servo", folder: str, reason: str) -> None:
     """Write the last minute, and say where."""
     from hapscene.servo.flight_recorder import write_flight
 

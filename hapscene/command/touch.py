@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapscene.command.console import name_made, say
+from hapscene.command.live import add_page_options, play_on_page
 from hapscene.command.options import (
     add_command,
     add_mesh_options,
@@ -23,7 +24,7 @@ from hapscene.command.options import (
     whole,
 )
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
-from hapscene.errors import EffectError, PathError
+from hapscene.errors import EffectError, HapsceneError, PathError
 
 HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "adaptive", "delay": 0}
 """Options of a touch in closed loop."""
@@ -269,6 +270,9 @@ def add_demo(commands: Any) -> None:
     command = add_command(commands, "demo", _demo)
     add_out_folder(command, "out/demo")
     _add_dark(command)
+    live = command.add_argument_group("live", "on a page in the browser, with mouse, pen or fingers")
+    live.add_argument("--live", action="store_true", help="touch it yourself; nothing is written")
+    add_page_options(live)
 
 
 def _add_dark(command: argparse.ArgumentParser) -> None:
@@ -280,14 +284,21 @@ def _demo(options: argparse.Namespace) -> int:
 
     for example:
       hapscene demo
+      hapscene demo --live                 # with the mouse, or with what the screen takes
+      hapscene demo --live --kiosk --host 0.0.0.0   # for visitors, also on their phones
     """
     from importlib.resources import as_file, files
 
     from hapscene.motion.hand_path import explore
     from hapscene.touch import open_scene, step, touch
 
+    if options.kiosk and not options.live:
+        raise HapsceneError("--kiosk is for the page; say --live as well")
     with step(say, "loading the demo scene"), as_file(files("hapscene_assets")) as folder:
         scene = open_scene(folder / "demo.scene.json")
-        path = explore(scene, TICK_S)
+    if options.live:
+        play_on_page(scene, "demo", options)
+        return 0
+    path = explore(scene, TICK_S)
     name_made(touch(scene, options.out, path, title="demo.scene.json", dark=options.dark, say=say))
     return 0

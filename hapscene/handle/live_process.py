@@ -175,8 +175,11 @@ def serve_live(
         wire.send((None, report(stream, opened)))
         while not opened.fault:
             if wire.poll(LOOK_S):
-                if wire.recv() == "stop":
+                said = wire.recv()
+                if said == "stop":
                     break
+                if isinstance(said, float):
+                    stream.turn(said)
                 wire.send((None, report(stream, opened)))
     except (EOFError, OSError):
         pass  # the application is gone
@@ -266,8 +269,19 @@ class LiveHandle:
         Raises:
             HandleError: it plays no more, and why.
         """
+        return self._tell("report")
+
+    def turn(self, volume: float) -> None:
+        """Play from now on at this share of the output's gain, 0 … 1.
+
+        Raises:
+            HandleError: it plays no more, and why.
+        """
+        self._tell(float(volume))
+
+    def _tell(self, said: str | float) -> dict[str, float]:
         with suppress(OSError):
-            self._wire.send("report")
+            self._wire.send(said)
         self.report = self._answer(ANSWER_S)
         return self.report
 

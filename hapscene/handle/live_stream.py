@@ -115,7 +115,8 @@ class LiveStream:
             HandleError: rates that are too far apart.
         """
         self.rate_Hz, self.output_rate_Hz = rate_Hz, output.rate_Hz
-        self._fetch, self._handle = fetch, records(0, HANDLE) if handle is None else handle
+        self._fetch, self._gain = fetch, output.gain
+        self._handle = records(0, HANDLE) if handle is None else handle
         if not 0.02 <= rate_Hz / self.output_rate_Hz <= 50.0:
             raise HandleError(f"a channel of {rate_Hz:g} Hz cannot be played at {self.output_rate_Hz:g} Hz")
         self._table = filter_table(rate_Hz, self.output_rate_Hz)
@@ -156,6 +157,10 @@ class LiveStream:
         """What was pulled before is lost: begin with silence anew."""
         s = self._state[0]
         s.state, s.faded, s.windows = SILENT, 0.0, 0
+
+    def turn(self, volume: float) -> None:
+        """Play from now on at this share of the output's gain, 0 … 1."""
+        self._state[0].gain = min(max(volume, 0.0), 1.0) * self._gain
 
     def end(self) -> None:
         """Fade out, and stay silent."""

@@ -28,15 +28,15 @@ from hapscene.servo.tick_memory import remember
 from hapscene.tick import run_ticks
 from hapscene.twin.twin_recording import FELT
 
-FLIGHT_S: Final = 60.0
-"""How much of the past `hapscene play` keeps [s]."""
-
 FORMAT: Final = "hapscene flight"
 VERSION: Final = 1
 
 SCENE_FILE: Final = "flown.scene.json"
 NUMBERS_FILE: Final = "flight.npz"
 STORY_FILE: Final = "flight.json"
+
+ORDERS: Final = ("tune", "tune_field", "mute")
+"""Orders that change what is felt and are kept."""
 
 BYTES_MAX: Final = 1 << 30
 """Most that a flight may unpack to [bytes]: 20 minutes of one tool."""
@@ -142,7 +142,7 @@ class Flight:
         for tool, rows in enumerate(self.rows):
             renderer = _renderer(self.scene, self.made)
             for order, name, numbers in self.tuned:
-                (renderer.tune if order == "tune" else renderer.tune_field)(name, **numbers)
+                getattr(renderer, order if order in ORDERS else "tune")(name, **numbers)
             remember(renderer.world, renderer.surface, self.memory[tool * share : (tool + 1) * share])
             again, a_m_s2 = records(length, ROW), np.zeros((length, renderer.block))
             path = np.ascontiguousarray(self.felt[tool]["read_W_m"][start:])

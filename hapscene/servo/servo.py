@@ -299,6 +299,15 @@ class Servo:
         """
         return {} if self._played is None else self._played.look()
 
+    def turn_handle(self, volume: float) -> None:
+        """Have a real handle play from now on at this share of its gain, 0 … 1; nothing without one.
+
+        Raises:
+            HandleError: it plays no more, and why.
+        """
+        if self._played is not None:
+            self._played.turn(volume)
+
     def _look(self, shared: Channel) -> None:
         """Keep views of what is often read or written: by name, each look costs microseconds."""
         channel = shared.channel.view(np.ndarray)
@@ -576,6 +585,11 @@ class Servo:
         """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
         self._order("tune_field", effect, numbers)
         self._tuned.append(("tune_field", effect, numbers))
+
+    def mute(self, effect: str, muted: bool = True) -> None:
+        """Switch an effect off, or on again, while it is felt, as `Renderer.mute` does."""
+        self._order("mute", effect, muted)
+        self._tuned.append(("mute", effect, {"muted": muted}))
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.

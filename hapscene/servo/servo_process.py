@@ -268,6 +268,13 @@ class Desk:
         self._tuned.append(("tune_field", effect, dict(numbers)))
         self._note_change()
 
+    def mute(self, effect: str, muted: bool) -> None:
+        """Switch an effect off, or on again."""
+        for renderer in self._renderers:
+            renderer.mute(effect, muted)
+        self._tuned.append(("mute", effect, {"muted": muted}))
+        self._note_change()
+
     def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
         """Take over swatches, and which face of each body wears which."""
         before = self._scene.swatches, [body.face_swatch for body in self._scene.bodies]

@@ -6,6 +6,7 @@ from typing import Any
 from hapscene.flags import Flag
 from hapscene.native import native
 from hapscene.surface.effect_compile import call_effect
+from hapscene.surface.surface_arrays import FAILED
 
 _MUTED = int(Flag.EFFECT_MUTED)
 _FORCE = int(Flag.FORCE_LIMITED)
@@ -31,7 +32,7 @@ def render(surface: Any, of_scene: bool) -> int:
         return 0
     for e in range(first, stop):
         if surface.muted[e] != 0:
-            flags |= _MUTED
+            flags |= _MUTED if surface.muted[e] == FAILED else 0
             continue
         _clear(part, touch)
         table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
@@ -46,7 +47,7 @@ def render(surface: Any, of_scene: bool) -> int:
             part,
         )
         if not _finite(part, touch):
-            surface.muted[e] = 1
+            surface.muted[e] = FAILED
             flags |= _MUTED
             continue
         for i in range(3):

@@ -40,6 +40,13 @@ MEMORY: Final = np.dtype(
 )
 
 
+FAILED: Final = 1
+"""Why an effect is mute: it gave no number."""
+
+SWITCHED_OFF: Final = 2
+"""Why an effect is mute: the user's will (`Renderer.mute`)."""
+
+
 class Surface(NamedTuple):
     """Everything that description, effects and mixer read and write. s swatches, e effects.
 
@@ -60,7 +67,7 @@ class Surface(NamedTuple):
     frame_at: NDArray[np.int64]  # (k,) and where
     states: NDArray[np.uint8]
     state_start: NDArray[np.int64]  # (e,)
-    muted: NDArray[np.int64]  # (e,)
+    muted: NDArray[np.int64]  # (e,) 0, or why: FAILED, SWITCHED_OFF
     touch: Any  # (1,) TOUCH
     part: Any  # (1,) OUTPUT of one effect
     total: Any  # (1,) OUTPUT of all
@@ -166,9 +173,9 @@ def _row(surface: Surface, effect: Effect, swatch: int, e: int) -> Any:
 
 
 def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None:
-    """Zero the effects' memory, unmute them, and seed their random numbers anew."""
+    """Zero the effects' memory, unmute those that failed, and seed their random numbers anew."""
     surface.states[:] = 0
-    surface.muted[:] = 0
+    surface.muted[surface.muted == FAILED] = 0
     for start, effect in zip(surface.state_start, effects, strict=False):
         dtype = effect.state_dtype
         record = surface.states[start : start + dtype.itemsize].view(dtype)

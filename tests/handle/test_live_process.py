@@ -213,6 +213,22 @@ def test_a_killed_application_is_silence_and_nothing_stays_behind(
     ticks.stop()
 
 
+def test_it_is_turned_down_and_up_while_it_plays(board: Board, channel: Channel) -> None:
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
+        board.wait_for_force()
+        handle.turn(0.0)
+        turned_s = time.monotonic()
+        time.sleep(0.3)
+        assert board.loud_since(turned_s) < 0.1
+        handle.turn(1.0)
+        turned_s = time.monotonic()
+        while not board.loud_since(turned_s) > 0.0:
+            assert time.monotonic() < turned_s + 10.0
+            time.sleep(0.01)
+    ticks.stop()
+
+
 def test_what_the_handle_refuses_is_said_by_the_application(channel: Channel) -> None:
     with pytest.raises(HandleError, match="/dev/none: the port cannot be opened"):
         LiveHandle(where(channel), 1e4, 0, "serial", {"port": "/dev/none"})

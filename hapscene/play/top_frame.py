@@ -1,0 +1,90 @@
+"""A scene straight from above: its picture, and where in it is which place of the surface."""
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from hapscene.motion.look_from_above import bounds_of, look_from_above
+from hapscene.view.camera import MARGIN, place
+from hapscene.view.offscreen import draw
+from hapscene.view.palette import Theme
+from hapscene.view.triangles import Drawing, Frame, scene_solid
+
+if TYPE_CHECKING:
+    from hapscene.scene.scene import Scene
+
+WIDTH: Final = 1400
+"""Of the picture [pixels]."""
+
+HEIGHT_SHARES: Final = (0.3, 1.4)
+"""Least and greatest height of the picture over its width [1]."""
+
+PAD_M: Final = (0.16, 0.12)
+"""Width and height of the flat pad that there is without a scene [m]."""
+
+CLEAR_M: Final = 0.02
+"""How far over everything a lifted tool is held [m]."""
+
+OVERSAMPLING: Final = 2
+
+
+class TopFrame:
+    """The orthographic frame of the picture: u from left to right, v from top to bottom, both 0 … 1.
+
+    Attributes:
+        size: of the picture [pixels].
+        size_m: width and height of what it shows.
+        clear_m: height over everything.
+    """
+
+    def __init__(self, scene: "Scene | None") -> None:
+        self._scene = scene = scene if scene is not None and scene.bodies else None
+        bounds_m = np.array([[-0.5 * PAD_M[0], -0.5 * PAD_M[1], 0.0], [0.5 * PAD_M[0], 0.5 * PAD_M[1], 0.0]])
+        if scene is not None:
+            corners_m = np.array([bounds_of(body) for body in scene.bodies])
+            bounds_m = np.array([corners_m[:, 0].min(axis=0), corners_m[:, 1].max(axis=0)])
+            self._look = look_from_above(scene)
+            self._look(*corners_m[:, :, :2].mean(axis=1).T)  # builds the searches, which the first touch would wait for
+        self._middle_m = bounds_m.mean(axis=0)
+        span_m = np.maximum(np.ptp(bounds_m, axis=0), 1e-9)
+        self.size = WIDTH, round(WIDTH * float(np.clip(span_m[1] / span_m[0], *HEIGHT_SHARES)))
+        pixel_m = (MARGIN if scene is not None else 1.0) * max(span_m[0] / self.size[0], span_m[1] / self.size[1])
+        self.size_m = float(pixel_m * self.size[0]), float(pixel_m * self.size[1])
+        self.clear_m = float(bounds_m[1, 2]) + CLEAR_M
+        self._corners_m = bounds_m
+
+    def find(self, u: float, v: float) -> tuple[float, float, float] | None:
+        """The place of the surface under a point of the picture, in W [m]; None beside everything."""
+        x_m, y_m = self._middle_m[:2] + np.multiply((u - 0.5, 0.5 - v), self.size_m)
+        if self._scene is None:
+            return float(x_m), float(y_m), 0.0
+        z_m = float(self._look(np.array([x_m]), np.array([y_m])).z_m[0])
+        return None if np.isnan(z_m) else (float(x_m), float(y_m), z_m)
+
+    def point(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where in the picture a place is."""
+        return (
+            float(0.5 + (x_m - self._middle_m[0]) / self.size_m[0]),
+            float(0.5 - (y_m - self._middle_m[1]) / self.size_m[1]),
+        )
+
+    def picture(self, theme: Theme) -> bytes:
+        """The scene as `hapscene view` colours it, as PNG; nothing where there is none.
+
+        Raises:
+            ViewError: no GL can draw here.
+        """
+        if self._scene is None:
+            return b""
+        from PIL import Image
+
+        solid = scene_solid(self._scene)
+        solid = solid._replace(corner_m=solid.corner_m - self._middle_m)
+        poses, extent_m, _ = place(self._corners_m - self._middle_m, [np.eye(3)], self.size)
+        parts = [(0, np.eye(4))]
+        drawing = Drawing([solid], [Frame(poses[0], parts)], extent_m, self.size, theme.background, OVERSAMPLING)
+        (pixels,) = draw(drawing)
+        file = BytesIO()
+        Image.fromarray(pixels).save(file, format="PNG")
+        return file.getvalue()

@@ -1,0 +1,68 @@
+"""`hapscene demo --live`, with a servo that is none."""
+
+import os
+import signal
+import threading
+import urllib.request
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+
+from hapscene.cli import main
+
+
+class FakeServo:
+    """Is started, and is asked how it is until Ctrl-C."""
+
+    def __init__(self, scene: Any, devices: Any, **made: Any) -> None:
+        self.scene, self.tick_s, self.tools, self.closed = scene, 1e-3, len(devices), False
+        self.pages: list[bytes] = []
+        self.volumes: list[float] = []
+        made_servos.append(self)
+
+    def __enter__(self) -> "FakeServo":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.closed = True
+
+    def handle_report(self) -> dict[str, float]:
+        return {"latency_s": 0.02}
+
+    def turn_handle(self, volume: float) -> None:
+        self.volumes.append(volume)
+
+    def start(self, places: Any) -> None:
+        assert len(places) == self.tools
+
+    def state(self, tool: int = 0) -> Any:
+        if not self.pages:
+            (url,) = urls
+            self.pages.append(urllib.request.urlopen(url).read())
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+made_servos: list[FakeServo] = []
+urls: list[str] = []
+
+
+def test_demo_live_serves_the_page_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene.servo.Servo", FakeServo)
+    monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"")
+    monkeypatch.setattr("webbrowser.open", urls.append)
+    before = set(threading.enumerate())
+    assert main(["demo", "--live", "--kiosk"]) == 0
+    (servo,) = made_servos
+    assert b"<canvas" in servo.pages[0]
+    assert servo.closed
+    assert servo.volumes == [0.0]  # until somebody starts it
+    assert set(threading.enumerate()) == before
+    with pytest.raises(OSError):
+        urllib.request.urlopen(urls[0])
+
+
+def test_a_kiosk_is_on_the_page_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--kiosk"]) == 2
+    assert "--live" in capsys.readouterr().err

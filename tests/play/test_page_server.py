@@ -1,0 +1,237 @@
+"""The page's server as a client meets it that may be anybody."""
+
+import json
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+
+import hapscene
+from hapscene.errors import HapsceneError
+from hapscene.play import page_server
+from hapscene.play.page_server import PageServer
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+
+
+def make_scene() -> Scene:
+    """A plate whose top is z = 0, 120 mm wide."""
+    scene, X_WB = Scene(), np.eye(4)
+    X_WB[2, 3] = -0.01
+    box = Mesh.from_trimesh(trimesh.creation.box((0.12, 0.12, 0.02)), "m")
+    scene.add(box, name="plate", pose=X_WB, swatch=hapscene.load_swatch("wood"))
+    return scene
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[PageServer]:
+    monkeypatch.setattr("hapscene.play.top_frame.TopFrame.picture", lambda frame, theme: b"a picture")
+    with PageServer(make_scene(), title="a plate") as page:
+        yield page
+
+
+def connect(page: PageServer, token: str | None = None, origin: str | None = "") -> ClientConnection:
+    root = page.url if token is None else f"http://127.0.0.1:{page.address[1]}/{token}/"
+    origin = page.url.rpartition("/")[0].rpartition("/")[0] if origin == "" else origin
+    return connect_socket(f"ws{root[4:]}socket", origin=origin)  # type: ignore[arg-type]
+
+
+def until(true: Callable[[], Any], patience_s: float = 10.0) -> None:
+    end_s = time.monotonic() + patience_s
+    while not true():
+        assert time.monotonic() < end_s, "it never came true"
+        time.sleep(0.005)
+
+
+def status(url: str, **headers: str) -> int:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers)) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+    except OSError:  # shut at once
+        return 0
+
+
+def downs(page: PageServer) -> list[bool]:
+    """Which tools are down."""
+    return [place.down for place in page.link._places]
+
+
+def test_it_serves_its_files_to_whoever_has_the_token(page: PageServer) -> None:
+    for name in ("", "page.js", "page.css", "light.png", "dark.png"):
+        assert status(page.url + name) == 200, name
+    assert status(page.url + "page_server.py") == 404
+
+
+def test_others_get_nothing(page: PageServer) -> None:
+    root = f"http://127.0.0.1:{page.address[1]}/"
+    assert status(root) == status(root + "page.js") == status(root + "x" * 22 + "/") == 403
+    assert status(page.url, Host="evil.example") == 403  # a name that was made to lead here
+    for token, origin in (("x" * 22, ""), ("", ""), (None, "http://evil.example"), (None, None), (None, "null")):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(page, token, origin)
+    connect(page).close()
+
+
+def test_points_become_places_on_the_surface(page: PageServer) -> None:
+    with connect(page) as tab:
+        assert json.loads(tab.recv())["title"] == "a plate"
+        u, v = page.frame.point(0.03, -0.02)
+        tab.send(json.dumps({"points": [[7, u, v, 0.5]]}))
+        until(lambda: any(downs(page)))
+        place = page.link._places[0]
+        assert place[2:6] == pytest.approx((0.03, -0.02, 0.0, 0.5 * page_server.DEPTH_MAX_M), abs=1e-6)
+        tab.send(json.dumps({"points": [[7, 0.001, 0.001, 0.5]]}))  # beside the plate
+        until(lambda: not any(downs(page)))
+
+
+def test_each_finger_has_a_tool_and_one_too_many_has_none(page: PageServer) -> None:
+    page.take(1, '{"points": [[1, 0.4, 0.5, 0.5], [2, 0.6, 0.5, 0.5], [3, 0.5, 0.5, 0.5]]}')
+    assert downs(page) == [True, True]
+    assert page.link._places[0].x_m < -0.005 < 0.005 < page.link._places[1].x_m
+    page.take(1, '{"up": [1]}')
+    page.take(2, '{"points": [[1, 0.5, 0.5, 0.5]]}')  # another page's
+    assert downs(page) == [True, True]
+    assert page.link._places[0].x_m == pytest.approx(0.0, abs=1e-9)
+    page.take(1, '{"lift": true}')
+    assert downs(page) == [False, False]
+
+
+def test_a_page_that_goes_away_lifts_its_tools(page: PageServer) -> None:
+    tab = connect(page)
+    tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
+    until(lambda: downs(page)[0])
+    tab.socket.close()  # without a word
+    until(lambda: not downs(page)[0])
+
+
+def test_a_finger_that_says_nothing_more_is_lifted(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_server, "STALE_S", 0.1)
+    with connect(page) as tab:
+        tab.send('{"points": [[1, 0.5, 0.5, 0.5]]}')
+        until(lambda: downs(page)[0])
+        until(lambda: not downs(page)[0])
+
+
+def test_garbage_breaks_nothing(page: PageServer) -> None:
+    random = np.random.default_rng(14)
+    values: list[Any] = [None, True, -1, 10**400, 1e308, "x", "", [], {}, [[]], [[1, 2, 3]], [[1, "a", 0, 0]]]
+    values += [[[1, 0.5, 0.5, 0.5]], [[1, float("nan"), 0.5, 0.5]], [[1, 0.5, 0.5, float("inf")]], [[[], 0, 0, 0]]]
+    values += [["wall", False], ["wall", 1], [[], True], ["x", True], [True, 2.0], [True, None], {"0": 1}, [1] * 1000]
+    orders = [*page_server.ORDERS, "x", ""]
+    good = '{"points": [[1, 0.5, 0.5, 0.5]], "up": [1]}'
+    for _ in range(10_000):
+        kind = random.integers(4)
+        if kind == 0:
+            message: Any = random.bytes(int(random.integers(0, 60)))
+        elif kind == 1:
+            at = int(random.integers(len(good)))
+            message = good[:at] + chr(int(random.integers(1, 0x250))) + good[at + int(random.integers(3)) :]
+        elif kind == 2:
+            message = "[" * int(random.integers(1, 4000))
+        else:
+            order, value = orders[random.integers(len(orders))], values[random.integers(len(values))]
+            message = json.dumps({order: value, "lift": 1} if random.integers(2) else value)
+        page.take(1, message)
+    page.lift()
+    page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
+    assert downs(page)[0]
+
+
+def test_too_long_and_too_many_messages_end_the_connection(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    tab = connect(page)
+    tab.send("x" * (page_server.MESSAGE_MAX + 1))
+    with pytest.raises(ConnectionClosed, match="1009"):
+        while True:
+            tab.recv(timeout=5.0)
+    monkeypatch.setattr(page_server, "MESSAGES_MAX_S", 50.0)
+    tab = connect(page)
+    with pytest.raises(ConnectionClosed, match="1008"):
+        for _ in range(1000):
+            tab.send("{}")
+        while True:
+            tab.recv(timeout=5.0)
+
+
+def test_there_are_only_so_many_connections(page: PageServer) -> None:
+    tabs = [connect(page) for _ in range(page_server.CONNECTIONS_MAX)]
+    assert status(page.url) == 0
+    for tab in tabs:
+        tab.close()
+    until(lambda: status(page.url) == 200)
+
+
+class FakeServo:
+    """Takes orders."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.tick_s, self.orders = scene, 1e-3, list[Any]()
+
+    def mute(self, effect: str, muted: bool) -> None:
+        self.orders.append((effect, muted))
+
+    def pause(self) -> None:
+        self.orders.append("pause")
+
+    def resume(self) -> None:
+        self.orders.append("resume")
+
+    def state(self, tool: int) -> Any:
+        return SimpleNamespace(tick=0, touching=False)
+
+
+def test_effects_are_switched_and_a_kiosk_puts_all_back(page: PageServer) -> None:
+    servo: Any = FakeServo(make_scene())
+    heard: list[Any] = []
+    page.attach(servo)
+    page.sound = lambda on, volume: heard.append((on, volume))
+    page.take(1, '{"switch": ["friction", false], "hear": [true, 0.5]}')
+    page.take(1, '{"switch": ["friction", false]}')  # it is off already
+    assert servo.orders == [("friction", True)]
+    page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
+    page.take(1, '{"pause": true}')
+    assert not any(downs(page))
+    page.take(1, '{"points": [[1, 0.5, 0.5, 0.5]]}')
+    assert not any(downs(page))
+    servo.orders.clear()
+    page._kiosk_s = 0.1
+    until(lambda: page.state()["resets"] == 1)
+    assert servo.orders == [("friction", False), "resume"]
+    assert heard == [(True, 0.5), (False, 0.5)]
+    assert page.state()["effects"]["friction"]
+    time.sleep(0.2)
+    assert page.state()["resets"] == 1  # not again before somebody came
+
+
+def test_what_an_order_is_refused_for_is_told(page: PageServer) -> None:
+    def refuse(on: bool, volume: float) -> None:
+        raise HapsceneError("no card")
+
+    page.sound = refuse
+    page.take(1, '{"hear": [true, 0.5]}')
+    assert page.state()["said"] == "no card"
+    assert page.state()["sound"] is False
+
+
+def test_a_port_that_is_taken_is_told(page: PageServer) -> None:
+    with pytest.raises(HapsceneError, match="say another --port or --host"):
+        PageServer(None, port=page.address[1])
+
+
+def test_the_frame_leads_there_and_back() -> None:
+    frame = page_server.TopFrame(make_scene())
+    for x_m, y_m in ((0.0, 0.0), (0.05, -0.03)):
+        assert frame.find(*frame.point(x_m, y_m)) == pytest.approx((x_m, y_m, 0.0), abs=1e-6)
+    assert frame.find(0.0, 0.0) is None

@@ -1,0 +1,148 @@
+"""The device `pointer`, moved over its link, without a page."""
+
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import hapscene.device
+from hapscene.errors import DeviceError
+from hapscene.play.pointer_link import HELLO, PLACE, PointerLink
+from hapscene_plugins.devices.pointer import DRIVER, HOVER_M, PointerConnection
+
+CLEAR_M = 0.05
+
+
+@pytest.fixture
+def link() -> Iterator[PointerLink]:
+    link = PointerLink(2, CLEAR_M)
+    yield link
+    link.close()
+
+
+def connected(link: PointerLink, monkeypatch: pytest.MonkeyPatch, tool: int = 0) -> PointerConnection:
+    def hello(pointer: PointerConnection) -> None:
+        say(pointer)
+        link.beat()
+
+    say = PointerConnection._say_hello
+    with monkeypatch.context() as patch:
+        patch.setattr(PointerConnection, "_say_hello", hello)
+        pointer = hapscene.device.open("pointer", door=link.port, key=link.key, tool=tool)
+    assert isinstance(pointer, PointerConnection)
+    return pointer
+
+
+def walk(pointer: PointerConnection, ticks: int) -> np.ndarray:
+    """Where it is in each of so many ticks (ticks, 3) [m]."""
+    places = np.zeros((ticks, 3))
+    for place in places:
+        pointer.read()
+        place[:] = pointer.state.p_DT_m[0]
+    return places
+
+
+def test_it_lands_on_the_place_from_above_and_goes_as_deep_as_told(
+    link: PointerLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with connected(link, monkeypatch) as pointer:
+        assert walk(pointer, 5)[-1, 2] == CLEAR_M
+        link.send(0, True, (0.02, -0.01, 0.004), 0.001)
+        way = walk(pointer, 100)
+        sideways = np.abs(np.diff(way[:, :2], axis=0, prepend=0.0)).max(axis=1) > 0.0
+        assert (way[sideways, 2] == CLEAR_M).all()  # it meets nothing on its way there
+        assert way[1, 2] == pytest.approx(0.004 + HOVER_M)
+        assert (np.diff(way[2:, 2]) <= 0.0).all()
+        assert way[-1] == pytest.approx([0.02, -0.01, 0.003], abs=1e-6)
+        landed = int(np.argmax(way[:, 2] < 0.004))
+        assert landed <= 12
+        assert 0.02 < (way[landed - 1, 2] - way[landed, 2]) / 1e-3 < 0.1  # as fast as a light tap [m/s]
+        assert pointer.state.buttons[0] == 1
+
+
+def test_it_is_lifted_at_once(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    with connected(link, monkeypatch) as pointer:
+        link.send(0, True, (0.0, 0.0, 0.0), 0.002)
+        walk(pointer, 100)
+        link.send(0, False, (0.0, 0.0, 0.0), 0.0)
+        assert walk(pointer, 1)[0, 2] == CLEAR_M
+
+
+def test_a_place_told_again_moves_nothing(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    with connected(link, monkeypatch) as pointer:
+        link.send(0, True, (0.0, 0.0, 0.0), 0.001)
+        before = walk(pointer, 200)[-1]
+        for _ in range(10):
+            link.beat()
+            assert walk(pointer, 30) == pytest.approx(np.tile(before, (30, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("apart", [16, 4])
+def test_steps_of_a_stroke_are_smooth(link: PointerLink, monkeypatch: pytest.MonkeyPatch, apart: int) -> None:
+    """Places that come every 16 or 4 ms along a stroke at 0.1 m/s: its speed does not hum."""
+    with connected(link, monkeypatch) as pointer:
+        speed_m_s = []
+        for k in range(1000 // apart):
+            link.send(0, True, (1e-4 * apart * k, 0.0, 0.0), 0.001)
+            speed_m_s.append(np.diff(walk(pointer, apart)[:, 0], prepend=np.nan) / 1e-3)
+        speed = np.concatenate(speed_m_s[-20:])
+        speed = speed[np.isfinite(speed)]
+        assert speed == pytest.approx(0.1, rel=0.02)
+
+
+def test_it_is_behind_a_hand_by_little(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    with connected(link, monkeypatch) as pointer:
+        for k in range(200):
+            link.send(0, True, (4e-4 * k, 0.0, 0.0), 0.001)
+            last = walk(pointer, 4)[-1, 0]
+        assert (4e-4 * 199 - last) / 0.1 < 0.022  # [s], at 0.1 m/s
+
+
+def test_an_application_that_is_gone_leaves_no_touch(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    with connected(link, monkeypatch) as pointer:
+        link.send(0, True, (0.0, 0.0, 0.0), 0.002)
+        assert walk(pointer, 240)[-1, 2] < 0.0
+        link.close()
+        assert walk(pointer, 20)[-1, 2] == CLEAR_M
+
+
+def test_only_the_server_is_heard(link: PointerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    with connected(link, monkeypatch) as pointer, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        own = pointer._socket.getsockname()
+        random = np.random.default_rng(1)
+        for _ in range(1000):
+            stranger.sendto(random.bytes(int(random.integers(0, 80))), own)
+            stranger.sendto(PLACE.pack(7, True, 0.0, 0.0, 0.0, 0.002, CLEAR_M), own)
+            assert walk(pointer, 1)[0, 2] == CLEAR_M
+            link.beat()
+
+
+def test_a_stranger_who_says_hello_is_told_nothing(link: PointerLink) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        stranger.setblocking(False)
+        right = link.key.encode()
+        for said in (b"", b"x", HELLO.pack(b"0" * 16, 0), HELLO.pack(right, 2), HELLO.pack(right, 0) + b"x"):
+            stranger.sendto(said, ("127.0.0.1", link.port))
+        link.beat()
+        with pytest.raises(BlockingIOError):
+            stranger.recv(100)
+
+
+def test_without_a_server_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapscene_plugins.devices.pointer.HELLO_S", 0.05)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.raises(DeviceError, match="no server of a page answers at port"):
+            hapscene.device.open("pointer", door=taken.getsockname()[1])
+
+
+def test_alone_it_opens_a_page_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+    with hapscene.device.open("pointer") as pointer:
+        assert "http://127.0.0.1:" in capsys.readouterr().out
+        page = pointer._page  # type: ignore[attr-defined]
+        page.take(1, '{"points": [[1, 0.75, 0.5, 0.5]]}')
+        assert walk(pointer, 100)[-1] == pytest.approx([0.04, 0.0, -0.0015], abs=1e-5)  # type: ignore[arg-type]
+    assert DRIVER.force is False
