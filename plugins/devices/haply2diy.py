@@ -5,7 +5,6 @@ Its axes H, as it lies on a desk: x to the left, y towards the hand. The board k
 for ever: zero is sent on every way out.
 """
 
-import atexit
 import math
 import os
 import struct
@@ -162,7 +161,6 @@ class Haply2diyConnection(Connection):
         self._name = f"haply2diy: {self._port.port}"
         self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
         self._known = self._garbled = False
-        atexit.register(self.close)
         try:
             self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
         except BaseException:
@@ -222,7 +220,6 @@ class Haply2diyConnection(Connection):
             self._send(run_message((0.0, 0.0)))
 
     def close(self) -> None:
-        atexit.unregister(self.close)
         if self._port.is_open:
             with suppress(DeviceError, *GONE):
                 self._send(run_message((0.0, 0.0)))

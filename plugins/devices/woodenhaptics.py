@@ -8,7 +8,6 @@ amplifiers switch themselves off half a second after the last report.
 
 import math
 import struct
-from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.device.driver import Connection, Driver, Option
@@ -129,9 +128,7 @@ class WoodenHapticsConnection(Connection):
         self._usb.write(self._out, REPORT.pack(*sent, 0))
 
     def close(self) -> None:
-        with suppress(DeviceError):  # what is gone gives no force
-            self._usb.write(self._out, REPORT.pack(0, 0, 0, 0))
-        self._usb.close()
+        self._usb.close(self._out, REPORT.pack(0, 0, 0, 0))
 
     def reason(self, trouble: int) -> str:
         pose = "plug it in with its upper arm upright and its lower arm level, and say --option homed=yes"

@@ -1,5 +1,6 @@
 """What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
 
+import errno
 import importlib
 import signal
 import subprocess
@@ -150,6 +151,25 @@ while True:
 
 
 @case
+@pytest.mark.parametrize("end", ["", "raise KeyError"])
+def test_a_program_that_does_not_close_it_leaves_no_force(case: Case, end: str, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    script = f"""
+import hapscene.device
+device = hapscene.device.open({case.name!r}, **{case.told(emulated.place)!r})
+for _ in range(60):
+    device.read()
+    device.state.f_D_N = 0.3, -0.4, 0.2
+    device.write()
+{end}
+"""
+    subprocess.run([sys.executable, "-c", script], stderr=subprocess.DEVNULL, timeout=60.0)
+    assert forces(emulated).any()
+    wait_for(lambda: not forces(emulated)[-1].any(), 0.2)
+
+
+@case
 def test_mangled_frames_give_neither_force_nor_hang(case: Case, emulate) -> None:
     beat(case, emulate, 2_000)
 
@@ -227,6 +247,37 @@ def test_what_may_not_be_opened_is_told_with_the_rule_that_helps(emulate) -> Non
     assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
     with pytest.raises(DeviceError, match=r"falcon: cannot be opened.*udev"):
         driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize(
+    ("error", "system", "words"),
+    [
+        (OSError(errno.EBUSY, "Resource busy"), "linux", "Resource busy; another program has it"),
+        (NotImplementedError("Operation not supported"), "win32", "not supported; give it the driver WinUSB"),
+    ],
+)
+def test_what_is_in_the_way_is_told_with_what_helps(error, system, words, emulate, monkeypatch) -> None:
+    emulate("falcon")
+    backend = importlib.import_module("usb_wire").Backend
+
+    def refuse(*arguments: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(backend, "set_configuration", refuse)
+    monkeypatch.setattr(sys, "platform", system)
+    with pytest.raises(DeviceError, match=f"^falcon: cannot be opened: .*{words}"):
+        Case("falcon", {}).driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
+def test_what_is_closed_is_not_opened_anew_to_be_closed_again(name: str, emulate, monkeypatch) -> None:
+    emulate(name)
+    backend, opened = importlib.import_module("usb_wire").Backend, []
+    monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)
+    device = Case(name, {}).driver.open(backend="usb_wire")
+    device.close()
+    device.close()
+    assert len(opened) == 1
 
 
 def wait_for(what: Any, longest_s: float = 2.0) -> None:
