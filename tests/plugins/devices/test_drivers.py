@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -222,6 +223,16 @@ def test_find_lists_it(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     found = case.driver.find(**case.told(emulated.place))
     assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
+
+
+@pytest.mark.parametrize("name", ["haply2diy", "handle_serial"])
+def test_ports_are_found_with_what_is_in_the_way(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = Case(name, {}).driver
+    (found,) = driver.find(**driver.read_options({"port": "/nowhere"}))
+    assert "no such port" in found.trouble and "--option port" in found.remedy
+    there = [SimpleNamespace(device="/dev/null", description=text, vid=vid) for text, vid in (("-", None), ("board", 5))]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: there)
+    assert [found.where for found in driver.find()] == ["/dev/null (board)"]  # ports that hang on nothing are none
 
 
 @pytest.mark.parametrize("name", [*(case.name for case in CASES), "spacemouse", "replay", "network"])
