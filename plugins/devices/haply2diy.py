@@ -51,7 +51,8 @@ JUMP_RAD: Final = math.radians(20.0)
 
 
 class Hardware(NamedTuple):
-    """One version: direction of motors and encoders, offset [°] and counts of encoders: the second arm's first, as by port."""
+    """One version: direction of motors and encoders, offset [°] and counts of encoders, by port: the second arm's,
+    then the first's."""
 
     direction: tuple[int, int]
     zero_deg: tuple[float, float]

@@ -512,7 +512,7 @@ DRIVER = Driver(
     options=(
         Option("library", None, "path of the vendor's library; without, the system is asked for HD"),
         Option("name", None, "the device's name in the vendor's setup; without, the usual ones are tried"),
-        Option("rate", 1000, "rate of the vendor's scheduler, and so of the ticks [Hz]"),
+        Option("rate", 1000, "rate of the vendor's scheduler [Hz]: one tick of the servo each, which lasts 1 ms"),
         Option("priority", PRIORITY, f"of the tick among what the vendor's scheduler calls, 0 to {PRIORITY_MAX}"),
         Option("reset", False, "whether the arm stands in its reset position now, to be calibrated so"),
     ),
@@ -522,6 +522,7 @@ DRIVER = Driver(
         "opened anew and given zero.",
         "0.88 N for long and 3.3 N at most are taken for the Omni's and Touch's; the library's own maximum counts "
         "where it is less.",
+        "Walls to 700 N/m are what CHAI3D names for the Omni; for the Touch it names 400.",
         "The workspace is the whole reach that the library names for an Omni, about the middle of the usable one.",
         "The library's transform has z along the stylus, towards the hand.",
         "Warmth is 0 to 1, where the library speaks of warm motors.",

@@ -135,6 +135,12 @@ class WoodenHapticsConnection(Connection):
         return f"where its arms are is not known: {pose}" if trouble else ""
 
 
+def release(backend: str | None = None, **options: Any) -> None:
+    """Write zero to one whose driver has died, before it does so itself."""
+    usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
+    usb.close(next(end for end in usb.endpoints if end < 0x80), REPORT.pack(0, 0, 0, 0))
+
+
 DRIVER = Driver(
     name="woodenhaptics",
     summary="WoodenHaptics with the USB HID firmware, built by oneself.",
@@ -156,6 +162,7 @@ DRIVER = Driver(
         BACKEND,
     ),
     watchdog_s=0.5,
+    release=release,
     assumptions=(
         "It is built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
         "A report each way waits for the bus's next millisecond, so that it runs at some 500 Hz.",

@@ -230,7 +230,8 @@ def test_ports_are_found_with_what_is_in_the_way(name: str, monkeypatch: pytest.
     driver = Case(name, {}).driver
     (found,) = driver.find(**driver.read_options({"port": "/nowhere"}))
     assert "no such port" in found.trouble and "--option port" in found.remedy
-    there = [SimpleNamespace(device="/dev/null", description=text, vid=vid) for text, vid in (("-", None), ("board", 5))]
+    own = {"device": "/dev/null", "description": "board"}
+    there = [SimpleNamespace(**own, vid=vid) for vid in (None, 5)]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: there)
     assert [found.where for found in driver.find()] == ["/dev/null (board)"]  # ports that hang on nothing are none
 

@@ -63,8 +63,6 @@ class FullPackets(usb_simulator.Backend):
         memoryview(buff).cast("B")[:size] = part
         return size
 
-    intr_read = iso_read = bulk_read
-
 
 def test_a_board_that_sends_full_packets_plays_without_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(usb_simulator, "_BACKEND", FullPackets())
@@ -101,7 +99,7 @@ def test_what_is_not_there_is_said_in_words(told: dict[str, str], words: str) ->
 
 
 def test_a_board_without_an_endpoint_each_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usb_simulator._INTERFACE, "bNumEndpoints", 1)
+    monkeypatch.setattr(usb_simulator.Backend, "ends", (0x81,))
     with pytest.raises(HandleError, match="not an endpoint each way"):
         open_output("usb", {"backend": BACKEND})
 
