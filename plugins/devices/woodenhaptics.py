@@ -80,7 +80,11 @@ def currents(force: Vector, angles: tuple[float, float, float], signs: str) -> t
 
 
 class WoodenHapticsConnection(Connection):
-    """A WoodenHaptics. It sends reports by itself; a report goes out each tick."""
+    """A WoodenHaptics. It sends reports by itself.
+
+    Each report waits for the bus, up to a millisecond: in one tick one comes in, in the next one goes out. A force
+    that ends does not wait for its turn.
+    """
 
     def __init__(self, homed: bool = False, signs: str = "+--", backend: str | None = None) -> None:
         super().__init__()
@@ -94,9 +98,13 @@ class WoodenHapticsConnection(Connection):
             raise DeviceError("woodenhaptics: has no endpoint each way: is it the firmware WoodenHapticsHID?")
         self._in, self._out = ends[True], ends[False]
         self._counts: tuple[int, int, int] | None = None
-        self._angles, self._silence = body_angles((0, 0, 0)), Silence()
+        self._angles, self._silence, self._listens = body_angles((0, 0, 0)), Silence(), False
+        self._sent = (0, 0, 0)
 
     def read(self) -> None:
+        self._listens = not self._listens
+        if not self._listens:
+            return
         data = self._usb.read(self._in, 64, 1)
         if len(data) == REPORT.size and self._take(REPORT.unpack(data)[:3]):
             self._silence.end()
@@ -125,7 +133,9 @@ class WoodenHapticsConnection(Connection):
         if self.state.ready[0] == 1 and math.isfinite(size):
             share = min(1.0, FORCE_N / size) if size > 0.0 else 1.0
             sent = currents((-share * y, share * x, share * z), self._angles, self._signs)
-        self._usb.write(self._out, REPORT.pack(*sent, 0))
+        if not self._listens or sent == (0, 0, 0) != self._sent:
+            self._usb.write(self._out, REPORT.pack(*sent, 0))
+            self._sent = sent
 
     def close(self) -> None:
         self._usb.close(self._out, REPORT.pack(0, 0, 0, 0))
