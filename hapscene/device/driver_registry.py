@@ -1,5 +1,6 @@
 """The drivers there are: ours and anybody's, through the entry-point group `hapscene.devices`."""
 
+import atexit
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,7 +27,7 @@ class DeviceChoice:
     options: dict[str, Any] = field(default_factory=dict)
 
     def open(self) -> Connection:
-        """Open it.
+        """Open it. At the latest when the program ends it is closed.
 
         Raises:
             DeviceError: no such driver, a wrong option, or no device that can be used.
@@ -34,7 +35,9 @@ class DeviceChoice:
         driver = DRIVERS.load(self.name)
         if driver.open is None:
             raise DeviceError(f"{self.name!r} has no position to touch with: it is a handle (--handle {self.name})")
-        return driver.open(**driver.read_options(self.options))
+        connection = driver.open(**driver.read_options(self.options))
+        atexit.register(connection.close)  # twice does no harm
+        return connection
 
 
 def open(name: str, **options: Any) -> Connection:
