@@ -180,6 +180,8 @@ class Servo:
             raise HapsceneError('a servo has a device at least, or several: ["omni", "falcon"]')
         if not patience_s > 0.0 or not 0.0 < ring_s < math.inf:
             raise HapsceneError(f"patience_s and ring_s must be above 0, are {patience_s} and {ring_s}")
+        if force_N is not None and not force_N >= 0.0:
+            raise HapsceneError(f"force_N must be 0 or more, is {force_N}")
         self._patience_s = patience_s
         self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
         self._handle_file = None if handle_file is None else os.fspath(handle_file)
@@ -278,7 +280,10 @@ class Servo:
         there.close()
         if not here.poll(START_S):
             raise HapsceneError("the servo's guard did not start: no device is driven without it")
-        here.recv()
+        try:
+            here.recv()
+        except EOFError:
+            raise HapsceneError("the servo's guard has ended at its start: no device is driven without it") from None
 
     def _start_handle(self, choice: DeviceChoice) -> None:
         """Have a process play what the first tool's channel asks for."""
@@ -818,11 +823,15 @@ def _whole(tick: int) -> int:
 
 @contextmanager
 def _shielded() -> Iterator[None]:
-    """A process started within gets no SIGINT and SIGHUP, which a terminal sends to all processes of a job."""
+    """A process started within gets none of the signals that a terminal sends to all processes of a job.
+
+    So Ctrl-Z stops the application alone, and ends the force, where it would stop the servo and its guard with it.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    terminal = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
     try:
         yield
     finally:

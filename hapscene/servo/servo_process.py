@@ -252,6 +252,7 @@ class Desk:
                 try:
                     connection.check()
                 except Exception as error:
+                    self.rest()
                     self._note_fault(error)
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
@@ -378,14 +379,15 @@ class Desk:
 
     def _go(self) -> None:
         self._note_change()
-        self._channel.channel.pause = 0
         vendor = self._connections[0] if self._connections else None
         if isinstance(vendor, VendorConnection):
             begin_timing(self._acted_on())
             self._calls = self._bound()
             vendor.schedule(self._calls[0].address, self._calls[0].context)
             self._scheduled = vendor
+            self._channel.channel.pause = 0  # only now: the library may take its time, and the guard waits for ticks
             return
+        self._channel.channel.pause = 0
         self._loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
         self._loop.start()
 
@@ -413,6 +415,7 @@ class Desk:
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
+        self._channel.channel.pause = 1  # also after a fault: a guard that waits for ticks would end the process
 
     def _bound(self) -> tuple[BoundCall, ...]:
         """What is called once a tick, from where compiled code does not drive the loop."""
