@@ -142,7 +142,8 @@ class Servo:
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
-        made: more arguments of `Twin`: effects, settings, seed, limits, handle, compensator, X_WD.
+        made: more arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD; limits and delay_ticks of a
+            simulated device.
 
     Attributes:
         scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.

@@ -28,6 +28,7 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import limits_of
 from hapscene.device.safety import begin_safety, safety_of, simulated_safety
 from hapscene.errors import DeviceError, HapsceneError
+from hapscene.geometry import rigid
 from hapscene.records import records
 from hapscene.servo.flight_recorder import flight_of, told_of, write_flight
 from hapscene.servo.servo_loop import (
@@ -136,9 +137,14 @@ def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin"
         twin.safety = simulated_safety()
         return twin
     driver = DRIVERS.load(device.name)
-    opened.append(connection := device.open())
+    for name in ("limits", "delay_ticks"):
+        if made.get(name):
+            raise HapsceneError(f"{name}: only of simulated devices; what {device.name!r} bears its driver says")
     if driver.model is not None:
-        made = {"limits": limits_of(driver.model, made["tick_s"])} | made
+        made = made | {"limits": limits_of(driver.model, made["tick_s"])}
+    if made.get("X_WD") is not None:
+        made = made | {"X_WD": rigid(made["X_WD"], f"device {device.name!r}")}  # a scale would be one of the force
+    opened.append(connection := device.open())
     twin = Twin(device=connection, **made)
     twin.safety = safety_of(driver)
     return twin
