@@ -26,7 +26,7 @@ from hapscene.device.arm import new_arm, read_arm
 from hapscene.device.driver import Connection, VendorConnection, new_state
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import limits_of
-from hapscene.device.safety import begin_safety, safety_of, simulated_safety
+from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.geometry import rigid
 from hapscene.records import records
@@ -369,12 +369,14 @@ class Desk:
 
     @contextmanager
     def _between_ticks(self) -> Iterator[None]:
-        """The loop stands meanwhile."""
+        """The loop stands meanwhile, and a real device has no force."""
         running = self.rest()
         try:
             yield
         finally:
             if running:
+                for twin in self._twins:
+                    resume_safety(twin.body.safety[0])
                 self._go()
 
     def _begin(self) -> None:
