@@ -31,6 +31,7 @@ from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
+from hapscene.servo.flight_recorder import note_order
 from hapscene.servo.heartbeat import Heartbeat
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel, read_text
@@ -585,17 +586,17 @@ class Servo:
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
         self._order("tune", swatch, numbers)
-        self._tuned.append(("tune", swatch, numbers))
+        note_order(self._tuned, "tune", swatch, numbers)
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
         self._order("tune_field", effect, numbers)
-        self._tuned.append(("tune_field", effect, numbers))
+        note_order(self._tuned, "tune_field", effect, numbers)
 
     def mute(self, effect: str, muted: bool = True) -> None:
         """Switch an effect off, or on again, while it is felt, as `Renderer.mute` does."""
         self._order("mute", effect, muted)
-        self._tuned.append(("mute", effect, {"muted": muted}))
+        note_order(self._tuned, "mute", effect, {"muted": muted})
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.

@@ -30,7 +30,7 @@ from hapscene.device.safety import begin_safety, resume_safety, safety_of, simul
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.geometry import rigid
 from hapscene.records import records
-from hapscene.servo.flight_recorder import flight_of, told_of, write_flight
+from hapscene.servo.flight_recorder import flight_of, note_order, told_of, write_flight
 from hapscene.servo.servo_loop import (
     Loop,
     ServoBodies,
@@ -82,7 +82,9 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             for twin in twins:
                 twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        desk = Desk(made["scene"], twins, channel, folder, told_of(twins[0].renderer, made.get("settings")))
+        desk = Desk(
+            made["scene"], twins, channel, folder, told_of([twin.renderer for twin in twins], made.get("settings"))
+        )
         wire.send((None, desk.made))
         while True:
             while opened and not wire.poll(WATCH_S):
@@ -160,6 +162,10 @@ def _heard(wire: Pipe) -> Any:
         return wire.recv()
     except OSError:
         raise EOFError from None
+
+
+UNFLYABLE: Final = np.iinfo(np.int64).max
+"""The tick from which on a flight can be flown again: none, where bodies came, went, or changed their shapes."""
 
 
 class Desk:
@@ -265,21 +271,21 @@ class Desk:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
         for renderer in self._renderers:
             renderer.tune(swatch, **numbers)
-        self._tuned.append(("tune", swatch, dict(numbers)))
+        note_order(self._tuned, "tune", swatch, numbers)
         self._note_change()
 
     def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of an effect of the scene, likewise."""
         for renderer in self._renderers:
             renderer.tune_field(effect, **numbers)
-        self._tuned.append(("tune_field", effect, dict(numbers)))
+        note_order(self._tuned, "tune_field", effect, numbers)
         self._note_change()
 
     def mute(self, effect: str, muted: bool) -> None:
         """Switch an effect off, or on again."""
         for renderer in self._renderers:
             renderer.mute(effect, muted)
-        self._tuned.append(("mute", effect, {"muted": muted}))
+        note_order(self._tuned, "mute", effect, {"muted": muted})
         self._note_change()
 
     def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
@@ -305,12 +311,14 @@ class Desk:
             self._scene.swatches = before
             self._scene.bodies.pop()
             raise
+        self._channel.channel.changed = UNFLYABLE
 
     def remove(self, body: str) -> None:
         """Feel a body no more."""
         with self._between_ticks():
             for renderer in self._renderers:
                 renderer.remove(body)
+        self._channel.channel.changed = UNFLYABLE
 
     def deform(self, body: str, vertices_m: NDArray[np.float64]) -> None:
         """Give a body another shape; the loop goes on, but for the first time."""
@@ -322,7 +330,7 @@ class Desk:
                 if renderer.world is not world:
                     with self._between_ticks():
                         pass  # it goes on with the new one
-        self._channel.channel.changed = np.iinfo(np.int64).max  # shapes are not kept: no flight from here on
+        self._channel.channel.changed = UNFLYABLE
 
     def write_faults(self) -> None:
         """Write what led to the faults that were noted since."""
