@@ -44,7 +44,7 @@ RAMP_S: Final = 2.0
 """How long the force then takes to be whole [s]: as CHAI3D's tools have it (src/tools/CGenericTool.cpp)."""
 
 RESUME_S: Final = 0.1
-"""And how long after an order for which the loop stood still for some ticks [s]: neither a knock nor a loss of touch."""
+"""And how long after an order for which the loop stood still for some ticks [s]: no knock, and no loss of touch."""
 
 HEAT_SHARE: Final = 0.9
 """Warmth from which less than the peak force is allowed [1]; at 1 it is the continuous force."""
