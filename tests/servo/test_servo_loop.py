@@ -290,9 +290,7 @@ def test_what_came_after_an_earlier_look() -> None:
     assert since.missed == 2
 
 
-@pytest.mark.parametrize(
-    "told", [{"limits": Limits()}, {"delay_ticks": 100}, {"X_WD": np.diag([10.0, 10.0, 10.0, 1.0])}]
-)
+@pytest.mark.parametrize("told", [{"limits": Limits()}, {"delay_ticks": 100}, {"X_WD": np.diag([9.0, 9.0, 9.0, 1.0])}])
 def test_nothing_told_raises_what_a_real_device_is_given(told: dict[str, object]) -> None:
     with pytest.raises(HapsceneError, match="haply2diy"):
         servo_process._twin(DeviceChoice("haply2diy", {"port": "none"}), [], {"tick_s": 1e-3, **told})
