@@ -119,14 +119,16 @@ class Flight:
                         if archive.header(f"{word}_{name}")[0][:2] != shape:
                             raise FormatError(f"array {word}_{name} is of another length")
                         into[name] = archive.read(f"{word}_{name}")
-            tuned, made, numbers = story.get("tuned"), story.get("made"), (story.get("first"), story.get("memory_tick"))
+            tuned, made = story.get("tuned"), story.get("made")
+            first, tick = story.get("first"), story.get("memory_tick")
             if not isinstance(tuned, list) or not isinstance(made, dict) or memory.dtype != np.uint8:
                 raise FormatError(f"{STORY_FILE} is damaged")
-            at = all(isinstance(number, int) for number in numbers) and numbers[1] - numbers[0]
-            if at is False or (len(memory) and not 0 <= at < shape[1]):
-                raise FormatError(f"{STORY_FILE}: 'first' and 'memory_tick' are not of these ticks")
+            if not (isinstance(first, int) and isinstance(tick, int)):
+                raise FormatError(f"{STORY_FILE}: 'first' and 'memory_tick' are numbers of ticks")
+            if len(memory) and not 0 <= tick - first < shape[1]:
+                raise FormatError(f"{STORY_FILE}: 'memory_tick' is none of these ticks")
         scene = load_scene(folder / SCENE_FILE, accept_changed=False)
-        return cls(str(story.get("reason")), numbers[0], rows, felt, a_m_s2, memory, numbers[1], made, tuned, scene)
+        return cls(str(story.get("reason")), first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)
 
     def replay(self) -> "Replay":
         """Run the recorded inputs through the tick again, each tool for itself.
