@@ -43,6 +43,9 @@ CALM_S: Final = 0.5
 RAMP_S: Final = 2.0
 """How long the force then takes to be whole [s]: as CHAI3D's tools have it (src/tools/CGenericTool.cpp)."""
 
+RESUME_S: Final = 0.1
+"""And how long after an order for which the loop stood still for some ticks [s]: no knock, and no loss of touch."""
+
 HEAT_SHARE: Final = 0.9
 """Warmth from which less than the peak force is allowed [1]; at 1 it is the continuous force."""
 
@@ -62,6 +65,7 @@ SAFETY: Final = np.dtype(
         ("state_age_s", "f8"),
         # state
         ("gain", "f8"),  # share of the force that is sent, 0 … 1
+        ("rise_s", "f8"),  # how long that takes from 0 to 1, this time
         ("rested_s", "f8"),  # how long no cause has been there
         ("heat", "f8"),  # warmth of the motors, 1: as after long at the continuous force
         ("sent_N", "f8", (3,)),  # before the gain
@@ -119,10 +123,19 @@ def safety_of(driver: Driver) -> Any:
 def begin_safety(s: Any) -> None:
     """Before the first tick, and after every pause: the force begins anew."""
     s.gain = 1.0 if s.ramp_s == 0.0 else 0.0
-    s.rested_s = s.calm_s
+    s.rested_s, s.rise_s = s.calm_s, s.ramp_s
     s.begun, s.count_s, s.pulse_s, s.stalled, s.late = 0, 0.0, 0.0, 0, 0
     for i in range(3):
         s.sent_N[i] = 0.0
+
+
+@native
+def resume_safety(s: Any) -> None:
+    """After an order for which the loop stood still: the force was 0 meanwhile, and the tool went on."""
+    if s.ramp_s > 0.0:
+        s.rise_s = RESUME_S if s.gain == 1.0 else s.rise_s
+        s.gain = 0.0
+    s.begun = 0
 
 
 @native
@@ -142,11 +155,11 @@ def protect(s: Any, p_DT: Vector, ready: int, count: int, f: Any, tick_s: float)
     force, flags = _limited(s, wanted, tick_s)
     if causes != 0:
         left = s.gain - tick_s / FALL_S
-        s.gain, s.rested_s = left if left > TINY else 0.0, 0.0
+        s.gain, s.rested_s, s.rise_s = left if left > TINY else 0.0, 0.0, s.ramp_s
     else:
         s.rested_s += tick_s
         if s.rested_s >= s.calm_s and s.gain < 1.0:
-            s.gain = min(1.0, s.gain + tick_s / s.ramp_s) if s.ramp_s > 0.0 else 1.0
+            s.gain = min(1.0, s.gain + tick_s / s.rise_s) if s.rise_s > 0.0 else 1.0
     if s.gain < 1.0:
         flags |= _RAMP
     sent = (s.gain * force[0], s.gain * force[1], s.gain * force[2])
@@ -168,10 +181,14 @@ def _trips(s: Any, p: Vector, ready: int, count: int, tick_s: float) -> int:
             causes |= _WORKSPACE
         way += (p[i] - s.p_DT_m[i]) ** 2
         s.p_DT_m[i] = p[i]
-    since_s = s.count_s + tick_s  # a device may say less often where it is than there are ticks
+    # a device may say less often where it is than there are ticks, and a late tick finds it farther on
+    since_s = s.count_s + (tick_s if s.late == 0 else STALL_S)
     if s.begun == 1 and way > (s.speed_m_s * since_s) ** 2:
         causes |= _FAST
-    s.count_s = 0.0 if count != s.count or s.begun == 0 else s.count_s + tick_s
+    if count != s.count or s.begun == 0:
+        s.count_s = 0.0
+    elif s.late == 0:
+        s.count_s += tick_s
     if s.pulse_now != s.pulse or s.begun == 0:
         s.pulse_s = 0.0
     elif s.late == 0:

@@ -93,7 +93,10 @@ class Flight:
             columns = {f"row_{name}": self.rows[name] for name in ROW.names or ()}
             columns |= {f"felt_{name}": self.felt[name] for name in FELT.names or ()}
             np.savez(part / NUMBERS_FILE, a_m_s2=self.a_m_s2, memory=self.memory, **columns)
-            (part / STORY_FILE).write_text(json.dumps(story, indent=2), encoding="utf-8")
+            text = json.dumps(
+                story, indent=2, default=lambda value: value.tolist()
+            )  # settings may hold NumPy's numbers
+            (part / STORY_FILE).write_text(text, encoding="utf-8")
 
     @classmethod
     def load(cls, folder: str | Path) -> "Flight":
@@ -117,11 +120,15 @@ class Flight:
                             raise FormatError(f"array {word}_{name} is of another length")
                         into[name] = archive.read(f"{word}_{name}")
             tuned, made = story.get("tuned"), story.get("made")
+            first, tick = story.get("first"), story.get("memory_tick")
             if not isinstance(tuned, list) or not isinstance(made, dict) or memory.dtype != np.uint8:
                 raise FormatError(f"{STORY_FILE} is damaged")
-            numbers = int(story.get("first", 0)), int(story.get("memory_tick", -1))
+            if not (isinstance(first, int) and isinstance(tick, int)):
+                raise FormatError(f"{STORY_FILE}: 'first' and 'memory_tick' are numbers of ticks")
+            if len(memory) and not 0 <= tick - first < shape[1]:
+                raise FormatError(f"{STORY_FILE}: 'memory_tick' is none of these ticks")
         scene = load_scene(folder / SCENE_FILE, accept_changed=False)
-        return cls(str(story.get("reason")), numbers[0], rows, felt, a_m_s2, memory, numbers[1], made, tuned, scene)
+        return cls(str(story.get("reason")), first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)
 
     def replay(self) -> "Replay":
         """Run the recorded inputs through the tick again, each tool for itself.
@@ -131,8 +138,8 @@ class Flight:
         """
         if not len(self.memory):
             raise HapsceneError(
-                "this flight holds no copy of what the tick remembered since the scene last changed, or its bodies "
-                "moved: it can be looked at, not flown again"
+                "this flight holds no copy of what the tick remembered since the scene last changed, or bodies came, "
+                "went, or moved: it can be looked at, not flown again"
             )
         start = self.memory_tick - self.first
         length = self.rows.shape[1] - start
@@ -140,7 +147,7 @@ class Flight:
         unlike = np.zeros(length, np.bool_)
         none = np.zeros(0, np.int64)
         for tool, rows in enumerate(self.rows):
-            renderer = _renderer(self.scene, self.made)
+            renderer = _renderer(self.scene, self.made, tool)
             for order, name, numbers in self.tuned:
                 getattr(renderer, order if order in ORDERS else "tune")(name, **numbers)
             remember(renderer.world, renderer.surface, self.memory[tool * share : (tool + 1) * share])
@@ -178,10 +185,10 @@ class Replay:
         return f"{told}: {len(self.unlike):,} differ, the first of them {self.unlike[0]:,}"
 
 
-def _renderer(scene: Scene, made: Mapping[str, Any]) -> Renderer:
-    limits = made.get("limits")
-    known = {field.name for field in fields(Limits)}
-    if not (limits is None or (isinstance(limits, dict) and limits.keys() <= known)):
+def _renderer(scene: Scene, made: Mapping[str, Any], tool: int) -> Renderer:
+    limits, known = made.get("limits"), {field.name for field in fields(Limits)}
+    limits = limits[tool] if isinstance(limits, list) and tool < len(limits) else None
+    if not (isinstance(limits, dict) and limits.keys() <= known):
         raise PathError(f"{STORY_FILE}: 'limits' are damaged")
     return Renderer(
         scene,
@@ -189,14 +196,15 @@ def _renderer(scene: Scene, made: Mapping[str, Any]) -> Renderer:
         seed=made.get("seed", 0),
         tick_s=made["tick_s"],
         a_rate_Hz=made["a_rate_Hz"],
-        limits=None if limits is None else Limits(**limits),
+        limits=Limits(**limits),
         settings=made.get("settings"),
     )
 
 
-def told_of(renderer: Renderer, settings: Mapping[str, Any] | None) -> dict[str, Any]:
-    """How a renderer was made, as JSON has it; numbers that are infinite are left out, as they are the defaults."""
-    limits = {name: value for name, value in asdict(renderer.limits).items() if value != float("inf")}
+def told_of(renderers: Sequence[Renderer], settings: Mapping[str, Any] | None) -> dict[str, Any]:
+    """How the tools' renderers were made, as JSON has it, which has no infinite numbers: those are the defaults."""
+    renderer = renderers[0]
+    limits = [{name: value for name, value in asdict(one.limits).items() if value != float("inf")} for one in renderers]
     return {
         "effects": [effect.name for effect in renderer._effects],
         "seed": int(renderer.seed),
@@ -205,6 +213,13 @@ def told_of(renderer: Renderer, settings: Mapping[str, Any] | None) -> dict[str,
         "limits": limits,
         "settings": settings,
     }
+
+
+def note_order(tuned: list[tuple[str, str, dict[str, Any]]], order: str, name: str, numbers: Mapping[str, Any]) -> None:
+    """Note one of `ORDERS`; a slider that moves replaces what it said before, so that hours of it are one line."""
+    if tuned and tuned[-1][:2] == (order, name) and tuned[-1][2].keys() == numbers.keys():
+        tuned.pop()
+    tuned.append((order, name, dict(numbers)))
 
 
 def write_flight(flight: Flight, folder: str | Path) -> str:

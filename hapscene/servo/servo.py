@@ -31,6 +31,7 @@ from hapscene.geometry import numbers, positions
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
+from hapscene.servo.flight_recorder import note_order
 from hapscene.servo.heartbeat import Heartbeat
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel, read_text
@@ -142,7 +143,8 @@ class Servo:
         patience_s: after how long without a call of the application the force ends [s]: a program that hangs. One that
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
-        made: more arguments of `Twin`: effects, settings, seed, limits, handle, compensator, X_WD.
+        made: more arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD; limits and delay_ticks of a
+            simulated device.
 
     Attributes:
         scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.
@@ -180,6 +182,8 @@ class Servo:
             raise HapsceneError('a servo has a device at least, or several: ["omni", "falcon"]')
         if not patience_s > 0.0 or not 0.0 < ring_s < math.inf:
             raise HapsceneError(f"patience_s and ring_s must be above 0, are {patience_s} and {ring_s}")
+        if force_N is not None and not force_N >= 0.0:
+            raise HapsceneError(f"force_N must be 0 or more, is {force_N}")
         self._patience_s = patience_s
         self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
         self._handle_file = None if handle_file is None else os.fspath(handle_file)
@@ -278,7 +282,10 @@ class Servo:
         there.close()
         if not here.poll(START_S):
             raise HapsceneError("the servo's guard did not start: no device is driven without it")
-        here.recv()
+        try:
+            here.recv()
+        except EOFError:
+            raise HapsceneError("the servo's guard has ended at its start: no device is driven without it") from None
 
     def _start_handle(self, choice: DeviceChoice) -> None:
         """Have a process play what the first tool's channel asks for."""
@@ -579,17 +586,17 @@ class Servo:
     def tune(self, swatch: str, **numbers: float) -> None:
         """Change numbers of a swatch while it is felt, as `Renderer.tune` does."""
         self._order("tune", swatch, numbers)
-        self._tuned.append(("tune", swatch, numbers))
+        note_order(self._tuned, "tune", swatch, numbers)
 
     def tune_field(self, effect: str, **numbers: float) -> None:
         """Change numbers of an effect of the scene while it is felt, as `Renderer.tune_field` does."""
         self._order("tune_field", effect, numbers)
-        self._tuned.append(("tune_field", effect, numbers))
+        note_order(self._tuned, "tune_field", effect, numbers)
 
     def mute(self, effect: str, muted: bool = True) -> None:
         """Switch an effect off, or on again, while it is felt, as `Renderer.mute` does."""
         self._order("mute", effect, muted)
-        self._tuned.append(("mute", effect, {"muted": muted}))
+        note_order(self._tuned, "mute", effect, {"muted": muted})
 
     def repaint(self, scene: "Scene") -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
@@ -818,11 +825,15 @@ def _whole(tick: int) -> int:
 
 @contextmanager
 def _shielded() -> Iterator[None]:
-    """A process started within gets no SIGINT and SIGHUP, which a terminal sends to all processes of a job."""
+    """A process started within gets none of the signals that a terminal sends to all processes of a job.
+
+    So Ctrl-Z stops the application alone, and ends the force, where it would stop the servo and its guard with it.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    terminal = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
     try:
         yield
     finally:

@@ -26,10 +26,11 @@ from hapscene.device.arm import new_arm, read_arm
 from hapscene.device.driver import Connection, VendorConnection, new_state
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.model import limits_of
-from hapscene.device.safety import begin_safety, safety_of, simulated_safety
+from hapscene.device.safety import begin_safety, resume_safety, safety_of, simulated_safety
 from hapscene.errors import DeviceError, HapsceneError
+from hapscene.geometry import rigid
 from hapscene.records import records
-from hapscene.servo.flight_recorder import flight_of, told_of, write_flight
+from hapscene.servo.flight_recorder import flight_of, note_order, told_of, write_flight
 from hapscene.servo.servo_loop import (
     Loop,
     ServoBodies,
@@ -81,7 +82,9 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
             for twin in twins:
                 twin.safety.force_N = min(float(twin.safety.force_N[0]), force_N)
         channel = open_channel(length, twins[0].renderer.block, name, bodies=bodies, tools=len(twins))
-        desk = Desk(made["scene"], twins, channel, folder, told_of(twins[0].renderer, made.get("settings")))
+        desk = Desk(
+            made["scene"], twins, channel, folder, told_of([twin.renderer for twin in twins], made.get("settings"))
+        )
         wire.send((None, desk.made))
         while True:
             while opened and not wire.poll(WATCH_S):
@@ -136,9 +139,14 @@ def _twin(device: Any, opened: list[Connection], made: dict[str, Any]) -> "Twin"
         twin.safety = simulated_safety()
         return twin
     driver = DRIVERS.load(device.name)
-    opened.append(connection := device.open())
+    for name in ("limits", "delay_ticks"):
+        if made.get(name):
+            raise HapsceneError(f"{name}: only of simulated devices; what {device.name!r} bears its driver says")
     if driver.model is not None:
-        made = {"limits": limits_of(driver.model, made["tick_s"])} | made
+        made = made | {"limits": limits_of(driver.model, made["tick_s"])}
+    if made.get("X_WD") is not None:
+        made = made | {"X_WD": rigid(made["X_WD"], f"device {device.name!r}")}  # a scale would be one of the force
+    opened.append(connection := device.open())
     twin = Twin(device=connection, **made)
     twin.safety = safety_of(driver)
     return twin
@@ -154,6 +162,10 @@ def _heard(wire: Pipe) -> Any:
         return wire.recv()
     except OSError:
         raise EOFError from None
+
+
+UNFLYABLE: Final = np.iinfo(np.int64).max
+"""The tick from which on a flight can be flown again: none, where bodies came, went, or changed their shapes."""
 
 
 class Desk:
@@ -252,27 +264,28 @@ class Desk:
                 try:
                     connection.check()
                 except Exception as error:
+                    self.rest()
                     self._note_fault(error)
 
     def tune(self, swatch: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of a swatch; single numbers are written whole, so the loop goes on."""
         for renderer in self._renderers:
             renderer.tune(swatch, **numbers)
-        self._tuned.append(("tune", swatch, dict(numbers)))
+        note_order(self._tuned, "tune", swatch, numbers)
         self._note_change()
 
     def tune_field(self, effect: str, numbers: Mapping[str, float]) -> None:
         """Change numbers of an effect of the scene, likewise."""
         for renderer in self._renderers:
             renderer.tune_field(effect, **numbers)
-        self._tuned.append(("tune_field", effect, dict(numbers)))
+        note_order(self._tuned, "tune_field", effect, numbers)
         self._note_change()
 
     def mute(self, effect: str, muted: bool) -> None:
         """Switch an effect off, or on again."""
         for renderer in self._renderers:
             renderer.mute(effect, muted)
-        self._tuned.append(("mute", effect, {"muted": muted}))
+        note_order(self._tuned, "mute", effect, {"muted": muted})
         self._note_change()
 
     def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
@@ -298,12 +311,14 @@ class Desk:
             self._scene.swatches = before
             self._scene.bodies.pop()
             raise
+        self._channel.channel.changed = UNFLYABLE
 
     def remove(self, body: str) -> None:
         """Feel a body no more."""
         with self._between_ticks():
             for renderer in self._renderers:
                 renderer.remove(body)
+        self._channel.channel.changed = UNFLYABLE
 
     def deform(self, body: str, vertices_m: NDArray[np.float64]) -> None:
         """Give a body another shape; the loop goes on, but for the first time."""
@@ -315,7 +330,7 @@ class Desk:
                 if renderer.world is not world:
                     with self._between_ticks():
                         pass  # it goes on with the new one
-        self._channel.channel.changed = np.iinfo(np.int64).max  # shapes are not kept: no flight from here on
+        self._channel.channel.changed = UNFLYABLE
 
     def write_faults(self) -> None:
         """Write what led to the faults that were noted since."""
@@ -362,12 +377,14 @@ class Desk:
 
     @contextmanager
     def _between_ticks(self) -> Iterator[None]:
-        """The loop stands meanwhile."""
+        """The loop stands meanwhile, and a real device has no force."""
         running = self.rest()
         try:
             yield
         finally:
             if running:
+                for twin in self._twins:
+                    resume_safety(twin.body.safety[0])
                 self._go()
 
     def _begin(self) -> None:
@@ -378,14 +395,15 @@ class Desk:
 
     def _go(self) -> None:
         self._note_change()
-        self._channel.channel.pause = 0
         vendor = self._connections[0] if self._connections else None
         if isinstance(vendor, VendorConnection):
             begin_timing(self._acted_on())
             self._calls = self._bound()
             vendor.schedule(self._calls[0].address, self._calls[0].context)
             self._scheduled = vendor
+            self._channel.channel.pause = 0  # only now: the library may take its time, and the guard waits for ticks
             return
+        self._channel.channel.pause = 0
         self._loop = threading.Thread(target=self._drive if self._connections else self._tick, daemon=True)
         self._loop.start()
 
@@ -413,6 +431,7 @@ class Desk:
             connection.state.f_D_N = 0.0
             with suppress(Exception):
                 connection.write()
+        self._channel.channel.pause = 1  # also after a fault: a guard that waits for ticks would end the process
 
     def _bound(self) -> tuple[BoundCall, ...]:
         """What is called once a tick, from where compiled code does not drive the loop."""

@@ -13,9 +13,11 @@ from hapscene.device.safety import (
     FALL_S,
     PULSE_AGE_S,
     RAMP_S,
+    RESUME_S,
     begin_safety,
     no_safety,
     protect,
+    resume_safety,
     safety_of,
     simulated_safety,
 )
@@ -132,6 +134,26 @@ def test_a_tool_whose_place_comes_seldom_may_be_as_fast(speed_m_s: float, flag: 
     for tick in range(40):  # a place every five ticks
         flags |= bench.tick(p_m=(speed_m_s * TICK_S * (tick // 5 * 5 + 1), 0.0, 0.0), fresh=tick % 5 == 0)[1]
     assert flags & Flag.TOO_FAST == flag
+
+
+def test_after_an_order_the_force_comes_back_without_a_knock_wherever_the_tool_is_by_then() -> None:
+    bench = Bench().settled()
+    resume_safety(bench.safety)
+    sent, flags = bench.run(RESUME_S + TICK_S, p_m=(0.05, 0.0, 0.0))
+    assert flags == Flag.RAMPED and sent[-1, 2] == pytest.approx(1.0)
+    assert sent[0, 2] < 0.02 and np.diff(sent[:, 2]).max() < 1.01 * TICK_S / RESUME_S
+    bench = Bench()
+    bench.run(RAMP_S / 2)
+    resume_safety(bench.safety)  # no short cut to the whole of it
+    assert bench.run(RAMP_S / 2)[0][-1, 2] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_late_tick_finds_the_tool_farther_on_and_no_new_state() -> None:
+    bench = Bench().settled()
+    bench.safety.late = 1
+    assert bench.tick(p_m=(0.015, 0.0, 0.0))[1] == Flag(0)
+    assert bench.run(0.019, p_m=(0.015, 0.0, 0.0), fresh=False)[1] == Flag(0)
+    assert Flag.TOO_FAST in bench.tick(p_m=(0.06, 0.0, 0.0))[1]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

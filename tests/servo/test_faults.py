@@ -77,7 +77,7 @@ class Desk:
         (folder / "application.py").write_text(APPLICATION)
         command = [sys.executable, str(folder / "application.py"), self.board.place, str(folder / "flights")]
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        self.application = subprocess.Popen(command, **pipes, start_new_session=True)
+        self.application = subprocess.Popen(command, **pipes, process_group=0)
         said = self.application.stdout.readline().strip()  # type: ignore[union-attr]
         assert said, self.application.communicate()[1]
         self.servo_pid, self.guard_pid = map(int, said.split())
@@ -187,3 +187,19 @@ def test_ctrl_c_leaves_no_force(desk: Desk) -> None:
     at_ns = time.monotonic_ns()
     os.kill(desk.application.pid, signal.SIGINT)
     assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+
+
+@pytest.mark.parametrize("key", [signal.SIGTSTP, signal.SIGQUIT], ids=["ctrl-z", "ctrl-backslash"])
+def test_what_a_terminal_sends_to_all_processes_leaves_no_force(desk: Desk, key: signal.Signals) -> None:
+    at_ns = time.monotonic_ns()
+    os.killpg(desk.application.pid, key)
+    assert desk.none_left_after(at_ns) < WITHIN_S + SLACK_S
+
+
+def test_a_servo_without_its_device_lives_to_say_so(desk: Desk) -> None:
+    os.kill(desk.application.pid, signal.SIGSTOP)  # it looks late
+    desk.board.tell(gone=1)
+    time.sleep(2.0 * GUARDED_S)  # in which the guard would end what stands still
+    os.kill(desk.application.pid, signal.SIGCONT)
+    _, errors = desk.application.communicate(timeout=30.0)
+    assert "plug it in again" in errors

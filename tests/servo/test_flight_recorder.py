@@ -11,7 +11,7 @@ import pytest
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 from hapscene.servo import Flight, Servo
-from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, write_flight
+from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, write_flight
 
 from .test_servo import MASS, make_scene, until_tick
 
@@ -61,7 +61,37 @@ def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path:
         Flight.load(tmp_path / "deformed").replay()
 
 
-@pytest.mark.parametrize("damage", ["gone", "no numbers", "later", "cut", "pickle"])
+def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
+    scene = make_scene()
+    with Servo(scene, MASS) as servo:
+        servo.start((0.0, 0.0, 0.01))
+        servo.add(scene.bodies[0].mesh, name="other")
+        until_tick(servo, servo.state().tick + 20)
+        flight = servo.flight()
+    with pytest.raises(HapsceneError, match="looked at, not flown again"):
+        flight.replay()
+
+
+def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers_of_any_kind(tmp_path: Path) -> None:
+    pull = {"weight": {"mass_kg": np.float32(0.02)}}
+    with Servo(make_scene(), ["omni", "premium-1.5"], effects=["wall", "weight"], settings=pull) as servo:
+        servo.start([(0.0, 0.0, 0.002)] * 2)
+        for tool in range(2):
+            servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
+        until_tick(servo, 300)
+        servo.save_flight(tmp_path / "two")
+    flight = Flight.load(tmp_path / "two")
+    assert flight.rows["touching"].any(axis=1).all() and len(flight.replay().unlike) == 0
+
+
+def test_a_slider_that_moves_for_hours_is_one_line() -> None:
+    tuned: list[tuple[str, str, dict[str, float]]] = [("mute", "wall", {"muted": True})]
+    for k in range(1000):
+        note_order(tuned, "tune", "wood", {"stiffness_N_m": float(k)})
+    assert tuned[1:] == [("tune", "wood", {"stiffness_N_m": 999.0})]
+
+
+@pytest.mark.parametrize("damage", ["elsewhere", "gone", "no numbers", "later", "cut", "pickle"])
 def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path: Path) -> None:
     folder = tmp_path / "bad"
     folder.mkdir()
@@ -76,6 +106,8 @@ def test_what_is_none_is_refused_in_one_line(flown: Path, damage: str, tmp_path:
             (folder / NUMBERS_FILE).unlink()
         case "later":
             (folder / STORY_FILE).write_text(json.dumps(story | {"version": 99}))
+        case "elsewhere":
+            (folder / STORY_FILE).write_text(json.dumps(story | {"memory_tick": -7}))
         case "cut":
             content = (folder / NUMBERS_FILE).read_bytes()
             (folder / NUMBERS_FILE).write_bytes(content[: len(content) // 2])

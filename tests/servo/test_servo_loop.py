@@ -12,12 +12,15 @@ import pytest
 import trimesh
 
 from hapscene.clock import new_clock, now_ns
+from hapscene.device.driver_registry import DeviceChoice
 from hapscene.device.hand import grip_named
+from hapscene.device.model import Limits
 from hapscene.device.point import PointMass
+from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
-from hapscene.servo import servo_loop, servo_process
+from hapscene.servo import Servo, servo_loop, servo_process
 from hapscene.servo.servo_loop import (
     BIN_COUNT,
     BIN_NS,
@@ -285,3 +288,15 @@ def test_what_came_after_an_earlier_look() -> None:
     assert since.late.sum() == 1 and since.late_us() == pytest.approx(1000.0, rel=BIN - 1)
     assert since.busy_us() == 0.0 and after.busy_us() == pytest.approx(10.0, rel=BIN - 1)
     assert since.missed == 2
+
+
+@pytest.mark.parametrize("told", [{"limits": Limits()}, {"delay_ticks": 100}, {"X_WD": np.diag([9.0, 9.0, 9.0, 1.0])}])
+def test_nothing_told_raises_what_a_real_device_is_given(told: dict[str, object]) -> None:
+    with pytest.raises(HapsceneError, match="haply2diy"):
+        servo_process._twin(DeviceChoice("haply2diy", {"port": "none"}), [], {"tick_s": 1e-3, **told})
+
+
+@pytest.mark.parametrize("force_N", [-30.0, float("nan")])
+def test_no_force_is_less_than_none(force_N: float) -> None:
+    with pytest.raises(HapsceneError, match="force_N"):
+        Servo(Scene(), "omni", force_N=force_N)
