@@ -6,6 +6,7 @@ the servo has died, or the application has, it fades to silence within 20 ms.
 
 import multiprocessing
 import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -25,8 +26,8 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.servo.servo_loop import request_realtime_priority
 from hapscene.servo.shared_memory import Channel, open_channel
 
-START_S: Final = 120.0
-"""How long it may take to be ready [s]: on its first run ever it compiles."""
+START_S: Final = 300.0
+"""How long it may take to be ready [s]: on its first run ever it compiles, which took 100 on a busy machine."""
 
 ANSWER_S: Final = 5.0
 """How long it may take to answer, and to end [s]."""
@@ -228,6 +229,7 @@ class LiveHandle:
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()
+        self._one_asks = threading.Lock()  # a page's threads turn it, and who watches asks
         arguments = (theirs, dict(channel), rate_Hz, tool, output, dict(options), handle, compensator)
         self._process = context.Process(target=serve_live, args=arguments, name="hapscene handle", daemon=True)
         self._process.start()
@@ -266,10 +268,11 @@ class LiveHandle:
         self._tell(float(volume))
 
     def _tell(self, said: str | float) -> dict[str, float]:
-        with suppress(OSError):
-            self._wire.send(said)
-        self.report = self._answer(ANSWER_S)
-        return self.report
+        with self._one_asks:
+            with suppress(OSError):
+                self._wire.send(said)
+            self.report = self._answer(ANSWER_S)
+            return self.report
 
     def close(self) -> None:
         """Fade to silence, and end. Twice does no harm."""
