@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.clock import new_clock, now_ns
+from hapscene.clock import new_clock
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
-from hapscene.native import native
-from hapscene.servo.servo_loop import Lateness, await_tick, request_realtime_priority
+from hapscene.servo.empty_loop import loop_empty
+from hapscene.servo.servo_loop import Lateness, request_realtime_priority
 from hapscene.servo.shared_memory import open_channel
 
 _START_S: Final = 60.0
@@ -81,7 +81,7 @@ def _run(wire: Connection, name: str) -> None:
     """The process: loops and rests as it is told, until the application is gone."""
     channel, clock = open_channel(1, 1, name), new_clock()
     channel.channel.pause = 1
-    _idle(channel.channel[0], clock)  # has it compiled
+    loop_empty(channel.channel[0], clock, _TICK_NS)  # has it compiled
     wire.send(None)
     loop: threading.Thread | None = None
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
@@ -106,12 +106,4 @@ def _end(loop: threading.Thread | None, channel: Any) -> None:
 
 def _wait(channel: Any, clock: NDArray[np.int64]) -> None:
     request_realtime_priority()
-    _idle(channel, clock)
-
-
-@native
-def _idle(channel: Any, clock: NDArray[np.int64]) -> None:
-    due = now_ns(clock)
-    while channel.pause == 0:
-        due, _ = await_tick(channel, clock, due + _TICK_NS, _TICK_NS)
-        channel.done += 1
+    loop_empty(channel, clock, _TICK_NS)

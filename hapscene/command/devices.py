@@ -3,11 +3,15 @@
 import argparse
 import json
 import math
+import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from hapscene.command.console import complain, say, tell
 from hapscene.command.options import add_command, key_value
+
+FIND_S: Final = 5.0
+"""How long a driver may look for its device [s]."""
 
 
 def add_devices(commands: Any) -> None:
@@ -65,17 +69,26 @@ def _devices(options: argparse.Namespace) -> int:
 
 
 def _found(driver: Any, told: dict[str, Any]) -> Sequence[Any]:
-    """What is plugged in; what a driver raises all the same is its trouble."""
+    """What is plugged in; what a driver raises all the same, or does not answer, is its trouble."""
     from hapscene.device.driver import Found
 
     if driver is None:
         return ()
     known = {option.name for option in driver.options}
-    try:
-        found: Sequence[Any] = driver.find(**driver.read_options({k: v for k, v in told.items() if k in known}))
-        return found
-    except Exception as error:  # a driver of anybody's; the others are listed all the same
-        return (Found("?", {}, f"looking for it failed: {type(error).__name__}: {error}"),)
+    found: list[Any] = [
+        Found("", {}, f"looking for it took longer than {FIND_S:g} s", "unplug it, and plug it in again")
+    ]
+
+    def find() -> None:
+        try:
+            found[:] = driver.find(**driver.read_options({k: v for k, v in told.items() if k in known}))
+        except Exception as error:  # a driver of anybody's; the others are listed all the same
+            found[:] = [Found("", {}, f"looking for it failed: {type(error).__name__}: {error}")]
+
+    looking = threading.Thread(target=find, daemon=True)  # a vendor's library may hang
+    looking.start()
+    looking.join(FIND_S)
+    return list(found)
 
 
 def _described(offer: Any, found: Sequence[Any]) -> dict[str, Any]:

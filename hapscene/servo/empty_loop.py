@@ -5,6 +5,7 @@ import weakref
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns
 from hapscene.constants import TICK_S
@@ -41,11 +42,12 @@ def _end(channel: Any, thread: threading.Thread) -> None:
 
 def _run(*arguments: Any) -> None:
     request_realtime_priority()
-    _loop(*arguments)
+    loop_empty(*arguments)
 
 
 @native
-def _loop(channel: Any, clock: Any, tick_ns: int) -> None:
+def loop_empty(channel: Any, clock: NDArray[np.int64], tick_ns: int) -> None:
+    """Wait for ticks until `channel.pause`, and do nothing in them."""
     due = now_ns(clock)
     while channel.pause == 0:
         due, _ = await_tick(channel, clock, due + tick_ns, tick_ns)

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hapscene.native import INTERPRETED
@@ -50,7 +51,7 @@ if __name__ == "__main__":
     device = choose("haply2diy", port=port, homed=True)
     with Servo(scene, device, effects=["wall", "weight"], settings=pull, flights=flights) as servo:
         servo.start((0.0, 0.0, 0.0))
-        print(servo._process.pid, flush=True)
+        print(servo._process.pid, servo._guard.pid, flush=True)
         while True:
             servo.state()
             time.sleep(0.01)
@@ -79,7 +80,7 @@ class Desk:
         self.application = subprocess.Popen(command, **pipes, start_new_session=True)
         said = self.application.stdout.readline().strip()  # type: ignore[union-attr]
         assert said, self.application.communicate()[1]
-        self.servo_pid = int(said)
+        self.servo_pid, self.guard_pid = map(int, said.split())
         self.await_torque(lambda now: now > 0.99 * self.full())
 
     def full(self) -> float:
@@ -151,6 +152,27 @@ def test_a_servo_that_dies_or_stands_still(desk: Desk, by: signal.Signals) -> No
     assert desk.none_left_after(at_ns) < GUARDED_S + SLACK_S
     _, errors = desk.application.communicate(timeout=30.0)
     assert "the servo's process has ended" in errors
+
+
+def test_a_machine_that_sleeps_and_wakes_begins_anew(desk: Desk) -> None:
+    asleep = desk.application.pid, desk.servo_pid, desk.guard_pid
+    for pid in asleep:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.5)
+    at_ns = time.monotonic_ns()
+    for pid in asleep:
+        os.kill(pid, signal.SIGCONT)
+    desk.await_torque(lambda now: now > 0.99 * desk.full())  # nobody was ended
+    after = [abs(row[1]) for row in desk.torques() if row[0] > at_ns + 1e9 * SLACK_S]
+    assert min(after) == 0.0 and max(np.diff(after)) < 0.05 * desk.full()  # it rises, and does not jump
+
+
+def test_a_board_that_takes_nothing_more_is_told_of_and_left_without_force(desk: Desk) -> None:
+    os.kill(desk.board.process.pid, signal.SIGSTOP)  # its pipe fills
+    _, errors = desk.application.communicate(timeout=30.0)
+    assert f"haply2diy: {desk.board.place}" in errors
+    os.kill(desk.board.process.pid, signal.SIGCONT)
+    desk.await_torque(lambda now: now == 0.0)
 
 
 def test_a_device_torn_out_is_named_and_its_last_minute_kept(desk: Desk, tmp_path: Path) -> None:

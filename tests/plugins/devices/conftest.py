@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,9 @@ class Emulated:
         self.log = folder / f"{name}.log"
         self.place = str(folder / name)
         command = [sys.executable, str(EMULATORS / f"{name}.py"), str(self.log), self.place]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        beside = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # emulator.py is
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(command, env=beside, **pipes)
         said = self.process.stdout.readline().strip()  # type: ignore[union-attr]
         assert said, f"the emulator {name} does not start"
         self.place = self.place if said == "up" else said
