@@ -11,7 +11,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import note, say, tell
-from hapscene.command.live import add_page_options, opened_page
+from hapscene.command.live import add_page_options, chosen_handle, opened_page
 from hapscene.command.options import (
     add_command,
     add_mesh_options,
@@ -76,16 +76,16 @@ def _play(options: argparse.Namespace) -> int:
       hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
     """
     check_scene(options.scene, options.unit, options.swatch)
-    from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+    from hapscene.device.driver_registry import DeviceChoice
     from hapscene.device.model import DEVICES
     from hapscene.play.monitor import Monitor
 
     told: dict[str, Any] = dict(options.option)
     device: Any = options.device
     if device not in DEVICES:
-        DRIVERS.load(device).read_options(told)  # refused before the scene is read
         device = DeviceChoice(device, told)
-    handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
+        device.checked()  # refused before the scene is read
+    handle = chosen_handle(options)
     scene = load_input(
         options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
     )

@@ -31,10 +31,27 @@ class DeviceChoice:
         Raises:
             DeviceError: no such driver, a wrong option, or no device that can be used.
         """
+        driver, told = self.checked()
+        assert driver.open is not None
+        return driver.open(**told)
+
+    def checked(self, handle: bool = False) -> tuple[Driver, dict[str, Any]]:
+        """Its driver, and its options as that reads them, before anything is opened.
+
+        Args:
+            handle: whether it shall play vibrations; else it shall have a position.
+
+        Raises:
+            DeviceError: no such driver, a wrong option, or a device of the other kind.
+        """
         driver = DRIVERS.load(self.name)
-        if driver.open is None:
+        if handle and driver.open_handle is None:
+            raise DeviceError(
+                f"{self.name!r} plays no acceleration: it is a device to touch with (--device {self.name})"
+            )
+        if not handle and driver.open is None:
             raise DeviceError(f"{self.name!r} has no position to touch with: it is a handle (--handle {self.name})")
-        return driver.open(**driver.read_options(self.options))
+        return driver, driver.read_options(self.options)
 
 
 def open(name: str, **options: Any) -> Connection:

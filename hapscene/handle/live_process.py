@@ -16,8 +16,8 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from hapscene.device.driver_registry import DRIVERS
-from hapscene.errors import DeviceError, HandleError, HapsceneError
+from hapscene.device.driver_registry import DeviceChoice
+from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.handle_file import load_handle
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.handle_record import new_handle
@@ -77,10 +77,9 @@ def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
         DeviceError: no such driver or option, a value that is none, or a device that has no handle.
         HandleError: nothing there that can be used.
     """
-    driver = DRIVERS.load(name)
-    if driver.open_handle is None:
-        raise DeviceError(f"{name!r} plays no acceleration: it is a device to touch with (--device {name})")
-    output: HandleOutput = driver.open_handle(**driver.read_options(options))
+    driver, told = DeviceChoice(name, dict(options)).checked(handle=True)
+    assert driver.open_handle is not None
+    output: HandleOutput = driver.open_handle(**told)
     return output
 
 

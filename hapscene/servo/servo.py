@@ -184,7 +184,7 @@ class Servo:
         self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
         self._handle_file = None if handle_file is None else os.fspath(handle_file)
         if isinstance(self._live_handle, DeviceChoice):
-            DRIVERS.load(self._live_handle.name).read_options(self._live_handle.options)  # refused before all starts
+            self._live_handle.checked(handle=True)  # refused before all starts
         elif handle is not None:
             made["handle"] = handle
         self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
