@@ -797,7 +797,10 @@ class Servo:
 
     def _gone(self) -> str:
         self._process.join(1.0)
-        return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+        ended = f"the servo's process has ended (exit code {self._process.exitcode})"
+        if self._guard is not None and self._process.exitcode == -9:
+            ended += ": killed, or ended by its guard after it stood still for 50 ms, as where the computer is too busy"
+        return f"{ended}; start a new one"
 
 
 def _device(device: "DeviceLike | DeviceChoice") -> "DeviceLike | DeviceChoice":
