@@ -12,7 +12,7 @@ const long LIMIT = 30000;       // largest force ever put out [1e-4 N]
 const long FULL_SCALE = 40000;  // force at the end of the amplifier's input range [1e-4 N]
 const long READING = 48;        // acceleration of one count of the converter [1e-3 m/s2]
 const int PIN_FORCE = 3;        // PWM through a low-pass: half of it is no current
-const int PIN_ENABLE = 4;       // the amplifier's own enable, if it has one
+const int PIN_ENABLE = 4;       // the amplifier's own enable: without one, the coil is pulled while the board starts
 const int PIN_ACCELERATION = A0;
 const char HEADER[] =  // its scales are those of the constants above
     "#hapscene-probe 1 rate=5000 columns=force:N:0.0001,acceleration:m/s2:0.001,played:1:1.0,state:1:1.0";

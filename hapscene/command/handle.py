@@ -48,7 +48,7 @@ def _add_play(commands: Any) -> None:
     command.add_argument(
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )
-    command.add_argument("--compensator", help="none, naive, inverse, … (default adaptive; on a real handle flat)")
+    command.add_argument("--compensator", help="none, naive, inverse, … (default adaptive; flat where none is heard)")
     add_out_folder(command, None, "out/NAME, as out/oak")
     command.add_argument("--seed", type=seed, default=0, help="of the accelerometer's noise (default 0)")
     add_recording_options(command)
@@ -125,24 +125,24 @@ def _play_on(name: str, options: argparse.Namespace) -> int:
 
     if options.grip is not None or options.out is not None:
         raise HandleError("--grip and --out are of the simulated handle; how a real one is held nobody can tell it")
-    chosen = options.compensator or "flat"
-    if chosen == "adaptive":
-        raise HandleError("--compensator adaptive learns from a simulated handle; a real one takes flat or inverse")
     check_there(options.handle, HandleError)
     check_there(options.file, CaptureError)
     desired, rate_Hz = _desired(options)
     output = open_output(name, dict(options.option))
     try:
-        handle = compensator_of(output, options.handle, chosen, rate_Hz)
+        handle = compensator_of(output, options.handle, options.compensator)
         tell([f"playing {Path(options.file).name}, {len(desired) / rate_Hz:.3g} s, on {output.name}"])
         stream = play_recording(desired, rate_Hz, output, handle)
     finally:
         output.close()
     found = report(stream, output)
     print(f"felt {1e3 * found['latency_s']:.1f} ms after it is asked for")
+    if handle is not None and handle[0].kind == 3:
+        learnt_g, known_g = 1e3 * handle[0].theta[0], 1e3 * handle[0].nominal[0]
+        print(f"learnt while it played: a handle of {learnt_g:.3g} g, where {known_g:.3g} g was identified")
     if found["limited"] > 0:
         share = found["limited"] / (len(desired) / rate_Hz * output.rate_Hz)
-        print(f"{100 * share:.1f} % was made quieter, for it was louder than {output.ceiling / output.gain:.3g} allows")
+        print(f"{100 * share:.1f} % was made quieter: it asks for more than {output.ceiling / output.gain:.3g} allows")
     wrong = [f"{word} {found[word]}" for word in (*output.counts, "clipped", "not_finite") if found[word]]
     if wrong:
         print(f"not all went well: {', '.join(wrong)}")

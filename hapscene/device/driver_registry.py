@@ -1,5 +1,6 @@
 """The drivers there are: ours and anybody's, through the entry-point group `hapscene.devices`."""
 
+import atexit
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,14 +27,16 @@ class DeviceChoice:
     options: dict[str, Any] = field(default_factory=dict)
 
     def open(self) -> Connection:
-        """Open it.
+        """Open it. At the latest when the program ends it is closed.
 
         Raises:
             DeviceError: no such driver, a wrong option, or no device that can be used.
         """
         driver, told = self.checked()
         assert driver.open is not None
-        return driver.open(**told)
+        connection = driver.open(**told)
+        atexit.register(connection.close)  # twice does no harm
+        return connection
 
     def checked(self, handle: bool = False) -> tuple[Driver, dict[str, Any]]:
         """Its driver, and its options as that reads them, before anything is opened.

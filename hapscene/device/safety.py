@@ -168,7 +168,8 @@ def _trips(s: Any, p: Vector, ready: int, count: int, tick_s: float) -> int:
             causes |= _WORKSPACE
         way += (p[i] - s.p_DT_m[i]) ** 2
         s.p_DT_m[i] = p[i]
-    if s.begun == 1 and way > (s.speed_m_s * tick_s) ** 2:
+    since_s = s.count_s + tick_s  # a device may say less often where it is than there are ticks
+    if s.begun == 1 and way > (s.speed_m_s * since_s) ** 2:
         causes |= _FAST
     s.count_s = 0.0 if count != s.count or s.begun == 0 else s.count_s + tick_s
     if s.pulse_now != s.pulse or s.begun == 0:

@@ -4,9 +4,15 @@ An output has a clock of its own. Whenever it has room it pulls samples, at its 
 own; it never waits for them. It opens what it drives when it is made: `Driver.open_handle` makes it of its options.
 """
 
-from typing import Protocol
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.handle.plant import Array
+
+HEARD_MAX: Final = 400
+"""How many samples late a compensator hears what became of its own [count]: less than its memory of 512."""
 
 
 class Feed(Protocol):
@@ -18,6 +24,13 @@ class Feed(Protocol):
     def fade_in(self) -> None:
         """What was pulled before is lost: begin with silence anew."""
 
+    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+        """What came of samples that were pulled, (n,) each, in order; not finite where the output had none to play.
+
+        Numbers are counted from the first sample that was ever pulled; the force is that which was put out, and the
+        acceleration is read as it begins. Never while `pull` is called.
+        """
+
 
 class HandleOutput(Protocol):
     """Something that plays.
@@ -25,6 +38,7 @@ class HandleOutput(Protocol):
     Attributes:
         name: what it plays on, for messages.
         takes_force: whether a sample is a force [N]; else it is a level, `gain` per m/s², or per N of a compensator's.
+        reads_back: whether it tells `Feed.hear` what came of a sample, at most `HEARD_MAX` samples after it was pulled.
         gain: what a sample is multiplied by.
         ceiling: the largest that it takes; what is louder is limited beforehand.
         highpass_Hz: below that it is given nothing; 0 for all.
@@ -35,6 +49,7 @@ class HandleOutput(Protocol):
 
     name: str
     takes_force: bool
+    reads_back: bool
     gain: float
     ceiling: float
     highpass_Hz: float

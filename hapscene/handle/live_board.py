@@ -7,15 +7,13 @@ how long a busy computer may say nothing. The board itself puts out none once it
 
 import threading
 import time
-from collections import deque
 from typing import Final
 
 import numpy as np
 
 from hapscene.errors import HandleError
 from hapscene.files import refusing
-from hapscene.handle.handle_output import Feed
-from hapscene.handle.plant import Array
+from hapscene.handle.handle_output import HEARD_MAX, Feed
 from hapscene.handle.serial_handle import BUFFER, LINE_COUNT, STATE, Board, Wire
 from hapscene.wire.protocol import WRAP, Run, sample_line, sealed
 
@@ -38,8 +36,8 @@ GONE_S: Final = 0.5
 AGAIN_S: Final = 0.1
 """After what time it is told again to start, where it does not, or no more [s]."""
 
-KEPT: Final = 1 << 10
-"""Runs of readings that are kept until somebody asks for them [count]: some seconds."""
+ON_THE_WAY_S: Final = 0.02
+"""How long samples may be on their way to the board and back, beside what the board has in hand [s]."""
 
 
 def live_start(watchdog_s: float, run: int) -> bytes:
@@ -81,10 +79,11 @@ class LiveBoard(Board):
         self.fault = ""
         self.counts = {"underruns": 0, "watchdog": 0, "restarts": 0, "lost": 0, "board_limited": 0}
         self._ahead = min(max(round(ahead_s * self.rate_Hz), 2 * LINE_COUNT), BUFFER - LINE_COUNT)
-        self._readings: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
+        self.reads_back = self._ahead + ON_THE_WAY_S * self.rate_Hz < HEARD_MAX
         self._latency_s = self._ahead / self.rate_Hz
         self._live = self._empty = self._closed = False
-        self._sent = self._played = 0
+        self._sent = self._played = 0  # since it was told to start
+        self._pulled = 0  # of the feed, ever
         self._told_s = 0.0  # when it was told to start, or said something since
         self._feed: Feed | None = None
         self._closing = threading.Event()
@@ -120,13 +119,6 @@ class LiveBoard(Board):
         if not self._closed:
             self._closed = True
             super().close()
-
-    def readings(self) -> tuple[Array, Array]:
-        """Force that was put out [N] and acceleration [m/s²], (n,) each, since this was last asked for."""
-        pieces = [self._readings.popleft() for _ in range(len(self._readings))]
-        pieces.append((np.zeros(0), np.zeros(0)))
-        force, acceleration = zip(*pieces, strict=True)
-        return np.concatenate(force), np.concatenate(acceleration)
 
     def _begin(self) -> None:
         """Have it start anew, from silence."""
@@ -169,25 +161,27 @@ class LiveBoard(Board):
             return
         self._told_s = time.monotonic()
         states, played = (rows[:, columns[name][0]] for name in (STATE, "played"))
+        assert self._feed is not None
         if not self._live:
             self._live = True
-            assert self._feed is not None
             self._feed.fade_in()
-        force, acceleration = (rows[:, columns[name][0]] * columns[name][1] for name in ("force", "acceleration"))
-        self._readings.append((force, acceleration))
         self.counts["board_limited"] += int(np.count_nonzero(states & LIMITED))
-        step = (int(played[-1]) - self._played) % WRAP
+        steps = (played - self._played) % WRAP
+        step = int(steps[-1])
         tripped = bool((states & TRIPPED).any())
         if tripped or step > self._sent - self._played:
             self.counts["watchdog" if tripped else "restarts"] += 1
             self._begin()
             return
+        force, acceleration = (rows[:, columns[name][0]] * columns[name][1] for name in ("force", "acceleration"))
+        force[(states & EMPTY) > 0] = np.nan
+        self._feed.hear(self._pulled - self._sent + self._played + steps - 1, force, acceleration)
         self._played += step
-        empty = bool(states[-1] & EMPTY) and self._played == self._sent > 0
+        empty = bool(((states & EMPTY) * played).any())  # not before the first
         if empty and not self._empty:
             self.counts["underruns"] += 1
-            assert self._feed is not None
-            self._feed.fade_in()
+            if self._played == self._sent:  # else more is on its way, and would be cut
+                self._feed.fade_in()
         self._empty = empty
 
     def _send(self) -> None:
@@ -199,6 +193,7 @@ class LiveBoard(Board):
         samples = np.zeros(room)
         assert self._feed is not None
         self._feed.pull(samples)
+        self._pulled += room
         whole = np.rint(np.clip(samples, -self.ceiling, self.ceiling) / self.columns["force"][1]).astype(int).tolist()
         starts = range(0, room, LINE_COUNT)
         self._wire.write(b"".join(sample_line(self._sent + i, whole[i : i + LINE_COUNT]) for i in starts))

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Final, Self
@@ -18,6 +19,7 @@ import numpy as np
 
 from hapscene.device.driver_registry import DeviceChoice
 from hapscene.errors import HandleError, HapsceneError
+from hapscene.handle.compensator import find_compensator
 from hapscene.handle.handle_file import load_handle
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.handle_record import new_handle
@@ -94,18 +96,30 @@ def finish(stream: LiveStream, output: HandleOutput) -> None:
     output.close()
 
 
-def compensator_of(output: HandleOutput, file: str | None, compensator: str, rate_Hz: float) -> Any:
+def compensator_of(output: HandleOutput, file: str | None, compensator: str | None = None) -> Any:
     """A record (1,) `HANDLE` that makes force of acceleration: for the identified handle of `file`, or the assumed one.
 
-    None where no file is given, and the output takes levels.
+    None where no file is given, and the output takes levels. Unless one is named, the compensator is "adaptive" where
+    a handle that was identified reads back, else "flat".
 
     Raises:
-        HandleError: no such file or compensator, or a rate that it cannot have.
+        HandleError: no such file or compensator, one that would have nothing to learn from, or a rate that it cannot
+            have.
     """
     if file is None and not output.takes_force:
         return None
-    nominal = Plant() if file is None else load_handle(file).plant
-    return new_handle(nominal, nominal, compensator, rate_Hz)
+    learns = file is not None and output.reads_back
+    chosen = compensator or ("adaptive" if learns else "flat")
+    if find_compensator(chosen).adapts and not learns:
+        lack = f"{output.name} reads nothing back in time" if file else "give the file of one"
+        raise HandleError(f"{chosen!r} learns from what an identified handle reads back: {lack}, or take flat")
+    nominal, sensor = Plant(), None
+    if file is not None:
+        found = replace(load_handle(file), rate_Hz=output.rate_Hz)
+        # The amplifier that was identified stands behind the board's column `force`, whatever that measures.
+        nominal, sensor = found.plant, replace(found.sensor, force_measured=False) if learns else None
+    nominal = replace(nominal, force_limit_N=min(nominal.force_limit_N, output.ceiling / output.gain))
+    return new_handle(nominal, nominal, chosen, output.rate_Hz, sensor=sensor)
 
 
 def play_recording(
@@ -139,7 +153,7 @@ def serve_live(
     output: str,
     options: Mapping[str, Any],
     handle: str | None,
-    compensator: str,
+    compensator: str | None,
 ) -> None:
     """The process's main function, with the arguments of `LiveHandle`; `channel` has those of `open_channel`.
 
@@ -153,7 +167,7 @@ def serve_live(
     try:
         shared = open_channel(**channel)
         opened = open_output(output, options)
-        made = compensator_of(opened, handle, compensator, rate_Hz)
+        made = compensator_of(opened, handle, compensator)
         source = ChannelSource(shared, tool)
         stream = LiveStream(source.fetch, rate_Hz, opened, handle=made, steered=True)
         request_realtime_priority()  # also of the threads that the output starts
@@ -210,7 +224,7 @@ class LiveHandle:
         output: name of the handle to play on.
         options: of that, by name.
         handle: an identified handle's file, whose compensator makes force of acceleration.
-        compensator: of that.
+        compensator: of that, as `compensator_of` has it.
 
     Raises:
         HandleError: what the handle refuses, or no answer.
@@ -224,7 +238,7 @@ class LiveHandle:
         output: str,
         options: Mapping[str, Any],
         handle: str | None = None,
-        compensator: str = "flat",
+        compensator: str | None = None,
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()

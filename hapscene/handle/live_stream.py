@@ -1,10 +1,14 @@
 """From the acceleration channel to an output's samples: resampled, clocks brought together, limited, faded. Compiled.
 
-push       samples of the channel into a ring, as force where there is a compensator            handle_loop.py
-resample   a windowed sinc, read at a place that moves by the ratio of the two clocks
-high-pass  Butterworth of second order
-limit      a gain that is down before the sample that needs it so                               governor.py
-fade       20 ms in and out
+write       samples of the channel into a ring
+resample    a windowed sinc, read at a place that moves by the ratio of the two clocks
+high-pass   Butterworth of second order
+compensate  force of acceleration, where there is a compensator                                 handle_loop.py
+limit       a gain that is down before the sample that needs it so                              governor.py
+fade        20 ms in and out
+
+The compensator runs by the output's clock: a sample that the output pulls is one of the compensator's, and what an
+output reads back of it is heard under the same number.
 
 The ratio is steered by what is in hand. Ticks come in blocks, and outputs pull in bursts, so the measure is the least
 that was in hand within `WINDOW_S`; near enough to `lag_s` the ratio is the nominal one to the bit.
@@ -15,10 +19,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
 from hapscene.handle.governor import MASK, ONE, RELEASE_S, fade
-from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, command_force
+from hapscene.handle.handle_loop import DESIRED_MAX_M_S2, HANDLE, command_force, learn
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array
 from hapscene.native import native
@@ -101,7 +106,8 @@ class LiveStream:
                 needed, which only what is recorded has to look at.
             rate_Hz: of the channel.
             output: what pulls.
-            handle: a record (1,) `HANDLE`, whose compensator makes force of acceleration; None for none.
+            handle: a record (1,) `HANDLE` at the output's rate, whose compensator makes force of acceleration, and
+                learns from what is read back; None for none.
             steered: whether the channel has a clock of its own. Without, the output's is followed, and what `fetch`
                 gives begins to play at once.
 
@@ -109,7 +115,8 @@ class LiveStream:
             HandleError: rates that are too far apart.
         """
         self.rate_Hz, self.output_rate_Hz = rate_Hz, output.rate_Hz
-        self._fetch, self._handle, self._gain = fetch, handle, output.gain
+        self._fetch, self._gain = fetch, output.gain
+        self._handle = records(0, HANDLE) if handle is None else handle
         if not 0.02 <= rate_Hz / self.output_rate_Hz <= 50.0:
             raise HandleError(f"a channel of {rate_Hz:g} Hz cannot be played at {self.output_rate_Hz:g} Hz")
         self._table = filter_table(rate_Hz, self.output_rate_Hz)
@@ -131,19 +138,20 @@ class LiveStream:
         s.gains[:] = ONE
         s.total = (s.delay + 1) * ONE
         s.share = 1.0 / float(s.total)
-        self._push(np.zeros(0))  # has it compiled before anybody waits
-        render(s, self._ring, self._table, np.zeros(0))
+        write(s, self._ring, np.zeros(0))  # has it compiled before anybody waits
+        render(s, self._ring, self._table, self._handle, np.zeros(0))
+        self.hear(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
     def pull(self, out: Array) -> None:
         """Fill `out` (n,) with the next samples."""
         s = self._state[0]
-        self._push(self._fetch(max(0, s.whole + s.half + 2 + math.ceil(len(out) * s.ratio) - s.written)))
-        render(s, self._ring, self._table, out)
+        samples = self._fetch(max(0, s.whole + s.half + 2 + math.ceil(len(out) * s.ratio) - s.written))
+        write(s, self._ring, samples[-(ROOM >> 1) :])
+        render(s, self._ring, self._table, self._handle, out)
 
-    def _push(self, samples: Array) -> None:
-        if self._handle is not None:
-            compensate(self._handle, samples)
-        write(self._state[0], self._ring, samples[-(ROOM >> 1) :])
+    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+        """Have the compensator learn from what came of samples that were pulled, as `Feed` says."""
+        hear(self._handle, numbers - self._state[0].delay, force_N, acceleration_m_s2)
 
     def fade_in(self) -> None:
         """What was pulled before is lost: begin with silence anew."""
@@ -172,9 +180,8 @@ class LiveStream:
     @property
     def latency_s(self) -> float:
         """How long after it came from the channel a sample is pulled [s], on average over the last seconds."""
-        return (
-            max(0.0, float(self._state[0].in_hand)) / self.rate_Hz + float(self._state[0].delay) / self.output_rate_Hz
-        )
+        ahead = float(self._state[0].delay) + float(self._handle["delay"].sum())  # limiter, compensator
+        return max(0.0, float(self._state[0].in_hand)) / self.rate_Hz + ahead / self.output_rate_Hz
 
     @property
     def drift(self) -> float:
@@ -215,10 +222,11 @@ def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
 
 
 @native
-def compensate(handle: Any, samples: Array) -> None:
-    """Accelerations (n,) [m/s²] become forces [N], in place."""
-    for k in range(len(samples)):
-        samples[k] = command_force(handle[0], samples[k])
+def hear(handle: Any, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+    """Tell a compensator, if there is one, what came of its samples of those numbers (n,)."""
+    for k in range(len(numbers)):
+        if len(handle) > 0 and numbers[k] >= 0:  # what the limiter had before the first is none of them
+            learn(handle[0], numbers[k], force_N[k], acceleration_m_s2[k])
 
 
 @native
@@ -234,15 +242,19 @@ def write(s: Any, ring: Array, samples: Array) -> None:
 
 
 @native
-def render(s: Any, ring: Array, table: Array, out: Array) -> None:
-    """Fill `out` (n,) with the next samples of a stream."""
+def render(s: Any, ring: Array, table: Array, handle: Any, out: Array) -> None:
+    """Fill `out` (n,) with the next samples of a stream, by the compensator of `handle` (1,), or none (0,)."""
     if s.state == SILENT and s.steered == 0 and s.ending == 0 and s.written > s.whole + s.half:
         s.state = PLAYING
     for k in range(len(out)):
         if s.state == PLAYING and (s.ending == 1 or s.written <= s.whole + s.half):
             s.gaps += s.steered * (1 - s.ending)
             s.state = FADING
-        x = _limited(s, _high_passed(s, s.gain * _resampled(s, ring, table)))
+        x = _high_passed(s, _resampled(s, ring, table))
+        if len(handle) > 0:
+            x = command_force(handle[0], x)
+            s.limited += 1 if handle[0].due_gain[(handle[0].count - 1) & MASK] < 0.999 else 0
+        x = _limited(s, s.gain * x)
         s.faded = min(s.faded + s.fade_step, 1.0) if s.state == PLAYING else max(s.faded - s.fade_step, 0.0)
         if s.state == FADING and s.faded == 0.0:
             s.state, s.windows = SILENT, 0

@@ -31,7 +31,7 @@ FULL_SCALE: Final = 32_767
 class AudioHandle:
     """Plays on a sound card through PortAudio, as a `HandleOutput`."""
 
-    takes_force = False
+    takes_force = reads_back = False
 
     def __init__(
         self,

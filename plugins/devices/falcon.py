@@ -7,7 +7,6 @@ right, y up, z out of the machine, towards the hand.
 
 import math
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,6 +68,10 @@ def pack(units: tuple[int, int, int], bits: int) -> bytes:
     """The packet of three motors' commands, and the bits of lamps and homing."""
     nibbles = bytes(0x41 + (unit >> shift & 15) for unit in units for shift in (0, 4, 8, 12))
     return b"<" + nibbles + bytes((0x41 + bits, 0x41)) + b">"
+
+
+REST: Final = pack((0, 0, 0), HOMING | RED)
+"""No force."""
 
 
 def unpack(packet: bytes) -> tuple[tuple[int, int, int], int] | None:
@@ -172,7 +175,7 @@ class FalconConnection(Connection):
     def _answers(self) -> bool:
         """Whether it runs its firmware."""
         for _ in range(20):
-            self._usb.write(OUT, pack((0, 0, 0), HOMING | RED))
+            self._usb.write(OUT, REST)
             for _ in range(5):
                 if self._take(self._usb.read(IN, 64, 10)):
                     return True
@@ -270,9 +273,7 @@ class FalconConnection(Connection):
         self._usb.write(OUT, pack(units, bits))
 
     def close(self) -> None:
-        with suppress(DeviceError):  # what is gone gives no force
-            self._usb.write(OUT, pack((0, 0, 0), HOMING | RED))
-        self._usb.close()
+        self._usb.close(OUT, REST)
 
     def reason(self, trouble: int) -> str:
         return "it is not homed: pull its grip all the way out, then push it in" if trouble else ""
@@ -281,10 +282,12 @@ class FalconConnection(Connection):
 def release(backend: str | None = None, **options: Any) -> None:
     """Write zero to a Falcon whose driver has died. Nothing is loaded."""
     usb = UsbDevice("falcon", VENDOR, PRODUCT, backend)
-    for request, value in RUN:
-        usb.control(request, value)
-    usb.write(OUT, pack((0, 0, 0), HOMING | RED))
-    usb.close()
+    try:
+        for request, value in RUN:
+            usb.control(request, value)
+        usb.write(OUT, REST)
+    finally:
+        usb.close()
 
 
 DRIVER = Driver(

@@ -4,7 +4,6 @@ The library's axes are x towards the user, y to the right, z up, in m. The devic
 servo says nothing for `WATCHDOG_S`, its own velocity threshold stays as it was made.
 """
 
-import atexit
 import math
 import sys
 from collections.abc import Sequence
@@ -92,7 +91,6 @@ class ForceDimensionConnection(Connection):
         self._open = self._id >= 0
         if not self._open:
             raise DeviceError(f"forcedimension: device={device}: {self._error()}; {_remedy()}")
-        atexit.register(self.close)
         self._xyz, self._status = (c_double(), c_double(), c_double()), (c_int * 32)()
         self._bad_reads = self._bad_writes = self._reads = self._enable_at = 0
         self._saturated = False
@@ -181,7 +179,6 @@ class ForceDimensionConnection(Connection):
         if not self._open:
             return
         self._open = False
-        atexit.unregister(self.close)
         self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
         self._dhd.dhdStop(self._id)
         self._dhd.dhdClose(self._id)

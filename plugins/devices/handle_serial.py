@@ -1,14 +1,14 @@
 """A handle of one's own on a serial port, or USB's own (CDC): docs/handle-protocol.md, examples/handle_firmware."""
 
-from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
-from hapscene.device.driver import Driver, Found, Option
+from hapscene.device.driver import Driver, Option
 from hapscene.errors import HandleError
 from hapscene.files import refusing
 from hapscene.handle.live_board import LiveBoard
 from hapscene.handle.serial_handle import SerialWire
 from hapscene.wire.port import BAUD
+from hapscene_plugins.devices.serial_port import find_ports
 
 BOARD: Final = (
     Option("limit_N", 3.0, "largest force that it is sent [N]"),
@@ -35,18 +35,11 @@ def open_handle(port: str, baud: int, **board: float) -> LiveBoard:
     return LiveBoard(port, wire, **board)
 
 
-def find(**options: Any) -> Sequence[Found]:
-    """The serial ports that are there: whether a handle is on one, only it can say."""
-    from serial.tools.list_ports import comports
-
-    return [Found(f"{port.device} ({port.description})", {"port": port.device}) for port in sorted(comports())]
-
-
 DRIVER = Driver(
     name="serial",
     summary="A board with a current amplifier on a serial port (a handle).",
     open_handle=open_handle,
-    find=find,
+    find=lambda port="", **options: find_ports(port),
     force=False,
     needs="a port, and permission for it (Linux: group dialout)",
     options=(

@@ -14,8 +14,9 @@ from hapscene_plugins.devices.usb_device import BACKEND, UsbDevice, find_usb
 ID: Final = "16c0:05dc"
 """What devices of no class may share that are told apart by their names (Objective Development's free ids)."""
 
-PACKET: Final = 1 << 12
-"""Bytes that are asked for at once: 2 ms of a board at 10 kHz take 600."""
+PACKET: Final = 1 << 10
+"""Bytes that are asked for at once: 2 ms of a board at 10 kHz take 600. A board whose packets are all full has a read
+wait until there are so many: 8 ms at 5 kHz."""
 
 ENDPOINT_IN: Final = 0x80
 """Bit of the address of an endpoint that the board sends by."""

@@ -5,19 +5,18 @@ Its axes H, as it lies on a desk: x to the left, y towards the hand. The board k
 for ever: zero is sent on every way out.
 """
 
-import atexit
+import errno
 import math
 import os
 import struct
-from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from hapscene.device.driver import Connection, Driver, Found, Option
+from hapscene.device.driver import Connection, Driver, Option
 from hapscene.device.model import Device, Limits
 from hapscene.device.point import PointMass
 from hapscene.errors import DeviceError
+from hapscene_plugins.devices.serial_port import PERMISSION, find_ports
 from hapscene_plugins.devices.silence import Silence
 
 try:
@@ -52,7 +51,8 @@ JUMP_RAD: Final = math.radians(20.0)
 
 
 class Hardware(NamedTuple):
-    """One version: direction of motors and encoders, offset [°] and counts of encoders, all by port: 2, then 1."""
+    """One version: direction of motors and encoders, offset [°] and counts of encoders, by port: the second arm's,
+    then the first's."""
 
     direction: tuple[int, int]
     zero_deg: tuple[float, float]
@@ -110,46 +110,28 @@ def arm_torques(
     return share * first, share * second
 
 
-def open_port(port: str | None) -> Any:
-    """The board's port.
+def open_port(port: str | None, alone: bool = False) -> Any:
+    """The board's port; for this program `alone` where the system can see to that.
 
     Raises:
-        DeviceError: none was told and not just one is there; it is not there, or may not be opened.
+        DeviceError: none was told and not just one is there; it is not there, is in use, or may not be opened.
     """
     import serial
 
     if port is None:
-        found = _ports()
+        found = find_ports()
         if len(found) != 1:
             names = ", ".join(place.where for place in found)
             raise DeviceError(f"haply2diy: say which port: --option port=NAME; there are: {names or 'none'}")
         port = found[0].options["port"]
     try:
-        return serial.Serial(port, BAUD, timeout=0.0015, write_timeout=0.05)
+        exclusive = True if alone and os.name == "posix" else None
+        return serial.Serial(port, BAUD, timeout=0.0015, write_timeout=0.05, exclusive=exclusive)
     except (OSError, ValueError) as error:
-        remedy = "; sudo usermod -aG dialout $USER, and log in anew" if isinstance(error, PermissionError) else ""
+        if getattr(error, "errno", None) == errno.EAGAIN:  # that of a lock which another has
+            raise DeviceError(f"haply2diy: {port}: another program has it: close that") from None
+        remedy = f"; {PERMISSION}" if getattr(error, "errno", None) == errno.EACCES else ""
         raise DeviceError(f"haply2diy: {port}: cannot be opened: {error}{remedy}") from None
-
-
-def _ports() -> list[Found]:
-    from serial.tools.list_ports import comports
-
-    ports = [port for port in comports() if port.vid is not None]
-    return [_found(port.device, f"{port.device} ({port.description})") for port in ports]
-
-
-def _found(port: str, where: str) -> Found:
-    trouble = remedy = ""
-    if os.name == "posix" and not Path(port).exists():
-        trouble, remedy = f"{port}: no such port", "plug it in, or say another: --option port=NAME"
-    elif os.name == "posix" and not os.access(port, os.R_OK | os.W_OK):
-        trouble, remedy = f"{port}: no permission", "sudo usermod -aG dialout $USER, and log in anew"
-    return Found(where, {"port": port}, trouble, remedy)
-
-
-def find(port: str | None = None, **options: Any) -> Sequence[Found]:
-    """Serial ports on USB: a port does not say what is behind it."""
-    return [_found(port, port)] if port is not None else _ports()
 
 
 class Haply2diyConnection(Connection):
@@ -158,11 +140,10 @@ class Haply2diyConnection(Connection):
     def __init__(self, port: str | None = None, hardware: str = "v3", homed: bool = False) -> None:
         super().__init__()
         self._hardware, self._homed = HARDWARE[hardware], homed
-        self._port = open_port(port)
+        self._port = open_port(port, alone=True)
         self._name = f"haply2diy: {self._port.port}"
         self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
         self._known = self._garbled = False
-        atexit.register(self.close)
         try:
             self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
         except BaseException:
@@ -222,7 +203,6 @@ class Haply2diyConnection(Connection):
             self._send(run_message((0.0, 0.0)))
 
     def close(self) -> None:
-        atexit.unregister(self.close)
         if self._port.is_open:
             with suppress(DeviceError, *GONE):
                 self._send(run_message((0.0, 0.0)))
@@ -251,7 +231,7 @@ DRIVER = Driver(
     name="haply2diy",
     summary="Haply's 2DIY, versions 2 and 3, over its serial port: it moves in a plane.",
     open=Haply2diyConnection,
-    find=find,
+    find=lambda port=None, **options: find_ports(port),
     model=Device(
         "haply2diy",
         PointMass(0.1, 0.1, 0.1, 60e-6),

@@ -74,11 +74,16 @@ def parse(text: str | bytes) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
+def listed(content: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    """What a message says of its devices of a kind."""
+    devices = content.get(kind)
+    return [told for told in devices if isinstance(told, dict)] if isinstance(devices, list) else []
+
+
 def first(content: dict[str, Any], kind: str, device_id: str | None = None) -> dict[str, Any]:
     """What a message says of its first device of a kind, or that of an id; empty where it says nothing."""
-    listed = content.get(kind)
-    for told in listed if isinstance(listed, list) else ():
-        if isinstance(told, dict) and device_id in (None, told.get("device_id")):
+    for told in listed(content, kind):
+        if device_id in (None, told.get("device_id")):
             return told
     return {}
 
@@ -256,8 +261,7 @@ def find(uri: str = URI, **options: Any) -> Sequence[Found]:
         return [Found(uri, trouble=what, remedy=remedy)]
     except Exception as error:  # whatever is at that port is no service of Haply's
         return [Found(uri, trouble=f"inverse3: {uri}: {error!r:.100}", remedy="start Haply's Inverse service")]
-    listed = content.get("inverse3")
-    return [Found(f"{uri} {told.get('device_id')}") for told in listed or () if isinstance(told, dict)]
+    return [Found(f"{uri} {told.get('device_id')}") for told in listed(content, "inverse3")]
 
 
 def release(**options: Any) -> None:

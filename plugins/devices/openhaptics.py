@@ -10,7 +10,6 @@ The vendor's scheduler has a thread of its own; in it, once a period and compile
 The library's axes are x to the right, y up, z towards the user, in mm; transforms are column by column.
 """
 
-import atexit
 import ctypes
 import math
 import os
@@ -114,7 +113,6 @@ _FUNCTIONS: Final[dict[str, tuple[Any, ...]]] = {
     "hdStartScheduler": (None,),
     "hdStopScheduler": (None,),
     "hdScheduleAsynchronous": (c_ulong, c_void_p, c_void_p, c_ushort),
-    "hdScheduleSynchronous": (None, c_void_p, c_void_p, c_ushort),
     "hdUnschedule": (None, c_ulong),
 }
 
@@ -328,7 +326,6 @@ class OpenHapticsConnection(VendorConnection):
         self._moved_s, self._moved = 0.0, 0
         self._address = int(_callback().address)
         self._device: int | None = _initiate(self._hd, name)
-        atexit.register(self.close)
         try:
             self._set_up(rate, reset)
         except BaseException:
@@ -441,7 +438,6 @@ class OpenHapticsConnection(VendorConnection):
     def close(self) -> None:
         if self._device is None:
             return
-        atexit.unregister(self.close)
         self._end()
         self._hd.hdStopScheduler()
         self._hd.hdDisableDevice(self._device)
@@ -478,20 +474,26 @@ def find(library: str | None = None, name: str | None = None, **options: Any) ->
 def release(library: str | None = None, name: str | None = None, **options: Any) -> None:
     """Open it anew, and give zero: at once, with nothing to be compiled."""
     hd = load_library("openhaptics", library, LIBRARIES, _FUNCTIONS, _remedy())
-    device, nothing = _initiate(hd, name), (c_double * 3)()
+    device, nothing, given = _initiate(hd, name), (c_double * 3)(), []
 
     def give(context: Any) -> int:
         hd.hdBeginFrame(device)
         hd.hdSetDoublev(int(_FORCE), nothing)
         hd.hdEndFrame(device)
+        given.append(True)
         return _DONE
 
+    callback = CFUNCTYPE(c_uint, c_void_p)(give)
     hd.hdEnable(int(_FORCE_OUTPUT))
     hd.hdStartScheduler()
-    hd.hdScheduleSynchronous(CFUNCTYPE(c_uint, c_void_p)(give), None, PRIORITY)
+    handle = hd.hdScheduleAsynchronous(callback, None, PRIORITY)
+    _wait(lambda: bool(given))
+    hd.hdUnschedule(handle)
     hd.hdStopScheduler()
     hd.hdDisableDevice(device)
     _pop(hd)
+    if not given:
+        raise DeviceError(f"openhaptics: {_STILL}")
 
 
 DRIVER = Driver(
@@ -510,7 +512,7 @@ DRIVER = Driver(
     options=(
         Option("library", None, "path of the vendor's library; without, the system is asked for HD"),
         Option("name", None, "the device's name in the vendor's setup; without, the usual ones are tried"),
-        Option("rate", 1000, "rate of the vendor's scheduler, and so of the ticks [Hz]"),
+        Option("rate", 1000, "rate of the vendor's scheduler [Hz]: one tick of the servo each, which lasts 1 ms"),
         Option("priority", PRIORITY, f"of the tick among what the vendor's scheduler calls, 0 to {PRIORITY_MAX}"),
         Option("reset", False, "whether the arm stands in its reset position now, to be calibrated so"),
     ),
@@ -520,6 +522,7 @@ DRIVER = Driver(
         "opened anew and given zero.",
         "0.88 N for long and 3.3 N at most are taken for the Omni's and Touch's; the library's own maximum counts "
         "where it is less.",
+        "Walls to 700 N/m are what CHAI3D names for the Omni; for the Touch it names 400.",
         "The workspace is the whole reach that the library names for an Omni, about the middle of the usable one.",
         "The library's transform has z along the stylus, towards the hand.",
         "Warmth is 0 to 1, where the library speaks of warm motors.",

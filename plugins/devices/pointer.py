@@ -168,7 +168,7 @@ DRIVER = Driver(
     speed_m_s=math.inf,  # it jumps from where it was lifted to where it is put down
     force=False,
     button_count=1,
-    needs="a browser here, or on a phone in the same network",
+    needs="websockets (pip install 'hapscene[serve]'); a browser here, or on a phone in the same network",
     options=(
         Option("door", 0, "port of a page's server on this machine; 0 opens a page of its own"),
         Option("key", "", "what that server knows its drivers by"),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.driver import Connection, Driver, Found, Option
 from hapscene.errors import DeviceError, FormatError
-from hapscene.motion.path_file import load_path
+from hapscene.motion.path_file import TICK_FREE, TICKS_PER_ROW_MAX, load_path
 from hapscene.recording import Recording
 
 
@@ -32,7 +32,10 @@ def load(file: str) -> NDArray[np.float64]:
     t_s, p_WT = recording.t_s, recording.p_WT_m
     if len(t_s) < 2 or not np.isfinite(p_WT).all() or not (np.diff(t_s) > 0.0).all():
         raise DeviceError(f"replay: {file}: {len(t_s)} ticks; expected two or more, finite, of increasing time")
-    grid_s = t_s[0] + TICK_S * np.arange(round((t_s[-1] - t_s[0]) / TICK_S) + 1)
+    last_s = float(t_s[-1] - t_s[0])
+    if last_s > (TICK_FREE + TICKS_PER_ROW_MAX * len(t_s)) * TICK_S:
+        raise DeviceError(f"replay: {file}: lasts {last_s:,.0f} s; expected ten ticks a second or more")
+    grid_s = t_s[0] + TICK_S * np.arange(round(last_s / TICK_S) + 1)
     return np.column_stack([np.interp(grid_s, t_s, p_WT[:, axis]) for axis in range(3)])
 
 

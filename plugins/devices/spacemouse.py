@@ -27,6 +27,7 @@ FULL: Final = 350.0
 REST: Final = 8.0
 """Deflection that is a hand's weight or a spring that does not come back wholly [count]."""
 
+_INSTALL: Final = "pip install 'hapscene[hid]'"
 _RULE: Final = (
     'put the line KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess" (and one with 046d) into '
     "/etc/udev/rules.d/60-hapscene.rules, and plug it in again"
@@ -35,9 +36,12 @@ _RULE: Final = (
 
 def _hid(backend: str) -> Any:
     try:
-        return importlib.import_module(backend)
+        hid = importlib.import_module(backend)
     except ImportError:
-        raise DeviceError("spacemouse needs one more package: pip install 'hapscene[hid]'") from None
+        raise DeviceError(f"spacemouse needs one more package: {_INSTALL}") from None
+    if not hasattr(hid, "device"):  # two packages call themselves so
+        raise DeviceError(f"spacemouse: the module {backend!r} is not hidapi's: pip uninstall hid; {_INSTALL}")
+    return hid
 
 
 def _plugged(hid: Any) -> list[dict[str, Any]]:
@@ -97,7 +101,7 @@ def find(backend: str = "hid", **options: Any) -> Sequence[Found]:
     try:
         hid = _hid(backend)
     except DeviceError as error:
-        what, _, remedy = str(error).partition(": ")
+        what, _, remedy = str(error).rpartition(": ")
         return [Found("HID", trouble=what, remedy=remedy)]
     found = []
     for told in _plugged(hid):

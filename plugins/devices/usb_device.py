@@ -1,6 +1,8 @@
 """USB as the drivers use it: pyusb with a backend that can be chosen, its errors in our words. No driver itself."""
 
+import errno
 import importlib
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Final
@@ -15,7 +17,12 @@ _EXTRA: Final = "pip install 'hapscene[usb]'"
 _LIBUSB: Final = "install libusb (Debian: apt install libusb-1.0-0; macOS: brew install libusb)"
 
 
-def _remedy(vendor: int, product: int) -> str:
+def _remedy(vendor: int, product: int, error: Exception) -> str:
+    """What helps against what was said as it was opened."""
+    if getattr(error, "errno", None) == errno.EBUSY:
+        return "another program has it: close that"
+    if sys.platform == "win32":
+        return "give it the driver WinUSB (with Zadig), and plug it in again"
     rule = f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}", TAG+="uaccess"'
     return f"put the line {rule} into /etc/udev/rules.d/60-hapscene.rules, and plug it in again"
 
@@ -70,7 +77,7 @@ def find_usb(vendor: int, product: int, backend: str | None = None) -> Sequence[
         try:
             device.get_active_configuration()
         except (usb.core.USBError, NotImplementedError) as error:
-            trouble, remedy = f"{where}: cannot be opened: {error}", _remedy(vendor, product)
+            trouble, remedy = f"{where}: cannot be opened: {error}", _remedy(vendor, product, error)
         usb.util.dispose_resources(device)
         found.append(Found(where, trouble=trouble, remedy=remedy))
     return found
@@ -85,7 +92,7 @@ class UsbDevice:
         Raises:
             DeviceError: none is there, or it may not be opened.
         """
-        self._name = name
+        self._name, self._closed = name, False
         try:
             devices = _devices(vendor, product, backend)
         except DeviceError as error:
@@ -106,9 +113,9 @@ class UsbDevice:
             self._usb.set_configuration()
             usb.util.claim_interface(self._usb, 0)
             self.endpoints = tuple(end.bEndpointAddress for end in self._usb.get_active_configuration()[(0, 0)])
-        except OSError as error:  # as USBError is
+        except (OSError, NotImplementedError) as error:  # USBError is the one; the other is Windows without a driver
             self.close()
-            raise DeviceError(f"{name}: cannot be opened: {error}; {_remedy(vendor, product)}") from None
+            raise DeviceError(f"{name}: cannot be opened: {error}; {_remedy(vendor, product, error)}") from None
 
     def control(self, request: int, value: int) -> None:
         """A vendor's request without data.
@@ -147,8 +154,14 @@ class UsbDevice:
         except OSError as error:  # as USBError is
             raise self._gone(error) from None
 
-    def close(self) -> None:
-        """Let go of it. Raises nothing."""
+    def close(self, endpoint: int = 0, last: bytes = b"") -> None:
+        """Send a last word, if there is one, and let go of it. Raises nothing; twice does no harm."""
+        if self._closed:
+            return  # pyusb would open it anew to write
+        self._closed = True
+        if last:
+            with suppress(DeviceError):  # what is gone gives no force
+                self.write(endpoint, last)
         with suppress(OSError):
             self._let_go(self._usb)
 

@@ -8,7 +8,6 @@ amplifiers switch themselves off half a second after the last report.
 
 import math
 import struct
-from contextlib import suppress
 from typing import Any, Final
 
 from hapscene.device.driver import Connection, Driver, Option
@@ -81,7 +80,11 @@ def currents(force: Vector, angles: tuple[float, float, float], signs: str) -> t
 
 
 class WoodenHapticsConnection(Connection):
-    """A WoodenHaptics. It sends reports by itself; a report goes out each tick."""
+    """A WoodenHaptics. It sends reports by itself.
+
+    Each report waits for the bus, up to a millisecond: in one tick one comes in, in the next one goes out. A force
+    that ends does not wait for its turn.
+    """
 
     def __init__(self, homed: bool = False, signs: str = "+--", backend: str | None = None) -> None:
         super().__init__()
@@ -95,9 +98,13 @@ class WoodenHapticsConnection(Connection):
             raise DeviceError("woodenhaptics: has no endpoint each way: is it the firmware WoodenHapticsHID?")
         self._in, self._out = ends[True], ends[False]
         self._counts: tuple[int, int, int] | None = None
-        self._angles, self._silence = body_angles((0, 0, 0)), Silence()
+        self._angles, self._silence, self._listens = body_angles((0, 0, 0)), Silence(), False
+        self._sent = (0, 0, 0)
 
     def read(self) -> None:
+        self._listens = not self._listens
+        if not self._listens:
+            return
         data = self._usb.read(self._in, 64, 1)
         if len(data) == REPORT.size and self._take(REPORT.unpack(data)[:3]):
             self._silence.end()
@@ -126,16 +133,22 @@ class WoodenHapticsConnection(Connection):
         if self.state.ready[0] == 1 and math.isfinite(size):
             share = min(1.0, FORCE_N / size) if size > 0.0 else 1.0
             sent = currents((-share * y, share * x, share * z), self._angles, self._signs)
-        self._usb.write(self._out, REPORT.pack(*sent, 0))
+        if not self._listens or sent == (0, 0, 0) != self._sent:
+            self._usb.write(self._out, REPORT.pack(*sent, 0))
+            self._sent = sent
 
     def close(self) -> None:
-        with suppress(DeviceError):  # what is gone gives no force
-            self._usb.write(self._out, REPORT.pack(0, 0, 0, 0))
-        self._usb.close()
+        self._usb.close(self._out, REPORT.pack(0, 0, 0, 0))
 
     def reason(self, trouble: int) -> str:
         pose = "plug it in with its upper arm upright and its lower arm level, and say --option homed=yes"
         return f"where its arms are is not known: {pose}" if trouble else ""
+
+
+def release(backend: str | None = None, **options: Any) -> None:
+    """Write zero to one whose driver has died, before it does so itself."""
+    usb = UsbDevice("woodenhaptics", VENDOR, PRODUCT, backend)
+    usb.close(next(end for end in usb.endpoints if end < 0x80), REPORT.pack(0, 0, 0, 0))
 
 
 DRIVER = Driver(
@@ -159,6 +172,7 @@ DRIVER = Driver(
         BACKEND,
     ),
     watchdog_s=0.5,
+    release=release,
     assumptions=(
         "It is built to the published plans: lengths, capstans, encoders of 2,000 counts, motors of 25.9 mN·m/A.",
         "A report each way waits for the bus's next millisecond, so that it runs at some 500 Hz.",

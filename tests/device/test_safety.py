@@ -126,6 +126,14 @@ def test_a_tool_that_jumps_is_not_moved_by_a_hand() -> None:
     assert Flag.TOO_FAST in flags and sent[2] < 1.0
 
 
+@pytest.mark.parametrize(("speed_m_s", "flag"), [(1.9, Flag(0)), (2.1, Flag.TOO_FAST)])
+def test_a_tool_whose_place_comes_seldom_may_be_as_fast(speed_m_s: float, flag: Flag) -> None:
+    bench, flags = Bench().settled(), Flag(0)
+    for tick in range(40):  # a place every five ticks
+        flags |= bench.tick(p_m=(speed_m_s * TICK_S * (tick // 5 * 5 + 1), 0.0, 0.0), fresh=tick % 5 == 0)[1]
+    assert flags & Flag.TOO_FAST == flag
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_force_that_is_no_number_is_none(bad: float) -> None:
     sent, flags = Bench().settled().tick((0.0, bad, 1.0))

@@ -11,11 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import resample_poly
 
 from hapscene.errors import HandleError
+from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
+from hapscene.handle.handle_file import save_handle
 from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, TRIPPED, LiveBoard, live_start
+from hapscene.handle.live_process import compensator_of, play_recording
 from hapscene.handle.plant import Plant
+from hapscene.handle.playback import spectrogram_error
 from hapscene.handle.port_simulator import COLUMNS, Peer
 from hapscene.handle.serial_handle import BUFFER, START
 from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
@@ -71,10 +76,11 @@ class Wire:
 
 
 class Sine:
-    """A feed of which every sample differs from its neighbours."""
+    """A feed of which every sample differs from its neighbours, and what it hears of them."""
 
     def __init__(self) -> None:
         self.count = self.fades = 0
+        self.heard: list[np.ndarray] = []
 
     def pull(self, out: np.ndarray) -> None:
         out[:] = 2.0 * np.sin(0.3 * (self.count + np.arange(len(out))))
@@ -82,6 +88,19 @@ class Sine:
 
     def fade_in(self) -> None:
         self.fades += 1
+
+    def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
+        self.heard.append(np.stack([numbers, force, acceleration]))
+
+    def check(self, lost: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Number, force and acceleration of what was put out: each force is that which was pulled under its number."""
+        heard = np.hstack(self.heard)
+        number, force, acceleration = heard[:, np.isfinite(heard[1])]
+        wanted = 2.0 * np.sin(0.3 * number)
+        assert number[0] == 0 and (np.diff(number) > 0).all() and number[-1] < self.count
+        right = np.abs(force - wanted) < 1e-4
+        assert right.all() if not lost else (right | (force == 0.0)).all() and right.mean() > 0.8
+        return number, acceleration
 
 
 def board(wire: Wire, **other: Any) -> LiveBoard:
@@ -101,14 +120,14 @@ def test_what_is_pulled_is_put_out_in_order_and_comes_back() -> None:
     live = board(wire)
     live.start(feed)
     wait(lambda: feed.count > 3000)
-    force, acceleration = live.readings()
     live.close()
+    number, acceleration = feed.check()
     out = wire.force[wire.force != 0]
     wanted = np.rint(2e4 * np.sin(0.3 * np.arange(len(out) + 100))).astype(int)
     np.testing.assert_array_equal(out, wanted[wanted != 0][: len(out)])
     assert len(out) > 2500 and feed.fades == 1 and not any(live.counts.values()) and live.fault == ""
     assert wire.closed and not peer_force(wire.peer)
-    assert len(force) == len(acceleration) > 2500 and np.abs(acceleration).max() > 5.0
+    assert number.tolist() == list(range(len(number))) and len(number) > 2500 and np.abs(acceleration).max() > 5.0
     assert 0.002 < live.latency_s < 0.016
     live.close()  # twice does no harm
 
@@ -171,6 +190,8 @@ def test_a_computer_that_stood_still_begins_anew_faded() -> None:
     wait(lambda: feed.count > count + 500)
     live.close()
     assert feed.fades == 2 and live.fault == ""
+    number, _ = feed.check()
+    assert number[-1] - number[0] >= len(number)  # what was lost has its numbers
 
 
 def test_a_board_that_restarts_is_started_again() -> None:
@@ -182,6 +203,78 @@ def test_a_board_that_restarts_is_started_again() -> None:
     wait(lambda: feed.fades == 2)
     live.close()
     assert live.counts["restarts"] == 1
+    feed.check()
+
+
+def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
+    wire, feed, rng = Wire(peer()), Sine(), np.random.default_rng(2)
+
+    def some(data: bytes) -> bytes:
+        return b"".join(line for line in data.splitlines(keepends=True) if line[:1] == b"#" or rng.random() > 0.02)
+
+    wire.spoil = some
+    live = board(wire, ahead_s=0.05)
+    wire.write = lambda data: wire.peer.take(some(data))  # type: ignore[method-assign]
+    live.start(feed)
+    wait(lambda: feed.count > 3000)
+    live.close()
+    assert live.counts["lost"] > 10 and live.fault == ""
+    feed.check(lost=True)
+
+
+def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> None:
+    wire, feed, on_its_way = Wire(peer()), Sine(), []
+    late: list[int] = []
+
+    def next_() -> Any:
+        said = wire.peer.give(late.pop() if late else 10)
+        wire.peer.take(b"".join(on_its_way))
+        on_its_way.clear()
+        return said, time.monotonic()
+
+    wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
+    live = board(wire, watchdog_s=0.1)
+    live.start(feed)
+    wait(lambda: feed.count > 500)
+    late.append(85)  # 75 are in hand
+    wait(lambda: feed.count > 1000)
+    live.close()
+    assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
+    feed.check()
+    assert np.isnan(np.hstack(feed.heard)[1, 200:]).sum() > 9  # the compensator knows that time passed
+
+
+OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=650.0, b_u_Ns_m=3.5, force_limit_N=3.0)
+"""A handle 30 % off the assumed one, whichever number."""
+
+
+@pytest.mark.parametrize("delay_s", [3e-4, 1e-3])
+def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path: Path) -> None:
+    """Noise and taps, 20 to 400 Hz: what is felt against what is asked for, as `handle.playback` measures it."""
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), delay_s, 1600.0, RATE_HZ, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    t_s = np.arange(7500) / RATE_HZ
+    wanted = resample_poly(np.random.default_rng(4).standard_normal(1500), 5, 1)[:7500]
+    wanted *= t_s < 0.8
+    for begin_s, f_Hz in ((0.9, 120.0), (1.1, 180.0), (1.3, 240.0)):
+        s = np.maximum(t_s - begin_s, 0.0)
+        wanted += 10.0 * np.exp(-60.0 * s) * np.sin(2.0 * np.pi * f_Hz * s)
+    error = {}
+    for compensator in ("flat", None):
+        source = SimulatedSource(OFF, RATE_HZ, seed=3, delay_s=delay_s)
+        wire = Wire(Peer(source, grip_count=1))
+        wire.peer.source.plant = OFF
+        live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
+        handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
+        play_recording(wanted, RATE_HZ, live, handle)
+        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0, accelerometer_Hz=1e5)
+        felt, _ = still.advance(1e-4 * wire.force)
+        late = np.argmax(np.correlate(felt, wanted, "valid"))
+        error[compensator] = spectrogram_error(wanted, felt[late : late + len(wanted)], RATE_HZ)
+        assert not any(live.counts.values())
+    assert handle[0].theta[0] == pytest.approx(OFF.m_h_kg, rel=0.05)
+    assert error[None] < 0.16 < 0.32 < error["flat"], error
 
 
 @pytest.mark.parametrize(("way", "words"), [("gone", "the handle went away: torn out"), ("silent", "says nothing")])

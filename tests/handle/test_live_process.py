@@ -8,14 +8,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hapscene.errors import HandleError, HapsceneError
+from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.force_source import SimulatedSource
-from hapscene.handle.live_process import ChannelSource, LiveHandle, open_output
+from hapscene.handle.handle_file import save_handle
+from hapscene.handle.live_process import ChannelSource, LiveHandle, compensator_of, open_output
 from hapscene.handle.plant import Plant
 from hapscene.handle.port_simulator import Peer, serve
 from hapscene.servo.shared_memory import Channel, open_channel
@@ -136,6 +141,54 @@ def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Ch
     assert np.abs(strong).max() == pytest.approx(5.0 * mass_kg, rel=0.05)
     assert 0.01 < told["latency_s"] < 0.06
     assert not handle._process.is_alive()
+
+
+def test_the_board_s_readings_teach_the_identified_handle_s_compensator(
+    board: Board, channel: Channel, tmp_path: Path
+) -> None:
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    heavy = replace(Plant(), m_h_kg=0.156)
+    told = ("ours", heavy, (grip,), {}, {}, 0.12, (100.0, 200.0), 0.0, 1600.0, 5000.0, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    options = {"port": board.port, "ahead_s": 0.05, "watchdog_s": 0.2}
+    right_N = 5.0 * np.abs(Plant().response(100.0)) ** -1
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", options, handle=str(tmp_path / "ours.handle")) as handle:
+        board.wait_for_force()
+        until_s = time.monotonic() + 20.0
+        while True:  # a busy computer may cost it a gap, and a fade
+            time.sleep(0.4)
+            peaks_N = np.abs([force for _, force in board.force[-1500:]]).reshape(15, 100).max(axis=1)
+            if np.allclose(peaks_N, right_N, rtol=0.06):  # unlearnt it is 30 % more
+                break
+            assert time.monotonic() < until_s, (peaks_N, right_N, handle.look())
+        ticks.stop()
+
+
+@pytest.mark.parametrize(
+    ("reads_back", "compensator", "kind"),
+    [(True, None, 3), (True, "flat", 2), (False, None, 2), (False, "adaptive", 0)],
+)
+def test_it_learns_where_an_identified_handle_reads_back(
+    reads_back: bool, compensator: str | None, kind: int, tmp_path: Path
+) -> None:
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), 3e-4, 1600.0, 1e4, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    output: Any = SimpleNamespace(
+        name="mine", takes_force=True, reads_back=reads_back, rate_Hz=5000.0, ceiling=2.0, gain=0.5
+    )
+    assert compensator_of(output, None)[0].kind == 2
+    if kind == 0:
+        with pytest.raises(HandleError, match=r"'adaptive' learns from .*: mine reads nothing back in time"):
+            compensator_of(output, str(tmp_path / "ours.handle"), compensator)
+        return
+    h = compensator_of(output, str(tmp_path / "ours.handle"), compensator)[0]
+    assert h.kind == kind and h.force_limit_N == 4.0 and h.rate_Hz == 5000.0
+    if kind == 3:  # half a sample of the board's, and most of the accelerometer's pole
+        assert 3e-4 + 1e-4 < h.believed_s < 3e-4 + 2e-4 and h.force_measured == 0
+        with pytest.raises(HandleError, match="give the file of one"):
+            compensator_of(output, None, "adaptive")
 
 
 def test_a_killed_application_is_silence_and_nothing_stays_behind(

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import firwin, freqz, kaiser_beta, resample_poly
 
 from hapscene.errors import HandleError
+from hapscene.handle.handle_dynamics import amplify
 from hapscene.handle.handle_record import new_handle
 from hapscene.handle.live_stream import FADE_S, PHASES, LiveStream, filter_table
 from hapscene.handle.plant import Plant
@@ -23,7 +24,7 @@ def output(**other: float) -> Any:
     return SimpleNamespace(**told | other)
 
 
-def played(samples: np.ndarray, block: int = 480, late: bool = False, **other: float) -> np.ndarray:
+def played(samples: np.ndarray, block: int = 480, late: bool = False, handle: Any = None, **other: float) -> np.ndarray:
     """What an output gets of a recording; without the limiter's delay unless `late`."""
     left = [np.asarray(samples, dtype=np.float64)]
 
@@ -31,7 +32,7 @@ def played(samples: np.ndarray, block: int = 480, late: bool = False, **other: f
         part, left[0] = left[0][:wanted].copy(), left[0][wanted:]
         return part
 
-    stream = LiveStream(fetch, RATE_HZ, output(**other), steered=False)
+    stream = LiveStream(fetch, RATE_HZ, output(**other), handle=handle, steered=False)
     out = np.zeros(round((len(samples) / RATE_HZ + 0.1) * stream.output_rate_Hz) // block * block)
     for i in range(0, len(out), block):
         stream.pull(out[i : i + block])
@@ -180,16 +181,11 @@ def test_a_compensator_makes_the_force_that_the_simulated_handle_gets() -> None:
     t_s = np.arange(8000) / RATE_HZ
     wanted = 4.0 * np.sin(2.0 * np.pi * 90.0 * t_s)
     force = play(wanted, RATE_HZ, compensator="flat").force_N
-    stream = LiveStream(
-        lambda count: np.zeros(0),
-        RATE_HZ,
-        output(),
-        steered=False,
-        handle=new_handle(Plant(), Plant(), "flat", RATE_HZ),
-    )
-    stream._push(wanted.copy())
-    delay = round(0.004 * RATE_HZ)
-    np.testing.assert_allclose(stream._ring[delay : len(force)], force[: len(force) - delay], atol=1e-12)
+    handle = new_handle(Plant(), Plant(), "flat", RATE_HZ)
+    command = played(wanted, handle=handle, rate_Hz=RATE_HZ, ceiling=9.0)
+    got = np.array([amplify(handle[0], x) for x in command])
+    delay, fade, last = round(0.004 * RATE_HZ), round(FADE_S * RATE_HZ), len(force) - 100
+    np.testing.assert_allclose(got[delay:][fade:last], force[fade:last], atol=3e-5)
 
 
 def test_rates_that_are_too_far_apart_are_refused() -> None:

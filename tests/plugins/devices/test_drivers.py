@@ -1,14 +1,17 @@
 """What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
 
+import errno
 import importlib
 import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import serial  # noqa: F401  # it keeps the clock that it finds as it is imported: the real one
 
 from hapscene.device.driver import Driver
 from hapscene.errors import DeviceError
@@ -114,7 +117,7 @@ def test_a_pause_is_no_silence(case: Case, emulate, monkeypatch: pytest.MonkeyPa
         ahead[0] = 120.0
         emulated.tell(**case.elsewhere)
         before, count = device.state.p_DT_m[0].copy(), int(device.state.count[0])
-        turn(device, 60)
+        turn(device, 80)
         assert device.state.count[0] > count + 30 and (device.state.p_DT_m[0] != before).any()
     assert time.monotonic() - start_s > 120.0
 
@@ -147,6 +150,25 @@ while True:
     case.driver.release(**told)
     wait_for(lambda: not forces(emulated)[-1].any())
     assert time.monotonic() - start_s < 0.5
+
+
+@case
+@pytest.mark.parametrize("end", ["", "raise KeyError"])
+def test_a_program_that_does_not_close_it_leaves_no_force(case: Case, end: str, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    script = f"""
+import hapscene.device
+device = hapscene.device.open({case.name!r}, **{case.told(emulated.place)!r})
+for _ in range(60):
+    device.read()
+    device.state.f_D_N = 0.3, -0.4, 0.2
+    device.write()
+{end}
+"""
+    subprocess.run([sys.executable, "-c", script], stderr=subprocess.DEVNULL, timeout=60.0)
+    assert forces(emulated).any()
+    wait_for(lambda: not forces(emulated)[-1].any(), 0.2)
 
 
 @case
@@ -204,6 +226,17 @@ def test_find_lists_it(case: Case, emulate) -> None:
     assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
 
 
+@pytest.mark.parametrize("name", ["haply2diy", "handle_serial"])
+def test_ports_are_found_with_what_is_in_the_way(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = Case(name, {}).driver
+    (found,) = driver.find(**driver.read_options({"port": "/nowhere"}))
+    assert "no such port" in found.trouble and "--option port" in found.remedy
+    own = {"device": "/dev/null", "description": "board"}
+    there = [SimpleNamespace(**own, vid=vid) for vid in (None, 5)]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: there)
+    assert [found.where for found in driver.find()] == ["/dev/null (board)"]  # ports that hang on nothing are none
+
+
 @pytest.mark.parametrize("name", [*(case.name for case in CASES), "spacemouse", "replay", "network"])
 def test_find_raises_nothing_where_nothing_is_plugged_in(name: str) -> None:
     driver = Case(name, {}).driver
@@ -227,6 +260,37 @@ def test_what_may_not_be_opened_is_told_with_the_rule_that_helps(emulate) -> Non
     assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
     with pytest.raises(DeviceError, match=r"falcon: cannot be opened.*udev"):
         driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize(
+    ("error", "system", "words"),
+    [
+        (OSError(errno.EBUSY, "Resource busy"), "linux", "Resource busy; another program has it"),
+        (NotImplementedError("Operation not supported"), "win32", "not supported; give it the driver WinUSB"),
+    ],
+)
+def test_what_is_in_the_way_is_told_with_what_helps(error, system, words, emulate, monkeypatch) -> None:
+    emulate("falcon")
+    backend = importlib.import_module("usb_wire").Backend
+
+    def refuse(*arguments: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(backend, "set_configuration", refuse)
+    monkeypatch.setattr(sys, "platform", system)
+    with pytest.raises(DeviceError, match=f"^falcon: cannot be opened: .*{words}"):
+        Case("falcon", {}).driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
+def test_what_is_closed_is_not_opened_anew_to_be_closed_again(name: str, emulate, monkeypatch) -> None:
+    emulate(name)
+    backend, opened = importlib.import_module("usb_wire").Backend, []
+    monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)
+    device = Case(name, {}).driver.open(backend="usb_wire")
+    device.close()
+    device.close()
+    assert len(opened) == 1
 
 
 def wait_for(what: Any, longest_s: float = 2.0) -> None:

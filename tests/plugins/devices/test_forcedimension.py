@@ -227,9 +227,9 @@ def test_no_force_is_left(desk, way):
     lay(desk)
     code = f"""
 import os, signal, sys
-from hapscene_plugins.devices.forcedimension import DRIVER
+import hapscene.device
 
-device = DRIVER.open(**DRIVER.read_options({{"library": {emulator("dhd")!r}}}))
+device = hapscene.device.open("forcedimension", library={emulator("dhd")!r})
 for _ in range(3):
     device.read()
     device.state.f_D_N = (1.0, 0.0, 0.0)

@@ -13,6 +13,7 @@ pytest.importorskip("usb", reason="no pyusb: extra `usb`")
 from hapscene.errors import HandleError
 from hapscene.handle import usb_simulator
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
+from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER
 
 BACKEND = "hapscene.handle.usb_simulator"
@@ -25,12 +26,14 @@ def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backen
     yield backend
 
 
-def test_an_acceleration_is_played_by_a_compensator_and_measured() -> None:
+def test_an_acceleration_is_played_by_a_compensator_and_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulated handle is held by another hand than the assumed one: at 200 Hz that matters little."""
     output: Any = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.2", "ahead_s": "0.05"})
     wanted = 5.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(6000) / 1e4)
-    stream = play_recording(wanted, 1e4, output, compensator_of(output, None, "flat", 1e4))
-    force, acceleration = output.readings()
+    heard: list[np.ndarray] = []
+    monkeypatch.setattr(LiveStream, "hear", lambda stream, numbers, *read: heard.append(np.array(read)))
+    stream = play_recording(wanted, 1e4, output, compensator_of(output, None))
+    force, acceleration = np.hstack(heard)
     strong = acceleration[np.flatnonzero(np.abs(force) > 0.3)[0] :][750:2250]
     assert np.sqrt(2.0 * np.mean(strong**2)) == pytest.approx(5.0, rel=0.1)
     assert output.counts["restarts"] == output.counts["lost"] == 0 and stream.counts["clipped"] == 0
@@ -48,11 +51,43 @@ def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> 
     assert "no such device" in handle.fault or "handle went away" in handle.fault
 
 
+class FullPackets(usb_simulator.Backend):
+    """Its board sends no short packet: a read ends when its buffer is full, or its time is over."""
+
+    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        until_s = time.monotonic() + 1e-3 * timeout
+        while len(self._rest) < len(buff) and time.monotonic() < until_s:
+            time.sleep(2e-4)
+            due = int((time.monotonic() - self._begun_s) * usb_simulator.RATE_HZ) - self._given
+            self._given += due
+            self._rest += self.peer.give(due)
+        size = min(len(buff), len(self._rest) // 64 * 64)
+        part, self._rest = self._rest[:size], self._rest[size:]
+        memoryview(buff).cast("B")[:size] = part
+        return size
+
+
+def test_a_board_that_sends_full_packets_plays_without_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(usb_simulator, "_BACKEND", FullPackets())
+    handle = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.5"})
+    handle.start(Silence(0.1))
+    time.sleep(1.0)
+    handle.close()
+    force, _ = handle.readings()
+    assert np.mean(force[np.flatnonzero(force)[0] :] == 0.0) < 0.2  # it was half; a busy machine has some
+
+
 class Silence:
+    def __init__(self, level: float = 0.0) -> None:
+        self.level = level
+
     def pull(self, out: np.ndarray) -> None:
-        out[:] = 0.0
+        out[:] = self.level
 
     def fade_in(self) -> None:
+        pass
+
+    def hear(self, *read: np.ndarray) -> None:
         pass
 
 
@@ -70,7 +105,7 @@ def test_what_is_not_there_is_said_in_words(told: dict[str, str], words: str) ->
 
 
 def test_a_board_without_an_endpoint_each_way_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usb_simulator._INTERFACE, "bNumEndpoints", 1)
+    monkeypatch.setattr(usb_simulator.Backend, "ends", (0x81,))
     with pytest.raises(HandleError, match="not an endpoint each way"):
         open_output("usb", {"backend": BACKEND})
 

@@ -58,6 +58,15 @@ def test_place_and_force_on_the_wire(emulate) -> None:
     assert first > 0.0 and second == pytest.approx(-first)  # both arms turn up and back, away from the hand
 
 
+def test_a_board_is_one_programs_alone_and_released_all_the_same(emulate) -> None:
+    board = emulate("haply2diy")
+    with DRIVER.open(port=board.place) as device:
+        with pytest.raises(DeviceError, match="another program has it: close that"):
+            DRIVER.open(port=board.place)
+        device.read()
+        DRIVER.release(port=board.place)  # a servo that is dying may still hold it
+
+
 def test_a_port_that_is_none_is_told(tmp_path) -> None:
     with pytest.raises(DeviceError, match="haply2diy: /nowhere: cannot be opened"):
         DRIVER.open(port="/nowhere")

@@ -1,9 +1,11 @@
 """The Inverse3's driver: messages as published, both spellings, grips, events."""
 
 import json
+import threading
 
 import numpy as np
 import pytest
+from websockets.sync.server import serve
 
 from hapscene.errors import DeviceError
 from hapscene_plugins.devices.inverse3 import DRIVER, IGNORED, TRANSFORMED, force_message
@@ -73,3 +75,10 @@ def test_no_service_is_told() -> None:
         DRIVER.open(uri="ws://127.0.0.1:9")
     (found,) = DRIVER.find(uri="ws://127.0.0.1:9")
     assert "no service answers" in found.trouble and "start Haply's" in found.remedy
+
+
+def test_whoever_else_is_at_that_port_is_no_inverse3() -> None:
+    with serve(lambda socket: socket.send('{"inverse3": 5}'), "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        assert DRIVER.find(uri=f"ws://127.0.0.1:{server.socket.getsockname()[1]}") == []
+        server.shutdown()

@@ -351,12 +351,12 @@ def end_by(way: str) -> None:
     code = f"""
 import os, signal, sys, time
 from hapscene.bound_call import BoundCall, loaded
-from hapscene_plugins.devices.openhaptics import DRIVER
+import hapscene.device
 
 def push(address, kind):
     loaded(address, kind)[0][0].f_D_N[0] = 1.0
 
-device = DRIVER.open(**DRIVER.read_options({{"library": {emulator("hd")!r}}}))
+device = hapscene.device.open("openhaptics", library={emulator("hd")!r})
 tick = BoundCall(push, (device.state,))
 device.schedule(tick.address, tick.context)
 time.sleep(0.02)
@@ -382,3 +382,11 @@ def test_release_gives_zero_to_a_device_whose_driver_was_killed(desk):
     assert np.array_equal(desk.rows()["force"][-1], (1.0, 0.0, 0.0))
     DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
     assert not desk.rows()["force"][-1].any()
+
+
+def test_release_says_where_no_zero_was_given(desk):
+    """The guard tries it again, then."""
+    lay(desk, refuse=b"hdStartScheduler", refuse_code=0x0304)
+    with pytest.raises(DeviceError, match="stands still"):
+        DRIVER.release(**DRIVER.read_options({"library": emulator("hd")}))
+    assert (desk.started, desk.disabled) == (0, 1)

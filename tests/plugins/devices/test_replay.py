@@ -55,6 +55,12 @@ def test_a_recording_of_another_rate_is_put_on_ticks(tmp_path: Path) -> None:
     np.testing.assert_allclose(p, (P[0], (P[0] + P[1]) / 2, P[1], (P[1] + P[2]) / 2, P[2]), atol=1e-15)
 
 
+def test_a_recording_whose_times_are_far_apart_does_not_fill_the_memory(tmp_path: Path) -> None:
+    recording(np.array((0.0, 1e9)), P[:2]).save(tmp_path / "far.npz")
+    with pytest.raises(DeviceError, match=r"far\.npz: lasts 1,000,000,000 s"):
+        played(1, file=str(tmp_path / "far.npz"))
+
+
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(b"PK")
     recording(np.zeros(1), P[:1]).save(tmp_path / "one.npz")

@@ -93,3 +93,11 @@ def test_gone_refused_and_missing_are_told(reports: deque[Any], monkeypatch: pyt
         DRIVER.open()
     (found,) = DRIVER.find()
     assert found.remedy == "pip install 'hapscene[hid]'"
+
+
+def test_the_other_package_of_that_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pretended_hid", SimpleNamespace(enumerate=list, Device=object))
+    with pytest.raises(DeviceError, match="not hidapi's: pip uninstall hid"):
+        opened()
+    (found,) = DRIVER.find(backend="pretended_hid")
+    assert "not hidapi's" in found.trouble and "pip uninstall hid" in found.remedy

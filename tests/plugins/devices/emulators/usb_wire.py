@@ -9,10 +9,10 @@ import socket
 import struct
 import threading
 from contextlib import suppress
-from types import SimpleNamespace
 
-from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
+
+from hapscene.wire.usb_board import UsbBoard
 
 HEAD = struct.Struct("<BBBHI")
 CONTROL, WRITE, READ, DESCRIBE, CONFIGURE = range(5)
@@ -55,14 +55,15 @@ def _answer(emulator, wire):
         wire.send(bytes([status]) + data)
 
 
-class Backend(IBackend):
-    """One device, with one configuration and one interface, and two endpoints."""
+class Backend(UsbBoard):
+    """The device at the other end."""
 
     def __init__(self):
         self._wire = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._wire.connect(os.environ["HAPSCENE_USB"])
         told = self._ask(DESCRIBE)
-        (self._vendor, self._product, self._kind), self._ends = struct.unpack_from("<HHB", told), told[5:]
+        *self.ids, self.kind = struct.unpack_from("<HHB", told)
+        self.ends = told[5:]
 
     def _ask(self, op, endpoint=0, request=0, value=0, wait_ms=0, data=b""):
         try:
@@ -78,50 +79,12 @@ class Backend(IBackend):
             raise USBError("Access denied (insufficient permissions)", -3, 13)
         return answer[1:]
 
-    def enumerate_devices(self):
-        return [self]
-
-    def get_device_descriptor(self, dev):
-        names = "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 bcdDevice"
-        names += " iManufacturer iProduct iSerialNumber address bus port_number port_numbers speed"
-        own = {"idVendor": self._vendor, "idProduct": self._product, "bNumConfigurations": 1, "bus": 1, "address": 2}
-        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | own))
-
-    def get_configuration_descriptor(self, dev, config):
-        if config > 0:
-            raise IndexError
-        names = "bLength bDescriptorType wTotalLength iConfiguration bmAttributes bMaxPower extra_descriptors"
-        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | {"bNumInterfaces": 1, "bConfigurationValue": 1}))
-
-    def get_interface_descriptor(self, dev, intf, alt, config):
-        if intf > 0 or alt > 0:
-            raise IndexError
-        names = "bLength bDescriptorType bInterfaceNumber bAlternateSetting bInterfaceClass bInterfaceSubClass"
-        names += " bInterfaceProtocol iInterface extra_descriptors"
-        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | {"bNumEndpoints": len(self._ends)}))
-
-    def get_endpoint_descriptor(self, dev, ep, intf, alt, config):
-        names = "bLength bDescriptorType bInterval bRefresh bSynchAddress extra_descriptors"
-        own = {"bEndpointAddress": self._ends[ep], "bmAttributes": self._kind, "wMaxPacketSize": 64}
-        return SimpleNamespace(**(dict.fromkeys(names.split(), 0) | own))
-
-    def open_device(self, dev):
-        return dev
-
     def get_configuration(self, handle):
         self._ask(CONFIGURE)
         return 1
 
     def set_configuration(self, handle, value):
         self._ask(CONFIGURE)
-
-    def is_kernel_driver_active(self, handle, intf):
-        return False
-
-    def close_device(self, handle):
-        pass
-
-    claim_interface = release_interface = lambda self, handle, intf: None
 
     def ctrl_transfer(self, handle, kind, request, value, index, data, wait_ms):
         self._ask(CONTROL, 0, request, value)
@@ -135,8 +98,6 @@ class Backend(IBackend):
         data = self._ask(READ, ep, wait_ms=wait_ms)[: len(buffer)]
         buffer[: len(data)] = type(buffer)("B", data)
         return len(data)
-
-    intr_write, intr_read = bulk_write, bulk_read
 
 
 def get_backend():
