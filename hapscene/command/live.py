@@ -14,6 +14,7 @@ from hapscene.constants import TICK_S
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
+    from hapscene.device.driver_registry import DeviceChoice
     from hapscene.play.page_server import PageServer
     from hapscene.scene.scene import Scene
     from hapscene.servo import Servo
@@ -46,12 +47,20 @@ def add_page_options(command: Any) -> None:
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
 
 
-def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
-    """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
+def chosen_handle(options: argparse.Namespace) -> "DeviceChoice | None":
+    """The handle that the options name. Raises DeviceError where it is none, before anything starts."""
     from hapscene.device.driver_registry import DeviceChoice
 
-    handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
-    made = {"handle": handle, "handle_file": options.handle_file}
+    if options.handle is None:
+        return None
+    choice = DeviceChoice(options.handle, dict(options.handle_option))
+    choice.checked(handle=True)
+    return choice
+
+
+def play_on_page(scene: "Scene", title: str, options: argparse.Namespace) -> None:
+    """Have a scene touched on the page until Ctrl-C. Raises what `open_page` raises, and where the servo has ended."""
+    made = {"handle": chosen_handle(options), "handle_file": options.handle_file}
     with opened_page(scene, title, options, made) as servo, interrupt_noted() as noted:
         while not noted():
             time.sleep(NAP_S)

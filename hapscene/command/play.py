@@ -1,14 +1,17 @@
 """`hapscene play` and `hapscene replay`."""
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from shutil import get_terminal_size
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import note, say, tell
-from hapscene.command.live import add_page_options, opened_page
+from hapscene.command.live import add_page_options, chosen_handle, opened_page
 from hapscene.command.options import (
     add_command,
     add_mesh_options,
@@ -19,7 +22,7 @@ from hapscene.command.options import (
     number,
     vector,
 )
-from hapscene.errors import Codes, HapsceneError
+from hapscene.errors import Codes, HapsceneError, printable
 from hapscene.interrupt import interrupt_noted
 
 if TYPE_CHECKING:
@@ -33,6 +36,9 @@ LOOK_S: Final = 0.25
 
 QUIET_S: Final = 5.0
 """And how often a line is written where there is no terminal [s]."""
+
+TIMES: Final = 4
+"""Lines of the monitor that say what is felt, and how well time is kept [count]; what troubles follows."""
 
 
 def add_play(commands: Any) -> None:
@@ -70,16 +76,16 @@ def _play(options: argparse.Namespace) -> int:
       hapscene play bunny.ply --unit m --swatch wood --device falcon --option firmware=falcon.bin --force 3
     """
     check_scene(options.scene, options.unit, options.swatch)
-    from hapscene.device.driver_registry import DRIVERS, DeviceChoice
+    from hapscene.device.driver_registry import DeviceChoice
     from hapscene.device.model import DEVICES
     from hapscene.play.monitor import Monitor
 
     told: dict[str, Any] = dict(options.option)
     device: Any = options.device
     if device not in DEVICES:
-        DRIVERS.load(device).read_options(told)  # refused before the scene is read
         device = DeviceChoice(device, told)
-    handle = None if options.handle is None else DeviceChoice(options.handle, dict(options.handle_option))
+        device.checked()  # refused before the scene is read
+    handle = chosen_handle(options)
     scene = load_input(
         options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
     )
@@ -135,25 +141,34 @@ def _watch(servo: "Servo", monitor: Any, keys: Callable[[], str], noted: Any, op
     end_s = told_s + (float("inf") if options.seconds is None else options.seconds)
     while not noted() and time.monotonic() < end_s:
         time.sleep(min(LOOK_S, max(end_s - time.monotonic(), 0.0)))
-        key = keys()
-        if key == "q":
-            return
-        if key == "f":
-            _write(servo, options.flights or flights_folder(), "asked for")
-            count = 0
-        if key == " ":
-            (servo.resume if paused else servo.pause)()
-            paused = not paused
+        for key in keys():
+            if key == "q":
+                return
+            if key == "f":
+                count = _erase(count)
+                _write(servo, options.flights or flights_folder(), "asked for")
+            if key == " ":
+                (servo.resume if paused else servo.pause)()
+                paused = not paused
         if not terminal and time.monotonic() - told_s < QUIET_S:
             continue
         lines = monitor.lines() + (["paused: space goes on"] if paused else [])
         told_s = time.monotonic()
         if not terminal:
-            tell([lines[0]])
+            tell(["; ".join(lines[:1] + lines[TIMES:])])
             continue
-        sys.stdout.write(Codes(f"\x1b[{count}F\x1b[J" if count else ""))
+        # what the terminal broke by itself could not be counted
+        lines = [part for line in lines for part in wrap(printable(line), get_terminal_size().columns - 1)]
+        _erase(count)
         tell(lines)
         count = len(lines)
+
+
+def _erase(count: int) -> int:
+    """Take so many lines off the terminal; how many are left: none."""
+    sys.stdout.write(Codes(f"\x1b[{count}F\x1b[J" if count else ""))
+    sys.stdout.flush()
+    return 0
 
 
 def _write(servo: "Servo", folder: str, reason: str) -> None:
@@ -183,7 +198,7 @@ def middle_of_top(scene: Any) -> tuple[float, float, float]:
 
 @contextmanager
 def _keys() -> Iterator[Callable[[], str]]:
-    """What tells the key that was pressed last, "" for none, on a terminal that can say it."""
+    """What tells the keys that were pressed since it was last asked, on a terminal that can say it."""
     try:
         import select
         import termios
@@ -191,22 +206,22 @@ def _keys() -> Iterator[Callable[[], str]]:
 
         fd = sys.stdin.fileno()
         before = termios.tcgetattr(fd)
+        if os.tcgetpgrp(fd) != os.getpgrp():  # in the background, who sets the terminal is stopped
+            raise OSError
     except (ImportError, OSError, ValueError, termios.error):
         yield lambda: ""
         return
 
-    def key() -> str:
-        pressed = ""
-        while select.select([fd], [], [], 0.0)[0]:
-            with suppress(OSError):
-                pressed = sys.stdin.read(1)
-            if not pressed:
-                break
-        return pressed
+    def keys() -> str:
+        pressed = b""
+        with suppress(OSError):  # the terminal is gone
+            while select.select([fd], [], [], 0.0)[0] and (read := os.read(fd, 64)):
+                pressed += read
+        return pressed.decode("ascii", "ignore")
 
     tty.setcbreak(fd)
     try:
-        yield key
+        yield keys
     finally:
         termios.tcsetattr(fd, termios.TCSADRAIN, before)
 

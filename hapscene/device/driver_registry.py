@@ -32,12 +32,29 @@ class DeviceChoice:
         Raises:
             DeviceError: no such driver, a wrong option, or no device that can be used.
         """
-        driver = DRIVERS.load(self.name)
-        if driver.open is None:
-            raise DeviceError(f"{self.name!r} has no position to touch with: it is a handle (--handle {self.name})")
-        connection = driver.open(**driver.read_options(self.options))
+        driver, told = self.checked()
+        assert driver.open is not None
+        connection = driver.open(**told)
         atexit.register(connection.close)  # twice does no harm
         return connection
+
+    def checked(self, handle: bool = False) -> tuple[Driver, dict[str, Any]]:
+        """Its driver, and its options as that reads them, before anything is opened.
+
+        Args:
+            handle: whether it shall play vibrations; else it shall have a position.
+
+        Raises:
+            DeviceError: no such driver, a wrong option, or a device of the other kind.
+        """
+        driver = DRIVERS.load(self.name)
+        if handle and driver.open_handle is None:
+            raise DeviceError(
+                f"{self.name!r} plays no acceleration: it is a device to touch with (--device {self.name})"
+            )
+        if not handle and driver.open is None:
+            raise DeviceError(f"{self.name!r} has no position to touch with: it is a handle (--handle {self.name})")
+        return driver, driver.read_options(self.options)
 
 
 def open(name: str, **options: Any) -> Connection:

@@ -6,6 +6,7 @@ the servo has died, or the application has, it fades to silence within 20 ms.
 
 import multiprocessing
 import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -16,8 +17,8 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from hapscene.device.driver_registry import DRIVERS
-from hapscene.errors import DeviceError, HandleError, HapsceneError
+from hapscene.device.driver_registry import DeviceChoice
+from hapscene.errors import HandleError, HapsceneError
 from hapscene.handle.compensator import find_compensator
 from hapscene.handle.handle_file import load_handle
 from hapscene.handle.handle_output import HandleOutput
@@ -27,8 +28,8 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.servo.servo_loop import request_realtime_priority
 from hapscene.servo.shared_memory import Channel, open_channel
 
-START_S: Final = 120.0
-"""How long it may take to be ready [s]: on its first run ever it compiles."""
+START_S: Final = 300.0
+"""How long it may take to be ready [s]: on its first run ever it compiles, which took 100 on a busy machine."""
 
 ANSWER_S: Final = 5.0
 """How long it may take to answer, and to end [s]."""
@@ -78,10 +79,9 @@ def open_output(name: str, options: Mapping[str, Any]) -> HandleOutput:
         DeviceError: no such driver or option, a value that is none, or a device that has no handle.
         HandleError: nothing there that can be used.
     """
-    driver = DRIVERS.load(name)
-    if driver.open_handle is None:
-        raise DeviceError(f"{name!r} plays no acceleration: it is a device to touch with (--device {name})")
-    output: HandleOutput = driver.open_handle(**driver.read_options(options))
+    driver, told = DeviceChoice(name, dict(options)).checked(handle=True)
+    assert driver.open_handle is not None
+    output: HandleOutput = driver.open_handle(**told)
     return output
 
 
@@ -242,6 +242,7 @@ class LiveHandle:
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._wire, theirs = context.Pipe()
+        self._one_asks = threading.Lock()  # a page's threads turn it, and who watches asks
         arguments = (theirs, dict(channel), rate_Hz, tool, output, dict(options), handle, compensator)
         self._process = context.Process(target=serve_live, args=arguments, name="hapscene handle", daemon=True)
         self._process.start()
@@ -280,10 +281,11 @@ class LiveHandle:
         self._tell(float(volume))
 
     def _tell(self, said: str | float) -> dict[str, float]:
-        with suppress(OSError):
-            self._wire.send(said)
-        self.report = self._answer(ANSWER_S)
-        return self.report
+        with self._one_asks:
+            with suppress(OSError):
+                self._wire.send(said)
+            self.report = self._answer(ANSWER_S)
+            return self.report
 
     def close(self) -> None:
         """Fade to silence, and end. Twice does no harm."""

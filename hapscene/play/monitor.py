@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.errors import HandleError
 from hapscene.flags import Flag
 from hapscene.servo import Lateness, Servo
 from hapscene.servo.empty_loop import EmptyLoop
@@ -50,6 +51,7 @@ class Monitor:
         self._since = max(servo.state().tick + 1, 0)
         self._at_s = time.monotonic()
         self._late, self._idle = servo.lateness(), self._empty.lateness()
+        self._mute = ""  # why a real handle plays no more
         self._worst = (0, -1, 0)  # longest tick [ns], its number, of it finding the contact [ns]
         self.first_late, self.first_idle, self.first_tick = self._late, self._idle, self._since
 
@@ -81,7 +83,7 @@ class Monitor:
         self._late, self._idle = late, idle
         flags = int(np.bitwise_or.reduce(log.rows["flags"])) if len(log.rows) else 0
         told += [why for flag, why in WHY.items() if flags & flag]
-        return told + ([servo.notice] if servo.notice else [])
+        return told + [trouble for trouble in (servo.notice, self._handle_trouble()) if trouble]
 
     def summary(self) -> list[str]:
         """What happened since the beginning.
@@ -100,6 +102,14 @@ class Monitor:
             self._told_worst(),
         ]
 
+    def _handle_trouble(self) -> str:
+        if not self._mute:
+            try:
+                self._servo.handle_report()
+            except HandleError as error:
+                self._mute = f"nothing is heard: {error}"
+        return self._mute
+
     def _note_worst(self, log: Any) -> None:
         if len(log.rows):
             at = int(np.argmax(log.rows.tick_ns))
@@ -110,8 +120,8 @@ class Monitor:
         tick_ns, number, contact_ns = self._worst
         if number < 0:
             return "worst tick: none yet"
-        cause = "finding the contact" if contact_ns > tick_ns / 2 else "effects, or another program that came between"
-        return f"worst tick {number:,}: {tick_ns / 1e3:.1f} µs, {contact_ns / 1e3:.1f} of them contact ({cause})"
+        cause = "finding the contact" if contact_ns > tick_ns / 2 else "effects, or another program"
+        return f"worst tick {number:,}: {tick_ns / 1e3:.1f} µs, {contact_ns / 1e3:.1f} of them contact: {cause}"
 
 
 def later_than(late: Lateness, span_s: float) -> int:

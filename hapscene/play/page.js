@@ -153,21 +153,34 @@ function say(text, wrong) {
   $("said").classList.toggle("wrong", !!wrong);
 }
 
+const SILENT_MS = 2000; // after which a server that told thirty times a second counts as gone
+
+let heard = 0; // when it last told what is felt [ms]; 0 where it does not
+
 function connect() {
   socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
   socket.onopen = () => { open = true; say(""); };
   socket.onmessage = (event) => {
     const message = JSON.parse(event.data);
-    if ("felt" in message) takeFelt(message);
+    if ("felt" in message) { heard = performance.now(); takeFelt(message); }
     else if ("size" in message) takeState(message);
-    else say(message.said, true);
+    else { heard = 0; say(message.said, true); }
   };
-  socket.onclose = () => {
-    if (open) say("not connected: the program has ended, or the network is gone", true);
-    open = false; felt = []; down.clear();
-    setTimeout(connect, 1000);
-  };
+  socket.onclose = lose;
 }
+
+function lose() {
+  if (open) say("not connected: the program has ended, or the network is gone", true);
+  open = false; heard = 0; felt = []; down.clear();
+  setTimeout(connect, 1000);
+}
+
+setInterval(() => { // a network that is gone closes nothing
+  if (!heard || performance.now() - heard < SILENT_MS) return;
+  socket.onclose = socket.onmessage = null;
+  socket.close();
+  lose();
+}, 500);
 
 // --- drawing, once a frame
 

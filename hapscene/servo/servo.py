@@ -188,7 +188,7 @@ class Servo:
         self._live_handle = DeviceChoice(handle) if isinstance(handle, str) else handle
         self._handle_file = None if handle_file is None else os.fspath(handle_file)
         if isinstance(self._live_handle, DeviceChoice):
-            DRIVERS.load(self._live_handle.name).read_options(self._live_handle.options)  # refused before all starts
+            self._live_handle.checked(handle=True)  # refused before all starts
         elif handle is not None:
             made["handle"] = handle
         self._choices = [one for one in devices if isinstance(one, DeviceChoice)]
@@ -804,7 +804,10 @@ class Servo:
 
     def _gone(self) -> str:
         self._process.join(1.0)
-        return f"the servo's process has ended (exit code {self._process.exitcode}); start a new one"
+        ended = f"the servo's process has ended (exit code {self._process.exitcode})"
+        if self._guard is not None and self._process.exitcode == -9:
+            ended += ": killed, or ended by its guard after it stood still for 50 ms, as where the computer is too busy"
+        return f"{ended}; start a new one"
 
 
 def _device(device: "DeviceLike | DeviceChoice") -> "DeviceLike | DeviceChoice":

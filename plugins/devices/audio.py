@@ -155,7 +155,8 @@ def _chosen(sound: Any, device: str) -> tuple[int, str, int]:
         fits = fits or [card for card in there if card[0] == sound.default.device[1]] or there
     if not fits:
         names = "; ".join(f"{number} {name} ({count} channels)" for number, name, count in there) or "none"
-        raise HandleError(f"no sound output {device!r}; there are: {names}")
+        wanted = f"no sound output {device!r}" if device else "no sound output"
+        raise HandleError(f"{wanted}; there are: {names}")
     return max(fits, key=lambda card: card[2])
 
 

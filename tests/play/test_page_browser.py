@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def tab(live: Live, browser: Browser) -> Iterator[Page]:
     wrong: list[str] = []
     tab.on("pageerror", lambda error: wrong.append(str(error)))
     tab.goto(live[0].url)
-    tab.wait_for_function("hapscene.state.ready")
+    until(lambda: tab.evaluate("hapscene.state.ready"))
     yield tab
     tab.close()
     assert not wrong
@@ -167,12 +168,23 @@ def test_escape_lifts_space_pauses_and_a_closed_page_lifts(live: Live, browser: 
     until(lambda: servo.state().age_s < 0.02)
     other = browser.new_page(viewport={"width": 1000, "height": 640})
     other.goto(live[0].url)
-    other.wait_for_function("hapscene.state.ready")
+    until(lambda: other.evaluate("hapscene.state.ready"))
     other.mouse.move(*pixel(live, other, 0.07, 0.0))
     other.mouse.down()
     settled(servo)
     other.close()
     until(lambda: not servo.state().touching)
+
+
+def test_a_page_that_hears_no_more_says_so_and_comes_back(
+    live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    back, felt = Event(), live[0]._felt
+    expect(tab.locator("#said")).to_have_text("")
+    monkeypatch.setattr(live[0], "_felt", lambda servo, since: felt(servo, since) if back.wait(30.0) else None)
+    expect(tab.locator("#said")).to_contain_text("not connected", timeout=10_000)
+    back.set()
+    expect(tab.locator("#said")).to_have_text("", timeout=10_000)
 
 
 def test_a_kiosk_resets_what_its_visitor_left(live: Live, tab: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,7 +215,7 @@ def test_a_kiosk_resets_what_its_visitor_left(live: Live, tab: Page, monkeypatch
 def test_on_a_phone_the_picture_is_turned_and_what_is_pressed_is_large_enough(live: Live, browser: Browser) -> None:
     tab = browser.new_page(viewport={"width": 390, "height": 860}, has_touch=True, is_mobile=True)
     tab.goto(live[0].url)
-    tab.wait_for_function("hapscene.state.ready")
+    until(lambda: tab.evaluate("hapscene.state.ready"))
     for one in tab.locator("button, input").all():
         assert (one.bounding_box() or {})["height"] >= 44
     assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
