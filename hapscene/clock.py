@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from hapscene.native import INTERPRETED, native
 
-_MONOTONIC = 6 if sys.platform == "darwin" else 1
+_MONOTONIC = {"linux": 7, "darwin": 6}.get(sys.platform, 1)
+"""The one that counts on while the machine sleeps: a loop that woke up must know."""
 
 now_ns: Any
 """`now_ns(clock)`: nanoseconds of the monotonic clock; `clock` is a buffer from `new_clock`."""

@@ -1,6 +1,6 @@
 """The servo's guard: a process that sees to it that no force is left when the servo dies or stands still.
 
-A servo that ends by itself closes its devices, and says so. One that is killed, or does not tick for `STILL_S`, cannot:
+A servo that ends by itself closes its devices, and says so. One that is killed, or does not tick for a while, cannot:
 then the guard ends it for good, opens each device that keeps its last force, and writes zero (`Driver.release`).
 """
 
@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Final
 
 from hapscene.device.driver import Driver
@@ -17,8 +18,13 @@ from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.servo.shared_memory import Channel, open_channel
 
 STILL_S: Final = 0.05
-"""How long a running servo may be without a tick [s]: twice what a loaded machine without real-time priority was seen
-to take."""
+"""How long a servo that was stopped by a signal may be without a tick [s]."""
+
+BUSY_S: Final = 0.2
+"""And one that is not [s]: on two loaded cores without real-time priority 0.1 s was seen."""
+
+WAITING_S: Final = 1.0
+"""And one that waits for its device [s]: after half of it, drivers say themselves that it is silent."""
 
 LOOK_S: Final = 0.005
 """How often the guard looks [s]."""
@@ -50,7 +56,7 @@ def watch(
     length, block, bodies, tools = shape
     channel = open_channel(length, block, name, bodies=bodies, tools=tools)
     ready.send(None)
-    closed = _until_needed(life, channel)
+    closed = _until_needed(life, channel, pid)
     channel.close(unlink=False)
     if closed:
         return
@@ -61,7 +67,15 @@ def watch(
             _release(driver, choice)
 
 
-def _until_needed(life: Connection, channel: Channel) -> bool:
+def _is_stopped(pid: int) -> bool:
+    """Whether a process was stopped by a signal, as far as the system tells: on Linux."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+    except (OSError, IndexError):
+        return False
+
+
+def _until_needed(life: Connection, channel: Channel, pid: int) -> bool:
     """Wait; says whether the servo has closed all itself."""
     row, done, still_s, before_s = channel.channel[0], -1, 0.0, time.monotonic()
     while True:
@@ -75,7 +89,8 @@ def _until_needed(life: Connection, channel: Channel) -> bool:
         # a guard that itself had no time has seen nothing
         still_s = 0.0 if moved else still_s + min(now_s - before_s, 2.0 * LOOK_S)
         done, before_s = int(row.done), now_s
-        if still_s > STILL_S:
+        patience_s = WAITING_S if row.waiting else BUSY_S
+        if still_s > patience_s or (still_s > STILL_S and _is_stopped(pid)):
             return False
 
 

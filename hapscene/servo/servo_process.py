@@ -415,18 +415,24 @@ class Desk:
         """Read, tick, write, with devices that Python reads and writes."""
         request_realtime_priority()
         wait, tick = self._bound()
-        pause, connections = self._channel.channel["pause"].view(np.ndarray), self._connections
+        pause, waiting = (self._channel.channel[name].view(np.ndarray) for name in ("pause", "waiting"))
+        connections = self._connections
         begin_timing(self._acted_on())
         try:
             while pause[0] == 0:
                 wait()
+                waiting[0] = 1
                 for connection in connections:
                     connection.read()
+                waiting[0] = 0
                 tick()
+                waiting[0] = 1
                 for connection in connections:
                     connection.write()
+                waiting[0] = 0
         except Exception as error:  # of a device or a driver: it is gone
             self._note_fault(error)
+        waiting[0] = 0
         for connection in connections:  # no force is held over a pause
             connection.state.f_D_N = 0.0
             with suppress(Exception):

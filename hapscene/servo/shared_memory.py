@@ -32,6 +32,7 @@ CHANNEL: Final = np.dtype(
         ("done", "i8"),  # complete ticks
         ("done_ns", "i8"),  # when the newest was complete, by the clock of the loop
         ("missed", "i8"),  # ticks that were left out since the loop was too late for them
+        ("waiting", "i8"),  # 1: a device is read or written by Python, which may wait for it
         ("changed", "i8"),  # number of the first tick since what is felt was last changed by an order
         ("checkpoint_due", "i8"),  # tick before which what ticks remember is copied next
         ("checkpoint_count", "i8"),  # copies so far
