@@ -237,10 +237,8 @@ def _replay(options: argparse.Namespace) -> int:
     for example:
       hapscene replay flights/2026-11-23-101500
     """
-    from hapscene.servo import Flight
+    from hapscene.servo.flight_recorder import replay_flight
 
-    flight = Flight.load(options.flight)
-    tell([f"{flight.rows.shape[1]:,} ticks from {flight.first:,}; written because: {flight.reason}"])
-    result = flight.replay()
+    result = replay_flight(options.flight)
     tell([str(result)])
     return 1 if len(result.unlike) else 0

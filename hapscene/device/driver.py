@@ -223,6 +223,10 @@ class Driver:
     simulated: bool = False
     assumptions: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if self.open is not None and self.force and not self.simulated and self.model is None:
+            raise DeviceError(f"driver {self.name!r}: a device that gives force has a model, whose limits keep it")
+
     def __repr__(self) -> str:
         return f"<Driver {self.name!r}: {self.summary}>"
 

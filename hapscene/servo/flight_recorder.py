@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.confined import confined
 from hapscene.device.model import Limits
 from hapscene.errors import FormatError, HapsceneError, PathError
 from hapscene.files import parse_format, read_bytes, refusing, whole_folder
@@ -222,6 +223,39 @@ def note_order(tuned: list[tuple[str, str, dict[str, Any]]], order: str, name: s
     tuned.append((order, name, dict(numbers)))
 
 
+def replay_flight(folder: str | Path) -> Replay:
+    """Fly anybody's flight again: in a process of its own, since compiled code takes its memory as it is.
+
+    Raises:
+        HapsceneError: it is none, is damaged, or nothing of it can be flown again.
+    """
+    folder = Path(folder)
+    if not (folder / STORY_FILE).is_file():
+        raise PathError(f"{folder}: no flight: expected a folder with {STORY_FILE}, as `hapscene play` writes it")
+    limits: Any = {"memory_B": MEMORY_MAX_B, "output_B": BYTES_MAX, "time_s": 600.0, "imports": [__name__]}
+    with refusing(PathError, folder), (folder / STORY_FILE).open("rb") as file:
+        told = confined(_fly_again, file, str(folder), by="The tick on a flight's memory", **limits).arrays
+    first, length = told["ticks"].tolist()
+    return Replay(first, length, told["unlike"])
+
+
+MEMORY_MAX_B: Final = 4_000_000_000
+"""Most memory that flying again may take [bytes]: a large mesh, and what compiles."""
+
+
+def _fly_again(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
+    """In the process."""
+    try:
+        replay = Flight.load(folder).replay()
+    except FormatError:
+        raise
+    except HapsceneError as error:
+        raise FormatError(str(error)) from None
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError) as error:
+        raise FormatError(f"{STORY_FILE} is damaged: {type(error).__name__}: {error}"[:200]) from None
+    return {"ticks": np.array([replay.first, replay.count]), "unlike": replay.unlike}
+
+
 def write_flight(flight: Flight, folder: str | Path) -> str:
     """Write a flight into a folder of its own in `folder`, named after the time; says where, or why not."""
     start = Path(folder) / time.strftime("%Y-%m-%d-%H%M%S")
@@ -237,26 +271,20 @@ def flight_of(
     channel: Channel, scene: Scene, made: Mapping[str, Any], tuned: Sequence[Sequence[Any]], reason: str
 ) -> Flight:
     """What the shared memory holds of the last minute. The servo may go on meanwhile, or be dead."""
-    length = channel.rows.shape[1]
-    done = int(channel.channel[0].done)
-    first = max(done - length + length // 60, 0) if done > length else 0  # a little less: it may go on
+    row, length = channel.channel[0], channel.rows.shape[1]
+    done = int(row.done)
+    first = max(done - length, 0)
     slots = np.arange(first, done) % length
-    kept = [(int(tick), k) for k, tick in enumerate(channel.checkpoint_ticks)]
-    good = [pair for pair in kept if max(first, int(channel.channel[0].changed)) <= pair[0] < done]
-    still = int(channel.channel[0].moving_count) == 0
+    taken = [ring[:, slots] for ring in (channel.rows, channel.felt, channel.a_m_s2)]
+    over = max(int(row.done) + 1 - length - first, 0)  # written over meanwhile
+    rows, felt, a_m_s2 = (part[:, over:].copy() for part in taken)
+    first += over
+    kept = [(int(tick), slot) for slot, tick in enumerate(channel.checkpoint_ticks)]
+    good = [pair for pair in kept if max(first, int(row.changed)) <= pair[0] < done]
     tick, memory = -1, np.zeros(0, np.uint8)
-    if good and still:
+    if good and row.moving_count == 0:
         tick, slot = min(good)
-        memory = channel.checkpoints[slot, : int(channel.channel[0].checkpoint_size)].copy()
-    return Flight(
-        reason,
-        first,
-        channel.rows[:, slots].copy(),
-        channel.felt[:, slots].copy(),
-        channel.a_m_s2[:, slots].copy(),
-        memory,
-        tick,
-        made,
-        tuned,
-        scene,
-    )
+        memory = channel.checkpoints[slot, : int(row.checkpoint_size)].copy()
+        if channel.checkpoint_ticks[slot] != tick:  # likewise
+            tick, memory = -1, np.zeros(0, np.uint8)
+    return Flight(reason, first, rows, felt, a_m_s2, memory, tick, made, tuned, scene)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import time
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
 from hapscene.servo import Flight, Servo
-from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, write_flight
+from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, replay_flight, write_flight
 
 from .test_servo import MASS, make_scene, until_tick
 
@@ -41,6 +42,16 @@ def test_it_is_flown_again_to_the_bit(flown: Path) -> None:
     assert flight.first > 0  # the ring is shorter than the stroke
     assert 400 < flight.memory_tick < 1500  # from after the tuning on
     assert flight.rows["f_W_N"].any() and flight.a_m_s2.any()
+
+
+def test_a_stranger_s_is_flown_in_a_process_of_its_own(flown: Path, tmp_path: Path) -> None:
+    assert len(replay_flight(flown).unlike) == 0
+    folder = tmp_path / "forged"
+    shutil.copytree(flown, folder)
+    story = json.loads((folder / STORY_FILE).read_text())
+    (folder / STORY_FILE).write_text(json.dumps(story | {"made": {"tick_s": "x"}}))
+    with pytest.raises(HapsceneError, match="damaged"):
+        replay_flight(folder)
 
 
 def test_another_force_is_found_at_its_tick(flown: Path) -> None:
