@@ -144,6 +144,10 @@ def ready_streams() -> None:
             setattr(sys, name, _Printable(stream, place))
 
 
+RESET: Final = "\x1b[0m"
+"""What colorama, which numba imports, writes to a terminal at the end: no colours from here on."""
+
+
 class _Printable:
     """A standard stream to which text is written as it may be shown."""
 
@@ -152,7 +156,8 @@ class _Printable:
         self._place = place
 
     def write(self, text: str) -> int:
-        self._try(self._stream.write, text if isinstance(text, Codes) else printable(text, lines=True))
+        plain = isinstance(text, Codes) or text == RESET
+        self._try(self._stream.write, text if plain else printable(text, lines=True))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
