@@ -134,7 +134,7 @@ def test_row_holds_the_force_after_guard_and_limits(box):
 
 
 def test_flags_of_old_keep_their_bits():
-    assert [int(flag) for flag in Flag] == [1, 2, 4, 8, 16, 32, 64, 128, 256]
+    assert [int(flag) for flag in Flag][:9] == [1, 2, 4, 8, 16, 32, 64, 128, 256]
     assert Flag.ENERGY_DAMPED == 64
 
 
