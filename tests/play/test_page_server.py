@@ -47,7 +47,7 @@ def connect(page: PageServer, token: str | None = None, origin: str | None = "")
     return connect_socket(f"ws{root[4:]}socket", origin=origin)  # type: ignore[arg-type]
 
 
-def until(true: Callable[[], Any], patience_s: float = 10.0) -> None:
+def until(true: Callable[[], Any], patience_s: float = 60.0) -> None:
     end_s = time.monotonic() + patience_s
     while not true():
         assert time.monotonic() < end_s, "it never came true"

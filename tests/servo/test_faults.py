@@ -31,8 +31,8 @@ WITHIN_S = 0.02
 GUARDED_S = 0.1
 """And where the servo is: the guard sees it after 50 ms, and opens the port."""
 
-SLACK_S = 0.05
-"""How late a loaded machine may be."""
+SLACK_S = 0.05 if os.getloadavg()[0] < (os.cpu_count() or 1) else 1.5
+"""How late a machine may be: one that is loaded gives the emulated board no time, either."""
 
 APPLICATION = """
 import sys, time
@@ -163,7 +163,7 @@ def test_a_machine_that_sleeps_and_wakes_begins_anew(desk: Desk) -> None:
     for pid in asleep:
         os.kill(pid, signal.SIGCONT)
     desk.await_torque(lambda now: now > 0.99 * desk.full())  # nobody was ended
-    after = [abs(row[1]) for row in desk.torques() if row[0] > at_ns + 1e9 * SLACK_S]
+    after = [abs(row[1]) for row in desk.torques() if row[0] > at_ns + 5e7]
     assert min(after) == 0.0 and max(np.diff(after)) < 0.05 * desk.full()  # it rises, and does not jump
 
 
