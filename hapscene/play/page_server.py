@@ -252,8 +252,8 @@ class PageServer:
         """Listen to a page until it goes; another thread tells it what is felt."""
         from websockets.exceptions import ConnectionClosed
 
-        page = id(connection)
-        teller = Thread(target=self._tell, args=(connection,))
+        page, gone = id(connection), Event()
+        teller = Thread(target=self._tell, args=(connection, gone))
         teller.start()
         left, last_s = MESSAGES_MAX_S, time.monotonic()
         try:
@@ -269,16 +269,17 @@ class PageServer:
             pass
         finally:
             self.lift(page)
+            gone.set()
             connection.close()
             teller.join()
 
-    def _tell(self, connection: "ServerConnection") -> None:
-        """Send a page the state whenever it has changed, and what was felt since."""
+    def _tell(self, connection: "ServerConnection", gone: Event) -> None:
+        """Send a page the state whenever it has changed, and what was felt since, until it is gone."""
         from websockets.exceptions import ConnectionClosed
 
         version, since = -1, -1
         try:
-            while not self._ended.wait(BEAT_S):
+            while not gone.wait(BEAT_S):
                 if version != self._version:
                     version = self._version
                     connection.send(json.dumps(self.state()))

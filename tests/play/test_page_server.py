@@ -169,6 +169,7 @@ def test_there_are_only_so_many_connections(page: PageServer) -> None:
     tabs = [connect(page) for _ in range(page_server.CONNECTIONS_MAX)]
     assert status(page.url) == 0
     for tab in tabs:
+        assert json.loads(tab.recv())["title"] == "a plate"
         tab.close()
     until(lambda: status(page.url) == 200)
 
