@@ -26,7 +26,7 @@ FLOOR = (
         "geometry",
         "memory",
     ),
-    *("native", "number_files", "old_spellings", "plugin_registry"),
+    *("native", "number_files", "old_spellings", "parameter_sweep", "perception", "plugin_registry", "worker_pool"),
 )
 """The ground floor: knows nobody above it."""
 
@@ -37,6 +37,7 @@ CORE = (
     "contact_info",
     "describe",
     "device",
+    "fidelity",
     "moving_bodies",
     "reaction",
     "recording",
