@@ -12,9 +12,9 @@
 
 `scene` is the digest of what was measured (`scene_digest`): a fidelity of another scene, or of one that has changed, is
 refused; poses may differ. A body or swatch that is not named is as it is. Coarser meshes lie beside the file as PLY,
-named by their content as a scene's own are: they load as fast as any mesh, to the bit on every machine, and nobody
-needs the package that made them. To note the number of faces alone would be shorter, but would take that package, in
-its version, and reduce anew at every start.
+named by their content as a scene's own are, with their painting as groups: they load as fast as any mesh, to the bit
+on every machine, and nobody needs the package that made them. To note the number of faces alone would be shorter, but
+would take that package, in its version, and reduce anew at every start.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ class FidelityError(FormatError):
 
 
 def fidelity_beside(scene: str | os.PathLike[str]) -> Path:
-    """Where a scene's fidelity file lies unless it is said: bunny.fidelity.json of bunny.scene.json, and of bunny.ply."""
+    """Where a scene's fidelity file lies unless it is said: x.fidelity.json of x.scene.json and of x.ply."""
     path = Path(scene)
     name = path.name.removesuffix(".scene.json") if path.name.endswith(".scene.json") else path.stem
     return path.with_name(name + SUFFIX)
@@ -114,8 +114,9 @@ def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
     from hapscene.scene.ply import mesh_to_ply
 
     def mesh_told(name: str, mesh: "Mesh") -> dict[str, Any]:
-        file = files.put(name, ".ply", mesh_to_ply(mesh))
-        return {"path": file, "sha256": mesh.digest, "face_count": len(mesh.faces)}
+        content = mesh_to_ply(mesh)
+        file = files.put(name, ".ply", content)
+        return {"path": file, "sha256": hashlib.sha256(content).hexdigest(), "face_count": len(mesh.faces)}
 
     return {
         "told": dict(level.told),
@@ -203,6 +204,7 @@ def _level(where: str, told: Any, path: Path, scene: "Scene", meshes: "dict[str,
 def _mesh(where: str, told: Any, path: Path, meshes: "dict[str, Mesh]", own_count: int) -> "Mesh":
     """A coarser mesh, from the file beside; each file is read once."""
     from hapscene.scene.mesh_file import load_mesh
+    from hapscene.scene.ply import HEADER_MAX_B
 
     check_keys(where, told, ("path", "sha256", "face_count"))
     name, count = told["path"], told["face_count"]
@@ -212,13 +214,14 @@ def _mesh(where: str, told: Any, path: Path, meshes: "dict[str, Mesh]", own_coun
         raise FidelityError(f"{where}.face_count must be from 1 to those of the body, {own_count}, is {short(count)}")
     if name not in meshes:
         file = path.with_name(name)
-        check_size = 4096 + 100 * count  # a vertex of 24 bytes and a face of 15, three vertices a face at most
-        if file.is_file() and file.stat().st_size > check_size:
-            raise FidelityError(f"{where}: {file} is larger than a mesh of {count:,} faces; run `hapscene tune` again")
+        # a vertex has 24 bytes, a face 15, and as many vertices as corners at most; and there are the swatches' names
+        found = hashlib.sha256(read_bytes(file, HEADER_MAX_B + 87 * count, "mesh of so few faces")).hexdigest()
+        if found != told["sha256"]:
+            raise FidelityError(f"{where}: {file} has changed since: run `hapscene tune` again")
         meshes[name] = load_mesh(file, "m")
     mesh = meshes[name]
-    if mesh.digest != told["sha256"] or len(mesh.faces) != count:
-        raise FidelityError(f"{where}: {path.with_name(name)} has changed since; run `hapscene tune` again")
+    if len(mesh.faces) != count:
+        raise FidelityError(f"{where}.face_count is {count:,}, and {name} has {len(mesh.faces):,} faces")
     return mesh
 
 
