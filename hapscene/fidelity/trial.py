@@ -35,7 +35,7 @@ FORCE_N: Final = (0.2, 2.0)
 SPEED_M_S: Final = (0.03, 0.3)
 """Mean speeds of strokes [m/s]: slow looking, and rubbing."""
 
-STROKE_COUNT: Final = 3
+STROKE_COUNT: Final = 4
 """Strokes over a body in a path [count]; as many taps, and one press."""
 
 TURN_COUNT: Final = 2
@@ -43,6 +43,9 @@ TURN_COUNT: Final = 2
 
 BODY_MAX: Final = 8
 """Most bodies that are felt [count], those with most faces; others stay as they are. Bounds the time."""
+
+PATH_COUNT: Final = 6
+"""Paths over a scene at least [count]: of few bodies, each has several."""
 
 SEED_COUNT: Final = 16
 """Runs with other random numbers whose vibrations are averaged [count]: of 16, chance is a third of a JND."""
@@ -80,10 +83,11 @@ def random_path(scene: "Scene", index: int, rng: np.random.Generator, limits: "L
     order = rng.permutation(len(places))
     for k in range(STROKE_COUNT):
         tap, start, end = (int(order[(3 * k + i) % len(order)]) for i in range(3))
-        hand.tap(*places[tap].tolist(), depth_m(tap))
+        hand.tap(float(places[tap, 0]), float(places[tap, 1]), depth_m(tap))
         speed_m_s = float(np.exp(rng.uniform(*np.log(SPEED_M_S))))
         hand.trace(hand.line(tuple(places[start]), tuple(places[end]), speed_m_s), depth_m(start))
-    hand.press(*places[order[-1]].tolist(), 2 * depth_m(int(order[-1])), hold_s=0.1)
+    last = int(order[-1])
+    hand.press(float(places[last, 0]), float(places[last, 1]), 2 * depth_m(last), hold_s=0.1)
     return hand.p_WT_m
 
 
@@ -107,10 +111,11 @@ def body_paths(scene: "Scene", name: str, seed: int, limits: "Limits") -> list[A
 
 
 def scene_paths(scene: "Scene", seed: int, limits: "Limits") -> list[Array]:
-    """Paths over a scene as it stands, one for each body that is seen."""
+    """Paths over a scene as it stands, one or more for each body that is seen; `PATH_COUNT` or more in all."""
     rng = np.random.default_rng([seed, 1])
     names = felt_bodies(scene)
-    made = [random_path(scene, i, rng, limits) for i, body in enumerate(scene.bodies) if body.name in names]
+    felt = [i for i, body in enumerate(scene.bodies) if body.name in names]
+    made = [random_path(scene, i, rng, limits) for i in felt * -(-PATH_COUNT // len(felt))]
     return [path for path in made if path is not None]
 
 
@@ -210,7 +215,7 @@ def error_of(true: Felt, felt: Felt, reach_m_s2: Array) -> Error:
         on = a.touching | b.touching
         at = np.where(a.touching, a.body, b.body), np.where(a.touching, a.swatch, b.swatch)
         parts.append((force_jnd(b.f_W_N, a.f_W_N)[on], vibration[on], at[0][on], at[1][on]))
-    return Error(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))  # type: ignore[arg-type]
+    return Error(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def tick_us(renderer: Renderer, paths: Sequence[Array]) -> tuple[Array, NDArray[np.int32]]:
