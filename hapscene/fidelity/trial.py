@@ -32,23 +32,23 @@ Array = NDArray[np.float64]
 FORCE_N: Final = (0.2, 2.0)
 """Forces of strokes and taps [N]: people feel a texture with 0.3 to 1 N. No more than half of what the device gives."""
 
-SPEED_M_S: Final = (0.03, 0.3)
+SPEED_M_S: Final = (0.05, 0.3)
 """Mean speeds of strokes [m/s]: slow looking, and rubbing."""
 
-STROKE_COUNT: Final = 4
-"""Strokes over a body in a path [count]; as many taps, and one press."""
+BODY_PATHS: Final = 4
+"""Paths over a body as it stands, and as many for each way it is turned [count]."""
 
 TURN_COUNT: Final = 2
 """How often a body by itself is turned [count]."""
 
+SCENE_PATHS: Final = 20
+"""Paths over a scene at least [count]."""
+
 BODY_MAX: Final = 8
 """Most bodies that are felt [count], those with most faces; others stay as they are. Bounds the time."""
 
-PATH_COUNT: Final = 6
-"""Paths over a scene at least [count]: of few bodies, each has several."""
-
-SEED_COUNT: Final = 16
-"""Runs with other random numbers whose vibrations are averaged [count]: of 16, chance is a third of a JND."""
+SEED_COUNT: Final = 12
+"""Runs with other random numbers whose vibrations are averaged [count]: of 12, chance is 0.4 JND."""
 
 WINDOW_S: Final = 0.2
 """Over which vibrations are compared [s]: the lowest band is 8 Hz wide."""
@@ -60,35 +60,40 @@ EMBREE_B: Final = 90
 """What Embree takes for a face [bytes]: 88 to 103 by the memory of the process, at 20 k to 1.3 M faces."""
 
 
-def random_path(scene: "Scene", index: int, rng: np.random.Generator, limits: "Limits") -> Array | None:
-    """Strokes, taps and a press on a body as it stands (n, 3) [m], a row a tick; None where it cannot be seen."""
+def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: "Limits", count: int) -> list[Array]:
+    """Paths (n, 3) [m], a row a tick, each a tap and a stroke on a body as it stands; none where it is not seen."""
     look, body = look_from_above(scene), scene.bodies[index]
     low, high = window_of(bounds_of(body))
     places = rng.uniform(low, high, (400, 2))
     seen = look(*places.T)
     on = seen.body == index
-    if np.count_nonzero(on) < 2:
-        return None
+    if np.count_nonzero(on) < 3:
+        return []
     places, z_m, swatch = places[on], seen.z_m[on], seen.swatch[on]
     size_m = float(np.min(high - low))
     hover_m = min(HOVER_M, 0.2 * size_m)
-    hand = Hand((*places[0], float(z_m[0]) + 2 * hover_m), TICK_S, look, hover_m)
-    hand.rest(0.05)
 
     def depth_m(at: int) -> float:
-        force_N = np.exp(rng.uniform(*np.log(FORCE_N)))
+        force_N = min(float(np.exp(rng.uniform(*np.log(FORCE_N)))), 0.5 * limits.force_N)
         stiffness_N_m = min(scene.swatches[swatch[at]].stiffness_N_m, limits.stiffness_N_m)
-        return float(min(min(force_N, 0.5 * limits.force_N) / max(stiffness_N_m, 1.0), 0.05 * size_m))
+        return float(min(force_N / max(stiffness_N_m, 1.0), 0.05 * size_m))
 
-    order = rng.permutation(len(places))
-    for k in range(STROKE_COUNT):
-        tap, start, end = (int(order[(3 * k + i) % len(order)]) for i in range(3))
+    made = []
+    for _ in range(count):
+        tap, start, end = rng.permutation(len(places))[:3].tolist()
+        hand = Hand((*places[tap], float(z_m[tap]) + hover_m), TICK_S, look, hover_m)
         hand.tap(float(places[tap, 0]), float(places[tap, 1]), depth_m(tap))
         speed_m_s = float(np.exp(rng.uniform(*np.log(SPEED_M_S))))
         hand.trace(hand.line(tuple(places[start]), tuple(places[end]), speed_m_s), depth_m(start))
-    last = int(order[-1])
-    hand.press(float(places[last, 0]), float(places[last, 1]), 2 * depth_m(last), hold_s=0.1)
-    return hand.p_WT_m
+        made.append(hand.p_WT_m)
+    return made
+
+
+def reached(scene: "Scene", paths: Sequence[Array], device: str) -> list[Array]:
+    """Those paths on which nothing is pressed harder than the device can: no hand gets into a wall by a centimetre."""
+    renderer, most_N = ready(scene, device, ("wall",)), limits_here(device).force_N
+    pressed = [float(felt.normal_force_N.max()) for felt in forces(renderer, paths)]
+    return [path for path, force_N in zip(paths, pressed, strict=True) if 0.0 < force_N <= most_N]
 
 
 def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
@@ -100,23 +105,23 @@ def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
     return made
 
 
-def body_paths(scene: "Scene", name: str, seed: int, limits: "Limits") -> list[Array]:
-    """Paths over a body from its own frame's point of view: as it stands, and turned."""
+def body_paths(scene: "Scene", name: str, seed: int, device: str) -> list[Array]:
+    """Paths over a body in its own frame: as it stands, and turned."""
     from scipy.spatial.transform import Rotation
 
-    rng = np.random.default_rng([seed, *name.encode()])
+    rng, limits = np.random.default_rng([seed, *name.encode()]), limits_here(device)
     turns = [scene.body(name).X_WB[:3, :3], *Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
-    made = [(R, random_path(alone(scene, name, R), 0, rng, limits)) for R in turns]
-    return [path @ R for R, path in made if path is not None]
+    drawn = [(R, random_paths(alone(scene, name, R), 0, rng, limits, BODY_PATHS)) for R in turns]
+    return reached(alone(scene, name), [path @ R for R, paths in drawn for path in paths], device)
 
 
-def scene_paths(scene: "Scene", seed: int, limits: "Limits") -> list[Array]:
-    """Paths over a scene as it stands, one or more for each body that is seen; `PATH_COUNT` or more in all."""
-    rng = np.random.default_rng([seed, 1])
+def scene_paths(scene: "Scene", seed: int, device: str) -> list[Array]:
+    """Paths over a scene as it stands, over each body that is seen as many; `SCENE_PATHS` or more in all."""
+    rng, limits = np.random.default_rng([seed, 1]), limits_here(device)
     names = felt_bodies(scene)
+    count = -(-SCENE_PATHS // len(names))
     felt = [i for i, body in enumerate(scene.bodies) if body.name in names]
-    made = [random_path(scene, i, rng, limits) for i in felt * -(-PATH_COUNT // len(felt))]
-    return [path for path in made if path is not None]
+    return reached(scene, [path for i in felt for path in random_paths(scene, i, rng, limits, count)], device)
 
 
 def felt_bodies(scene: "Scene") -> list[str]:
@@ -216,6 +221,11 @@ def error_of(true: Felt, felt: Felt, reach_m_s2: Array) -> Error:
         at = np.where(a.touching, a.body, b.body), np.where(a.touching, a.swatch, b.swatch)
         parts.append((force_jnd(b.f_W_N, a.f_W_N)[on], vibration[on], at[0][on], at[1][on]))
     return Error(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def joined(errors: Sequence[Error]) -> Error:
+    """Errors of several sets of paths as one."""
+    return Error(*(np.concatenate([vars(error)[name] for error in errors]) for name in vars(errors[0])))
 
 
 def tick_us(renderer: Renderer, paths: Sequence[Array]) -> tuple[Array, NDArray[np.int32]]:

@@ -44,14 +44,18 @@ if TYPE_CHECKING:
 WITHIN: Final = 95.0
 """Share of the ticks in contact in which an error must keep to the JND [%]."""
 
-CHECKED: Final = 97.0
-"""The same where it is checked [%]: more, so that it also holds where it is told."""
+CHECKS: Final = 3
+"""Sets of paths on which a choice is checked at most [count]: where it is too much on the one to tell by, that becomes
+one of them, and another is drawn to tell by."""
 
-MARGINS: Final = (0.9, 0.7, 0.4, 0.0)
+MARGINS: Final = (0.8, 0.6, 0.3, 0.0)
 """Shares of the JND that a body or swatch may use on the paths to choose by [1]; the next if it is more."""
 
 HALVINGS: Final = 6
 """How often a mesh is halved at most [count]."""
+
+BISECTIONS: Final = 3
+"""How often it is looked between the last two [count]: to 9 % of the faces."""
 
 FACES_MIN: Final = 500
 """Faces below which a mesh is not reduced [count]: nothing is won."""
@@ -62,7 +66,7 @@ ORDER_MIN: Final = 2
 PLACES: Final = 6
 """Forces and speeds at which a texture is judged [count] each."""
 
-UPDATES: Final = (16, 8, 4, 2)
+UPDATES: Final = (16, 8, 4)
 """Ticks between two updates of a texture's filter that are tried [count], the slowest first."""
 
 LEVEL_COUNT: Final = 4
@@ -149,8 +153,8 @@ def judge_body(source: dict[str, Any], name: str, device: str, seed: int, most_j
     Goes on until the error is over `most_jnd`, and then between the last two; "seen" is whether anything was touched.
     """
     scene = opened(Source(**source))
-    body, limits = scene.body(name), trial.limits_here(device)
-    paths = trial.body_paths(scene, name, seed, limits)
+    body = scene.body(name)
+    paths = trial.body_paths(scene, name, seed, device)
     tried: list[tuple[int, int, float]] = []
     if not paths or len(body.mesh.faces) < FACES_MIN:
         return {"seen": bool(paths), "tried": tried}
@@ -172,10 +176,15 @@ def judge_body(source: dict[str, Any], name: str, device: str, seed: int, most_j
         tried.append((count, len(mesh.faces), made))
         return made
 
+    good, bad = 0.0, HALVINGS + 1.0
     for k in range(1, HALVINGS + 1):
         if error(k) > most_jnd:
-            error(k - 0.5)
+            bad = k
             break
+        good = k
+    for _ in range(BISECTIONS if bad <= HALVINGS else 0):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if error(middle) <= most_jnd else (good, middle)
     return {"seen": True, "tried": sorted(tried, reverse=True)}
 
 
@@ -328,49 +337,61 @@ def tune(
     from hapscene.touch import step
 
     reach = reach_m_s2(handle)
-    limits = trial.limits_here(device)
     scene = opened(source)
     with step(say, "drawing paths"):
-        sets = [trial.scene_paths(scene, seed + k, limits) for k in (1, 2)]
-        if not all(sets):
-            raise PathError(UNSEEN)
+        if not trial.scene_paths(scene, seed + 1, device):
+            raise PathError(f"nothing of the scene is felt by this device: {UNSEEN}")
     judged = _judged(source, scene, device, reach, seed, jnd, jobs, scheduler, say)
-    with step(say, "feeling the scene as it is"):
-        whole = trial.ready(scene, device)
-        true = [trial.feel(whole, paths, seed) for paths in sets]
+    whole = trial.ready(scene, device)
 
-    def error(plan: _Plan, which: int, count: int = trial.SEED_COUNT) -> trial.Error:
-        felt = trial.feel(trial.ready(apply_level(scene, plan.level()), device), sets[which], seed, count)
-        return trial.error_of(true[which], felt, reach)
+    def new_set(k: int) -> tuple[list[Array], trial.Felt]:
+        paths = trial.scene_paths(scene, seed + k, device)
+        return paths, trial.feel(whole, paths, seed)
+
+    def error_on(sets: list[tuple[list[Array], trial.Felt]], plan: _Plan) -> trial.Error:
+        renderer = trial.ready(apply_level(scene, plan.level()), device)
+        return trial.joined([trial.error_of(true, trial.feel(renderer, p, seed), reach) for p, true in sets])
 
     margins: dict[str, int] = dict.fromkeys(judged, 0)
+    with step(say, "feeling the scene as it is"):
+        checks, unseen = [new_set(1)], new_set(2)
+    most_jnd = {key: MARGINS[0] * jnd for key in judged}
+    updates: dict[str, int] | None = None
     while True:
         with step(say, "checking the choice on other paths"):
-            plan = _planned(scene, judged, {key: MARGINS[at] * jnd for key, at in margins.items()})
-            _slow_updates(scene, plan, lambda p: error(p, 0), {key: MARGINS[at] * jnd for key, at in margins.items()})
-            failed = [
-                key for key in _failed(scene, error(plan, 0), jnd) if margins.get(key, len(MARGINS)) + 1 < len(MARGINS)
-            ]
-        if not failed:
-            break
-        for key in failed:
-            margins[key] += 1
+            plan = _planned(scene, judged, most_jnd)
+            updates = _slow_updates(scene, plan, partial(error_on, checks), most_jnd) if updates is None else updates
+            plan.updates = dict(updates)
+            checked = error_on(checks, plan)
+            failed = _failed(scene, judged, checked, jnd)
+            if not failed and np.percentile(checked.total_jnd, WITHIN) > jnd:
+                failed = list(judged)
+            failed = [key for key in failed if margins[key] + 1 < len(MARGINS)]
+            for key in failed:
+                margins[key] += 1
+                most_jnd[key] = MARGINS[margins[key]] * jnd
+                updates.pop(key.removeprefix("swatch "), None)
+            if failed:
+                continue
+            final = error_on([unseen], plan)
+            if np.percentile(final.total_jnd, WITHIN) <= jnd or len(checks) == CHECKS:
+                break
+            checks, unseen = [*checks, unseen], new_set(len(checks) + 2)
+    paths = unseen[0]
     with step(say, "timing"):
-        before = _cost(scene, Level(), device, sets[1])
-        after = _cost(scene, plan.level(), device, sets[1])
+        before = _cost(scene, Level(), device, paths)
+        after = first = _cost(scene, plan.level(), device, paths)
         while after["tick_worst_us"] > budget_us and (
             _shorter(scene, plan) or _coarser(scene, plan) or _leave_out(scene, plan)
         ):
-            after = _cost(scene, plan.level(), device, sets[1])
+            after = _cost(scene, plan.level(), device, paths)
     levels: list[Level] = []
-    final = error(plan, 1)
-    choices = _choices(
-        scene, plan, judged, final, device, sets[1], {key: MARGINS[at] * jnd for key, at in margins.items()}
-    )
+    final = final if after is first else error_on([unseen], plan)
+    choices = _choices(scene, plan, judged, final, device, paths, most_jnd)
     while len(levels) < LEVEL_COUNT:
         with step(say, f"level {len(levels) + 1}"):
-            found = final if not levels else error(plan, 1, 4)
-            cost = after if not levels else _cost(scene, plan.level(), device, sets[1])
+            found = final if not levels else error_on([unseen], plan)
+            cost = after if not levels else _cost(scene, plan.level(), device, paths)
             levels.append(plan.level({**_told(found, jnd), **cost}))
             plan = plan.copy()
             halved = [_shorter(scene, plan), _coarser(scene, plan)]
@@ -415,7 +436,7 @@ def _judged(
     told = {"source": vars(source), "device": device}
     here = f"{__name__}:"
     pieces = [
-        Piece(f"body {name}", here + "judge_body", {**told, "name": name, "seed": seed, "most_jnd": jnd})
+        Piece(f"body {name}", here + "judge_body", {**told, "name": name, "seed": seed, "most_jnd": MARGINS[0] * jnd})
         for name in trial.felt_bodies(scene)
     ]
     more = {"reach_m_s2": np.minimum(reach, 1e9).tolist(), "most_jnd": MARGINS[0] * jnd}
@@ -434,7 +455,7 @@ def painted(scene: "Scene") -> "list[Swatch]":
     return [swatch for index, swatch in enumerate(scene.swatches) if index in used]
 
 
-def _failed(scene: "Scene", error: trial.Error, jnd: float) -> list[str]:
+def _failed(scene: "Scene", judged: Mapping[str, Any], error: trial.Error, jnd: float) -> list[str]:
     """The bodies and swatches that differ by more, as keys of what was judged."""
     made = []
     for keys, index, off in (
@@ -442,7 +463,7 @@ def _failed(scene: "Scene", error: trial.Error, jnd: float) -> list[str]:
         ([f"swatch {swatch.name}" for swatch in scene.swatches], error.swatch, error.vibration_jnd),
     ):
         for i, key in enumerate(keys):
-            if (index == i).any() and np.percentile(off[index == i], CHECKED) > jnd:
+            if key in judged and (index == i).any() and np.percentile(off[index == i], WITHIN) > jnd:
                 made.append(key)
     return made
 
@@ -467,10 +488,10 @@ def _planned(scene: "Scene", judged: Mapping[str, Any], most_jnd: Mapping[str, f
 
 def _slow_updates(
     scene: "Scene", plan: _Plan, error: Callable[[_Plan], trial.Error], most_jnd: Mapping[str, float]
-) -> None:
-    """Have each texture's filter follow force and speed as seldom as nobody notices."""
+) -> dict[str, int]:
+    """After how many ticks each texture's filter may follow force and speed, so that nobody notices."""
     sounding = [s.name for s in painted(scene) if s.texture is not None and "lpc_texture" not in plan.left_out[s.name]]
-    left = set(sounding)
+    left, updates = set(sounding), dict[str, int]()
     for ticks in UPDATES:
         if not left:
             break
@@ -480,8 +501,9 @@ def _slow_updates(
         for name in sorted(left):
             on = found.swatch == [s.name for s in scene.swatches].index(name)
             if on.any() and np.percentile(found.vibration_jnd[on], WITHIN) <= most_jnd[f"swatch {name}"]:
-                plan.updates[name] = ticks
+                updates[name] = ticks
                 left.discard(name)
+    return updates
 
 
 def _shorter(scene: "Scene", plan: _Plan) -> bool:
