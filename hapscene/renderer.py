@@ -109,6 +109,7 @@ class Renderer:
     Attributes:
         tick_s, a_rate_Hz, seed: as given.
         limits: of the device.
+        fidelity: as given, or read; None without one.
         block: acceleration samples in a tick.
         world, surface: what the compiled tick reads and writes; for those who drive it themselves.
         levels: of the fidelity, likewise.
@@ -167,7 +168,7 @@ class Renderer:
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
         self._deforming = Lock()  # of threads that give shapes; no tick asks for it
-        self._fidelity = _fidelity_of(fidelity, scene)
+        self.fidelity = _fidelity_of(fidelity, scene)
         scenes = self._scenes(scene)
         shapes: Shapes | None = None
         if len(scenes) > 1:
@@ -309,27 +310,27 @@ class Renderer:
 
     def _scenes(self, scene: "Scene") -> "list[Scene]":
         """A scene at each level of the fidelity."""
-        if self._fidelity is None:
+        if self.fidelity is None:
             return [scene]
         from hapscene.fidelity.apply import apply_level
 
-        levels = self._fidelity.levels
+        levels = self.fidelity.levels
         return [apply_level(scene, level, stepped=len(levels) > 1) for level in levels]
 
     def _left_out(self, level: int, swatch: str) -> set[tuple[int, str]]:
         """The numbers of a swatch that stay 0 at a level, whatever it is tuned to."""
-        if self._fidelity is None or swatch not in self._fidelity.levels[level].swatches:
+        if self.fidelity is None or swatch not in self.fidelity.levels[level].swatches:
             return set()
         from hapscene.fidelity.apply import NUMBERS
 
-        out = self._fidelity.levels[level].swatches[swatch].left_out
+        out = self.fidelity.levels[level].swatches[swatch].left_out
         return {
             (e, name) for e, effect in enumerate(self._effects) if effect.name in out for name in NUMBERS[effect.name]
         }
 
     def _refuse_fidelity(self, what: str) -> None:
         """Say what is not done with a fidelity."""
-        if self._fidelity is not None:
+        if self.fidelity is not None:
             raise SceneError(f"{what} with a fidelity, which is of the scene as it was: make a renderer without one")
 
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
