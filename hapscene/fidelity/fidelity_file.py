@@ -149,6 +149,25 @@ def load_fidelity(path: str | os.PathLike[str], scene: "Scene") -> Fidelity:
         raise FidelityError(str(fault)) from None
 
 
+def saving_words(path: str | os.PathLike[str], scene: "Scene") -> str:
+    """What the fidelity file saves in a line, "tuned: 12 k of 82 k faces, …"; what is wrong with it; "" without one."""
+    if not Path(path).exists():
+        return ""
+    try:
+        fidelity = load_fidelity(path, scene)
+    except FormatError as error:
+        return f"not tuned: {error}"
+    told, before = fidelity.levels[0].told, fidelity.made
+    try:
+        faces, ticks = ((told[name], before[f"untuned_{name}"]) for name in ("faces", "tick_median_us"))
+        return (
+            f"tuned: {faces[0] / 1e3:.3g} k of {faces[1] / 1e3:.3g} k faces, {told['error_jnd']:.2g} JND, "
+            f"{ticks[0]:.2g} of {ticks[1]:.2g} µs a tick"
+        )
+    except (KeyError, TypeError):
+        return "tuned"
+
+
 def _read(path: Path, content: dict[str, Any], scene: "Scene") -> Fidelity:
     check_keys("", content, ("format", "version", "scene", "made", "levels"))
     if not (isinstance(content["scene"], str) and re.fullmatch("[0-9a-f]{64}", content["scene"])):

@@ -338,11 +338,12 @@ def tune(
 
     reach = reach_m_s2(handle)
     scene = opened(source)
+    with step(say, "readying the scene"):
+        whole = trial.ready(scene, device)
     with step(say, "drawing paths"):
         if not trial.scene_paths(scene, seed + 1, device):
             raise PathError(f"nothing of the scene is felt by this device: {UNSEEN}")
     judged = _judged(source, scene, device, reach, seed, jnd, jobs, scheduler, say)
-    whole = trial.ready(scene, device)
 
     def new_set(k: int) -> tuple[list[Array], trial.Felt]:
         paths = trial.scene_paths(scene, seed + k, device)
