@@ -323,8 +323,9 @@ def tune(
         source: the scene.
         device: a name of `hapscene.device.DEVICES`, whose limits hold.
         handle: what vibrates: "ideal", which gives all that is asked for; "none"; or a .handle file, identified.
-        budget_us: most that the worst tick may take [µs]: 99.9 % of the ticks in contact, each at the least of
-            `trial.REPEATS` runs. Where it cannot be had within the JND it is held beyond it.
+        budget_us: most that the worst tick may take [µs]: `trial.WORST` % of the ticks in contact, each the least of
+            `trial.REPEATS` runs, of three times as many where that is over it. Where it cannot be had within the JND it
+            is held beyond it.
         jnd: most that the chosen scene may differ from the untuned one [JND], in `WITHIN` % of ticks in contact.
         seed: of the paths.
         jobs, scheduler: as `hapscene.parameter_sweep.sweep` has them.
@@ -347,11 +348,13 @@ def tune(
 
     def new_set(k: int) -> tuple[list[Array], trial.Felt]:
         paths = trial.scene_paths(scene, seed + k, device)
-        return paths, trial.feel(whole, paths, seed)
+        return paths, trial.feel(whole, paths, seed, trial.SEED_COUNT)
 
     def error_on(sets: list[tuple[list[Array], trial.Felt]], plan: _Plan) -> trial.Error:
         renderer = trial.ready(apply_level(scene, plan.level()), device)
-        return trial.joined([trial.error_of(true, trial.feel(renderer, p, seed), reach) for p, true in sets])
+        return trial.joined(
+            [trial.error_of(true, trial.feel(renderer, p, seed, trial.SEED_COUNT), reach) for p, true in sets]
+        )
 
     margins: dict[str, int] = dict.fromkeys(judged, 0)
     with step(say, "feeling the scene as it is"):
@@ -381,11 +384,11 @@ def tune(
     paths = unseen[0]
     with step(say, "timing"):
         before = _cost(scene, Level(), device, paths)
-        after = first = _cost(scene, plan.level(), device, paths)
+        after = first = _cost(scene, plan.level(), device, paths, budget_us)
         while after["tick_worst_us"] > budget_us and (
             _shorter(scene, plan) or _coarser(scene, plan) or _leave_out(scene, plan)
         ):
-            after = _cost(scene, plan.level(), device, paths)
+            after = _cost(scene, plan.level(), device, paths, budget_us)
     levels: list[Level] = []
     final = final if after is first else error_on([unseen], plan)
     choices = _choices(scene, plan, judged, final, device, paths, most_jnd)
@@ -546,12 +549,14 @@ def _effects_of(swatch: "Swatch") -> list[str]:
     return [effect for effect, what in has.items() if what is not None]
 
 
-def _cost(scene: "Scene", level: Level, device: str, paths: list[Array]) -> dict[str, float]:
+def _cost(
+    scene: "Scene", level: Level, device: str, paths: list[Array], budget_us: float = math.inf
+) -> dict[str, float]:
     """What a level costs on this machine, by the names of `Level.told`."""
     load_s = trial.seconds(lambda: trial.ready(apply_level(scene, level), device))
     renderer = trial.ready(apply_level(scene, level), device)
-    times, _ = trial.tick_us(renderer, paths)
-    median, p99, worst = (round(float(v), 3) for v in np.percentile(times, (50, 99, 99.9)))
+    times, _ = trial.tick_us(renderer, paths, budget_us)
+    median, p99, worst = (round(float(v), 3) for v in np.percentile(times, (50, 99, trial.WORST)))
     faces = sum(len(body.mesh.faces) for body in renderer._bodies)
     cost = {"tick_median_us": median, "tick_p99_us": p99, "tick_worst_us": worst, "load_s": round(load_s, 4)}
     return {**cost, "memory_B": trial.memory_B(renderer), "faces": faces}
@@ -618,7 +623,8 @@ def _why_body(found: Mapping[str, Any] | None, most_jnd: float) -> str:
         return "none of it is seen from above, as it stands or turned: it stays as it is"
     if not found["tried"]:
         return "it has so few faces, or all of them at borders, that there is nothing to be won"
-    told = [f"at {faces:,} faces the force is {error:.2g} JND off" for _, faces, error in found["tried"]]
+    errors = {faces: error for _, faces, error in found["tried"]}
+    told = [f"at {faces:,} faces the force is {error:.2g} JND off" for faces, error in errors.items()]
     return f"asked for {most_jnd:.2g} JND on the paths to choose by; " + ", ".join(told)
 
 

@@ -132,6 +132,7 @@ def tuned(tmp_path_factory):
     """A scene that was tuned in a few short paths, and what the command said."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trial, "SCENE_PATHS", 6)
+        patch.setattr(trial, "SEED_COUNT", 4)
         patch.setattr(tune, "UPDATES", (8,))
         patch.setattr(tune, "LEVEL_COUNT", 2)
         folder = tmp_path_factory.mktemp("tuned")
