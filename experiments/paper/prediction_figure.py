@@ -15,7 +15,7 @@ from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
 from hapscene.dsp.spectrogram import spectrogram_error
 
-from .finding import COLOURS, REMEMBERED, UNKNOWN, Array, Finding, Number, spectrogram_panels, trace_panels
+from .finding import COLOURS, REMEMBERED, Array, Finding, Number, spectrogram_panels, trace_panels
 from .material import Material
 
 if TYPE_CHECKING:
@@ -24,14 +24,8 @@ if TYPE_CHECKING:
 PAPER_ORDER: Final = 120
 """Order of the paper's filters [count]."""
 
-TWO: Final = ("wood", "leather")
-"""The two materials that are shown."""
-
-SEEN_S: Final = 0.05
-"""Stretch of a prediction that is shown [s]."""
-
-NOISE_FLOOR: Final = float(np.sqrt(2.0 - np.pi / 2.0))
-"""Spectrogram error of two independent stretches of one Gaussian noise [1], whose magnitudes scatter after Rayleigh."""
+NOISE_ERROR: Final = 100.0 * float(np.sqrt(2.0 - np.pi / 2.0))
+"""Spectrogram error of two independent stretches of one Gaussian noise [%], whose magnitudes scatter after Rayleigh."""
 
 
 def predictor(signal: Array, rate_Hz: float, order: int) -> Array:
@@ -43,113 +37,95 @@ def synthetic(a: Array, deviation_m_s2: float, count: int, seed: int = 0) -> Arr
     """White Gaussian noise of that deviation through 1/A: `count` samples, the filter already running."""
     from scipy.signal import lfilter
 
-    noise = np.random.default_rng(seed).standard_normal(2 * count) * deviation_m_s2
-    return np.asarray(lfilter([1.0], a, noise)[count:])
+    return np.asarray(lfilter([1.0], a, np.random.default_rng(seed).normal(0.0, deviation_m_s2, 2 * count))[count:])
 
 
 def two_materials(materials: dict[str, Material]) -> Finding:
     """Fig. 2."""
-    numbers, plots = [], []
-    for material in (materials[name] for name in TWO):
-        signals = {
-            "distance along the surface": 1e3 * material.distance_m,
-            "normal force": material.force_N,
-            "acceleration": material.acceleration_m_s2,
-        }
-        units = {"distance along the surface": "[mm]", "normal force": "[N]", "acceleration": "[m/s²]"}
-        told = "Distance, force and acceleration over time while a tool is dragged over"
-        drawing = trace_panels(f"fig2-{material.name}", material.t_s, signals, units)
-        plots.append(Plot(material.title, f"{told} {material.name}.", drawing, f"{told} {material.name}."))
-        numbers += [
-            Number(f"{material.title}: mean force", float(material.force_N.mean()), "N", known=UNKNOWN),
-            Number(
-                f"{material.title}: acceleration, rms", float(material.cleaned_m_s2.std()), "m/s²", known=UNKNOWN,
-                why="other materials, tools and hands",
-            ),
-        ]  # fmt: skip
-    text = (
-        "What a tool meets on two surfaces. These recordings hold speed and no position: the distance is the speed "
-        "added up. They hold drags; taps and presses were not recorded. Which materials the paper shows is not known "
-        "here."
-    )
-    return Finding("Fig. 2: two materials", text, tuple(numbers), tuple(plots))
+    finding = Finding("Fig. 2: two materials", _TWO, [], [])
+    for material in (materials["wood"], materials["leather"]):
+        s = material.streams
+        distance_mm, t_s = 1e3 * np.cumsum(s.speed_m_s) / s.rate_Hz, np.arange(len(s.speed_m_s)) / s.rate_Hz
+        signals = {"distance": distance_mm, "normal force": s.force_N, "acceleration": s.acceleration_m_s2}
+        labels = dict(zip(signals, ("[mm]", "[N]", "[m/s²]"), strict=True))
+        told = f"Distance, force and acceleration over time while a tool is dragged over {material.name}."
+        drawing = trace_panels(f"fig2-{material.name}", t_s, signals, labels)
+        finding.plots.append(Plot(material.title, told, drawing, told))
+        finding.numbers.append(Number(f"{material.title}: mean force", float(s.force_N.mean()), "N"))
+        rms = float(s.acceleration_m_s2.std())
+        finding.numbers.append(Number(f"{material.title}: acceleration, rms", rms, "m/s²", why="other surfaces, tools"))
+    return finding
+
+
+_TWO: Final = (
+    "What a tool meets on two surfaces; which ones the paper shows is not known here. The recordings hold speed and no "
+    "position: the distance is the speed added up. They hold drags; taps and presses were not recorded."
+)
 
 
 def linear_prediction(material: Material) -> Finding:
     """Fig. 4: a, â and e, at the paper's order and at the one that is chosen here."""
-    rate, (first, second) = material.rate_Hz, np.array_split(material.cleaned_m_s2, 2)
-    chosen = search_order(material.cleaned_m_s2, rate).chosen
-    numbers = [
-        Number(
-            f"order n, {material.title}", chosen, "1", PAPER_ORDER, REMEMBERED,
-            "chosen here: the smallest order that misses nothing the recording supports; the paper's is fixed",
-        )
-    ]  # fmt: skip
-    plots = []
+    s = material.streams
+    first, second = np.array_split(s.acceleration_m_s2, 2)
+    chosen = search_order(s.acceleration_m_s2, s.rate_Hz).chosen
+    why = "ours is the smallest that misses nothing the recording supports; the paper's is one for all"
+    numbers, plots = [Number(f"order n, {material.title}", chosen, "1", PAPER_ORDER, REMEMBERED, why)], []
     for order in dict.fromkeys((PAPER_ORDER, chosen)):
-        e = residual(predictor(first, rate, order), second)
-        a = second[order:]
-        share = 100.0 * float(np.mean(e**2) / np.mean(a**2))
-        numbers.append(
-            Number(
-                f"power left of the half not fitted, n = {order}", share, "%", known=UNKNOWN,
-                why="hangs on the sample rate, the high-pass and the surface",
-            )
-        )  # fmt: skip
-        seen = slice(0, round(SEEN_S * rate))
-        rows = {"recorded a" if material.real else "a": a[seen], "predicted â": (a - e)[seen], "left e": e[seen]}
-        drawing = trace_panels(f"fig4-{order}", material.t_s[seen], rows, "[m/s²]")
-        said = f"Half a stroke was fitted; {1e3 * SEEN_S:.0f} ms of the other half: {share:.2g} % of its power is left."
+        e, a = residual(predictor(first, s.rate_Hz, order), second), second[order:]
+        left = 100.0 * float(np.mean(e**2) / np.mean(a**2))
+        why = "hangs on sample rate, high-pass and surface"
+        numbers.append(Number(f"power left of the half not fitted, n = {order}", left, "%", why=why))
+        seen = slice(0, round(0.05 * s.rate_Hz))
+        rows = {"a": a[seen], "â, predicted": (a - e)[seen], "e, left": e[seen]}
+        drawing = trace_panels(f"fig4-{order}", np.arange(seen.stop) / s.rate_Hz, rows, "[m/s²]")
+        said = f"Half a stroke was fitted; 50 ms of the other half: {left:.2g} % of its power is left."
         plots.append(Plot(f"{material.title}, n = {order}", said, drawing, "Acceleration, its prediction, the rest."))
     text = "The acceleration a, what n past samples predict of it, â, and what that leaves, e = a − â."
-    return Finding("Fig. 4: linear prediction", text, tuple(numbers), tuple(plots))
+    return Finding("Fig. 4: linear prediction", text, numbers, plots)
 
 
 def real_against_synthetic(material: Material) -> Finding:
     """Fig. 5: the half that was not fitted beside what the filters make of white noise."""
-    rate, (first, second) = material.rate_Hz, np.array_split(material.cleaned_m_s2, 2)
-    chosen = search_order(material.cleaned_m_s2, rate).chosen
-    real = "recorded" if material.real else "the half not fitted"
-    signals, spectra, numbers = {real: second}, {}, list[Number]()
+    rate = material.streams.rate_Hz
+    first, second = np.array_split(material.streams.acceleration_m_s2, 2)
+    chosen = search_order(material.streams.acceleration_m_s2, rate).chosen
     frequency, density = spectrum(second, rate)
-    for order in dict.fromkeys((PAPER_ORDER, chosen)):
-        a = predictor(first, rate, order)
-        deviation = float(residual(a, first).std())
-        made = synthetic(a, deviation, len(second))
-        model = model_spectrum(a, deviation**2, rate, frequency)
-        signals[f"synthetic, n = {order}"] = made
-        spectra[f"synthetic, n = {order}"] = model
-        error, distance = spectrogram_error(second, made, rate), log_spectral_distance(model, density, frequency)
-        numbers += [
-            Number(f"log-spectral distance, n = {order}", distance, "dB", known=UNKNOWN),
-            Number(f"level of the synthetic, n = {order}", level_difference_dB(made, second), "dB", known=UNKNOWN),
-            Number(
-                f"spectrogram error, n = {order}", 100.0 * error, "%", known=UNKNOWN,
-                why=f"other noise of exactly the same spectrum and level has {100.0 * NOISE_FLOOR:.1f} %",
-            ),
-        ]  # fmt: skip
+    real = "recorded" if material.real else "the half not fitted"
+    signals, spectra = {real: second}, {real: density}
     floor = log_spectral_distance(spectrum(first, rate)[1], density, frequency)
-    numbers.append(Number("log-spectral distance of the two real halves", floor, "dB", known=UNKNOWN))
+    numbers = [Number("log-spectral distance of the two real halves", floor, "dB")]
+    for order in dict.fromkeys((PAPER_ORDER, chosen)):
+        name, a = f"synthetic, n = {order}", predictor(first, rate, order)
+        deviation = float(residual(a, first).std())
+        signals[name] = synthetic(a, deviation, len(second))
+        spectra[name] = model_spectrum(a, deviation**2, rate, frequency)
+        halves = f"the fitted half itself is {level_difference_dB(first, second):.2g} dB off"
+        noise = f"other noise of exactly the same spectrum and level has {NOISE_ERROR:.1f} %"
+        error = 100.0 * spectrogram_error(second, signals[name], rate)
+        numbers += [
+            Number(
+                f"log-spectral distance, n = {order}", log_spectral_distance(spectra[name], density, frequency), "dB"
+            ),
+            Number(f"level, n = {order}", level_difference_dB(signals[name], second), "dB", why=halves),
+            Number(f"spectrogram error, n = {order}", error, "%", why=noise),
+        ]
 
     def draw(axes: "Axes") -> None:
-        lines = {real: density, **spectra}
-        within = (frequency >= 20.0) & (frequency <= 1000.0)
-        levels = {label: decibels(values) for label, values in lines.items()}
+        levels = {label: decibels(values) for label, values in spectra.items()}
         for (label, level), colour, width in zip(levels.items(), COLOURS, (1.0, 1.8, 1.8), strict=False):
             axes.plot(frequency, level, color=colour, linewidth=width, label=label)
-        shown = np.array([level[within] for level in levels.values()])
+        shown = np.array(list(levels.values()))[:, (frequency >= 20.0) & (frequency <= 1000.0)]
         over_frequency(axes, float(shown.min()), float(shown.max()))
 
-    short = slice(0, round(0.2 * rate))
-    t_s = material.t_s[short]
-    drawings = (
-        ("in time", trace_panels("fig5-time", t_s, {k: v[short] for k, v in signals.items()}, "[m/s²]")),
-        ("in spectrum", drawn("fig5-spectrum", draw, 3.2, columns=1)),
-        ("in spectrogram", spectrogram_panels("fig5-spectrogram", signals, rate)),
-    )
-    plots = (Plot(f"{material.title}: {where}", "", svg, f"Real and synthetic {where}.") for where, svg in drawings)
-    text = (
-        "White Gaussian noise of the power that the fitted half leaves, through the filter. Nothing is drawn from the "
-        "half beside which it is shown."
-    )
-    return Finding("Fig. 5: real against synthetic", text, tuple(numbers), tuple(plots))
+    short = round(0.2 * rate)
+    starts = {name: signal[:short] for name, signal in signals.items()}
+    drawings = {
+        "in time": trace_panels("fig5-time", np.arange(short) / rate, starts, "[m/s²]"),
+        "in spectrum": drawn("fig5-spectrum", draw, 3.2, columns=1),
+        "in spectrogram": spectrogram_panels("fig5-spectrogram", signals, rate),
+    }
+    plots = [
+        Plot(f"{material.title}: {where}", "", svg, f"Real, synthetic {where}.") for where, svg in drawings.items()
+    ]
+    text = "White Gaussian noise of the power that the fitted half leaves, through the filter, beside the other half."
+    return Finding("Fig. 5: real against synthetic", text, numbers, plots)

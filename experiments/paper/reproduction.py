@@ -15,18 +15,18 @@ from .paper_page import page, table_of_numbers
 MADE: Final = ("haptography.html", "numbers.csv")
 """What is written."""
 
-Materials = dict[str, Material]
+Make = Callable[[dict[str, Material]], Finding]
 
-FIGURES: Final[Mapping[str, tuple[str, Callable[[Materials], Finding]]]] = {
+FIGURES: Final[Mapping[str, tuple[str, Make]]] = {
     "fig2": ("two materials", prediction_figure.two_materials),
-    "fig4": ("linear prediction", lambda known: prediction_figure.linear_prediction(known["wood"])),
-    "fig5": ("real against synthetic", lambda known: prediction_figure.real_against_synthetic(known["wood"])),
-    "fig7": ("the handle in five hands", lambda known: handle_figure.handle_in_hands(Plant())),
-    "fig8": ("two taps and five drags", lambda known: remote_figure.felt_through_a_leader()),
-    "taps": ("ratings of taps, simulated", lambda known: tap_study.rated_taps()),
-    "beyond-handle": ("the handle to 1000 Hz", lambda known: further.handle_to_1000_Hz(Plant())),
-    "beyond-compensators": ("every compensator", lambda known: further.compensators()),
-    "beyond-orders": ("order by perception", further.orders_by_perception),
+    "fig4": ("linear prediction", lambda m: prediction_figure.linear_prediction(m["wood"])),
+    "fig5": ("real against synthetic", lambda m: prediction_figure.real_against_synthetic(m["wood"])),
+    "fig7": ("the handle", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.PAPER_BAND_HZ)),
+    "fig8": ("two taps and five drags", lambda _: remote_figure.felt_through_a_leader()),
+    "taps": ("ratings of taps, simulated", lambda _: tap_study.rated_taps()),
+    "handle": ("the handle to 1000 Hz", lambda _: handle_figure.handle_in_hands(Plant(), handle_figure.FULL_BAND_HZ)),
+    "compensators": ("every compensator", lambda _: further.compensators()),
+    "orders": ("order by perception", further.orders_by_perception),
 }
 """What is reproduced: a key, what is said meanwhile, and what makes it."""
 
@@ -44,13 +44,11 @@ def reproduce(out: str | Path, recordings: Path | None = None, say: Say = lambda
         CaptureError: no recording in that folder, or one that is none.
         OSError: the folder cannot be written.
     """
-    materials = load_materials(recordings)
-    findings = {}
+    materials, findings = load_materials(recordings), {}
     with whole_folder(out, ours=MADE) as folder:
         for number, (key, (words, make)) in enumerate(FIGURES.items(), 1):
             say(f"{number} of {len(FIGURES)}: {words}\n")
             findings[key] = make(materials)
-        html, table = (folder / name for name in MADE)
-        html.write_text(page(findings, materials), encoding="utf-8")
-        table.write_text(table_of_numbers(findings), encoding="utf-8", newline="\n")
+        for name, text in zip(MADE, (page(findings, materials), table_of_numbers(findings)), strict=True):
+            (folder / name).write_text(text, encoding="utf-8", newline="\n")
     return [Path(out) / name for name in MADE]

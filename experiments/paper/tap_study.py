@@ -1,10 +1,10 @@
 """The study of taps with simulated raters: its protocol and its arithmetic. It says nothing about people.
 
-Each rater taps on wood as it is and on wood as the handle renders it, with each compensator, in a grip of their own;
-each rates all of them from 1 (not like wood) to 7 (like wood), in an order that a Williams square balances: every
-rendering stands at each place, and after each other one, equally often. What a rater is, is stated here: the rating
-falls by a point for each just-noticeable difference (2 dB) by which the energies of the bands that are felt are off
-on average, by a little with each further rating, and scatters.
+Each rater taps on wood as it is and as the handle renders it with each compensator, in a grip of their own, and rates
+all of them from 1 (not like wood) to 7 (like wood), in an order that a Williams square balances: every rendering stands
+at each place, and after each other one, equally often. A rating is 7, less a point for each just-noticeable difference
+(2 dB) by which the energies of the bands that are felt are off on average, less a little for each rating before it,
+with scatter.
 """
 
 from typing import TYPE_CHECKING, Final
@@ -21,25 +21,19 @@ from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.surface.library import load_swatch
 
-from .finding import COLOURS, REMEMBERED, UNKNOWN, Array, Finding, Number
+from .finding import COLOURS, REMEMBERED, Array, Finding, Number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CONDITIONS: Final = ("real", *COMPENSATORS)
-"""What is tapped on: the real surface, and what the handle makes of it."""
-
 RATERS: Final = 12
 """Simulated raters [count]: each order of the square twice."""
 
 LOWEST: Final = 1.0
 HIGHEST: Final = 7.0
-
 SPEEDS_M_S: Final = (0.1, 0.2, 0.3)
 """Approach speeds of the taps that are rated together [m/s]."""
-
-POINTS: Final = 1.0
-"""Points that a just-noticeable difference costs [1]. Assumed."""
 
 TIRED: Final = 0.05
 """Points that each further rating of a session costs [1]. Assumed."""
@@ -65,25 +59,17 @@ def distance_jnd(real: Array, rendered: Array, rate_Hz: float) -> float:
     return float(np.mean(np.abs(levels[1] - levels[0])) / FELT_DB)
 
 
-def tap(speed_m_s: float) -> Array:
-    """A tap on the shipped swatch of wood (n,) [m/s²], half a second from its onset."""
-    taps = load_swatch("wood").taps
-    assert taps is not None  # it is shipped with taps
-    wave = taps.transient(speed_m_s, ACCELERATION_RATE_HZ)
-    out = np.zeros(round(0.5 * ACCELERATION_RATE_HZ))
-    out[: len(wave)] = wave[: len(out)]
-    return out
-
-
 def distances(seed: int) -> Array:
     """How far each condition is from the real tap for each rater (RATERS, conditions) [JND], mean over the speeds."""
-    hands = [Plant(k_u_N_m=k, b_u_Ns_m=b) for _, k, b in simulated_grips(RATERS, seed)]
-    waves, found = [tap(speed) for speed in SPEEDS_M_S], np.zeros((RATERS, len(CONDITIONS)))
-    for row, hand in enumerate(hands):
+    taps, found = load_swatch("wood").taps, np.zeros((RATERS, len(CONDITIONS)))
+    assert taps is not None  # it is shipped with taps
+    for row, (_, k, b) in enumerate(simulated_grips(RATERS, seed)):
+        hand = Plant(k_u_N_m=k, b_u_Ns_m=b)
         for column, condition in enumerate(CONDITIONS[1:], 1):
-            for wave in waves:
+            for speed in SPEEDS_M_S:
+                wave = np.append(taps.transient(speed, ACCELERATION_RATE_HZ), np.zeros(4000))
                 felt = play(wave, ACCELERATION_RATE_HZ, hand, compensator=condition, seed=seed).acceleration_m_s2
-                found[row, column] += distance_jnd(wave, felt, ACCELERATION_RATE_HZ) / len(waves)
+                found[row, column] += distance_jnd(wave, felt, ACCELERATION_RATE_HZ) / len(SPEEDS_M_S)
     return found
 
 
@@ -93,12 +79,11 @@ def rate(distance: Array, seed: int, scatter: float = SCATTER_POINTS, whole: boo
     Without scatter and not `whole`, neither rounded nor kept within the scale, they are what the model says.
     """
     rng = np.random.default_rng([seed, 11])
-    orders = williams_square(distance.shape[1])
-    ratings = np.empty_like(distance)
+    orders, ratings = williams_square(distance.shape[1]), np.empty_like(distance)
     for rater, row in enumerate(distance):
         level = scatter * rng.standard_normal()
         for place, condition in enumerate(orders[rater % len(orders)]):
-            felt = HIGHEST - POINTS * row[condition] - TIRED * place + level + scatter * rng.standard_normal()
+            felt = HIGHEST - row[condition] - TIRED * place + level + scatter * rng.standard_normal()
             ratings[rater, condition] = np.clip(round(felt), LOWEST, HIGHEST) if whole else felt
     return ratings
 
@@ -108,37 +93,31 @@ def rated_taps(seed: int = 0) -> Finding:
     away = distances(seed)
     ratings = rate(away, seed)
     mean, error = ratings.mean(axis=0), ratings.std(axis=0, ddof=1) / np.sqrt(RATERS)
+    names = ["silent" if name == "none" else name for name in CONDITIONS]
 
     def draw(axes: "Axes") -> None:
         at = np.arange(len(CONDITIONS))
         spread = np.random.default_rng(seed).uniform(-0.2, 0.2, ratings.shape)
-        axes.plot((at + spread).T, ratings.T, ".", color=COLOURS[0], alpha=0.35, markersize=5)
+        axes.plot((at + spread).T, ratings.T, ".", color=COLOURS[0], alpha=0.5, markersize=5)
         axes.errorbar(at, mean, 1.96 * error, fmt="o", color=COLOURS[1], capsize=4, label="mean, ±1.96 standard errors")
-        axes.set_xticks(at, ["silent" if name == "none" else name for name in CONDITIONS])
+        axes.set_xticks(at, names)
         axes.set(ylabel="rating [1]", ylim=(LOWEST - 0.4, HIGHEST + 0.4))
         axes.grid(visible=False, axis="x")
 
     said = f"{RATERS} simulated raters, a dot each, and their means."
-    names = ["silent handle" if name == "none" else name for name in CONDITIONS]
-    why = "a simulated rater repeats the distance of spectra; ratings of people were not taken"
+    why = "it repeats the distance of spectra; people were not asked"
     numbers = [
         Number("lowest rating", LOWEST, "1", 1.0, REMEMBERED),
         Number("highest rating", HIGHEST, "1", 7.0, REMEMBERED),
-        *(
-            Number(f"simulated rating, {name}", float(value), "1", None, UNKNOWN, why)
-            for name, value in zip(names, mean, strict=True)
-        ),
-        *(
-            Number(f"distance from the real tap, {name}", float(value), "JND")
-            for name, value in zip(names[1:], away.mean(axis=0)[1:], strict=True)
-        ),
+        *(Number(f"simulated rating, {n}", float(value), why=why) for n, value in zip(names, mean, strict=True)),
+        *(Number(f"distance, {n}", float(d), "JND") for n, d in zip(names[1:], away.mean(axis=0)[1:], strict=True)),
     ]
     text = (
-        f"Simulated raters: this tries the protocol and says nothing about people. Each of {RATERS} taps at "
-        f"{', '.join(f'{speed:g}' for speed in SPEEDS_M_S)} m/s on wood and on each rendering of it, in a Williams "
-        f"square of orders. A rating is 7, less {POINTS:g} for each just-noticeable difference ({FELT_DB:g} dB) by "
-        f"which the felt bands are off on average, less {TIRED:g} for each rating before it, with a scatter of "
-        f"{SCATTER_POINTS:g} of rater and rating; whole numbers from 1 to 7. The taps of the swatch are assumed."
+        f"Simulated raters: this tries the protocol and says nothing about people. Each of {RATERS} taps at 0.1, 0.2 "
+        "and 0.3 m/s on wood and on each rendering of it, in a Williams square of orders. A rating is 7, less 1 for "
+        f"each just-noticeable difference ({FELT_DB:g} dB) by which the felt bands are off on average, less {TIRED:g} "
+        f"for each rating before it, with a scatter of {SCATTER_POINTS:g} of rater and rating; whole numbers from 1 to "
+        "7. The form of the taps is assumed."
     )
-    plot = Plot("Ratings of taps, simulated", said, drawn("taps", draw, 3.0), said)
-    return Finding("The study of taps, with simulated raters", text, tuple(numbers), (plot,))
+    plots = [Plot("Ratings of taps, simulated", said, drawn("taps", draw, 3.0), said)]
+    return Finding("The study of taps: simulated raters", text, numbers, plots)
