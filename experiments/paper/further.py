@@ -6,10 +6,10 @@ import numpy as np
 
 from hapscene.capture.metric import band_power, model_spectrum, spectrum
 from hapscene.capture.order_search import ORDERS, search_order
-from hapscene.capture.report_numbers import FELT_DB
 from hapscene.capture.report_plots import DOTTED, MUTED, Plot, drawn
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.handle.compensator import COMPENSATORS
+from hapscene.perception import BAND_DB
 from hapscene_benchmarks.handle import SIGNALS, judge, signals
 
 from .finding import COLOURS, Array, Finding, Number
@@ -78,7 +78,7 @@ def orders_by_perception(materials: dict[str, Material]) -> Finding:
     for material in materials.values():
         signal, rate = material.streams.acceleration_m_s2, material.streams.rate_Hz
         orders, worst = off_by_order(signal, rate)
-        smallest = int(orders[np.argmax(worst <= FELT_DB)])
+        smallest = int(orders[np.argmax(worst <= BAND_DB)])
         found[f"{material.title}: {smallest}"] = orders, worst
         numbers += [
             Number(f"{material.title}: smallest order that is not felt", smallest),
@@ -89,11 +89,11 @@ def orders_by_perception(materials: dict[str, Material]) -> Finding:
     def draw(axes: "Axes") -> None:
         for (label, (orders, worst)), colour in zip(found.items(), COLOURS, strict=False):
             axes.plot(orders, worst, color=colour, label=label)
-        axes.axhline(FELT_DB, color=MUTED, linestyle=DOTTED)
+        axes.axhline(BAND_DB, color=MUTED, linestyle=DOTTED)
         axes.axvline(PAPER_ORDER, color=MUTED, linestyle=DOTTED)
         axes.set(xlabel="order of the model", ylabel="worst band off [dB]", ylim=(0.0, 8.0))
 
-    said = f"Dotted: {FELT_DB:g} dB, which is just felt, and the paper's order, {PAPER_ORDER}."
+    said = f"Dotted: {BAND_DB:g} dB, which is just felt, and the paper's order, {PAPER_ORDER}."
     text = (
         "The smallest order whose levels in all twelve bands that are felt lie within 2 dB of those of order 160, on "
         "the half that was not fitted. One band decides; our search weighs the whole spectrum instead, and what is "

@@ -3,22 +3,20 @@
 Each rater taps on wood as it is and as the handle renders it with each compensator, in a grip of their own, and rates
 all of them from 1 (not like wood) to 7 (like wood), in an order that a Williams square balances: every rendering stands
 at each place, and after each other one, equally often. A rating is 7, less a point for each just-noticeable difference
-(2 dB) by which the energies of the bands that are felt are off on average, less a little for each rating before it,
-with scatter.
+by which the twelve bands are off (`hapscene.perception`), less a little for each rating before it, with scatter.
 """
 
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapscene.capture.metric import band_power, spectrum
-from hapscene.capture.report_numbers import FELT_DB
 from hapscene.capture.report_plots import Plot, drawn
 from hapscene.constants import ACCELERATION_RATE_HZ
 from hapscene.handle.compensator import COMPENSATORS
 from hapscene.handle.force_source import simulated_grips
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
+from hapscene.perception import BAND_DB, band_edges_Hz, band_rms_m_s2, bands_jnd
 from hapscene.surface.library import load_swatch
 
 from .finding import COLOURS, REMEMBERED, Array, Finding, Number
@@ -41,9 +39,6 @@ TIRED: Final = 0.05
 SCATTER_POINTS: Final = 0.5
 """Standard deviation of a rater's own level, and of each rating [1]. Assumed."""
 
-UNFELT_DB: Final = 30.0
-"""What lies so far under the loudest band of the real tap is not felt [dB]. Assumed."""
-
 
 def williams_square(count: int) -> list[list[int]]:
     """Orders of `count` conditions, an even number: each once a row and column, each after each other one once."""
@@ -51,25 +46,19 @@ def williams_square(count: int) -> list[list[int]]:
     return [[(place + row) % count for place in first] for row in range(count)]
 
 
-def distance_jnd(real: Array, rendered: Array, rate_Hz: float) -> float:
-    """How far the energies of two signals (n,) are apart, mean over the bands felt in either [JND of 2 dB]."""
-    bands = np.array([band_power(density, f) for f, density in (spectrum(s, rate_Hz) for s in (real, rendered))])
-    floor = 10.0 ** (-0.1 * UNFELT_DB) * bands[0].max()
-    levels = 10.0 * np.log10(np.maximum(bands, floor))[:, (bands > floor).any(axis=0)]
-    return float(np.mean(np.abs(levels[1] - levels[0])) / FELT_DB)
-
-
 def distances(seed: int) -> Array:
     """How far each condition is from the real tap for each rater (RATERS, conditions) [JND], mean over the speeds."""
-    taps, found = load_swatch("wood").taps, np.zeros((RATERS, len(CONDITIONS)))
+    taps, edges_Hz = load_swatch("wood").taps, band_edges_Hz()
+    found = np.zeros((RATERS, len(CONDITIONS)))
     assert taps is not None  # it is shipped with taps
     for row, (_, k, b) in enumerate(simulated_grips(RATERS, seed)):
         hand = Plant(k_u_N_m=k, b_u_Ns_m=b)
         for column, condition in enumerate(CONDITIONS[1:], 1):
             for speed in SPEEDS_M_S:
-                wave = np.append(taps.transient(speed, ACCELERATION_RATE_HZ), np.zeros(4000))
+                wave = np.pad(taps.transient(speed, ACCELERATION_RATE_HZ), 3000)  # at its ends Welch is deaf
                 felt = play(wave, ACCELERATION_RATE_HZ, hand, compensator=condition, seed=seed).acceleration_m_s2
-                found[row, column] += distance_jnd(wave, felt, ACCELERATION_RATE_HZ) / len(SPEEDS_M_S)
+                levels = (band_rms_m_s2(signal, ACCELERATION_RATE_HZ, edges_Hz) for signal in (felt, wave))
+                found[row, column] += float(bands_jnd(*levels, edges_Hz)) / len(SPEEDS_M_S)
     return found
 
 
@@ -115,7 +104,7 @@ def rated_taps(seed: int = 0) -> Finding:
     text = (
         f"Simulated raters: this tries the protocol and says nothing about people. Each of {RATERS} taps at 0.1, 0.2 "
         "and 0.3 m/s on wood and on each rendering of it, in a Williams square of orders. A rating is 7, less 1 for "
-        f"each just-noticeable difference ({FELT_DB:g} dB) by which the felt bands are off on average, less {TIRED:g} "
+        f"each just-noticeable difference ({BAND_DB:g} dB) by which the bands are off, less {TIRED:g} "
         f"for each rating before it, with a scatter of {SCATTER_POINTS:g} of rater and rating; whole numbers from 1 to "
         "7. The form of the taps is assumed."
     )

@@ -13,21 +13,15 @@ from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.handle.plant import Plant
 from hapscene.teleoperation.experiment import Rendering
+from hapscene_experiments.paper import handle_figure
 from hapscene_experiments.paper.finding import REMEMBERED, Finding, Number
 from hapscene_experiments.paper.further import off_by_order
-from hapscene_experiments.paper.handle_figure import (
-    CORNER_HZ,
-    PAPER_BAND_HZ,
-    Trials,
-    approximated,
-    misfit_dB,
-    try_users,
-)
+from hapscene_experiments.paper.handle_figure import CORNER_HZ, Trials, approximated, misfit_dB
 from hapscene_experiments.paper.material import load_materials
 from hapscene_experiments.paper.paper_page import TABLE_ONE, page, table_of_numbers
 from hapscene_experiments.paper.prediction_figure import predictor, synthetic
 from hapscene_experiments.paper.remote_figure import remote_numbers
-from hapscene_experiments.paper.tap_study import HIGHEST, TIRED, distance_jnd, rate, williams_square
+from hapscene_experiments.paper.tap_study import HIGHEST, TIRED, distances, rate, williams_square
 
 RATE_HZ = 10_000.0
 PLANTED = Plant(m_c_kg=0.02, k_s_N_m=320.0, b_s_Ns_m=0.4, m_h_kg=0.1)
@@ -43,7 +37,7 @@ def noise() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def trials() -> Trials:
-    return try_users(PAPER_BAND_HZ, PLANTED)
+    return handle_figure.try_users(handle_figure.PAPER_BAND_HZ, PLANTED)
 
 
 def test_what_is_left_is_the_noise_that_was_planted(noise: np.ndarray) -> None:
@@ -110,17 +104,16 @@ def test_every_order_and_every_pair_is_met_equally_often() -> None:
     assert len({pair for row in square for pair in pairwise(row)}) == 30
 
 
+def test_a_silent_handle_is_farther_from_a_tap_than_any_compensated_one() -> None:
+    away = distances(0)
+    assert np.all(away[:, 0] == 0.0) and away[:, 1].min() > 2.0 > 1.5 > away[:, 3:].max()
+
+
 def test_balanced_orders_take_tiredness_out() -> None:
     ratings = rate(np.tile([0.0, 1.0, 2.0, 3.0, 4.0, 5.0], (12, 1)), 0, scatter=0.0, whole=False)
     assert ratings.mean(axis=0) == pytest.approx(HIGHEST - np.arange(6) - 2.5 * TIRED)
     told = rate(np.tile([0.0, 1.0, 2.0, 3.0, 4.0, 50.0], (12, 1)), 0)
     assert set(np.unique(told)) <= set(range(1, 8)) and np.all(told[:, 5] == 1.0)
-
-
-def test_a_distance_is_counted_in_what_is_just_felt(noise: np.ndarray) -> None:
-    assert distance_jnd(noise, noise, RATE_HZ) == 0.0
-    assert distance_jnd(noise, 10.0**0.2 * noise, RATE_HZ) == pytest.approx(2.0)  # 4 dB
-    assert distance_jnd(noise, 0.0 * noise, RATE_HZ) > 5.0
 
 
 def test_recordings_where_they_are_and_swatches_where_not(shared: Path, tmp_path: Path) -> None:
