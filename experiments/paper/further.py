@@ -81,7 +81,7 @@ def orders_by_perception(materials: dict[str, Material]) -> Finding:
         smallest = int(orders[np.argmax(worst <= BAND_DB)])
         found[f"{material.title}: {smallest}"] = orders, worst
         numbers += [
-            Number(f"{material.title}: smallest order that is not felt", smallest),
+            Number(f"{material.title}: smallest order within {BAND_DB:g} dB in every band", smallest),
             Number(f"{material.title}: order that our search chooses", search_order(signal, rate).chosen),
             Number(f"{material.title}: worst band of the paper's order", float(worst[orders == PAPER_ORDER][0]), "dB"),
         ]

@@ -24,7 +24,8 @@ PAPER: Final = (
 STYLE: Final = """
 a { color: inherit; } summary { cursor: pointer; }
 .text { max-width: 90ch; } .plots, .table { margin: 12px 0; }
-tbody tr:first-child > * { border-top: 0; } td.to { font-size: 13px; color: var(--muted); }
+tbody tr:first-child > * { border-top: 0; } td b { white-space: nowrap; }
+td.to { font-size: 13px; color: var(--muted); }
 @media (max-width: 640px) {
   tbody tr, tbody td { display: block; } tbody td:empty { display: none; }
   tbody td[data-head]::before { content: attr(data-head) ": "; color: var(--muted); font-weight: 400; }

@@ -58,8 +58,8 @@ def two_materials(materials: dict[str, Material]) -> Finding:
 
 
 _TWO: Final = (
-    "What a tool meets on two surfaces; which ones the paper shows is not known here. The recordings hold speed and no "
-    "position: the distance is the speed added up. They hold drags; taps and presses were not recorded."
+    "What a tool meets on two surfaces; which ones the paper shows is not known here. The distance is the speed added "
+    "up, for no position was recorded. Both are drags: taps and presses were not recorded either."
 )
 
 
@@ -75,9 +75,10 @@ def linear_prediction(material: Material) -> Finding:
         left = 100.0 * float(np.mean(e**2) / np.mean(a**2))
         why = "hangs on sample rate, high-pass and surface"
         numbers.append(Number(f"power left of the half not fitted, n = {order}", left, "%", why=why))
-        seen = slice(0, round(0.05 * s.rate_Hz))
+        start = max(PAPER_ORDER, chosen) - order  # the same stretch for both
+        seen = slice(start, start + round(0.05 * s.rate_Hz))
         rows = {"a": a[seen], "â, predicted": (a - e)[seen], "e, left": e[seen]}
-        drawing = trace_panels(f"fig4-{order}", np.arange(seen.stop) / s.rate_Hz, rows, "[m/s²]")
+        drawing = trace_panels(f"fig4-{order}", np.arange(seen.stop - start) / s.rate_Hz, rows, "[m/s²]")
         said = f"Half a stroke was fitted; 50 ms of the other half: {left:.2g} % of its power is left."
         plots.append(Plot(f"{material.title}, n = {order}", said, drawing, "Acceleration, its prediction, the rest."))
     text = "The acceleration a, what n past samples predict of it, â, and what that leaves, e = a − â."

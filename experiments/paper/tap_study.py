@@ -57,8 +57,8 @@ def distances(seed: int) -> Array:
             for speed in SPEEDS_M_S:
                 wave = np.pad(taps.transient(speed, ACCELERATION_RATE_HZ), 3000)  # at its ends Welch is deaf
                 felt = play(wave, ACCELERATION_RATE_HZ, hand, compensator=condition, seed=seed).acceleration_m_s2
-                levels = (band_rms_m_s2(signal, ACCELERATION_RATE_HZ, edges_Hz) for signal in (felt, wave))
-                found[row, column] += float(bands_jnd(*levels, edges_Hz)) / len(SPEEDS_M_S)
+                now, true = (band_rms_m_s2(signal, ACCELERATION_RATE_HZ, edges_Hz) for signal in (felt, wave))
+                found[row, column] += float(bands_jnd(now, true, edges_Hz)) / len(SPEEDS_M_S)
     return found
 
 
