@@ -2,14 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.report_plots import Plot, decibels, drawn
-from hapscene.constants import ACCELERATION_BAND_HZ
-from hapscene.dsp.spectrogram import spectrogram
+from hapscene.capture.report_plots import Plot, drawn
 from hapscene.view.palette import OKABE_ITO
 
 if TYPE_CHECKING:
@@ -61,25 +59,3 @@ def trace_panels(name: str, t_s: Array, signals: Mapping[str, Array], labels: Ma
         panels[-1].set_xlabel("time [s]")
 
     return drawn(name, draw, 0.6 + 1.1 * len(signals), panels=(1,) * len(signals))
-
-
-def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float, range_dB: float = 50.0) -> str:
-    """Spectrograms of signals (n,), one below the other on one scale of levels, as SVG."""
-    seen = {title: spectrogram(signal, rate_Hz) for title, signal in signals.items()}
-    top = max(float(decibels(magnitude**2).max()) for _, _, magnitude in seen.values())
-    look: dict[str, Any] = {"origin": "lower", "aspect": "auto", "cmap": "cividis", "vmin": top - range_dB, "vmax": top}
-
-    def draw(*panels: "Axes") -> None:
-        for axes, (title, (t_s, frequency_Hz, magnitude)) in zip(panels, seen.items(), strict=True):
-            shown = frequency_Hz <= ACCELERATION_BAND_HZ[1]
-            extent = (t_s[0], t_s[-1], 0.0, frequency_Hz[shown][-1])
-            image = axes.imshow(decibels(magnitude[:, shown] ** 2).T, extent=extent, **look)
-            axes.set_title(title, fontsize=10)
-            axes.set(ylabel="frequency [Hz]", ylim=ACCELERATION_BAND_HZ)
-            axes.grid(visible=False)
-        panels[-1].set_xlabel("time [s]")
-        bar = cast(Any, panels[0].figure).colorbar(image, ax=panels, label="level [dB re 1 m/s²]", aspect=40, pad=0.02)
-        bar.outline.set_visible(False)
-        bar.solids.set_rasterized(True)
-
-    return drawn(name, draw, 0.6 + 1.4 * len(signals), panels=(1,) * len(signals))

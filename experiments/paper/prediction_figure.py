@@ -11,11 +11,11 @@ import numpy as np
 
 from hapscene.capture.metric import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
 from hapscene.capture.order_search import search_order
-from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency
+from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency, spectrogram_panels
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
 from hapscene.dsp.spectrogram import spectrogram_error
 
-from .finding import COLOURS, REMEMBERED, Array, Finding, Number, spectrogram_panels, trace_panels
+from .finding import COLOURS, REMEMBERED, Array, Finding, Number, trace_panels
 from .material import Material
 
 if TYPE_CHECKING:
