@@ -11,8 +11,8 @@ import numpy as np
 
 from hapscene.capture.metric import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
 from hapscene.capture.order_search import search_order
-from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency, spectrogram_panels
-from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
+from hapscene.capture.report_plots import Plot, decibels, drawn, over_frequency, signed, spectrogram_panels
+from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
 from hapscene.dsp.spectrogram import spectrogram_error
 
 from .finding import COLOURS, REMEMBERED, Array, Finding, Number, trace_panels
@@ -28,9 +28,14 @@ NOISE_ERROR: Final = 100.0 * float(np.sqrt(2.0 - np.pi / 2.0))
 """Spectrogram error of two independent stretches of one Gaussian noise [%], whose magnitudes scatter after Rayleigh."""
 
 
-def predictor(signal: Array, rate_Hz: float, order: int) -> Array:
-    """The filter (order+1,), its first number 1, that leaves least of a signal (n,); its spectrum is smoothed."""
-    return solve(smoothed(autocorrelation(tapered(signal, rate_Hz), order), rate_Hz))
+def predictor(signal: Array, rate_Hz: float, order: int) -> tuple[Array, float]:
+    """The filter (order+1,), its first number 1, that leaves least of a signal (n,) with a smoothed spectrum.
+
+    And the standard deviation of the noise with which 1/A has the power of the signal [m/s²].
+    """
+    r = smoothed(autocorrelation(tapered(signal, rate_Hz), order), rate_Hz)
+    a = solve(r)
+    return a, float(np.sqrt(residual_power(a, r) / r[0] * np.mean(signal**2)))
 
 
 def synthetic(a: Array, deviation_m_s2: float, count: int, seed: int = 0) -> Array:
@@ -71,7 +76,7 @@ def linear_prediction(material: Material) -> Finding:
     why = "ours is the smallest that misses nothing the recording supports; the paper's is one for all"
     numbers, plots = [Number(f"order n, {material.title}", chosen, "1", PAPER_ORDER, REMEMBERED, why)], []
     for order in dict.fromkeys((PAPER_ORDER, chosen)):
-        e, a = residual(predictor(first, s.rate_Hz, order), second), second[order:]
+        e, a = residual(predictor(first, s.rate_Hz, order)[0], second), second[order:]
         left = 100.0 * float(np.mean(e**2) / np.mean(a**2))
         why = "hangs on sample rate, high-pass and surface"
         numbers.append(Number(f"power left of the half not fitted, n = {order}", left, "%", why=why))
@@ -96,11 +101,10 @@ def real_against_synthetic(material: Material) -> Finding:
     floor = log_spectral_distance(spectrum(first, rate)[1], density, frequency)
     numbers = [Number("log-spectral distance of the two real halves", floor, "dB")]
     for order in dict.fromkeys((PAPER_ORDER, chosen)):
-        name, a = f"synthetic, n = {order}", predictor(first, rate, order)
-        deviation = float(residual(a, first).std())
+        name, (a, deviation) = f"synthetic, n = {order}", predictor(first, rate, order)
         signals[name] = synthetic(a, deviation, len(second))
         spectra[name] = model_spectrum(a, deviation**2, rate, frequency)
-        halves = f"the fitted half itself is {level_difference_dB(first, second):.2g} dB off"
+        halves = f"the fitted half itself is {signed(level_difference_dB(first, second), 2)} dB off"
         noise = f"other noise of exactly the same spectrum and level has {NOISE_ERROR:.1f} %"
         error = 100.0 * spectrogram_error(second, signals[name], rate)
         numbers += [
