@@ -71,6 +71,22 @@ def test_the_smallest_order_is_that_of_the_planted_filter(noise: np.ndarray) -> 
     assert orders[np.argmax(worst_dB <= 2.0)] == 4 and worst_dB[-1] == 0.0
 
 
+def test_a_level_is_what_scipy_makes_of_the_half_not_fitted() -> None:
+    """Noise that each filter leaves of the other half, by lfilter; its spectrum in the bands, by freqz."""
+    rng, other = np.random.default_rng(2), np.poly([0.9, -0.5, 0.8j, -0.8j]).real
+    halves = [lfilter([1.0], a, rng.standard_normal(40_000)) for a in (AR, other)]
+    orders, worst_dB = off_by_order(np.concatenate(halves), RATE_HZ)
+    edges, levels = np.geomspace(20.0, 1000.0, 13), np.empty((2, 2, 12))
+    for own in (0, 1):
+        for i, order in enumerate((6, int(orders[-1]))):
+            a, _ = predictor(halves[own], RATE_HZ, order)
+            left = lfilter(a, [1.0], halves[1 - own])[order:].var()
+            for band, (low, high) in enumerate(pairwise(edges)):
+                response = freqz([1.0], a, worN=np.linspace(low, high, 200), fs=RATE_HZ)[1]
+                levels[own, i, band] = 10.0 * np.log10(left * np.mean(np.abs(response) ** 2))
+    assert worst_dB[orders == 6][0] == pytest.approx(np.abs(levels[:, 1] - levels[:, 0]).max(), abs=0.3)
+
+
 def test_the_handle_is_found_that_was_planted(trials: Trials) -> None:
     assert len(trials.responses) == 15
     for name in ("m_c_kg", "k_s_N_m", "b_s_Ns_m", "m_h_kg"):
