@@ -99,6 +99,7 @@ def hand_over(surface: Any) -> int:
         less = HANDOVER_N * min(1.0, surface.touch[0].tick_s / TICK_S)
         for i in range(3):
             offset[i] *= (size - less) / size if size > less else 0.0
+    surface.touch[0].stepped = 0
     memory.stepped = SINCE if memory.level > 0 or offset[0] != 0.0 or offset[1] != 0.0 or offset[2] != 0.0 else 0
     for i in range(3):
         f[i] += offset[i]
@@ -266,5 +267,6 @@ def _meet(world: Any, surface: Any) -> None:
             touch.touching = 1
             for i in range(3):
                 memory.slip_m_s[i] = 0.0
+    touch.stepped = 1
     spring_N = touch.stiffness_N_m * touch.depth_m
     memory.stored_J = stored_energy(spring_N, touch.depth_m, surface.limits[0].force_N)

@@ -204,11 +204,12 @@ def serve_tick(loop: Loop) -> None:
 def _take_steps(loop: Loop, busy_ns: int, tick_s: float) -> None:
     """Have all tools go to the level that the load asks for."""
     first = loop.levels[0].state[0]
+    loop.channel.level = first.level  # of the tick that was
     watch_load(loop.levels[0], tick_s, busy_ns, loop.timing[2])
     for t in range(len(loop.worlds)):
         loop.levels[t].state[0].wanted = first.wanted
         take_step(loop.worlds[t], loop.surfaces[t], loop.levels[t])
-    loop.channel.level, loop.channel.steps_down, loop.channel.steps_up = first.level, first.down, first.up
+    loop.channel.steps_down, loop.channel.steps_up = first.down, first.up
 
 
 # The same as `BoundCall` takes them: from where compiled code does not drive the loop.

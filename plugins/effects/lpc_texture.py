@@ -80,7 +80,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     if touch.touching and table.size > 0:
         new = touch.began or touch.crossed
         if table[2] != s.of or new:
-            begin_filter(table[2], 0.0 if new or s.of == 0.0 else FADE_S / touch.tick_s, s)
+            begin_filter(table[2], FADE_S / touch.tick_s if touch.stepped and not new else 0.0, s)
         if s.wait <= 0.0 or new:
             s.wait = table[4]
             share = s.wait / s.fade if s.fade > s.wait else 1.0

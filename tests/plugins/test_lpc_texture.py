@@ -233,7 +233,7 @@ def band_levels_dB(effect, ticks_of, tables, count):
         parts = []
         for first, last, table in tables:
             effect.table = table
-            parts.append(effect.samples(ticks_of(last - first, first == 0)))
+            parts.append(effect.samples(ticks_of(last - first, first)))
         windows = np.concatenate(parts).reshape(-1, 200) * np.hanning(200)
         total = total + np.abs(np.fft.rfft(windows, axis=1)) ** 2
     edges = [1, 3, 6, 10, 20]  # 50 to 1000 Hz
@@ -248,8 +248,9 @@ def test_another_order_under_the_same_touch_fades_in_without_a_click(bench, tick
         LPC.table(swatch_of(texture=fine.truncated(4)), 10_000.0),
     )
 
-    def touching(count, begins):
-        return ticks(count, force_N=1.0, slip_m_s=0.1, began=[int(begins)] + [0] * (count - 1))
+    def touching(count, first):
+        begins, steps = ([int(one)] + [0] * (count - 1) for one in (first == 0, first > 0))
+        return ticks(count, force_N=1.0, slip_m_s=0.1, began=begins, stepped=steps)
 
     def levels(*tables):
         return band_levels_dB(effect, touching, tables, 500)
@@ -267,7 +268,7 @@ def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(benc
     """At 50 dB a second; a finger that comes to rest is silent at once."""
     swatch = swatch_of()
     effect = bench(LPC, swatch)
-    moving = ticks(1, force_N=1.0, slip_m_s=0.1)
+    moving, stepping = (ticks(1, force_N=1.0, slip_m_s=0.1, stepped=one) for one in (0, 1))
 
     def level(rows=moving):
         effect.run(rows)
@@ -277,13 +278,13 @@ def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(benc
     before, full = level(), effect.table
     effect.table = LPC.table(replace(swatch, texture=swatch.texture.truncated(1)), 10_000.0)
     effect.p["texture_gain"] = 0.0
-    falling = [level() for _ in range(1300)]
+    falling = [level(stepping), *(level() for _ in range(1300))]
     rate_dB = np.diff(20 * np.log10(falling[:1100])) * 20
     assert falling[0] > 0.98 * before and falling[-1] == 0.0
     np.testing.assert_allclose(rate_dB, -1.0, atol=1e-6)
     effect.table, effect.p["texture_gain"] = full, 1.0
-    rising = [level() for _ in range(1300)]
+    rising = [level(stepping), *(level() for _ in range(1300))]
     assert rising[0] < 0.01 * before and rising[-1] == pytest.approx(before)
     assert (np.diff(20 * np.log10(rising)) * 20).max() < 1.0 + 1e-6
     effect.table, effect.p["texture_gain"] = LPC.table(replace(swatch, texture=swatch.texture.truncated(1)), 1e4), 0.0
-    assert level() > 0.0 and level(ticks(1, force_N=1.0, slip_m_s=0.0)) == 0.0
+    assert level(stepping) > 0.0 and level(ticks(1, force_N=1.0, slip_m_s=0.0)) == 0.0
