@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,6 +62,13 @@ def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
             mesh = now.bodies[name].mesh
             assert mesh.digest == body.mesh.digest and now.bodies[name].crease_rad == body.crease_rad
             assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
+
+
+def test_the_demo_comes_with_its_own():
+    assets = Path(__file__).parents[2] / "assets"
+    scene = hapscene.load_scene(assets / "demo.scene.json")
+    first, *_ = load_fidelity(assets / "demo.fidelity.json", scene).levels
+    assert first.told["error_jnd"] <= 1.0 and first.told["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
 
 
 def test_what_it_saves_is_told_in_a_line(file, scene):
