@@ -385,8 +385,9 @@ def tune(
     with step(say, "timing"):
         before = _cost(scene, Level(), device, paths)
         after = first = _cost(scene, plan.level(), device, paths, budget_us)
+        # a ray takes as long in few faces as in many, so meshes are the last to go
         while after["tick_worst_us"] > budget_us and (
-            _shorter(scene, plan) or _coarser(scene, plan) or _leave_out(scene, plan)
+            _shorter(scene, plan) or _leave_out(scene, plan) or _coarser(scene, plan)
         ):
             after = _cost(scene, plan.level(), device, paths, budget_us)
     levels: list[Level] = []
