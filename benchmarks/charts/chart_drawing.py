@@ -110,7 +110,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
     if timed:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-        ax.set_xlabel(f"time a {question.per} [µs]: median, and to p99")
+        ax.set_xlabel(f"time a {question.per} [µs]: {question.quantiles[0]}, and to {question.quantiles[1]}")
         if len(best) > 1:
             at = [value[points.index(p)] for p in best]
             ax.plot([p.median_us for p in best], at, color=EDGE, linewidth=5, alpha=0.35, drawstyle="steps-post",

@@ -112,8 +112,8 @@ def words(question: Question, point: Point) -> str:
     """A point as it is told: its setting and its figures."""
     said = [f"{point.method}, {point.label}"]
     if point.median_us == point.median_us:
-        p99 = f", p99 {shown(point.p99_us)} µs" if point.p99_us == point.p99_us else ""
-        said.append(f"{shown(point.median_us)} µs a {question.per}{p99}")
+        late = f", {question.quantiles[1]} {shown(point.p99_us)} µs" if point.p99_us == point.p99_us else ""
+        said.append(f"{question.quantiles[0]} {shown(point.median_us)} µs a {question.per}{late}")
     told = [(m, point.errors[m.key]) for m in question.measures if m.key in point.errors]
     said += [f"{measure.name}: {shown(value)} {measure.unit}".strip() for measure, value in told]
     return "; ".join(said) + (f" (cited: {point.source})" if point.source else "")
@@ -122,7 +122,7 @@ def words(question: Question, point: Point) -> str:
 def _table(question: Question, points: Sequence[Point], which: Sequence[int], measures: Sequence[Measure]) -> str:
     """Points as rows; what can be felt stands out."""
     timed = any(points[k].median_us == points[k].median_us for k in which)
-    head = ["method", "setting", *([f"time a {question.per} [µs], median / p99"] if timed else [])]
+    head = ["method", "setting", *([f"time a {question.per} [µs], {' / '.join(question.quantiles)}"] if timed else [])]
     head += ["how many"] if question.growth else []
     head += [f"{m.name} [{m.unit}]" if m.unit else m.name for m in measures]
     rows = []

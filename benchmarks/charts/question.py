@@ -82,6 +82,7 @@ class Question:
         needs: what else must be there, as `recordings`: why the question is left out, or empty.
         growth: its picture is of cost against work: each measure is a cost that `error` tells beside `work`, called
             with nothing beside it, and how it grows is fitted. It has no front.
+        quantiles: what the two numbers of `time` are.
     """
 
     name: str
@@ -96,6 +97,7 @@ class Question:
     cited: tuple[Point, ...] = field(default=())
     needs: Callable[[], str] = field(default=lambda: "")
     growth: bool = False
+    quantiles: tuple[str, str] = ("median", "p99")
 
 
 def front(points: Sequence[Point], measure: Measure) -> list[Point]:

@@ -26,6 +26,7 @@ from .chart_table import Table
 from .question import Point, Question, front
 
 QUESTIONS: Final[Mapping[str, str]] = {
+    "mesh": "mesh",
     "groove": "groove",
 }
 """The module of each question, whose `QUESTION` it is, in the order of the page."""
@@ -210,7 +211,7 @@ def _document(found: Table, asked: Sequence[Question], csv: str) -> str:
             continue
         best = sorted({points.index(p) for m in measures for p in front(points, m)}, key=lambda k: points[k].median_us)
         if best:
-            head = ("method", "setting", f"time a {q.per} [µs], median / p99")
+            head = ("method", "setting", f"time a {q.per} [µs], {' / '.join(q.quantiles)}")
             rows = [
                 (
                     *(p.method, p.label, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
