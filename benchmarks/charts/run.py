@@ -26,8 +26,11 @@ from .chart_table import Table
 from .question import Point, Question, front
 
 QUESTIONS: Final[Mapping[str, str]] = {
+    "whole-tick": "whole_tick",
     "mesh": "mesh",
+    "triangles": "triangles",
     "groove": "groove",
+    "bodies": "bodies",
 }
 """The module of each question, whose `QUESTION` it is, in the order of the page."""
 

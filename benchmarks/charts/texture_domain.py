@@ -91,7 +91,9 @@ def _planted(domain: str, grid: int, seed: int = 0) -> float:
     rng = np.random.default_rng(seed)
     texture = planted_texture(domain, grid)
     apart = []
-    for force, speed in np.exp(rng.uniform(np.log([FORCE_N[0], SPEED_M_S[0]]), np.log([FORCE_N[1], SPEED_M_S[1]]), (40, 2))):
+    for force, speed in np.exp(
+        rng.uniform(np.log([FORCE_N[0], SPEED_M_S[0]]), np.log([FORCE_N[1], SPEED_M_S[1]]), (40, 2))
+    ):
         found = asked(texture, domain, float(force), float(speed))
         apart.append(apart_jnd(found, model_bands(*surface_at(float(force), float(speed)), RATE_HZ)))
     return float(np.sqrt(np.mean(np.square(apart))))

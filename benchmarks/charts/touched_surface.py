@@ -174,5 +174,7 @@ def reduced(scene_file: str | None, body: str, divisor: int, ticks: int = TICKS)
 
     places, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)  # welded: seams do not tear
     middle = places.mean(axis=0)
-    vertices_m, faces = simplify(places - middle, index.reshape(-1)[mesh.faces], target_count=len(mesh.faces) // divisor)
+    vertices_m, faces = simplify(
+        places - middle, index.reshape(-1)[mesh.faces], target_count=len(mesh.faces) // divisor
+    )
     return Mesh(vertices_m=np.asarray(vertices_m, np.float64) + middle, faces=np.asarray(faces, np.int32))
