@@ -117,7 +117,8 @@ QUESTION: Final = Question(
     name="mesh",
     title="How coarse may a mesh be?",
     measures=(
-        Measure("direction", "direction of the force, off by (95 % of ticks)", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
+        Measure("direction", "direction of the force, off by (95 % of ticks)", "°", DIRECTION_DEG,
+                "Barbagli et al. 2006"),
         Measure("force", "size of the force, off by (95 % of ticks)", "JND", 1.0, "7 %, Pang et al. 1991"),
         Measure("edge", "felt edge: largest turn from tick to tick beyond the surface's own", "°", DIRECTION_DEG,
                 "Barbagli et al. 2006"),
@@ -131,6 +132,6 @@ QUESTION: Final = Question(
     conditions="Each body by itself, its faces reduced by quadric error metrics (fast-simplification), felt with the "
     "wall alone along the path of a hand that explores it from above. Truth: the point of the unreduced mesh that is "
     "closest to the tool, by distances to its triangles; of the sphere, the round surface. A proxy that was led over "
-    "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are felt "
-    "round.",
+    "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are "
+    "felt round.",
 )  # fmt: skip
