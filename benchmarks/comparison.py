@@ -82,11 +82,11 @@ def _figures(path: Path) -> tuple[dict[str, str], dict[tuple[str, str], float], 
         table = Table.read(path)
         return table.machine, dict(_chart_figures(table)), "chart"
     sheet = Sheet.read(path)
-    machine = {f.name: str(f.value) for f in sheet if f.case == "machine"}
+    machine = {f.name: f.value if isinstance(f.value, str) else f"{f.value:g}" for f in sheet if f.case == "machine"}
     figures = {
-        (f"{f.case.split(',')[0].split(' ')[0]} [{f.unit}]", f"{f.case}, {f.name}"): f.value
+        (f"{next(filter(str.isalpha, f.case.replace(',', '').split()), f.case)} [{f.unit}]", f"{f.case}, {f.name}"): f.value
         for f in sheet
-        if f.case != "machine" and not isinstance(f.value, str)
+        if f.unit not in ("", "1") and f.case != "method" and not isinstance(f.value, str)
     }
     return machine, figures, "bench"
 

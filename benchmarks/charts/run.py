@@ -31,6 +31,7 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "triangles": "triangles",
     "groove": "groove",
     "bodies": "bodies",
+    "growth": "growth",
 }
 """The module of each question, whose `QUESTION` it is, in the order of the page."""
 
