@@ -24,7 +24,7 @@ class Group(NamedTuple):
     """Ratios B over A of figures of one kind: how many, their quartiles, the least and the greatest."""
 
     name: str
-    count: int
+    figures: int
     least: float
     low: float
     median: float
@@ -65,7 +65,7 @@ def lines(first: Path, second: Path) -> list[str]:
     told = [*words, "", f"{'B over A':{width}}  median  quartiles      least–greatest  figures"]
     for g in groups:
         quartiles, ends = f"{g.low:.2f}–{g.high:.2f}", f"{g.least:.2f}–{g.greatest:.2f}"
-        told.append(f"{g.name:{width}}  {g.median:6.2f}  {quartiles:<13}  {ends:<14}  {g.count}")
+        told.append(f"{g.name:{width}}  {g.median:6.2f}  {quartiles:<13}  {ends:<14}  {g.figures}")
     return [*told, "", "farthest apart:", *(f"  {shown(value)} times  {name}" for name, value in far)]
 
 
@@ -84,7 +84,10 @@ def _figures(path: Path) -> tuple[dict[str, str], dict[tuple[str, str], float], 
     sheet = Sheet.read(path)
     machine = {f.name: f.value if isinstance(f.value, str) else f"{f.value:g}" for f in sheet if f.case == "machine"}
     figures = {
-        (f"{next(filter(str.isalpha, f.case.replace(',', '').split()), f.case)} [{f.unit}]", f"{f.case}, {f.name}"): f.value
+        (
+            f"{next(filter(str.isalpha, f.case.replace(',', '').split()), f.case)} [{f.unit}]",
+            f"{f.case}, {f.name}",
+        ): f.value
         for f in sheet
         if f.unit not in ("", "1") and f.case != "method" and not isinstance(f.value, str)
     }

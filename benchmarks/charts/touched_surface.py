@@ -155,8 +155,8 @@ def closest_points(
         count = min(NEIGHBOURS, len(faces))
         away, near = (np.reshape(found, (len(rows), -1)) for found in tree.query(points_m, k=count))
         look(np.repeat(rows, count), faces[near.ravel()])
-        open_ = (away[:, -1] < best_m + far_m) & (best_m - far_m < near_m)
-        open_ = rows[open_] if count < len(faces) else rows[:0]
+        unsure = (away[:, -1] < best_m + far_m) & (best_m - far_m < near_m)
+        open_ = rows[unsure] if count < len(faces) else rows[:0]
         for part in np.array_split(open_, max(len(open_) // 200, 1)):
             if len(part):
                 balls = tree.query_ball_point(points_m[part], best_m[part] + far_m)

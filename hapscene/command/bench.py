@@ -15,7 +15,9 @@ def add_bench(commands: Any) -> None:
     command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
     command.add_argument("--from", dest="table", type=Path, metavar="CSV", help="draw this bench.csv; measure nothing")
     command.add_argument("--zoo", metavar="DIR", help="folder of recorded paths and meshes to run as well")
-    further = command.add_subparsers(metavar="compare A B", help="ratios between two tables of figures, with their spread")
+    further = command.add_subparsers(
+        metavar="compare A B", help="ratios between two tables of figures, with their spread"
+    )
     compare = add_command(further, "compare", _compare)
     compare.add_argument("first", type=Path, metavar="A", help="a bench.csv or chart.csv")
     compare.add_argument("second", type=Path, metavar="B", help="another one, of the same kind")
