@@ -5,9 +5,9 @@ import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -218,7 +218,7 @@ QUESTION: Final = Question(
     time=no_time,
     advice=advice,
     conditions="A slide over an icosphere: with the wall alone; with all four effects and a wood of its own for each "
-    "slice where swatches grow in number; effects that do nothing; tools that step in turn from Python. Bodies share one mesh. "
-    "Recordings of a second and a half, order 3. Ticks of no servo: what a loop adds by waking late is not in them.",
+    "slice where swatches grow in number; effects that do nothing; tools that step in turn from Python. Bodies share "
+    "one mesh. Recordings of a second and a half, order 3. No servo: what a loop adds by waking late is not in it.",
     growth=True,
 )
