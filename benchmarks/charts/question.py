@@ -83,6 +83,7 @@ class Question:
         growth: its picture is of cost against work: each measure is a cost that `error` tells beside `work`, called
             with nothing beside it, and how it grows is fitted. It has no front.
         quantiles: what the two numbers of `time` are.
+        subject: what a point is of, as a body: points of different ones do not compete, each has a front of its own.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Question:
     needs: Callable[[], str] = field(default=lambda: "")
     growth: bool = False
     quantiles: tuple[str, str] = ("median", "p99")
+    subject: Callable[[Point], str] = field(default=lambda point: "")
 
 
 def front(points: Sequence[Point], measure: Measure) -> list[Point]:
@@ -110,3 +112,9 @@ def front(points: Sequence[Point], measure: Measure) -> list[Point]:
             best = sign * point.errors[measure.key]
             kept.append(point)
     return kept
+
+
+def fronts(question: Question, points: Sequence[Point], measure: Measure) -> list[list[Point]]:
+    """The front of each subject of a question."""
+    subjects = dict.fromkeys(question.subject(p) for p in points)
+    return [front([p for p in points if question.subject(p) == of], measure) for of in subjects]
