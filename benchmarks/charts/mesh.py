@@ -143,5 +143,6 @@ QUESTION: Final = Question(
     "closest to the tool, by distances to its triangles; of the sphere, the round surface. A proxy that was led over "
     "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are "
     "felt round.",
+    against="memory",
     subject=subject,
 )  # fmt: skip
