@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.view.chart import inline_svg, new_chart, save_both
 from hapscene.view.palette import EDGE, INK, OKABE_ITO, SHADE
@@ -136,7 +136,13 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
             if len(each) > 1:
                 x_of = [cost_of(p, against) for p in each]
                 at = [value[points.index(p)] for p in each]
-                front = {"color": EDGE, "linewidth": 5, "alpha": 0.35, "drawstyle": "steps-post", "zorder": 1}
+                front: dict[str, Any] = {
+                    "color": EDGE,
+                    "linewidth": 5,
+                    "alpha": 0.35,
+                    "drawstyle": "steps-post",
+                    "zorder": 1,
+                }
                 ax.plot(x_of, at, label=told_once, **front)
                 told_once = None
     else:
