@@ -8,7 +8,7 @@ import numpy as np
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 
-from .measuring import FELT_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, fine_Hz, model_bands
+from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, model_bands
 from .question import Measure, Point, Question, Setting
 
 RATES_HZ: Final = (2000.0, 3000.0, 4000.0, 5000.0, 8000.0, 10_000.0, 20_000.0)
@@ -20,9 +20,6 @@ SWATCHES: Final = ("wood", "paper", "leather")
 
 FORCE_N, SPEED_M_S, TAP_M_S = 1.0, 0.1, 0.2
 """Of the stroke, and of the tap."""
-
-ABOVE_HZ: Final = np.geomspace(1000.0, 8000.0, 7)
-"""Edges of the bands in which images of the channel lie [Hz]; less and less is felt there."""
 
 METHODS: Final = {"held": "held, as by a converter", "filtered": "filtered, as by a sound card"}
 
@@ -39,10 +36,8 @@ def error(rate_Hz: float, output: str) -> dict[str, float]:
         swatch = load_swatch(name)
         if swatch.texture is not None:
             models = [(*swatch.texture.resampled(r).model(FORCE_N, SPEED_M_S), r) for r in (rate_Hz, REFERENCE_HZ)]
-            for key, edges in (("texture", FELT_HZ), ("above", ABOVE_HZ)):
-                bands = model_bands(*models[0], held=held, edges_Hz=edges)
-                apart = apart_jnd(bands, model_bands(*models[1], edges_Hz=edges), edges)
-                parts.setdefault(key, []).append(float(apart))
+            apart = apart_jnd(model_bands(*models[0], held=held), model_bands(*models[1]))
+            parts.setdefault("texture", []).append(float(apart))
         if swatch.taps is not None:
             tap, fine = (swatch.taps.transient(TAP_M_S, r) for r in (rate_Hz, REFERENCE_HZ))
             apart = apart_jnd(tap_bands(tap, rate_Hz, held), tap_bands(fine, REFERENCE_HZ))
@@ -52,10 +47,9 @@ def error(rate_Hz: float, output: str) -> dict[str, float]:
 
 def tap_bands(tap_m_s2: Array, rate_Hz: float, held: bool = False) -> Array:
     """Levels (k,) [m/s²] of a transient (n,) in the bands that are felt, as over a tenth of a second."""
-    frequency = fine_Hz()
-    turn = np.exp(-2j * np.pi * np.outer(frequency, np.arange(len(tap_m_s2))) / rate_Hz)
+    turn = np.exp(-2j * np.pi * np.outer(FINE_HZ, np.arange(len(tap_m_s2))) / rate_Hz)
     density = 2.0 * np.abs(turn @ tap_m_s2 / rate_Hz) ** 2 / 0.1
-    return bands_of(frequency, density * np.sinc(frequency / rate_Hz) ** 2 if held else density)
+    return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / rate_Hz) ** 2 if held else density)
 
 
 def time(rate_Hz: float, output: str) -> tuple[float, float]:
@@ -69,12 +63,9 @@ def advice(points: Sequence[Point]) -> str:
     for method in METHODS.values():
         own = [p for p in points if p.method == method]
         if own:
-            chosen, clean = enough(own, "texture", 1.0), enough(own, "above", 1.0)
-            more = "" if clean == chosen else f"; from {clean.label} on images above 1 kHz are not felt either"
-            said.append(
-                f"{chosen.label} where samples are {method} ({chosen.errors['texture']:.2g} JND, {chosen.median_us:.2g} "
-                f"µs{more})"
-            )
+            chosen = enough(own, "texture", 1.0)
+            missed = f"{chosen.errors['texture']:.2g} JND, {chosen.median_us:.2g} µs"
+            said.append(f"{chosen.label} where samples are {method} ({missed})")
     dear = max(points, key=lambda p: p.median_us)
     return (
         f"Enough is {' and '.join(said)}; {dear.label} takes {dear.median_us:.2g} µs a block and nothing more is felt. Not "
@@ -88,7 +79,6 @@ QUESTION: Final = Question(
     title="How fast must the acceleration channel run?",
     measures=(
         Measure("texture", "textures, twelve bands", "JND", 1.0, ISRAR),
-        Measure("above", "textures and their images, 1 to 8 kHz", "JND", 1.0, ISRAR),
         Measure("tap", "taps, twelve bands", "JND", 1.0, ISRAR),
     ),
     settings=settings,

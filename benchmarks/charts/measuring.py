@@ -28,7 +28,8 @@ STROKES: Final = ("wood", "paper", "leather")
 """Those with force, speed and friction."""
 
 FELT_HZ: Final = band_edges_Hz()
-"""Edges of the bands that are felt [Hz]."""
+FINE_HZ: Final = np.geomspace(FELT_HZ[0], FELT_HZ[-1], 481)
+"""Edges of the bands that are felt, and 40 frequencies in each [Hz]."""
 
 ISRAR: Final = "2 dB in a band (Israr, Tan & Reed 2006)"
 
@@ -54,37 +55,27 @@ def recorded(name: str) -> "Streams":
     return clean(told.acceleration_m_s2, RATE_HZ, told.force_N, told.speed_m_s, told.tangential_force_N)
 
 
-def model_bands(
-    a: ArrayLike, variance_m2_s4: float, rate_Hz: float, *, held: bool = False, edges_Hz: Array = FELT_HZ
-) -> Array:
-    """Root mean squares (k,) [m/s²] of an AR model in bands, in closed form but for the integral.
+def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, *, held: bool = False) -> Array:
+    """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral.
 
-    `held`: each sample for its whole time, as a converter does. Then |sinc(f/rate)| is left, and images are there; else
-    nothing is from half of the rate on.
+    `held`: each sample for its whole time, as a converter does, which leaves |sinc(f/rate)|.
     """
     from hapscene.capture.metric import model_spectrum
 
-    frequency = fine_Hz(edges_Hz)
-    density = model_spectrum(a, variance_m2_s4, rate_Hz, frequency)
-    left = np.sinc(frequency / rate_Hz) ** 2 if held else frequency <= 0.5 * rate_Hz
-    return bands_of(frequency, density * left, edges_Hz)
+    density = model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ)
+    return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / rate_Hz) ** 2 if held else density)
 
 
-def fine_Hz(edges_Hz: Array = FELT_HZ) -> Array:
-    """Frequencies (n,) [Hz], 40 in a band."""
-    return np.geomspace(edges_Hz[0], edges_Hz[-1], 40 * (len(edges_Hz) - 1) + 1)
-
-
-def bands_of(frequency_Hz: Array, density: Array, edges_Hz: Array = FELT_HZ) -> Array:
-    """Root mean squares (k,) [m/s²] of a power density (n,) [(m/s²)²/Hz] in bands."""
+def bands_of(frequency_Hz: Array, density: Array) -> Array:
+    """Root mean squares (k,) [m/s²] of a power density (n,) [(m/s²)²/Hz] in the felt bands."""
     from hapscene.capture.metric import band_power
 
-    return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz, edges_Hz), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz), 0.0)))
 
 
-def apart_jnd(bands_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: Array = FELT_HZ) -> Array:
-    """How far the levels (…, k) of bands are from the true ones (…, k), (…,) [JND]."""
-    return bands_jnd(bands_m_s2, true_m_s2, edges_Hz)
+def apart_jnd(bands_m_s2: ArrayLike, true_m_s2: ArrayLike) -> Array:
+    """How far the levels (…, k) of the felt bands are from the true ones (…, k), (…,) [JND]."""
+    return bands_jnd(bands_m_s2, true_m_s2, FELT_HZ)
 
 
 def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
