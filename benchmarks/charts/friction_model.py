@@ -28,8 +28,8 @@ SLIDE_M_S, KNEE_M_S = 0.1, 5e-3
 BLOCK_S: Final = 0.05
 """Time over which recorded and played forces are averaged [s]."""
 
-LEAST_MM, LEAST_N = 1e-6, 1e-4
-"""What less drift and less ripple are drawn as."""
+LEAST_MM, MOST_MM, LEAST_N = 1e-6, 100.0, 1e-4
+"""What less drift is drawn as, more (it has left the sheet), and less ripple."""
 
 
 def sign(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
@@ -90,7 +90,7 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 def error(model: str) -> dict[str, float]:
     """Recorded drags, held out; what creeps though it should hold; what chatters when a tool has slid to rest."""
-    found = {"drift": max(LEAST_MM, 1e3 * drift_m(model)), "ripple": max(LEAST_N, ripple_N(model))}
+    found = {"drift": float(np.clip(1e3 * drift_m(model), LEAST_MM, MOST_MM)), "ripple": max(LEAST_N, ripple_N(model))}
     if not no_recordings():
         found["recorded"] = float(np.sqrt(np.mean([_held_out(model, name) ** 2 for name in STROKES])))
     return found
@@ -190,10 +190,11 @@ def advice(points: Sequence[Point]) -> str:
     still = [p for p in measured(points, "drift") if p.errors["ripple"] <= FORCE * FORCE_LEAST_N]
     holds = min(still or measured(points, "drift"), key=lambda p: p.errors["drift"])
     quick = min(measured(points, "drift"), key=lambda p: p.median_us)
+    other = f"; {quick.method} takes {quick.median_us:.2g}, and creeps {quick.errors['drift']:.2g} mm"
     return (
         f"Choose {holds.method} where a tool may rest: it creeps {holds.errors['drift']:.2g} mm in 18 s and its force "
-        f"changes by {holds.errors['ripple']:.2g} N a tick at rest, for {holds.median_us:.2g} µs; {quick.method} takes "
-        f"{quick.median_us:.2g}, and creeps {quick.errors['drift']:.2g} mm.{told} A simpler one does where nothing ever "
+        f"changes by {holds.errors['ripple']:.2g} N a tick at rest, for {holds.median_us:.2g} µs"
+        f"{'' if quick == holds else other}.{told} A simpler one does where nothing ever "
         "stands still on the surface."
     )
 
