@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from hapscene.device.model import DEVICES
 from hapscene.renderer import Renderer
 from hapscene.stability.rig import sheet
@@ -19,8 +21,8 @@ STIFFNESSES_N_M: Final = (2000.0, 5000.0)
 TOUCHED: Final = {"omni": DEVICES["omni"], "bare": BARE}
 """The Omni, and the same without friction and encoder steps."""
 
-LEAST_MM_S, LEAST_MJ = 0.01, 1e-3
-"""What less is drawn as."""
+MM_S, MJ = (0.01, 1e4), (1e-3, 1e3)
+"""What less and what more is drawn as: a loop that blows up has no number."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
@@ -42,8 +44,8 @@ def error(name: str, device: str, stiffness_N_m: float, gestures: Sequence[str])
     rows = [run_case(TOUCHED[device], gesture, stiffness_N_m, name) for gesture in gestures]
     return {
         "kept": 100.0 * min(0.0 if math.isnan(row.kept) else row.kept for row in rows),
-        "energy": max(LEAST_MJ, 1e3 * max(row.out_J for row in rows)),
-        "late": max(LEAST_MM_S, 1e3 * max(row.late_m_s for row in rows)),
+        "energy": float(np.clip(1e3 * max(row.out_J for row in rows), *MJ)),
+        "late": float(np.clip(1e3 * max(row.late_m_s for row in rows), *MM_S)),
     }
 
 
@@ -74,8 +76,8 @@ def advice(points: Sequence[Point]) -> str:
     return (
         f"Choose {chosen}: it keeps {worst[chosen]['kept']:.0f} % of the stiffness or more and gives at most "
         f"{worst[chosen]['energy']:.2g} mJ, for a tick of {worst[chosen]['us']:.2g} µs; also still: "
-        f"{', '.join(n for n in calm if n != chosen) or 'none'}. {loud[0].upper()}{loud[1:]} gives up to "
-        f"{worst[loud]['energy']:.2g} mJ. Where walls are softer than the device holds by itself, none is needed."
+        f"{', '.join(n for n in calm if n != chosen) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
+        f"{worst[loud]['energy']:.2g} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Where walls are softer than the device holds by itself, none is needed."
     )
 
 
