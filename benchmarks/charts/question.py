@@ -80,6 +80,9 @@ class Question:
         per: what the time is of.
         cited: others' figures on the same paths.
         needs: what else must be there, as `recordings`: why the question is left out, or empty.
+        growth: its picture is of cost against work: each measure is a cost that `error` tells beside `work`, called
+            with nothing beside it, and how it grows is fitted. It has no front.
+        quantiles: what the two numbers of `time` are.
     """
 
     name: str
@@ -93,6 +96,8 @@ class Question:
     per: str = "tick"
     cited: tuple[Point, ...] = field(default=())
     needs: Callable[[], str] = field(default=lambda: "")
+    growth: bool = False
+    quantiles: tuple[str, str] = ("median", "p99")
 
 
 def front(points: Sequence[Point], measure: Measure) -> list[Point]:

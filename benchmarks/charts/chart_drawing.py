@@ -1,0 +1,165 @@
+"""The picture of a question: error against time, with its front and what is felt; or cost against work."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hapscene.view.chart import inline_svg, new_chart, save_both
+from hapscene.view.palette import EDGE, INK, OKABE_ITO, SHADE
+
+from .exponent import fit_exponent
+from .question import Measure, Point, Question, front
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS: Final = (*(OKABE_ITO[name] for name in ("blue", "vermilion", "green", "orange", "purple", "sky")), EDGE)
+MARKERS: Final = "osD^vPX*<>"
+"""Of the methods in turn: told apart without colour as well."""
+
+NAMED_MAX: Final = 12
+"""Points of a panel up to which each is named in the picture [count]; of more, those of the front alone."""
+
+FLOOR: Final = 1 / 3
+"""Where an error of zero is drawn on a logarithmic axis, in the least error that is none [1]."""
+
+
+def write_picture(question: Question, points: Sequence[Point], path: Path) -> list[Path]:
+    """Draw all panels of a question beside each other, what to choose beneath, as PNG on light and on dark ground."""
+    panels = panels_of(question, points)
+    width_in = 4.9 * min(len(panels), 3)
+    rows = -(-len(panels) // 3)
+    size = {"font.size": 9.5, "axes.titlesize": 10}
+    with new_chart(width_in + 2.6, 4.3 * rows + 0.7, question.title, size) as figure:
+        axes = figure.subplots(rows, min(len(panels), 3), squeeze=False).ravel()
+        for ax, measure in zip(axes, panels, strict=False):
+            _draw(ax, question, points, measure)
+        for ax in axes[len(panels) :]:
+            ax.set_axis_off()
+        known = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        if known and not question.growth:
+            figure.legend(known.values(), known.keys(), loc="outside right upper")
+        advice = textwrap.fill(question.advice(points), int(14 * (width_in + 2.0)))
+        figure.supxlabel(advice, x=0.01, ha="left", fontsize=10)
+        return save_both(figure, path)
+
+
+def drawings(question: Question, points: Sequence[Point]) -> list[tuple[Measure, str]]:
+    """Each panel by itself, as an SVG element of the page. The k-th point of the list is the group `NAME-KEY-k`."""
+    made = []
+    for measure in panels_of(question, points):
+        with new_chart(5.0, 4.1, style={"font.size": 9}) as figure:
+            ax = figure.subplots()
+            _draw(ax, question, points, measure)
+            if not question.growth and ax.get_legend_handles_labels()[0]:
+                figure.legend(loc="outside lower left", ncols=2, fontsize=8)
+            made.append((measure, inline_svg(figure, f"{question.name}-{measure.key}")))
+    return made
+
+
+def panels_of(question: Question, points: Sequence[Point]) -> list[Measure]:
+    """The measures that were told of some point."""
+    return [m for m in question.measures if any(_is_number(p.errors.get(m.key)) for p in points)]
+
+
+def _is_number(value: float | None) -> bool:
+    return value is not None and value == value
+
+
+def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Measure) -> None:
+    ax.set_title(textwrap.fill(measure.name, 52))
+    ax.set_ylabel(f"[{measure.unit}]" if measure.unit else "")
+    if measure.log:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
+    told = [(k, p) for k, p in enumerate(points) if _is_number(p.errors.get(measure.key))]
+    if question.growth:
+        _draw_growth(ax, question, told, measure)
+        return
+    value = {k: p.errors[measure.key] for k, p in told}
+    if measure.log:
+        least = min([v for v in value.values() if v > 0.0] + ([measure.jnd] if measure.jnd else []), default=1.0)
+        value = {k: max(v, FLOOR * least) for k, v in value.items()}
+    timed = any(p.median_us == p.median_us for _, p in told)
+    labels = list(dict.fromkeys(p.label for _, p in told))
+    methods = list(dict.fromkeys(p.method for p in points))
+    best = front(points, measure)
+    for k, p in told:
+        x = p.median_us if timed else float(labels.index(p.label))
+        which = methods.index(p.method)
+        colour, marker = COLOURS[which % len(COLOURS)], MARKERS[which % len(MARKERS)]
+        if timed and p.p99_us == p.p99_us:
+            ax.plot([x, p.p99_us], [value[k]] * 2, color=colour, linewidth=0.8, alpha=0.6)
+            ax.plot(p.p99_us, value[k], color=colour, marker="|", markersize=5, alpha=0.6)
+        (line,) = ax.plot(x, value[k], color=colour, marker=marker, markersize=6, linestyle="", zorder=3)
+        if p.source:
+            line.set_markerfacecolor("none")
+        line.set_gid(f"{question.name}-{measure.key}-{k}")
+        if timed and (len(told) <= NAMED_MAX or p in best):
+            ax.annotate(p.label, (x, value[k]), (5, 4), textcoords="offset points", fontsize=7.5)
+    for which, method in enumerate(methods):
+        of = [(k, p) for k, p in told if p.method == method]
+        if of:
+            colour, marker = COLOURS[which % len(COLOURS)], MARKERS[which % len(MARKERS)]
+            fill = "none" if of[0][1].source else colour
+            name = f"{method} (cited)" if of[0][1].source else method
+            ax.plot([], [], color=colour, marker=marker, markerfacecolor=fill, linestyle="", label=name)
+    for source in dict.fromkeys(p.source for _, p in told if p.source):
+        ax.plot([], [], linestyle="", label=textwrap.fill(f"cited: {source}", 40))
+    if timed:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+        ax.set_xlabel(f"time a {question.per} [µs]: {question.quantiles[0]}, and to {question.quantiles[1]}")
+        if len(best) > 1:
+            at = [value[points.index(p)] for p in best]
+            ax.plot([p.median_us for p in best], at, color=EDGE, linewidth=5, alpha=0.35, drawstyle="steps-post",
+                    label="Pareto front", zorder=1)  # fmt: skip
+    else:
+        ax.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+    if measure.jnd is not None:
+        _draw_threshold(ax, measure, measure.jnd)
+
+
+def _draw_threshold(ax: "Axes", measure: Measure, jnd: float) -> None:
+    """The line of what is just felt, and the part of the panel that is not needed."""
+    low, high = ax.get_ylim()
+    if measure.log:
+        low, high = min(low, jnd / 2), max(high, jnd * 2)
+    else:
+        low, high = min(low, 0.0), max(high, jnd * 1.1)
+    ax.set_ylim(low, high)
+    ends = (jnd, high) if measure.more_is_better else (low, jnd)
+    ax.axhspan(*ends, color=SHADE, zorder=0)
+    ax.axhline(jnd, color=INK, linewidth=1, linestyle="--", zorder=1)
+    told = f"just felt: {jnd:g} {measure.unit}" + (f" ({measure.source})" if measure.source else "")
+    up = measure.more_is_better
+    for words, x, above, style in ((told, 1.0, not up, "normal"), ("not needed", 0.0, up, "italic")):
+        ax.annotate(
+            words, (x, jnd), (-3 if x else 4, 3 if above else -4), textcoords="offset points",
+            xycoords=ax.get_yaxis_transform(), ha="right" if x else "left", va="bottom" if above else "top",
+            fontsize=7.5, fontstyle=style,
+        )  # fmt: skip
+
+
+def _draw_growth(ax: "Axes", question: Question, told: list[tuple[int, Point]], measure: Measure) -> None:
+    """Costs over works, a line for each method, named with its exponent."""
+    methods = list(dict.fromkeys(p.method for _, p in told))
+    for which, method in enumerate(methods):
+        of = [(k, p) for k, p in told if p.method == method]
+        colour, marker = COLOURS[which % len(COLOURS)], MARKERS[which % len(MARKERS)]
+        for k, p in of:
+            (line,) = ax.plot(p.errors["work"], p.errors[measure.key], color=colour, marker=marker, linestyle="")
+            line.set_gid(f"{question.name}-{measure.key}-{k}")
+        name = method
+        work = sorted({p.errors["work"] for _, p in of})
+        if len(work) > 1 and all(p.errors[measure.key] > 0.0 for _, p in of):
+            found = fit_exponent([p.errors["work"] for _, p in of], [p.errors[measure.key] for _, p in of])
+            ax.plot(work, [found.scale * n**found.slope for n in work], color=colour, linewidth=1.4)
+            name = f"{method}: {found.words()}"
+        ax.plot([], [], color=colour, marker=marker, label=name)
+    ax.set(xscale="log", xlabel="n: how many")
+    ax.legend(loc="upper left", fontsize=8)
+    if measure.log:
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high * (high / low) ** (0.09 * len(methods) + 0.05))
