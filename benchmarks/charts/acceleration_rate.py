@@ -26,7 +26,9 @@ METHODS: Final = {"held": "held, as by a converter", "filtered": "filtered, as b
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     rates = (2000.0, 5000.0, 20_000.0) if quick else RATES_HZ
-    return [Setting(said, f"{r / 1e3:g} kHz", {"rate_Hz": r, "output": o}) for o, said in METHODS.items() for r in rates]
+    return [
+        Setting(said, f"{r / 1e3:g} kHz", {"rate_Hz": r, "output": o}) for o, said in METHODS.items() for r in rates
+    ]
 
 
 def error(rate_Hz: float, output: str) -> dict[str, float]:
@@ -68,9 +70,9 @@ def advice(points: Sequence[Point]) -> str:
             said.append(f"{chosen.label} where samples are {method} ({missed})")
     dear = max(points, key=lambda p: p.median_us)
     return (
-        f"Enough is {' and '.join(said)}; {dear.label} takes {dear.median_us:.2g} µs a block and nothing more is felt. Not "
-        "so slow where the channel is heard as well, or where a "
-        "compensator runs at this rate and has to be ahead of the handle."
+        f"Enough is {' and '.join(said)}; {dear.label} takes {dear.median_us:.2g} µs a block and nothing more is "
+        "felt. Not so slow where the channel is heard as well, or where a compensator runs at this rate and has to "
+        "be ahead of the handle."
     )
 
 
@@ -86,8 +88,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        f"The shipped {', '.join(SWATCHES)} at {FORCE_N:g} N and {SPEED_M_S:g} m/s, and their taps at {TAP_M_S:g} m/s: levels "
-        "from 20 to 1000 Hz in closed form against those at 20 kHz. Time of wood's texture; its order grows with the rate."
+        f"The shipped {', '.join(SWATCHES)} at {FORCE_N:g} N and {SPEED_M_S:g} m/s, and their taps at {TAP_M_S:g} "
+        "m/s: levels from 20 to 1000 Hz in closed form against those at 20 kHz. Time of wood's texture; its order "
+        "grows with the rate."
     ),
     per="block",
 )

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -33,27 +33,8 @@ PLAYED_S: Final = 3.0
 """How long a real card is played on [s]."""
 
 
-@dataclass
-class Card:
-    """What a stream needs to know of its output."""
-
-    gain: float = 1.0
-    ceiling: float = 10.0
-    highpass_Hz: float = 15.0
-    lag_s: float = 0.005
-    rate_Hz: float = CARD_HZ
-    takes_force: bool = False
-    reads_back: bool = False
-    latency_s: float = 0.0
-    name: str = "card"
-    fault: str = ""
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def start(self, feed: Any) -> None:
-        """Never: samples are pulled by hand."""
-
-    def close(self) -> None:
-        """Nothing is open."""
+CARD: Final[Any] = SimpleNamespace(gain=1.0, ceiling=10.0, highpass_Hz=15.0, lag_s=0.005, rate_Hz=CARD_HZ)
+"""What a stream needs to know of its output: the numbers of the driver `audio`."""
 
 
 @cache
@@ -62,7 +43,7 @@ def _cards() -> int:
     try:
         import sounddevice
 
-        return sum(card["max_output_channels"] > 0 for card in sounddevice.query_devices())
+        return int(sum(card["max_output_channels"] > 0 for card in sounddevice.query_devices()))
     except (ImportError, OSError):
         return 0
 
@@ -85,7 +66,7 @@ def error(block: int, buffers: int) -> dict[str, float]:
 
 def gaps_1_min(block: int, slack_s: float, median_s: float) -> float:
     """How often in a minute the card has nothing to play, where lateness is exponential: each time it is over slack."""
-    return 60.0 * CARD_HZ / block * 2.0 ** (-slack_s / median_s)
+    return float(60.0 * CARD_HZ / block * 2.0 ** (-slack_s / median_s))
 
 
 def felt_s(block: int, buffers: int) -> float:
@@ -98,7 +79,7 @@ def felt_s(block: int, buffers: int) -> float:
 
 
 def streamed(block: int, at_s: float, duration_s: float) -> tuple[Array, Array]:
-    """When each of the card's samples is due [s] (n,), and what was pulled (n,): a click at `at_s`, by ticks on time."""
+    """When each of the card's samples is due [s] (n,), and what was pulled (n,): a click at `at_s`, ticks on time."""
     channel = np.zeros(round(duration_s * RATE_HZ))
     channel[round(at_s * RATE_HZ)] = 1.0
     now_s, taken, per_tick = [0.0], [0], round(RATE_HZ * TICK_S)
@@ -108,7 +89,7 @@ def streamed(block: int, at_s: float, duration_s: float) -> tuple[Array, Array]:
         samples, taken[0] = channel[taken[0] : done], done
         return samples
 
-    stream = LiveStream(fetch, RATE_HZ, Card(), steered=True)
+    stream = LiveStream(fetch, RATE_HZ, CARD, steered=True)
     pulled = np.zeros(math.floor(duration_s * CARD_HZ / block) * block)
     for k in range(0, len(pulled), block):
         now_s[0] = k / CARD_HZ
@@ -135,7 +116,7 @@ def _on_a_card(block: int) -> dict[str, float]:
 
 def time(block: int, buffers: int) -> tuple[float, float]:
     ready = np.random.default_rng(0).standard_normal(1 << 16)
-    stream = LiveStream(lambda wanted: ready[:wanted], RATE_HZ, Card(), steered=False)
+    stream = LiveStream(lambda wanted: ready[:wanted], RATE_HZ, CARD, steered=False)
     out = np.zeros(block)
     return call_us(lambda: stream.pull(out), 1e3 * block / CARD_HZ, 600)
 
@@ -150,10 +131,10 @@ def advice(points: Sequence[Point]) -> str:
     )
     slow = [p for p in made if p.errors["latency"] > 1e3 * LATENCY_S]
     return (
-        f"Choose {alone.label} samples with {alone.method} where the handle has a process of its own, as `LiveHandle` "
-        f"gives it: {alone.errors['latency']:.3g} ms, and {alone.errors['own']:.1g} gaps a minute. Beside a busy thread of "
-        f"Python {chosen.label} with {chosen.method} have fewest within {1e3 * AUDIO_S:g} ms ({chosen.errors['busy']:.2g} a "
-        f"minute, {chosen.errors['latency']:.3g} ms)"
+        f"Choose {alone.label} samples with {alone.method} where the handle has a process of its own: "
+        f"{alone.errors['latency']:.3g} ms, and {alone.errors['own']:.1g} gaps a minute. Beside a busy thread of "
+        f"Python {chosen.label} with {chosen.method} have fewest within {1e3 * AUDIO_S:g} ms "
+        f"({chosen.errors['busy']:.0f} a minute, {chosen.errors['latency']:.3g} ms)"
         + (f"; not {slow[0].label} or more with {slow[0].method}, which change the texture" if slow else "")
         + "."
     )
@@ -164,18 +145,18 @@ QUESTION: Final = Question(
     title="How long a block for a handle that is played as sound?",
     measures=(
         Measure("latency", "from tick to card's output", "ms", 1e3 * AUDIO_S, "touch and sound, Adelstein et al. 2003"),
-        Measure("own", "gaps, in a process of its own", "a minute", 1.0),
-        Measure("busy", "gaps, beside a busy thread", "a minute", 1.0),
+        Measure("own", "gaps, in a process of its own", "a minute"),
+        Measure("busy", "gaps, beside a busy thread", "a minute"),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
     conditions=(
-        f"A click of a {RATE_HZ / 1e3:g} kHz channel, ticks on time, through the stream that makes {CARD_HZ / 1e3:g} kHz of "
-        "it, to a card of two or three buffers. Gaps in closed form: the card is asked later than its buffers last, where "
-        "lateness is exponential with the medians that were measured, 0.06 ms and 3.1 ms. Vibration that is "
-        f"{1e3 * LATENCY_S:g} ms late changes the texture (Okamoto et al. 2009)."
+        f"A click of a {RATE_HZ / 1e3:g} kHz channel, ticks on time, through the stream that makes {CARD_HZ / 1e3:g} "
+        "kHz of it, to a card of two or three buffers. Gaps in closed form: the card is asked later than its buffers "
+        "last, where lateness is exponential with the medians that were measured, 0.06 ms and 3.1 ms. Vibration that "
+        f"is {1e3 * LATENCY_S:g} ms late changes the texture (Okamoto et al. 2009)."
     ),
     per="ms of sound",
 )

@@ -15,12 +15,12 @@ from ..handle import CONDITIONS, RATE_HZ, SPREAD, judge, signals
 from .measuring import Array, call_us, enough
 from .question import Measure, Point, Question, Setting
 
-HEARD: Final = (
-    "known delay of 0 ms",
-    "known delay of 1 ms",
-    "0.1 ms later than believed",
-    "pole at half of what is believed",
-)
+HEARD: Final = {
+    "known delay of 0 ms": "0 ms late",
+    "known delay of 1 ms": "1 ms late",
+    "0.1 ms later than believed": "0.1 ms later than believed",
+    "pole at half of what is believed": "half the band believed",
+}
 """Sensors of `benchmarks.handle.CONDITIONS` that the learning one is tried with; the others hear none."""
 
 SIGNALS: Final = ("texture", "tap")
@@ -37,10 +37,10 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
         if not made.adapts
     ]
     heard = [
-        Setting(name, sensor, {"compensator": name, "heard": sensor, "handles": handles})
+        Setting(name, HEARD[sensor], {"compensator": name, "heard": sensor, "handles": handles})
         for name, made in COMPENSATORS.items()
         if made.adapts
-        for sensor in (HEARD[:2] if quick else HEARD)
+        for sensor in (list(HEARD)[:2] if quick else HEARD)
     ]
     return deaf + heard
 
@@ -82,9 +82,9 @@ def advice(points: Sequence[Point]) -> str:
     one, worst = (choose(learns, key=lambda p: p.errors["texture"]) for choose in (min, max))
     better = worst.errors["texture"] < deaf.errors["texture"]
     return (
-        f"Choose {one.method} where an accelerometer is on the handle: {one.errors['texture']:.2g} % of a texture is missed "
-        f"in the median handle ({one.label}), and {worst.errors['texture']:.2g} % at worst ({worst.label}), for "
-        f"{one.median_us:.2g} µs a sample with the handle simulated. {deaf.method} is the best without one: "
+        f"Choose {one.method} where an accelerometer is on the handle: {one.errors['texture']:.2g} % of a texture is "
+        f"missed in the median handle ({one.label}), and {worst.errors['texture']:.2g} % at worst ({worst.label}), "
+        f"for {one.median_us:.2g} µs a sample with the handle simulated. The best without one is {deaf.method}: "
         f"{deaf.errors['texture']:.2g} %, {deaf.median_us:.2g} µs. "
         + (
             "Even a sensor that is not what it is taken for is worth its place."
@@ -107,9 +107,10 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        f"Handles simulated at {RATE_HZ / 1e3:g} kHz, all six parameters up to {100 * SPREAD:.0f} % off the one that the "
-        "compensator was made for: spectrogram error of wood's texture at 1 N and 0.1 m/s, and of taps of 20 m/s². No "
-        "output is 100 %; the handle of the haptography paper missed 48 % of two taps and five drags on wood."
+        f"Handles simulated at {RATE_HZ / 1e3:g} kHz, all six parameters up to {100 * SPREAD:.0f} % off the one that "
+        "the compensator was made for: spectrogram error of wood's texture at 1 N and 0.1 m/s, and of taps of 20 "
+        "m/s². No output is 100 %; the handle of the haptography paper missed 48 % of two taps and five drags on "
+        "wood."
     ),
     per="sample",
 )

@@ -124,9 +124,9 @@ def advice(points: Sequence[Point]) -> str:
             f"{own[-1].label}, and rests on {BUZZ_N_M:g} N/m from {quiet} on"
         )
     return (
-        f"For the force alone {chosen.label} is enough ({chosen.errors['force']:.2g} JND for 95 % of a slide). Run faster "
-        f"for stiffer walls: {'; '.join(gains)}. Not faster where the device's own cap is reached, or where its driver "
-        "has one rate: the time grows with the rate."
+        f"For the force alone {chosen.label} is enough ({chosen.errors['force']:.2g} JND for 95 % of a slide). Run "
+        f"faster for stiffer walls: {'; '.join(gains)}. Not faster where the device's own cap is reached, or where "
+        "its driver has one rate: the time grows with the rate."
     )
 
 
@@ -135,7 +135,9 @@ QUESTION: Final = Question(
     title="How fast must the force channel run?",
     measures=(
         Measure("force", "force on a slide, 95 %", "JND", 1.0, "7 %, 18° (Pang et al. 1991, Barbagli et al. 2006)"),
-        Measure("buzz", f"speed on a wall of {BUZZ_N_M:g} N/m", "mm/s", REST_MM_S, "at rest: half an encoder's noise"),
+        Measure(
+            "buzz", f"speed on a wall of {BUZZ_N_M:g} N/m", "mm/s", REST_MM_S, "buzz: half the noise of an encoder"
+        ),
         Measure("felt", "stiffest wall in a light hand", "N/m", more_is_better=True),
         Measure("closed", "stiffest wall, no friction, no hand", "N/m", more_is_better=True),
     ),
@@ -144,9 +146,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        f"Slide over a sphere at 500 N/m against the same at 20 kHz; a wall of {BUZZ_N_M:g} N/m tapped and pressed by a "
-        "light hand, undamped, without the device's limits; the stiffest wall that rests so, and in closed form. Time: all "
-        "ticks of a millisecond, all effects, ten samples a tick."
+        f"Slide over a sphere at 500 N/m against the same at 20 kHz; a wall of {BUZZ_N_M:g} N/m tapped and pressed by "
+        "a light hand, undamped, without the device's limits; the stiffest wall that rests so, and in closed form. "
+        "Time: all ticks of a millisecond, all effects, ten samples a tick."
     ),
     per="ms of touch",
 )

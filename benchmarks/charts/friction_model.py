@@ -100,14 +100,17 @@ def rough(model: str, friction: float, drag_Ns_m: float) -> "Swatch":
     """A swatch of that friction; the shipped one's adhesion is damped, as a device without friction needs."""
     from hapscene.surface.swatch import Swatch
 
-    own = {"viscous": {"viscous_drag": {"drag_Ns_m": drag_Ns_m}}, "stick": {"friction": {"tangential_damping_Ns_m": 5.0}}}
+    own = {
+        "viscous": {"viscous_drag": {"drag_Ns_m": drag_Ns_m}},
+        "stick": {"friction": {"tangential_damping_Ns_m": 5.0}},
+    }
     return Swatch(
         "rough", damping_Ns_m=5.0, friction_static=friction, friction_dynamic=friction, effects=own.get(model, {})
     )
 
 
 def _pushed(model: str, push_N: Array, speed_m_s: float = 0.0) -> tuple[Array, Array]:
-    """A point mass pressed on a sheet and pushed along it by (n,) [N]: its place (n,) [m], the motors' force (n,) [N]."""
+    """A point mass pressed on a sheet and pushed along it by (n,) [N]: its place (n,) [m], the motors' force [N]."""
     from hapscene.device.hand import Grip
     from hapscene.device.point import PointMass
     from hapscene.stability.rig import AT_M, sheet
@@ -175,7 +178,7 @@ def off_jnd(played: Array, pull_N: Array) -> float:
 
 
 def time(model: str) -> tuple[float, float]:
-    return effect_us(rough(model, COULOMB, 1.0), ("wall", MODELS[model][1]), ("wall",))
+    return effect_us(rough(model, COULOMB, 1.0), ("wall", MODELS[model][1]))
 
 
 def advice(points: Sequence[Point]) -> str:
@@ -216,9 +219,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        "Half of each drag over wood, paper and leather played through the tick with the coefficients of the other half, "
-        f"means of {1e3 * BLOCK_S:g} ms; a device of {1e3 * MASS_KG:g} g without friction of its own, pressed on with "
-        f"{PRESS_N:g} N, µ = {COULOMB:g}: pushed by half of what holds it and shaken by a fifth, which must not move it; "
-        f"and let slide to rest from {SLIDE_M_S:g} m/s."
+        "Half of each drag over wood, paper and leather played through the tick with the coefficients of the other "
+        f"half, means of {1e3 * BLOCK_S:g} ms; a device of {1e3 * MASS_KG:g} g without friction of its own, pressed "
+        f"on with {PRESS_N:g} N, µ = {COULOMB:g}: pushed by half of what holds it and shaken by a fifth, which must "
+        f"not move it; and let slide to rest from {SLIDE_M_S:g} m/s. Time: a whole tick with a wall."
     ),
 )

@@ -1,4 +1,4 @@
-"""What several questions measure with: recordings, bands of vibration, the time of an effect in the tick, the choice."""
+"""What several questions measure with: recordings, bands of vibration, times, and what is near enough."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -106,21 +106,25 @@ def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
 
 
 def effect_us(
-    swatch: Any, effects: Sequence[Any], less: Sequence[Any], path: Array | None = None, **rates: float
+    swatch: Any, effects: Sequence[Any], less: Sequence[Any] = (), path: Array | None = None, **rates: Any
 ) -> tuple[float, float]:
-    """Median and 99th percentile of the time that `effects` add to the tick over `less` [µs], in contact.
+    """Median and 99th percentile of the time that a tick takes with `effects` beyond one with `less` [µs], in contact.
 
-    Each tick's is the least of several runs, measured inside it; both are played side by side over the rig's sheet.
+    Each tick's is the least of several runs, measured inside it; what has no `less` is the whole tick.
     """
     from hapscene.renderer import Renderer
     from hapscene.stability.rig import sheet
 
     path = stroke_path() if path is None else path
-    with_, without = (ticks_ns(Renderer(sheet(swatch), list(e), **rates), path) for e in (effects, less))
-    return spread_us(np.maximum(with_ - without, 1))
+    taken = ticks_ns(Renderer(sheet(swatch), list(effects), **rates), path)
+    if not less:
+        return spread_us(taken)
+    return spread_us(
+        np.maximum(taken - float(np.median(ticks_ns(Renderer(sheet(swatch), list(less), **rates), path))), 1.0)
+    )
 
 
-def ticks_ns(renderer: "Renderer", path: Array, repeats: int = 5) -> NDArray[np.int64]:
+def ticks_ns(renderer: "Renderer", path: Array, repeats: int = 9) -> NDArray[np.int64]:
     """Time of each tick in contact [ns], the least of several runs."""
     from ..tick_time import hot
 

@@ -74,11 +74,11 @@ class Between:
         predict_bodies(
             self.frames, self.predicted, moving, self.impulse, self.X, self.teleported, now, self.clock, TICK_S
         )
-        return self.X[0, 0].copy()
+        return np.array(self.X[0, 0])
 
 
 def error(method: str, frames_Hz: float) -> dict[str, float]:
-    """A body that swings, against its sine; a crate that is pushed, against a program that runs as often as the tick."""
+    """A body that swings, against its sine; a pushed crate, against a program that runs as often as the tick."""
     found, true = (float(np.abs(np.diff(pushed(m, f))).max()) for m, f in ((method, frames_Hz), ("held", 1.0 / TICK_S)))
     return {"pose": 1e3 * swing_off_m(method, frames_Hz), "step": max(LEAST_N, found - true)}
 
@@ -164,11 +164,12 @@ def advice(points: Sequence[Point]) -> str:
     enough = next((p.label for p in guessed if p.errors["step"] <= STEP_N), "no rate")
     plain = next((p.label for p in held if p.errors["step"] <= STEP_N), "no rate")
     return (
-        f"Predict: a pushed crate's force then steps by {guessed[0].errors['step']:.2g} N too much at {guessed[0].label}, "
-        f"where one that is held does by {held[0].errors['step']:.2g} and one that is led by {led[0].errors['step']:.2g}; "
-        f"that is not felt from {enough} on, held from {plain}. It takes {guessed[0].median_us:.2g} µs a body. Hold only "
-        "what stands still or is teleported; lead what has no velocity to tell, and bear that it is a frame late "
-        f"({led[0].errors['pose']:.2g} mm of a swing at {led[0].label}, {guessed[0].errors['pose']:.2g} predicted)."
+        f"Predict: a pushed crate's force then steps by {guessed[0].errors['step']:.2g} N too much at "
+        f"{guessed[0].label}, where one that is held does by {held[0].errors['step']:.2g} and one that is led by "
+        f"{led[0].errors['step']:.2g}; that is not felt from {enough} on, held from {plain}. It takes "
+        f"{guessed[0].median_us:.2g} µs a body. Hold only what stands still or is teleported; lead what has no "
+        f"velocity to tell, and bear that it is a frame late ({led[0].errors['pose']:.2g} mm of a swing at "
+        f"{led[0].label}, {guessed[0].errors['pose']:.2g} predicted)."
     )
 
 
@@ -178,7 +179,13 @@ QUESTION: Final = Question(
     name="pose-prediction",
     title="Where is a body between two frames?",
     measures=(
-        Measure("step", "a pushed crate's largest step of force, beyond the true one", "N", STEP_N, "7 % of 0.5 N (Pang et al. 1991)"),
+        Measure(
+            "step",
+            "a pushed crate's largest step of force, beyond the true one",
+            "N",
+            STEP_N,
+            "7 % of 0.5 N (Pang et al. 1991)",
+        ),
         Measure("pose", "place of a body that swings", "mm rms"),
     ),
     settings=settings,
@@ -186,9 +193,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        f"A crate of {MASS_KG:g} kg on friction of {FRICTION:g}, {STIFFNESS_N_M:g} N/m, pushed at {1e3 * PUSH_M_S:g} mm/s: "
-        "against the same where the program runs as often as the tick. A body swung by "
-        f"{1e3 * SWING_M:g} mm at {SWING_HZ:g} Hz: against its sine."
+        f"A crate of {MASS_KG:g} kg on friction of {FRICTION:g}, {STIFFNESS_N_M:g} N/m, pushed at {1e3 * PUSH_M_S:g} "
+        f"mm/s: against the same where the program runs as often as the tick. A body swung by {1e3 * SWING_M:g} mm at "
+        f"{SWING_HZ:g} Hz: against its sine."
     ),
     per="body",
 )

@@ -68,16 +68,17 @@ def advice(points: Sequence[Point]) -> str:
     if not calm:
         least = min(worst, key=lambda n: worst[n]["energy"])
         return (
-            f"None keeps all of these walls still: {least} gives least, {worst[least]['energy']:.2g} mJ. Choose softer walls, "
-            "more damping in the device or a faster loop."
+            f"None keeps all of these walls still: {least} gives least, {worst[least]['energy']:.2g} mJ. Choose "
+            "softer walls, more damping in the device or a faster loop."
         )
     chosen = max(calm, key=lambda n: worst[n]["kept"])
     loud = max(worst, key=lambda n: worst[n]["energy"])
     return (
         f"Choose {chosen}: it keeps {worst[chosen]['kept']:.0f} % of the stiffness or more and gives at most "
         f"{worst[chosen]['energy']:.2g} mJ, for a tick of {worst[chosen]['us']:.2g} µs; also still: "
-        f"{', '.join(n for n in calm if n != chosen) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
-        f"{worst[loud]['energy']:.2g} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Where walls are softer than the device holds by itself, none is needed."
+        f"{'; '.join(n for n in calm if n != chosen) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
+        f"{worst[loud]['energy']:.0f} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Where walls are "
+        "softer than the device holds by itself, none is needed."
     )
 
 
@@ -87,14 +88,15 @@ QUESTION: Final = Question(
     measures=(
         Measure("kept", "stiffness kept, worst gesture", "%", log=False, more_is_better=True),
         Measure("energy", "energy given to the hand", "mJ", 1e3 * OUT_J, "a weak tap of the Omni's 45 g"),
-        Measure("late", "speed where it should rest", "mm/s", 1e3 * REST_M_S, "half the noise of an encoder"),
+        Measure("late", "speed where it should rest", "mm/s", 1e3 * REST_M_S, "buzz: half the noise of an encoder"),
     ),
     settings=settings,
     error=error,
     time=time,
     advice=advice,
     conditions=(
-        "A light hand taps and presses a sheet and tours a ridge, at 1 kHz: an Omni, and the same without friction and "
-        "encoder steps (bare); the worst of the three gestures. Time of a whole tick with a wall, all sent the same way."
+        "A light hand taps and presses a sheet and tours a ridge, at 1 kHz: an Omni, and the same without friction "
+        "and encoder steps (bare); the worst of the three gestures. Time of a whole tick with a wall, all sent the "
+        "same way."
     ),
 )

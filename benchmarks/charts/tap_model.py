@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hapscene.surface.swatch import Swatch
 
 MODES: Final = ((1.0, 140.0, 90.0), (0.8, 330.0, 160.0), (0.5, 760.0, 300.0))
-"""A known surface's answer: amplitude at 1 m/s over `LOUD_M_S2` [1], frequency [Hz], decay [1/s] of each of its modes."""
+"""A known surface's answer: amplitude at 1 m/s over `LOUD_M_S2` [1], frequency [Hz], decay [1/s] of each mode."""
 
 LOUD_M_S2, STIFFER, NOISE_M_S2 = 100.0, 0.15, 0.1
 """Its loudness, the power of the speed that its frequencies grow with, as a contact does, and the sensor's noise."""
@@ -72,8 +72,11 @@ def fitted(tap_m_s2: Array, modes: int) -> Array:
         a, f, decay = p.reshape(-1, 3).T[:, :, None]
         return np.asarray((a * np.exp(-decay * t) * np.sin(2.0 * np.pi * f * t)).sum(axis=0))
 
+    def off(p: Array) -> Array:
+        return played(p) - tap_m_s2
+
     scale = np.tile((np.abs(loud).max(), 100.0, 100.0), len(begin))
-    found = least_squares(lambda p: played(p) - tap_m_s2, begin.ravel(), x_scale=scale, max_nfev=100).x.reshape(-1, 3)
+    found = least_squares(off, begin.ravel(), x_scale=scale, max_nfev=100).x.reshape(-1, 3)
     found = np.vstack((found, np.tile((0.0, 100.0, 100.0), (modes - len(found), 1))))
     return np.asarray(found[np.argsort(found[:, 1])])
 
@@ -120,8 +123,8 @@ def model(modes: int, heeds: bool) -> tuple["Swatch", str | Effect]:
     if not heeds:  # that of the middle, as loud however slowly it comes
         taps, speeds = taps[len(taps) // 2 :][:1], np.array([1e-3])
     if modes == 0:
-        numbers = np.ones((3, len(speeds)))
-        return Swatch("tapped", taps=Taps(speeds, *numbers, np.stack(taps), RATE_HZ)), "tap"
+        one = np.ones(len(speeds))
+        return Swatch("tapped", taps=Taps(speeds, one, one, one, np.stack(taps), RATE_HZ)), "tap"
     rows = np.stack([fitted(tap, modes) for tap in taps])
     if modes == 1:  # the shipped effect has one
         a, f, decay = rows[:, 0].T
@@ -154,8 +157,10 @@ def played(speed_m_s: float, modes: int, heeds: bool) -> Array:
 def time(modes: int, heeds: bool) -> tuple[float, float]:
     swatch, effect = model(modes, heeds)
     path = np.tile((0.01, 0.01, 0.0), (3000, 1))
-    path[:, 2] = 2e-3 * np.sin(2.0 * np.pi * 20.0 * 1e-3 * np.arange(3000)) + 1e-3  # 20 a second: some ticks are strikes
-    return effect_us(swatch, ("wall", effect), ("wall",), path)
+    path[:, 2] = (
+        2e-3 * np.sin(2.0 * np.pi * 20.0 * 1e-3 * np.arange(3000)) + 1e-3
+    )  # 20 a second: some ticks are strikes
+    return effect_us(swatch, ("wall", effect), path=path)
 
 
 def advice(points: Sequence[Point]) -> str:
@@ -166,9 +171,9 @@ def advice(points: Sequence[Point]) -> str:
     return (
         f"Choose {chosen.label} {chosen.method}: {chosen.errors['planted']:.2g} JND at speeds that were not measured, "
         f"{chosen.median_us:.2g} µs and {chosen.p99_us:.2g} when it is struck; {least.label} come nearest "
-        f"({least.errors['planted']:.2g}). One sinusoid, as most surfaces are stored, misses {one.errors['planted']:.2g} "
-        f"where a surface has {len(MODES)} modes; it does where there is but one to hear. Never one tap for all speeds: "
-        f"{deaf:.2g} JND at best."
+        f"({least.errors['planted']:.2g}). One sinusoid, as most surfaces are stored, misses "
+        f"{one.errors['planted']:.2g} where a surface has {len(MODES)} modes; it does where there is but one to hear. "
+        f"Never one tap for all speeds: {deaf:.2g} JND at best."
     )
 
 
@@ -183,7 +188,8 @@ QUESTION: Final = Question(
     conditions=(
         f"A known surface of {len(MODES)} modes that ring higher when it is struck faster, heard with noise at "
         f"{len(MEASURED_M_S)} speeds from {MEASURED_M_S[0]:g} to {MEASURED_M_S[-1]:g} m/s and asked for between them: "
-        "levels from 20 to 1000 Hz of what the tick plays against its own, in closed form. No real recording of taps is "
-        "within reach. Time: in contact, 20 taps a second, so that the 99th percentile is a tick that strikes."
+        "levels from 20 to 1000 Hz of what the tick plays against its own, in closed form. No real recording of taps "
+        "is within reach. Time: a whole tick in contact, 20 taps a second, so that the 99th percentile is a tick "
+        "that strikes."
     ),
 )

@@ -162,9 +162,9 @@ def advice(points: Sequence[Point]) -> str:
     return (
         f"Blend in any domain that is always stable: with {least.label} they miss {least.errors['planted']:.2g} to "
         f"{most:.2g} JND of a surface whose lines move with the speed; {chosen.method}, {chosen.label} "
-        f"({chosen.errors['planted']:.2g} JND) is the quickest within one.{told} Not the nearest model where a hand is to "
-        "feel no steps, nor direct coefficients between unlike models, whose blends are unstable. The tick pays for none "
-        "of this: its table is made when a swatch is loaded."
+        f"({chosen.errors['planted']:.2g} JND) is the quickest within one.{told} Not the nearest model where a hand "
+        "is to feel no steps, nor direct coefficients between unlike models, whose blends are unstable. The tick "
+        "pays for none of this: its table is made when a swatch is loaded."
     )
 
 

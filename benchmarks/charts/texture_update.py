@@ -42,7 +42,7 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 @cache
 def hand() -> tuple[Array, Array]:
-    """Normal force [N] and slip speed [m/s] (n,) of each tick of a hand that strokes to and fro, as the tick told them."""
+    """Normal force [N] and slip speed [m/s] (n,), tick by tick, of a hand that strokes to and fro."""
     from hapscene.constants import STIFFNESS_N_M
     from hapscene.motion.hand_path import STROKE_M_S, Hand
     from hapscene.motion.look_from_above import look_from_above
@@ -85,7 +85,16 @@ def held_error(texture: "Texture", force_N: Array, speed_m_s: Array, held: str, 
 
 @native
 def play(
-    table: Any, force_N: Any, speed_m_s: Any, every: int, level_held: int, rng: Any, state: Any, out: Any, ns: Any, clock: Any
+    table: Any,
+    force_N: Any,
+    speed_m_s: Any,
+    every: int,
+    level_held: int,
+    rng: Any,
+    state: Any,
+    out: Any,
+    ns: Any,
+    clock: Any,
 ) -> None:
     """The texture along forces and speeds (n,), and the time of each block [ns] (n,)."""
     order, knots = int(table[2]), int(table[3])
@@ -125,7 +134,16 @@ def time(held: str, every: int) -> tuple[float, float]:
     for _ in range(6):
         ns, state = np.zeros(len(force), np.int64), np.zeros((3, texture.order + 1))
         play(
-            rows, force, speed, every, int(held == "all"), seeded_state(0, "time"), state, np.zeros(BLOCK), ns, new_clock()
+            rows,
+            force,
+            speed,
+            every,
+            int(held == "all"),
+            seeded_state(0, "time"),
+            state,
+            np.zeros(BLOCK),
+            ns,
+            new_clock(),
         )
         runs.append(ns)
     return spread_us(np.min(runs[1:], axis=0))
@@ -138,10 +156,10 @@ def advice(points: Sequence[Point]) -> str:
     single = "; where all models share one filter its level alone need follow at all"
     return (
         f"Follow the hand every {chosen.label} ({chosen.method}): 95 % of the blocks are then within "
-        f"{chosen.errors['p95']:.2g} JND, and a block takes {chosen.median_us:.2g} µs where one that follows in every tick "
-        f"takes {at_once.median_us:.2g}. Not for the sake of the worst tick, which still makes a filter "
-        f"({chosen.p99_us:.2g} against {at_once.p99_us:.2g} µs at the 99th percentile), and not where a hand crosses from "
-        f"one swatch into another: there the filter is another one at once{single}."
+        f"{chosen.errors['p95']:.2g} JND, and a block takes {chosen.median_us:.2g} µs where one that follows in every "
+        f"tick takes {at_once.median_us:.2g}. Not for the sake of the worst tick, which still makes a filter "
+        f"({chosen.p99_us:.2g} against {at_once.p99_us:.2g} µs at the 99th percentile), and not where a hand crosses "
+        f"from one swatch into another: there the filter is another one at once{single}."
     )
 
 
@@ -157,9 +175,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        f"A known surface whose lines rise with the speed, stroked to and fro by a hand at 0.12 m/s in the mean, its "
-        f"{FORCE_N:g} N coming and going by half {CHANGES_HZ:g} times a second: each tick's levels in twelve bands against "
-        "those of its own force and speed, in closed form."
+        "A known surface whose lines rise with the speed, stroked to and fro by a hand at 0.12 m/s in the mean, its "
+        f"{FORCE_N:g} N coming and going by half {CHANGES_HZ:g} times a second: each tick's levels in twelve bands "
+        "against those of its own force and speed, in closed form."
     ),
     per="block",
 )
