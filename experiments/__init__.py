@@ -10,4 +10,5 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `texture_case` | no filter explodes, no texture drives a hand: L1 to L3, and textures on bare motors |
 | `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
 | `delay_study` | position–position and wave variables over a line with delay: `hapscene teleoperate experiment` |
+| `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |
 """

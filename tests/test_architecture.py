@@ -26,7 +26,16 @@ FLOOR = (
         "geometry",
         "memory",
     ),
-    *("native", "number_files", "old_spellings", "parameter_sweep", "perception", "plugin_registry", "worker_pool"),
+    *(
+        "native",
+        "number_files",
+        "old_spellings",
+        "parameter_sweep",
+        "perception",
+        "plugin_registry",
+        "web_listener",
+        "worker_pool",
+    ),
 )
 """The ground floor: knows nobody above it."""
 
