@@ -42,9 +42,9 @@ def advice(points: Sequence[Point]) -> str:
     steep = fit_exponent([p.errors["work"] for p in still], [p.errors["contact"] for p in still])
     one, all_ = moving[0].errors["step"], moving[-1].errors["step"]
     return (
-        f"Bodies at rest are nearly free: the contact grows as {steep.words()}. Those that move cost {one:.2g} µs a step "
-        f"for one and {all_:.3g} for {moving[-1].label}: give poses to those that move alone, and merge what never does "
-        "only where a thousand of them stand in reach at once."
+        f"Bodies at rest are nearly free: the contact grows as {steep.words()}. Those that move cost {one:.2g} µs a "
+        f"step for one and {all_:.3g} for {moving[-1].label}: give poses to those that move alone, and merge what "
+        "never does only where a thousand of them stand in reach at once."
     )
 
 

@@ -13,6 +13,7 @@ from .question import Measure, Point, Question, front
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 COLOURS: Final = (*(OKABE_ITO[name] for name in ("blue", "vermilion", "green", "orange", "purple", "sky")), EDGE)
 MARKERS: Final = "osD^vPX*<>"
@@ -72,7 +73,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
     ax.set_ylabel(f"[{measure.unit}]" if measure.unit else "")
     if measure.log:
         ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
+        _plain(ax.yaxis)
     told = [(k, p) for k, p in enumerate(points) if _is_number(p.errors.get(measure.key))]
     if question.growth:
         _draw_growth(ax, question, told, measure)
@@ -85,6 +86,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
     labels = list(dict.fromkeys(p.label for _, p in told))
     methods = list(dict.fromkeys(p.method for p in points))
     best = front(points, measure)
+    named: list[tuple[str, float, float]] = []
     for k, p in told:
         x = p.median_us if timed else float(labels.index(p.label))
         which = methods.index(p.method)
@@ -96,8 +98,8 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
         if p.source:
             line.set_markerfacecolor("none")
         line.set_gid(f"{question.name}-{measure.key}-{k}")
-        if timed and (len(told) <= NAMED_MAX or p in best):
-            ax.annotate(p.label, (x, value[k]), (5, 4), textcoords="offset points", fontsize=7.5)
+        if timed and (p in best or (len(told) <= NAMED_MAX and not p.source)):
+            named.append((p.label, x, value[k]))
     for which, method in enumerate(methods):
         of = [(k, p) for k, p in told if p.method == method]
         if of:
@@ -109,7 +111,7 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
         ax.plot([], [], linestyle="", label=textwrap.fill(f"cited: {source}", 40))
     if timed:
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+        _plain(ax.xaxis)
         ax.set_xlabel(f"time a {question.per} [µs]: {question.quantiles[0]}, and to {question.quantiles[1]}")
         if len(best) > 1:
             at = [value[points.index(p)] for p in best]
@@ -119,6 +121,29 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
         ax.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
     if measure.jnd is not None:
         _draw_threshold(ax, measure, measure.jnd)
+    _name_points(ax, named)
+
+
+def _name_points(ax: "Axes", named: Sequence[tuple[str, float, float]]) -> None:
+    """Labels beside points, left out where they would lie on one that is there."""
+    taken: list[tuple[float, float, float]] = []
+    for label, x, y in named:
+        at_x, at_y = ax.transData.transform((x, y)) * 72 / ax.figure.dpi
+        width = 4.5 * len(label) + 4
+        if all(abs(at_y - y_) > 9 or at_x > x_ + w or x_ > at_x + width for x_, y_, w in taken):
+            taken.append((at_x, at_y, width))
+            ax.annotate(label, (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
+
+
+def _plain(axis: "Axis") -> None:
+    """Numbers as they are spoken on a logarithmic axis: 0.5, not 5 × 10⁻¹."""
+
+    def minor(value: float, _: float) -> str:
+        low, high = axis.get_view_interval()
+        return f"{value:g}" if high < 30 * low and f"{value:e}"[0] in "25" else ""
+
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.set_minor_formatter(minor)
 
 
 def _draw_threshold(ax: "Axes", measure: Measure, jnd: float) -> None:
@@ -159,7 +184,9 @@ def _draw_growth(ax: "Axes", question: Question, told: list[tuple[int, Point]], 
             name = f"{method}: {found.words()}"
         ax.plot([], [], color=colour, marker=marker, label=name)
     ax.set(xscale="log", xlabel="n: how many")
+    _plain(ax.xaxis)
     ax.legend(loc="upper left", fontsize=8)
     if measure.log:
         low, high = ax.get_ylim()
+        low, high = min(low, high / 3), max(high, 3 * low)  # what stays the same looks it
         ax.set_ylim(low, high * (high / low) ** (0.09 * len(methods) + 0.05))

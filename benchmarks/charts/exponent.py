@@ -17,8 +17,8 @@ class Exponent(NamedTuple):
 
     def words(self) -> str:
         """As it stands beside a line: "n^0.98 (0.95 to 1.01)"."""
-        spread = "" if np.isnan(self.low) else f" ({self.low:.2f} to {self.high:.2f})"
-        return f"n^{self.slope:.2f}{spread}"
+        slope, low, high = (f"{round(number, 2) + 0.0:.2f}" for number in self[:3])  # no −0.00
+        return f"n^{slope}" + ("" if np.isnan(self.low) else f" ({low} to {high})")
 
 
 def fit_exponent(work: Sequence[float], cost: Sequence[float]) -> Exponent:

@@ -63,7 +63,10 @@ def error(scene_file: str | None, body: str, divisor: int, shaded: bool) -> dict
 
 
 def force_errors(felt: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
-    """Of a recording with the wall alone, against the closest points of `Touched.into_m`."""
+    """Of a recording with the wall alone, against the closest points of `Touched.into_m`.
+
+    Where both never touch at once there is no direction: NaN.
+    """
     true_N, force_N = stiffness_N_m * into_m, felt.f_W_N
     depth_m, size_N = np.linalg.norm(into_m, axis=1), np.linalg.norm(force_N, axis=1)
     on = felt.touching | (depth_m > 0.0)
@@ -74,9 +77,9 @@ def force_errors(felt: Recording, into_m: Array, stiffness_N_m: float) -> dict[s
     step, true_step = angle_deg(force_N[1:], force_N[:-1]), angle_deg(true_N[1:], true_N[:-1])
     sliding = both[1:] & both[:-1]
     return {
-        "direction": float(np.percentile(turn, LATE)),
+        "direction": float(np.percentile(turn, LATE)) if len(turn) else math.nan,
         "force": float(np.percentile(size[on], LATE)),
-        "edge": float(np.max(np.maximum(step - true_step, 0.0)[sliding])),
+        "edge": float(np.max(np.maximum(step - true_step, 0.0)[sliding], initial=0.0)),
         "depth": 1e3 * float(np.percentile(np.abs(felt.depth_m - depth_m)[on], LATE)),
     }
 
@@ -117,7 +120,8 @@ QUESTION: Final = Question(
     name="mesh",
     title="How coarse may a mesh be?",
     measures=(
-        Measure("direction", "direction of the force, off by (95 % of ticks)", "°", DIRECTION_DEG, "Barbagli et al. 2006"),
+        Measure("direction", "direction of the force, off by (95 % of ticks)", "°", DIRECTION_DEG,
+                "Barbagli et al. 2006"),
         Measure("force", "size of the force, off by (95 % of ticks)", "JND", 1.0, "7 %, Pang et al. 1991"),
         Measure("edge", "felt edge: largest turn from tick to tick beyond the surface's own", "°", DIRECTION_DEG,
                 "Barbagli et al. 2006"),
@@ -131,6 +135,6 @@ QUESTION: Final = Question(
     conditions="Each body by itself, its faces reduced by quadric error metrics (fast-simplification), felt with the "
     "wall alone along the path of a hand that explores it from above. Truth: the point of the unreduced mesh that is "
     "closest to the tool, by distances to its triangles; of the sphere, the round surface. A proxy that was led over "
-    "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are felt "
-    "round.",
+    "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are "
+    "felt round.",
 )  # fmt: skip

@@ -23,7 +23,7 @@ from ..sheet import Sheet
 from .chart_drawing import write_picture
 from .chart_page import exponent_rows, write_page
 from .chart_table import Table
-from .question import Point, Question, front
+from .question import Point, Question, front, no_time
 
 QUESTIONS: Final[Mapping[str, str]] = {
     "whole-tick": "whole_tick",
@@ -43,6 +43,7 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "compensator": "compensator",
     "pose-prediction": "pose_prediction",
     "audio-latency": "audio_latency",
+    "growth": "growth",
 }
 """The module of each question, whose `QUESTION` it is, in the order of the page."""
 
@@ -145,7 +146,8 @@ def _measured(
             arguments = {"name": q.name, "arguments": dict(s.arguments), "stamp": stamp}
             key = f"{q.name}: {s.method}, {s.label}"
             pieces.append(Piece(f"{key}: error", f"{__name__}:error_of", arguments, alone=q.growth))
-            pieces.append(Piece(f"{key}: time", f"{__name__}:time_of", arguments, alone=True))
+            if q.time is not no_time:
+                pieces.append(Piece(f"{key}: time", f"{__name__}:time_of", arguments, alone=True))
 
     def after(done: int, count: int, key: str) -> None:
         say(f"{done} of {count}  {key}")
@@ -156,7 +158,7 @@ def _measured(
         points[q.name] = []
         for s in settings[q.name]:
             key = f"{q.name}: {s.method}, {s.label}"
-            median_us, p99_us = results[f"{key}: time"]
+            median_us, p99_us = results.get(f"{key}: time", no_time())
             points[q.name].append(Point(s.method, s.label, median_us, p99_us, results[f"{key}: error"]))
         points[q.name] += q.cited
     journal.unlink(missing_ok=True)  # all is told in chart.csv; the next run measures anew

@@ -7,7 +7,7 @@ structure nor the constraint of the method under test has a part in it. Coarser 
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,8 +126,9 @@ def closest_points(
     is exact; for what lies farther than `near_m`, it need not be. With `among`, of those faces alone.
     """
     from scipy.spatial import cKDTree
-    from trimesh.triangles import closest_point
+    from trimesh import triangles
 
+    closest_point: Any = triangles.closest_point
     corners = mesh.triangles_m
     middle = corners.mean(axis=1)
     reach_m = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
@@ -152,11 +153,10 @@ def closest_points(
             continue
         tree, far_m = cKDTree(middle[faces]), float(reach_m[faces].max())
         count = min(NEIGHBOURS, len(faces))
-        away, near = tree.query(points_m, k=count)
-        away, near = away.reshape(len(rows), -1), near.reshape(len(rows), -1)
+        away, near = (np.reshape(found, (len(rows), -1)) for found in tree.query(points_m, k=count))
         look(np.repeat(rows, count), faces[near.ravel()])
-        open_ = (away[:, -1] < best_m + far_m) & (best_m - far_m < near_m)
-        open_ = rows[open_] if count < len(faces) else rows[:0]
+        unsure = (away[:, -1] < best_m + far_m) & (best_m - far_m < near_m)
+        open_ = rows[unsure] if count < len(faces) else rows[:0]
         for part in np.array_split(open_, max(len(open_) // 200, 1)):
             if len(part):
                 balls = tree.query_ball_point(points_m[part], best_m[part] + far_m)
