@@ -23,6 +23,9 @@ BLOCKS: Final = (32, 64, 128, 256, 512, 1024, 2048)
 BUFFERS: Final = (2, 3)
 """Blocks that the card holds: one plays while the others wait [count]."""
 
+REAL: Final = "this machine's sound"
+"""A method of its own: what PortAudio says of the card, and counts."""
+
 LATE_S: Final = {"own": 0.06e-3, "busy": 3.1e-3}
 """Median lateness of what is woken: alone in its process, and beside a busy thread of Python [s] (measured, 1 kHz)."""
 
@@ -51,7 +54,7 @@ def _cards() -> int:
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     blocks, buffers = (BLOCKS[::3], BUFFERS[:1]) if quick else (BLOCKS, BUFFERS)
     made = [Setting(f"{n} buffers", f"{b}", {"block": b, "buffers": n}) for n in buffers for b in blocks]
-    real = [Setting("this machine's sound", f"{b}", {"block": b, "buffers": 0}) for b in blocks]
+    real = [Setting(REAL, f"{b}", {"block": b, "buffers": 0}) for b in blocks]
     return made + real if _cards() else made
 
 
@@ -109,7 +112,10 @@ def _on_a_card(block: int) -> dict[str, float]:
         card.start(stream)
         clock.sleep(PLAYED_S)
         missed = card.counts["underruns"]
-        return {"latency": 1e3 * (card.latency_s + card.lag_s + stream.latency_s), "busy": 60.0 / PLAYED_S * missed}
+        return {
+            "latency": 1e3 * (card.latency_s + card.lag_s + stream.latency_s),
+            "own": max(LEAST, 60.0 / PLAYED_S * missed),
+        }
     finally:
         card.close()
 
@@ -123,7 +129,7 @@ def time(block: int, buffers: int) -> tuple[float, float]:
 
 def advice(points: Sequence[Point]) -> str:
     """The longest block that is in time, and what a shorter one costs in gaps."""
-    made = [p for p in measured(points, "latency") if "own" in p.errors]
+    made = [p for p in measured(points, "latency") if p.method != REAL]
     fit = [p for p in made if p.errors["latency"] <= 1e3 * AUDIO_S] or made
     chosen = min(fit, key=lambda p: (p.errors["busy"], p.errors["latency"]))
     alone = min(
