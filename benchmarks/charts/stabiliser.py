@@ -73,10 +73,11 @@ def advice(points: Sequence[Point]) -> str:
         )
     chosen = max(calm, key=lambda n: worst[n]["kept"])
     loud = max(worst, key=lambda n: worst[n]["energy"])
+    also = [f"{n} ({worst[n]['kept']:.0f} %)" for n in calm if n != chosen]
     return (
         f"Choose {chosen}: it keeps {worst[chosen]['kept']:.0f} % of the stiffness or more and gives at most "
         f"{worst[chosen]['energy']:.2g} mJ, for a tick of {worst[chosen]['us']:.2g} µs; also still: "
-        f"{'; '.join(n for n in calm if n != chosen) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
+        f"{'; '.join(also) or 'none'}. {loud[0].upper()}{loud[1:]} gives "
         f"{worst[loud]['energy']:.0f} mJ{' or more' if worst[loud]['energy'] >= MJ[1] else ''}. Where walls are "
         "softer than the device holds by itself, none is needed."
     )

@@ -18,7 +18,8 @@ from hapscene_benchmarks.charts import (
 )
 from hapscene_benchmarks.charts.question import Point
 
-OWN = list(run.QUESTIONS)[list(run.QUESTIONS).index("texture-order") :]
+NAMES = list(run.QUESTIONS)
+OWN = NAMES[NAMES.index("texture-order") : NAMES.index("audio-latency") + 1]
 
 
 @pytest.mark.parametrize("name", OWN)
