@@ -3,13 +3,13 @@
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.view.chart import inline_svg, new_chart, save_both
 from hapscene.view.palette import EDGE, INK, OKABE_ITO, SHADE
 
 from .exponent import fit_exponent
-from .question import Measure, Point, Question, front
+from .question import Measure, Point, Question, against_of, cost_of, fronts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,12 @@ MARKERS: Final = "osD^vPX*<>"
 
 NAMED_MAX: Final = 12
 """Points of a panel up to which each is named in the picture [count]; of more, those of the front alone."""
+
+BARS_MAX: Final = 30
+"""Points of a panel up to which the second of their times is drawn as well [count]."""
+
+JOINED_MAX: Final = 8
+"""Points of a method up to which they are joined, in the order of its settings [count]: more are no one line."""
 
 FLOOR: Final = 1 / 3
 """Where an error of zero is drawn on a logarithmic axis, in the least error that is none [1]."""
@@ -82,16 +88,18 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
     if measure.log:
         least = min([v for v in value.values() if v > 0.0] + ([measure.jnd] if measure.jnd else []), default=1.0)
         value = {k: max(v, FLOOR * least) for k, v in value.items()}
-    timed = any(p.median_us == p.median_us for _, p in told)
+    against = against_of(question, measure)
+    timed = any(_is_number(cost_of(p, against)) for _, p in told)
+    bars = timed and not against and len(told) <= BARS_MAX
     labels = list(dict.fromkeys(p.label for _, p in told))
     methods = list(dict.fromkeys(p.method for p in points))
-    best = front(points, measure)
+    best = [p for each in fronts(question, points, measure) for p in each]
     named: list[tuple[str, float, float]] = []
     for k, p in told:
-        x = p.median_us if timed else float(labels.index(p.label))
+        x = cost_of(p, against) if timed else float(labels.index(p.label))
         which = methods.index(p.method)
         colour, marker = COLOURS[which % len(COLOURS)], MARKERS[which % len(MARKERS)]
-        if timed and p.p99_us == p.p99_us:
+        if bars and p.p99_us == p.p99_us:
             ax.plot([x, p.p99_us], [value[k]] * 2, color=colour, linewidth=0.8, alpha=0.6)
             ax.plot(p.p99_us, value[k], color=colour, marker="|", markersize=5, alpha=0.6)
         (line,) = ax.plot(x, value[k], color=colour, marker=marker, markersize=6, linestyle="", zorder=3)
@@ -105,18 +113,38 @@ def _draw(ax: "Axes", question: Question, points: Sequence[Point], measure: Meas
         if of:
             colour, marker = COLOURS[which % len(COLOURS)], MARKERS[which % len(MARKERS)]
             fill = "none" if of[0][1].source else colour
-            name = f"{method} (cited)" if of[0][1].source else method
-            ax.plot([], [], color=colour, marker=marker, markerfacecolor=fill, linestyle="", label=name)
+            said = f"{method} (cited)" if of[0][1].source else method
+            ax.plot([], [], color=colour, marker=marker, markerfacecolor=fill, linestyle="", label=said)
+            if timed and len(of) <= JOINED_MAX:
+                ax.plot(
+                    [cost_of(p, against) for _, p in of],
+                    [value[k] for k, _ in of],
+                    color=colour,
+                    linewidth=0.8,
+                    alpha=0.5,
+                )
     for source in dict.fromkeys(p.source for _, p in told if p.source):
         ax.plot([], [], linestyle="", label=textwrap.fill(f"cited: {source}", 40))
     if timed:
         ax.set_xscale("log")
         _plain(ax.xaxis)
-        ax.set_xlabel(f"time a {question.per} [µs]: {question.quantiles[0]}, and to {question.quantiles[1]}")
-        if len(best) > 1:
-            at = [value[points.index(p)] for p in best]
-            ax.plot([p.median_us for p in best], at, color=EDGE, linewidth=5, alpha=0.35, drawstyle="steps-post",
-                    label="Pareto front", zorder=1)  # fmt: skip
+        name = f"time a {question.per} [µs]: {question.quantiles[0]}"
+        name += f", and to {question.quantiles[1]}" if bars else ""
+        ax.set_xlabel(next((f"{m.name} [{m.unit}]" for m in question.measures if m.key == against), name))
+        told_once: str | None = "Pareto front"
+        for each in fronts(question, points, measure):
+            if len(each) > 1:
+                x_of = [cost_of(p, against) for p in each]
+                at = [value[points.index(p)] for p in each]
+                front: dict[str, Any] = {
+                    "color": EDGE,
+                    "linewidth": 5,
+                    "alpha": 0.35,
+                    "drawstyle": "steps-post",
+                    "zorder": 1,
+                }
+                ax.plot(x_of, at, label=told_once, **front)
+                told_once = None
     else:
         ax.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
     if measure.jnd is not None:
@@ -140,9 +168,13 @@ def _plain(axis: "Axis") -> None:
 
     def minor(value: float, _: float) -> str:
         low, high = axis.get_view_interval()
-        return f"{value:g}" if high < 30 * low and f"{value:e}"[0] in "25" else ""
+        digits = "123456789" if high < 3 * low else "25" if high < 30 * low else ""
+        return spoken(value, 0) if f"{value:e}"[0] in digits else ""
 
-    axis.set_major_formatter(lambda value, _: f"{value:g}")
+    def spoken(value: float, _: float) -> str:
+        return f"{value:,.0f}" if value >= 1e4 else f"{value:g}"
+
+    axis.set_major_formatter(spoken)
     axis.set_minor_formatter(minor)
 
 

@@ -16,7 +16,7 @@ from ..markdown import shown
 from .chart_drawing import drawings
 from .chart_table import Table
 from .exponent import fit_exponent
-from .question import Measure, Point, Question, front
+from .question import Measure, Point, Question, fronts
 
 SCRIPT: Final = """
 for (const part of document.querySelectorAll("section")) {
@@ -81,7 +81,7 @@ def _section(question: Question, points: Sequence[Point]) -> str:
         tables = _table(question, points, list(range(len(points))), measures)
         tables = _exponents(points, measures) + f"<details><summary>All points</summary>{tables}</details>"
     else:
-        best = [points.index(p) for measure in measures for p in front(points, measure)]
+        best = [points.index(p) for m in measures for each in fronts(question, points, m) for p in each]
         best = sorted(set(best), key=lambda k: points[k].median_us) or list(range(len(points)))
         rest = _table(question, points, list(range(len(points))), measures)
         tables = f"<h3>The front</h3>{_table(question, points, best, measures)}"

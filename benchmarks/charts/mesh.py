@@ -29,6 +29,9 @@ DEPTH_M: Final = 1e-4
 FACES_MIN: Final = 40
 """Faces that are left at least [count]."""
 
+LEAST: Final = {"direction": 0.01, "force": 0.001, "edge": 0.01, "depth": 0.001}
+"""What errors are told as where they are less: on flat faces they are rounding, which would fill the picture."""
+
 LATE: Final = 95.0
 """Percentile of the ticks in contact that an error is told of: what 19 in 20 lie below."""
 
@@ -48,6 +51,11 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     return found
 
 
+def subject(point: Point) -> str:
+    """The body that a point is of."""
+    return point.method.removesuffix(", shaded")
+
+
 def renderer_of(scene_file: str | None, body: str, divisor: int, shaded: bool) -> Renderer:
     """One that has the reduced body alone, and the wall alone."""
     scene = touched(scene_file, body).scene(reduced(scene_file, body, divisor))
@@ -59,7 +67,8 @@ def error(scene_file: str | None, body: str, divisor: int, shaded: bool) -> dict
     on = touched(scene_file, body)
     felt = renderer_of(scene_file, body, divisor, shaded).run(on.p_WT_m)
     memory_MB = held_MB(lambda: renderer_of(scene_file, body, divisor, shaded))
-    return {**force_errors(felt, on.into_m, PLAIN.stiffness_N_m), "memory": memory_MB}
+    found = force_errors(felt, on.into_m, PLAIN.stiffness_N_m)
+    return {**{key: max(value, LEAST[key]) for key, value in found.items()}, "memory": memory_MB}
 
 
 def force_errors(felt: Recording, into_m: Array, stiffness_N_m: float) -> dict[str, float]:
@@ -96,23 +105,20 @@ def time(scene_file: str | None, body: str, divisor: int, shaded: bool) -> tuple
 
 def advice(points: Sequence[Point]) -> str:
     said = []
-    for body in dict.fromkeys(p.method.removesuffix(", shaded") for p in points):
+    for body in dict.fromkeys(map(subject, points)):
         of = [p for p in points if p.method == body]
-        fit = [p for p in of if p.errors["force"] <= 1.0 and p.errors["direction"] <= DIRECTION_DEG]
-        whole = of[0]
+        fit = [
+            p for p in of if p.errors["force"] <= 1.0 and max(p.errors["direction"], p.errors["edge"]) <= DIRECTION_DEG
+        ]
         if not fit:
-            said.append(f"{body}: keep it whole")
+            said.append(f"{body} whole")
             continue
-        least = min(fit, key=lambda p: p.errors["memory"])
-        said.append(
-            f"{body}: {least.label} ({least.errors['memory']:.2g} MB of {whole.errors['memory']:.2g}, "
-            f"{least.median_us:.2g} µs of {whole.median_us:.2g})"
-        )
+        least, whole = min(fit, key=lambda p: p.errors["memory"]), of[0]
+        said.append(f"{body} {least.label} ({least.errors['memory']:.2g} MB of {whole.errors['memory']:.2g})")
     return (
-        "The coarsest mesh whose force and direction nobody tells from the truth in 19 of 20 ticks — "
-        + "; ".join(said)
-        + ". Reduce for memory and loading, for a tick gains little. Shade what was round and is coarse; do not where "
-        "the facets are the shape, or where energy counts: shading turns the force and leaves its size."
+        f"Take the coarsest mesh whose force, direction and edges nobody feels: {'; '.join(said)}. It saves memory and "
+        "loading; a tick gains next to nothing. Shade what was round and is coarse. Do not where the facets are the "
+        "shape, or where energy counts: shading turns the force and leaves its size."
     )
 
 
@@ -137,4 +143,6 @@ QUESTION: Final = Question(
     "closest to the tool, by distances to its triangles; of the sphere, the round surface. A proxy that was led over "
     "bumps is not always at the closest point: so much of the error is not the mesh's. Shaded: edges below 40° are "
     "felt round.",
+    against="memory",
+    subject=subject,
 )  # fmt: skip

@@ -23,7 +23,7 @@ from ..sheet import Sheet
 from .chart_drawing import write_picture
 from .chart_page import exponent_rows, write_page
 from .chart_table import Table
-from .question import Point, Question, front, no_time
+from .question import Point, Question, fronts, no_time
 
 QUESTIONS: Final[Mapping[str, str]] = {
     "whole-tick": "whole_tick",
@@ -226,7 +226,7 @@ def _document(found: Table, asked: Sequence[Question], csv: str) -> str:
         if q.growth:
             parts.append(markdown_table(("cost", "of", "grows as (95 %)"), exponent_rows(points, measures)))
             continue
-        best = sorted({points.index(p) for m in measures for p in front(points, m)}, key=lambda k: points[k].median_us)
+        best = {points.index(p) for m in measures for each in fronts(q, points, m) for p in each}
         if best:
             head = ("method", "setting", f"time a {q.per} [µs], {' / '.join(q.quantiles)}")
             rows = [
@@ -234,7 +234,7 @@ def _document(found: Table, asked: Sequence[Question], csv: str) -> str:
                     *(p.method, p.label, f"{shown(p.median_us)} / {shown(p.p99_us)}"),
                     *(shown(p.errors[m.key]) if m.key in p.errors else "" for m in measures),
                 )
-                for p in (points[k] for k in best)
+                for p in (points[k] for k in sorted(best, key=lambda k: points[k].median_us))
             ]
             parts.append(markdown_table((*head, *(f"{m.name} [{m.unit}]" for m in measures)), rows))
     return "\n".join(parts)

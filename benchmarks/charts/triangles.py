@@ -104,8 +104,8 @@ QUESTION: Final = Question(
     conditions="An icosphere of 50 mm, pressed 2 mm and slid over at 0.1 m/s; the contact part of a tick, hot, each "
     "tick's the least of five runs. Truth: the round surface; the facets, by their planes. Cited: others' contact on "
     "the same path on another machine, hapscene's beside them for the machine's sake. It leaves out hapscene's force, "
-    "its whole tick holds more than theirs, so a fair figure lies between; CHAI3D static solves one constraint a tick and "
-    "gets 5 of 37 known cases right. Directions of others were looked at with 20 k triangles alone.",
+    "its whole tick holds more than theirs, so a fair figure lies between; CHAI3D static solves one constraint a tick "
+    "and gets 5 of 37 known cases right. Directions of others were looked at with 20 k triangles alone.",
     per="contact",
     cited=tuple(_cited()),
 )  # fmt: skip

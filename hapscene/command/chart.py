@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hapscene.command.console import tell
+from hapscene.command.console import note, tell
 from hapscene.command.options import add_command, add_out_folder, check_out_folder, check_scene, check_there, whole
 from hapscene.errors import HapsceneError
 
@@ -53,10 +53,14 @@ def _chart(options: argparse.Namespace) -> int:
         scene = str(Path(options.scene).resolve())
     from hapscene_benchmarks.charts.run import chart
 
-    chart(
-        Path(options.out), scene, only=options.only, quick=options.quick, jobs=options.jobs,
-        scheduler=options.scheduler, table=options.table, docs=options.docs, say=lambda text: tell([text]),
-    )  # fmt: skip
+    try:
+        chart(
+            Path(options.out), scene, only=options.only, quick=options.quick, jobs=options.jobs,
+            scheduler=options.scheduler, table=options.table, docs=options.docs, say=lambda text: tell([text]),
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        note("what was measured is kept: the same command goes on from here")
+        raise
     return 0
 
 

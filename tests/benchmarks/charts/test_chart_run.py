@@ -13,7 +13,7 @@ from hapscene_benchmarks.charts import run
 from hapscene_benchmarks.charts.chart_page import write_page
 from hapscene_benchmarks.charts.chart_table import Table
 from hapscene_benchmarks.charts.exponent import fit_exponent
-from hapscene_benchmarks.charts.question import Measure, Point, Question, Setting, front
+from hapscene_benchmarks.charts.question import Measure, Point, Question, Setting, front, fronts
 
 CALLED: Counter[str] = Counter()
 
@@ -139,6 +139,10 @@ def test_front_is_what_nothing_beats() -> None:
     assert [p.label for p in front(points, QUICK.measures[0])] == ["a", "c", "e"]
     most = replace(QUICK.measures[0], more_is_better=True)
     assert [p.label for p in front(points, most)] == ["a", "b"]
+    by_size = [Point("m", k, 1.0, 1.0, {"off": v, "size": t}) for k, (t, v) in at.items()]
+    assert [p.label for p in front(by_size, QUICK.measures[0], "size")] == ["a", "c", "e"]
+    apart = replace(QUICK, subject=lambda point: "low" if point.label in "ab" else "high")
+    assert [[p.label for p in each] for each in fronts(apart, points, QUICK.measures[0])] == [["a"], ["c", "e"]]
 
 
 @pytest.mark.usefixtures("undrawn")

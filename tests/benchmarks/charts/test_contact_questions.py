@@ -168,12 +168,12 @@ def test_memory_that_is_held_is_counted() -> None:
 
 def test_advice_of_the_mesh_names_the_coarsest_that_is_not_felt() -> None:
     def point(label: str, direction: float, memory: float) -> Point:
-        errors = {"direction": direction, "force": 0.5, "memory": memory}
+        errors = {"direction": direction, "force": 0.5, "edge": 1.0, "memory": memory}
         return Point("toad", label, 1.0, 2.0, errors)
 
     points = [point("whole", 1.0, 9.0), point("÷8", DIRECTION_DEG - 1.0, 2.0), point("÷64", DIRECTION_DEG + 1.0, 0.1)]
-    assert "toad: ÷8 (2 MB of 9" in mesh.advice(points)
-    assert "toad: keep it whole" in mesh.advice(points[2:])
+    assert "toad ÷8 (2 MB of 9)" in mesh.advice(points)
+    assert "toad whole" in mesh.advice(points[2:])
 
 
 def test_a_body_alone_is_plain() -> None:
