@@ -1,4 +1,4 @@
-"""What several questions measure with: recordings, bands of vibration, the time of an effect in the tick, the choice."""
+"""What several questions measure with: recordings, bands of vibration, times, and what is near enough."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -27,6 +27,10 @@ RECORDINGS: Final = Path(__file__).resolve().parents[3] / "shared" / "data" / "r
 STROKES: Final = ("wood", "paper", "leather")
 """Those with force, speed and friction."""
 
+FELT_HZ: Final = band_edges_Hz()
+FINE_HZ: Final = np.geomspace(FELT_HZ[0], FELT_HZ[-1], 481)
+"""Edges of the bands that are felt, and 40 frequencies in each [Hz]."""
+
 ISRAR: Final = "2 dB in a band (Israr, Tan & Reed 2006)"
 
 TICKS: Final = 3000
@@ -51,23 +55,19 @@ def recorded(name: str) -> "Streams":
     return clean(told.acceleration_m_s2, RATE_HZ, told.force_N, told.speed_m_s, told.tangential_force_N)
 
 
-def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, held_Hz: float = 0.0) -> Array:
-    """Root mean squares (k,) [m/s²] of an AR model in the bands that are felt, in closed form but for the integral.
+def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, *, held: bool = False) -> Array:
+    """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral.
 
-    With `held_Hz` each sample is held for 1/`held_Hz`, as a converter does: |sinc(f/held_Hz)| of it is left.
+    `held`: each sample for its whole time, as a converter does, which leaves |sinc(f/rate)|.
     """
     from hapscene.capture.metric import model_spectrum
 
-    edges = band_edges_Hz()
-    frequency = np.geomspace(edges[0], edges[-1], 40 * (len(edges) - 1) + 1)
-    density = model_spectrum(a, variance_m2_s4, rate_Hz, frequency)
-    if held_Hz:
-        density = density * np.sinc(frequency / held_Hz) ** 2
-    return bands_of(frequency, density)
+    density = model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ)
+    return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / rate_Hz) ** 2 if held else density)
 
 
 def bands_of(frequency_Hz: Array, density: Array) -> Array:
-    """Root mean squares (k,) [m/s²] of a power density (n,) [(m/s²)²/Hz] in the bands that are felt."""
+    """Root mean squares (k,) [m/s²] of a power density (n,) [(m/s²)²/Hz] in the felt bands."""
     from hapscene.capture.metric import band_power
 
     return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz), 0.0)))
@@ -75,7 +75,7 @@ def bands_of(frequency_Hz: Array, density: Array) -> Array:
 
 def apart_jnd(bands_m_s2: ArrayLike, true_m_s2: ArrayLike) -> Array:
     """How far the levels (…, k) of the felt bands are from the true ones (…, k), (…,) [JND]."""
-    return bands_jnd(bands_m_s2, true_m_s2, band_edges_Hz())
+    return bands_jnd(bands_m_s2, true_m_s2, FELT_HZ)
 
 
 def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
@@ -106,21 +106,25 @@ def stroke_path(count: int = TICKS, tick_s: float = 1e-3) -> Array:
 
 
 def effect_us(
-    swatch: Any, effects: Sequence[Any], less: Sequence[Any], path: Array | None = None, **rates: float
+    swatch: Any, effects: Sequence[Any], less: Sequence[Any] = (), path: Array | None = None, **rates: Any
 ) -> tuple[float, float]:
-    """Median and 99th percentile of the time that `effects` add to the tick over `less` [µs], in contact.
+    """Median and 99th percentile of the time that a tick takes with `effects` beyond one with `less` [µs], in contact.
 
-    Each tick's is the least of several runs, measured inside it; both are played side by side over the rig's sheet.
+    Each tick's is the least of several runs, measured inside it; what has no `less` is the whole tick.
     """
     from hapscene.renderer import Renderer
     from hapscene.stability.rig import sheet
 
     path = stroke_path() if path is None else path
-    with_, without = (ticks_ns(Renderer(sheet(swatch), list(e), **rates), path) for e in (effects, less))
-    return spread_us(np.maximum(with_ - without, 1))
+    taken = ticks_ns(Renderer(sheet(swatch), list(effects), **rates), path)
+    if not less:
+        return spread_us(taken)
+    return spread_us(
+        np.maximum(taken - float(np.median(ticks_ns(Renderer(sheet(swatch), list(less), **rates), path))), 1.0)
+    )
 
 
-def ticks_ns(renderer: "Renderer", path: Array, repeats: int = 5) -> NDArray[np.int64]:
+def ticks_ns(renderer: "Renderer", path: Array, repeats: int = 9) -> NDArray[np.int64]:
     """Time of each tick in contact [ns], the least of several runs."""
     from ..tick_time import hot
 

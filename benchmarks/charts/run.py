@@ -31,6 +31,18 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "triangles": "triangles",
     "groove": "groove",
     "bodies": "bodies",
+    "texture-order": "texture_order",
+    "texture-domain": "texture_domain",
+    "texture-update": "texture_update",
+    "excitation": "excitation",
+    "acceleration-rate": "acceleration_rate",
+    "tap-model": "tap_model",
+    "friction-model": "friction_model",
+    "force-rate": "force_rate",
+    "stabiliser": "stabiliser",
+    "compensator": "compensator",
+    "pose-prediction": "pose_prediction",
+    "audio-latency": "audio_latency",
     "growth": "growth",
 }
 """The module of each question, whose `QUESTION` it is, in the order of the page."""

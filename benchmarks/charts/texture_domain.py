@@ -15,6 +15,7 @@ from .measuring import (
     best,
     call_us,
     enough,
+    measured,
     model_bands,
     no_recordings,
     recorded,
@@ -25,8 +26,14 @@ if TYPE_CHECKING:
     from hapscene.capture.texture_pieces import Pieces
     from hapscene.surface.texture import Texture
 
-DOMAINS: Final = {"lsf": "LSF", "reflection": "reflection", "direct": "direct", "hatt": "LSF and variance"}
-"""By `hapscene.surface.texture.INTERPOLATIONS`; and, beside them, the nearest model, which blends nothing."""
+DOMAINS: Final = {
+    "lsf": "LSF",
+    "reflection": "reflection",
+    "direct": "direct",
+    "hatt": "LSF and variance",
+    "nearest": "nearest model",
+}
+"""By `hapscene.surface.texture.INTERPOLATIONS`; and the nearest model, which blends nothing."""
 
 ORDER, MODELS, PARTS = 20, 3, 4
 """Of the texture that is fitted, the models that are left in it, and the parts of a recording that are left out in
@@ -38,22 +45,25 @@ GRIDS: Final = (2, 3, 5)
 FORCE_N, SPEED_M_S = (0.3, 2.0), (0.04, 0.25)
 """What the known surface is tested between."""
 
+PLACES: Final = 40
+"""Places between the models of the known surface that are asked for [count]."""
+
 NODES: Final = 1089
 """Filters that are made at once when a swatch is loaded [count]."""
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     grids = GRIDS[:2] if quick else GRIDS
-    names = DOMAINS | {"nearest": "nearest model"}
-    return [Setting(said, f"{n} × {n} models", {"domain": d, "grid": n}) for d, said in names.items() for n in grids]
+    made = [Setting(said, f"{n} × {n} models", {"domain": d, "grid": n}) for d, said in DOMAINS.items() for n in grids]
+    real = [Setting(said, "recordings", {"domain": d, "grid": 0}) for d, said in DOMAINS.items()]
+    return made if no_recordings() else made + real
 
 
 def error(domain: str, grid: int) -> dict[str, float]:
-    """A known surface, tested on a grid and asked for between; recordings, asked for where they were left out."""
-    found = {"planted": _planted(domain, grid)}
-    if not no_recordings():
-        found["recorded"] = float(np.sqrt(np.mean([_left_out(domain, name) ** 2 for name in STROKES])))
-    return found
+    """A known surface, tested on a grid and asked for between; without one, recordings, asked for what was left out."""
+    if grid:
+        return {"planted": _planted(domain, grid)}
+    return {"recorded": float(np.sqrt(np.mean([_left_out(domain, name) ** 2 for name in STROKES])))}
 
 
 def surface_at(force_N: float, speed_m_s: float) -> tuple[Array, float]:
@@ -91,11 +101,9 @@ def _planted(domain: str, grid: int, seed: int = 0) -> float:
     rng = np.random.default_rng(seed)
     texture = planted_texture(domain, grid)
     apart = []
-    for force, speed in np.exp(
-        rng.uniform(np.log([FORCE_N[0], SPEED_M_S[0]]), np.log([FORCE_N[1], SPEED_M_S[1]]), (40, 2))
-    ):
-        found = asked(texture, domain, float(force), float(speed))
-        apart.append(apart_jnd(found, model_bands(*surface_at(float(force), float(speed)), RATE_HZ)))
+    low, high = np.log((FORCE_N, SPEED_M_S)).T
+    for force, speed in np.exp(rng.uniform(low, high, (PLACES, 2))).tolist():
+        apart.append(apart_jnd(asked(texture, domain, force, speed), model_bands(*surface_at(force, speed), RATE_HZ)))
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
@@ -130,7 +138,7 @@ def _left_out(domain: str, name: str) -> float:
 
 
 def time(domain: str, grid: int) -> tuple[float, float]:
-    texture = planted_texture(domain, grid)
+    texture = planted_texture(domain, grid or MODELS)
     force = np.repeat(np.linspace(*FORCE_N, 33), 33)
     speed = np.tile(np.linspace(*SPEED_M_S, 33), 33)
     if domain == "nearest":  # looked up; its filter is there already
@@ -143,18 +151,20 @@ def time(domain: str, grid: int) -> tuple[float, float]:
 
 def advice(points: Sequence[Point]) -> str:
     """The domain that misses least, and what the others cost."""
-    key = "planted" if no_recordings() else "recorded"
-    worst, least = max(p.errors[key] for p in points if not p.source), best(points, key)
-    known, enough_known = best(points, "planted"), enough(points, "planted", 1.0)
-    same = worst - least.errors[key] < 1.0
-    said = "cannot be told apart" if same else "differ"
+    real, told = measured(points, "recorded"), ""
+    if real:
+        low, high = (choose(p.errors["recorded"] for p in real) for choose in (min, max))
+        said = "cannot be told apart" if high - low < 1.0 else "differ"
+        told = f" On recordings, where they were not tested, the domains {said}: {low:.3g} to {high:.3g} JND."
+    least, chosen = best(points, "planted"), enough(points, "planted", 1.0)
+    blended = [p for p in measured(points, "planted") if p.label == least.label and p.method != DOMAINS["nearest"]]
+    most = max(p.errors["planted"] for p in blended)
     return (
-        f"On {'made' if key == 'planted' else 'real'} surfaces at what was not tested the domains {said}: "
-        f"{least.errors[key]:.2g} ({least.method}) to {worst:.2g} JND. Where lines move with the speed, {known.method} with "
-        f"{known.label} misses {known.errors['planted']:.2g} JND; {enough_known.method} with {enough_known.label} "
-        f"({enough_known.errors['planted']:.2g} JND) is the quickest that is good enough or nearest to it. More models help "
-        "more than another domain. A filter is made when a swatch is loaded: the tick reads its table and pays for none "
-        "of this. Direct coefficients, unstable between unlike models, are only for what was made for them."
+        f"Blend in any domain that is always stable: with {least.label} they miss {least.errors['planted']:.2g} to "
+        f"{most:.2g} JND of a surface whose lines move with the speed; {chosen.method}, {chosen.label} "
+        f"({chosen.errors['planted']:.2g} JND) is the quickest within one.{told} Not the nearest model where a hand "
+        "is to feel no steps, nor direct coefficients between unlike models, whose blends are unstable. The tick "
+        "pays for none of this: its table is made when a swatch is loaded."
     )
 
 
@@ -172,8 +182,7 @@ QUESTION: Final = Question(
     conditions=(
         f"Levels in twelve bands from 20 to 1000 Hz at forces and speeds that no model was fitted at: wood, paper and "
         f"leather without a quarter of their pieces, fitted at order {ORDER} with up to {MODELS} models; and a known "
-        "surface of five lines, three of which rise with the speed, at 40 places between its models. The number of "
-        "models is that of the known surface."
+        f"surface of five lines, three of which rise with the speed, at {PLACES} places between its models."
     ),
     per="filter",
 )

@@ -102,11 +102,11 @@ def advice(points: Sequence[Point]) -> str:
     chosen = enough(points, key, least.errors[key] + 1.0)
     most = round(ORDER_MAX * RATE_HZ / AUDIO_RATE_HZ)
     return (
-        f"Choose {chosen.label}: at {chosen.errors[key]:.2g} JND it is the quickest within one of the best, {least.label} "
-        f"({least.errors[key]:.2g} JND), and takes {chosen.median_us:.2g} µs a block where that takes "
+        f"Choose {chosen.label}: at {chosen.errors[key]:.2g} JND it is the quickest within one of the best, "
+        f"{least.label} ({least.errors[key]:.2g} JND), and takes {chosen.median_us:.2g} µs a block where that takes "
         f"{least.median_us:.2g}. Not so small where a surface rings at sharp lines, which a low order blurs; and not "
-        f"above {most} for what is played at {AUDIO_RATE_HZ / 1e3:g} kHz: resampled it would pass the {ORDER_MAX} that a "
-        "tick has room for."
+        f"above {most} for what is played at {AUDIO_RATE_HZ / 1e3:g} kHz: resampled it would pass the {ORDER_MAX} "
+        "that a tick has room for."
     )
 
 
@@ -122,8 +122,9 @@ QUESTION: Final = Question(
     time=time,
     advice=advice,
     conditions=(
-        "Levels in twelve bands from 20 to 1000 Hz: half of each recording of wood, paper and leather against a model "
-        f"of the other half, brought to one loudness; and a known surface of {len(LINES)} lines against a fit to one second."
+        "Levels in twelve bands from 20 to 1000 Hz: half of each recording of wood, paper and leather against a "
+        f"model of the other half, brought to one loudness; and a known surface of {len(LINES)} lines against a fit "
+        "to one second."
     ),
     per="block",
 )
