@@ -210,7 +210,7 @@ def advice(points: Sequence[Point]) -> str:
         f"1 kHz in 99.9 % of ticks, by the tick alone, has {short(round(faces(large)))} triangles ({large.method}: "
         f"{large.label}; {large.errors['late']:.2g} µs). Choose by memory and loading, then, not by the tick; not so "
         "where a loop wakes late, which no tick mends. "
-        + (f"Faster than its work grows: {', '.join(steep)}." if steep else "Nothing grows faster than its work.")
+        + (f"Faster than its work grows: {', '.join(steep)}." if steep else "Nothing grew faster than its work.")
     )
 
 

@@ -73,7 +73,7 @@ def advice(points: Sequence[Point]) -> str:
         f"{last.median_us / first.median_us:.1f} times as much as {first.label}, which are off by "
         f"{first.errors['direction']:.2g}° on a sphere of 50 mm"
         + (", and that is felt" if first in felt else ", which nobody feels either")
-        + ". Not where memory or loading counts: both grow with the triangles, the tick does not."
+        + ". Not where memory or loading counts: both grow as the triangles do, the tick hardly."
     )
 
 
