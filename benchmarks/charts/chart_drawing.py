@@ -189,7 +189,7 @@ def _draw_threshold(ax: "Axes", measure: Measure, jnd: float) -> None:
     ends = (jnd, high) if measure.more_is_better else (low, jnd)
     ax.axhspan(*ends, color=SHADE, zorder=0)
     ax.axhline(jnd, color=INK, linewidth=1, linestyle="--", zorder=1)
-    told = f"just felt: {jnd:g} {measure.unit}" + (f" ({measure.source})" if measure.source else "")
+    told = f"{measure.limit}: {jnd:g} {measure.unit}" + (f" ({measure.source})" if measure.source else "")
     up = measure.more_is_better
     for words, x, above, style in ((told, 1.0, not up, "normal"), ("not needed", 0.0, up, "italic")):
         ax.annotate(

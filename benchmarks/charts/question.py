@@ -25,6 +25,7 @@ class Measure:
         name, unit: for people.
         jnd: how much of it is just noticed, in that unit; None where nobody knows. What lies below is not needed.
         source: of that number.
+        limit: what is said of that number: "just felt", or what else it is the limit of.
         log: drawn on a logarithmic axis.
         more_is_better: as of a stiffness that is kept; else less is, as of an error.
     """
@@ -36,6 +37,7 @@ class Measure:
     source: str = ""
     log: bool = True
     more_is_better: bool = False
+    limit: str = "just felt"
 
 
 @dataclass(frozen=True)

@@ -88,8 +88,8 @@ QUESTION: Final = Question(
     title="What keeps a stiff wall still?",
     measures=(
         Measure("kept", "stiffness kept, worst gesture", "%", log=False, more_is_better=True),
-        Measure("energy", "energy given to the hand", "mJ", 1e3 * OUT_J, "a weak tap of the Omni's 45 g"),
-        Measure("late", "speed where it should rest", "mm/s", 1e3 * REST_M_S, "buzz: half the noise of an encoder"),
+        Measure("energy", "energy given to the hand", "mJ", 1e3 * OUT_J, "the Omni's 45 g", limit="a weak tap"),
+        Measure("late", "speed where it should rest", "mm/s", 1e3 * REST_M_S, "half an encoder's noise", limit="rest"),
     ),
     settings=settings,
     error=error,
