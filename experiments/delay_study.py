@@ -5,7 +5,7 @@ bad one. Two questions are put to each run: does all come to rest where a hand i
 energy? A passive scheme can, at most, give out its allowances, of 1 mJ each. delay.png shows it all.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 
 from hapscene.device.hand import Grip
 from hapscene.device.point import PointMass
+from hapscene.parameter_sweep import Piece, sweep
 from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.endpoint import SCHEMES, Coupling
 from hapscene.teleoperation.link import Impairment
@@ -69,17 +70,33 @@ def study_delays(
     seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
     delays_s: Iterable[float] = DELAYS_S,
-    schemes: Iterable[str] = SCHEMES,
+    schemes: Sequence[str] = SCHEMES,
+    **workers: Any,
 ) -> list[DelayOutcome]:
-    """All runs: schemes, delays, lines, cases and grips."""
-    outcomes, schemes = [], list(schemes)
-    for delay_s in delays_s:
-        say(f"delay {delay_s * 1e3:g} ms\n")
-        for scheme, bad, case, grip in product(schemes, (False, True), CASES, GRIPS):
-            operated = operate_case(scheme, delay_s, bad, case, grip, seed)
-            found = (operated.rest_m_s, operated.energy_out_J)
-            outcomes.append(DelayOutcome(scheme, delay_s, bad, case, grip, *found))
-    return outcomes
+    """All runs: schemes, delays, lines, cases and grips; `workers` as of `hapscene.parameter_sweep.sweep`."""
+    runs = [
+        (scheme, delay_s, bad, case, grip)
+        for delay_s in delays_s
+        for scheme, bad, case, grip in product(schemes, (False, True), CASES, GRIPS)
+    ]
+    names = ("scheme", "delay_s", "bad", "case", "grip")
+    pieces = [
+        Piece(
+            f"{scheme}, {1e3 * delay_s:g} ms, {'bad' if bad else 'clean'} line, {case}, {grip} grip",
+            f"{__name__}:run_case",
+            {**dict(zip(names, run, strict=True)), "seed": seed},
+        )
+        for run in runs
+        for scheme, delay_s, bad, case, grip in (run,)
+    ]
+    found = sweep(pieces, after=lambda done, of, key: say(f"delay {done} of {of}: {key}\n"), **workers)
+    return [DelayOutcome(*run, *found[piece.key]) for run, piece in zip(runs, pieces, strict=True)]
+
+
+def run_case(**case: Any) -> tuple[float, float]:
+    """Rest [m/s] and energy given out [J] of one run, in whichever process."""
+    operated = operate_case(**case)
+    return operated.rest_m_s, operated.energy_out_J
 
 
 def operate_case(scheme: str, delay_s: float, bad: bool, case: str, grip: str, seed: int = 0) -> Operated:

@@ -32,6 +32,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.paint import add_paint
     from hapscene.command.play import add_play, add_replay
     from hapscene.command.plugins import add_plugins
+    from hapscene.command.reproduce import add_reproduce
     from hapscene.command.serve import add_serve
     from hapscene.command.stability import add_stability
     from hapscene.command.swatch import add_swatch
@@ -41,7 +42,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
     further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
-    return first, (add_play, *further, add_replay, add_devices, add_plugins, add_bench)
+    return first, (add_play, *further, add_replay, add_devices, add_plugins, add_bench, add_reproduce)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -67,7 +67,7 @@ def kept(function: Callable[..., Any], compiler: Callable[..., Any]) -> Any:
 
 @cache
 def _warn_once(reason: str) -> None:
-    text = f"what is compiled is not kept, so that every start takes half a minute longer: {reason}"
+    text = f"what is compiled is not kept, so that every start takes half a minute to two longer: {reason}"
     warn(f"{text}; the environment variable NUMBA_CACHE_DIR can name a folder of yours", RuntimeWarning)
 
 
@@ -144,7 +144,7 @@ def _tell_compiling() -> None:
     global _told
     if _say and not _told:
         _told = True
-        _say[-1]("compiling, once; about half a minute … ")
+        _say[-1]("compiling, once; half a minute to two … ")
 
 
 @cache

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import fit, load_recording
+from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -56,16 +57,19 @@ SOURCES = {
 }  # fmt: skip
 
 
-def fit_shipped(name: str, folder: Path) -> Swatch:
-    """The swatch of that name from its recording in `folder`."""
-    source = SOURCES[name]
-    path = folder / source.file
+def load_source(name: str, folder: Path) -> SurfaceRecording:
+    """The recording that the swatch of that name was fitted to, in `folder`."""
+    path = folder / SOURCES[name].file
     if path.suffix == ".csv":
         columns = {"acceleration": "accel"}
         units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
-        recording = load_recording(path, RATE_HZ, columns, units)
-    else:
-        recording = load_recording(path, RATE_HZ, units={"acceleration": "g"})
+        return load_recording(path, RATE_HZ, columns=columns, units=units)
+    return load_recording(path, RATE_HZ, units={"acceleration": "g"})
+
+
+def fit_shipped(name: str, folder: Path) -> Swatch:
+    """The swatch of that name from its recording in `folder`."""
+    source, recording = SOURCES[name], load_source(name, folder)
     swatch = fit(
         recording.acceleration_m_s2,
         recording.rate_Hz,

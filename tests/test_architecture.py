@@ -26,7 +26,16 @@ FLOOR = (
         "geometry",
         "memory",
     ),
-    *("native", "number_files", "old_spellings", "plugin_registry"),
+    *(
+        "native",
+        "number_files",
+        "old_spellings",
+        "parameter_sweep",
+        "perception",
+        "plugin_registry",
+        "web_listener",
+        "worker_pool",
+    ),
 )
 """The ground floor: knows nobody above it."""
 
@@ -37,6 +46,7 @@ CORE = (
     "contact_info",
     "describe",
     "device",
+    "fidelity",
     "moving_bodies",
     "reaction",
     "recording",

@@ -4,20 +4,15 @@ Any web page may have a browser open a WebSocket to this machine: so only pages 
 listened at, are let in. What is no browser says no Origin.
 """
 
-import contextlib
-import importlib.util
 import json
-import logging
 import re
-import socket
 from concurrent.futures import CancelledError, Future
-from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.bridge.conventions import Convention
 from hapscene.bridge.packets import VERSION, PacketError, unpack_json
 from hapscene.bridge.server import Answer, BridgeServer
-from hapscene.errors import HapsceneError
+from hapscene.web_listener import WebListener
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
@@ -47,63 +42,35 @@ class WebDoor:
     """
 
     def __init__(self, server: BridgeServer, host: str, port: int) -> None:
-        if importlib.util.find_spec("websockets") is None:
-            raise HapsceneError("--ws needs one more package: pip install 'hapscene[serve]'")
-        from websockets.sync.server import serve
-
-        log = logging.getLogger(__name__)  # what strangers do wrong is counted, not told
-        log.addHandler(logging.NullHandler())
-        log.propagate = False
         ours = "|".join(re.escape(name) for name in ("localhost", "127.0.0.1", "[::1]", host))
-        try:
-            self._listener = serve(
-                self._talk,
-                host,
-                port,
-                origins=[None, re.compile(rf"https?://({ours})(:\d+)?", re.IGNORECASE)],
-                compression=None,
-                open_timeout=OPEN_S,
-                max_size=MESSAGE_MAX,
-                max_queue=1,
-                logger=log,
-            )
-        except OSError as error:
-            another = f"cannot listen at {host}:{port}: {error.strerror}; say another --ws port or --host"
-            raise HapsceneError(another) from None
         self._server, self._orders = server, server.orders
-        self._room = BoundedSemaphore(CONNECTIONS_MAX)
-        self._sockets: set[socket.socket] = set()
-        self._take, self._listener.handler = self._listener.handler, self._bounded
-        self.address: tuple[str, int] = self._listener.socket.getsockname()[:2]
-        self._thread = Thread(target=self._listener.serve_forever)
+        self._listener = WebListener(
+            self._talk,
+            host,
+            port,
+            room=CONNECTIONS_MAX,
+            what="the bridge's WebSocket",
+            option="--ws port",
+            came=self._count,
+            origins=[None, re.compile(rf"https?://({ours})(:\d+)?", re.IGNORECASE)],
+            open_timeout=OPEN_S,
+            max_size=MESSAGE_MAX,
+            max_queue=1,
+        )
+        self.address = self._listener.address
 
     def __enter__(self) -> "WebDoor":
         """Open it: the servo runs by now."""
-        self._thread.start()
+        self._listener.open()
         return self
 
     def __exit__(self, *error: object) -> None:
         """Close it, and every connection."""
-        self._listener.shutdown()
-        if self._thread.ident is not None:
-            self._thread.join()
-        for taken in list(self._sockets):
-            with contextlib.suppress(OSError):
-                taken.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
 
-    def _bounded(self, taken: socket.socket, address: Any) -> None:
-        """Talk on a connection, if there is room for one more."""
+    def _count(self, let_in: bool) -> None:
         self._orders.counts["web"] += 1
-        if not self._room.acquire(blocking=False):
-            self._orders.counts["web full"] += 1
-            taken.close()
-            return
-        self._sockets.add(taken)
-        try:
-            self._take(taken, address)
-        finally:
-            self._sockets.discard(taken)
-            self._room.release()
+        self._orders.counts["web full"] += not let_in
 
     def _talk(self, connection: "ServerConnection") -> None:
         """Answer one client until it goes."""

@@ -28,7 +28,7 @@ swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, spee
 | `hjif` | MPEG haptics files |
 | `record`, `record_file` | record from a probe on a serial port (`hapscene.wire`), crash-safe |
 | `record_simulator` | a probe without hardware |
-| `batch`, `batch_pool` | fit thousands of recordings: `fit_batch` |
+| `batch`, `batch_job` | fit thousands of recordings: `fit_batch` |
 """
 
 import lazy_loader

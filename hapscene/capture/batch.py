@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from hapscene import __version__
-from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, Pool, ProcessPool, read_content
+from hapscene.capture.batch_job import FitOutcome, Job, fit_job, read_content
 from hapscene.errors import CaptureError, no_such
 from hapscene.files import read_bytes, refusing, write_whole
+from hapscene.worker_pool import ClusterPool, Pool, ProcessPool
 
 # What a batch fits: recordings named one by one, all of a folder, or those of a list; and where each swatch goes.
 
@@ -319,7 +320,7 @@ def fit_batch(
         tasks.append(_Task(item, manifest.add(item.path, output), own, settings))
     manifest.check_outputs()
     manifest.save()
-    pool: Pool = ProcessPool(jobs) if scheduler is None else ClusterPool(scheduler)
+    pool: Pool = ProcessPool(jobs) if scheduler is None else ClusterPool(scheduler, CaptureError)
     batch = _Batch(manifest, pool, dict(fitting or {}), stopped, after)
     at_once = True
     try:
@@ -368,7 +369,7 @@ class _Batch:
         if self._suspects:
             if not self._under_way:
                 task = self._suspects.popleft()
-                self._under_way[self._pool.submit(self._job(task))] = task
+                self._under_way[self._pool.submit(fit_job, self._job(task))] = task
             return True
         room = self._pool.room()
         while len(self._under_way) < room:
@@ -376,7 +377,7 @@ class _Batch:
             if following is None:
                 return self._stopped()
             task, job = following
-            self._under_way[self._pool.submit(job)] = task
+            self._under_way[self._pool.submit(fit_job, job)] = task
         return True
 
     def _jobs(self, tasks: Sequence[_Task]) -> "Iterator[tuple[_Task, Job]]":
@@ -398,7 +399,7 @@ class _Batch:
                 self._fail(task, str(error))
 
     def _job(self, task: _Task) -> Job:
-        content = read_content(task.item.path) if self._pool.sends_content else None
+        content = read_content(task.item.path) if not self._pool.shares_files else None
         return Job(str(task.item.path), task.item.name, content, task.reading, self._fitting, __version__)
 
     def _take(self, future: "Future[FitOutcome]") -> None:

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from hapscene import perception
 from hapscene.capture import metric
 from hapscene.capture.recording_file import SurfaceRecording, load_recording
 from hapscene.capture.streams import Array, part_of
@@ -63,13 +64,22 @@ class Quantity:
     source: str
 
 
-LEVEL = Quantity("vibration level", "m/s²", "dB", 2.0, "1.65 to 2.98 dB, Israr et al. 2006")
-SPECTRUM = Quantity("vibration spectrum", "", "dB", 2.0, "2 dB a band, derived from Israr et al. 2006")
-STATIC = Quantity("static friction", "1", "%", 11.0, "Weber fraction 0.11, Gueorguiev et al. 2017")
-DYNAMIC = Quantity("dynamic friction", "1", "%", 11.0, "Weber fraction 0.11, Gueorguiev et al. 2017")
-COMPLIANCE = Quantity("compliance", "mm/N", "%", 22.0, "22 %, Tan et al. 1995")
-TAP_LEVEL = Quantity("tap level", "m/s²", "dB", 2.0, "1.65 to 2.98 dB, Israr et al. 2006")
-TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 25.0, "13 to 38 %, Israr et al. 2006: its middle")
+_FRICTION = "Weber fraction 0.11, Gueorguiev et al. 2017"
+_FREQUENCY = "13 to 38 %, Israr et al. 2006: its middle"
+
+LEVEL = Quantity("vibration level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
+SPECTRUM = Quantity("vibration spectrum", "", "dB", perception.BAND_DB, "2 dB a band, derived from Israr et al. 2006")
+STATIC = Quantity(
+    "static friction", "1", "%", 100.0 * perception.FRICTION, "Weber fraction 0.11, Gueorguiev et al. 2017"
+)
+DYNAMIC = Quantity(
+    "dynamic friction", "1", "%", 100.0 * perception.FRICTION, "Weber fraction 0.11, Gueorguiev et al. 2017"
+)
+COMPLIANCE = Quantity("compliance", "mm/N", "%", 100.0 * perception.COMPLIANCE, "22 %, Tan et al. 1995")
+TAP_LEVEL = Quantity("tap level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
+TAP_FREQUENCY = Quantity(
+    "tap frequency", "Hz", "%", 100.0 * perception.FREQUENCY, "13 to 38 %, Israr et al. 2006: its middle"
+)
 
 
 @dataclass(frozen=True)

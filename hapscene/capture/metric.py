@@ -17,6 +17,7 @@ from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
+from hapscene.perception import band_edges_Hz
 
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
@@ -26,7 +27,7 @@ BAND_COUNT: Final = 12
 """Bands that 20 to 1000 Hz is cut into [count]. Each is then 39 % wide, the widest difference of frequency that no one
 feels (13 to 38 %, Israr et al. 2006): where in a band the energy lies is not felt, how much there is in it is."""
 
-BAND_EDGES_HZ: Final = tuple(float(f) for f in np.geomspace(*ACCELERATION_BAND_HZ, BAND_COUNT + 1))
+BAND_EDGES_HZ: Final = tuple(band_edges_Hz(BAND_COUNT).tolist())
 """Edges of those bands (13,) [Hz]."""
 
 

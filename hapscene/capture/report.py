@@ -211,17 +211,22 @@ def page(swatch: Swatch, lead: str, rows: Iterable[Row], plots: Iterable[Plot], 
     if judged:
         head = "<thead><tr><th>measure</th><th>here</th><th>held to</th><th></th></tr></thead>"
         body.append(f'<h2>How good it is</h2><div class="table"><table>{head}<tbody>{judged}</tbody></table></div>')
-    body.append(f'<h2>Plots</h2><main class="plots">{"".join(map(_figure, plots))}</main>')
+    body.append(f'<h2>Plots</h2><main class="plots">{"".join(map(figure, plots))}</main>')
     for title, items in (("What is absent, and why", absences(swatch)), ("Where it comes from", about)):
         if items:
             listed = "".join(f"<dt>{escape(what)}</dt><dd>{escape(text)}</dd>" for what, text in items)
             body.append(f"<h2>{title}</h2><dl>{listed}</dl>")
-    style = files("hapscene.capture").joinpath("report.css").read_text(encoding="utf-8")
+    return document(f"{swatch.name}: swatch report", body)
+
+
+def document(title: str, body: Iterable[str], style: str = "") -> str:
+    """A page in the style of reports: its title, escaped here, its parts, taken as they are, and further CSS."""
+    css = files("hapscene.capture").joinpath("report.css").read_text(encoding="utf-8")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{name}: swatch report</title>\n<style>\n{style}</style>\n</head>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{css}{style}</style>\n</head>\n"
         "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
     )
 
@@ -241,7 +246,8 @@ def _row(row: Row) -> str:
     )
 
 
-def _figure(plot: Plot) -> str:
+def figure(plot: Plot) -> str:
+    """A plot as HTML, with its title and caption."""
     title, said = f"<h3>{escape(plot.title)}</h3>", escape(plot.caption)
     if not plot.svg:
         return f'<figure>{title}<div class="missing">{said}</div></figure>\n'

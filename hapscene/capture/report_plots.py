@@ -116,14 +116,31 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
     """The recording and the swatch played along its force and speed, on one scale of colours."""
     rate = judgement.channels.rate_Hz
     count = min(len(judgement.synthetic), round(SHOWN_S * rate))
-    signals = judgement.channels.acceleration_m_s2, judgement.synthetic
-    both = [metric.spectrogram(signal[:count], rate) for signal in signals]
-    top = max(decibels(magnitude**2).max() for _, _, magnitude in both)
+    signals = {"recorded": judgement.channels.acceleration_m_s2, "synthesised": judgement.synthetic}
+    drawing = spectrogram_panels("spectrograms", {title: signal[:count] for title, signal in signals.items()}, rate)
+    return Plot(
+        "Spectrograms",
+        f"The error between the two is {100 * judgement.spectrogram_error:.0f} % of the recording. A synthesised "
+        "texture repeats the statistics and not the waveform: other noise of exactly the same spectrum and level has "
+        "66 %, no output 100 %.",
+        drawing,
+        "Spectrograms of the recording and of the synthesised vibration.",
+    )
+
+
+def spectrogram_panels(name: str, signals: Mapping[str, Array], rate_Hz: float) -> str:
+    """Spectrograms of signals (n,) by title, one below the other on one scale of colours: the SVG element `name`.
+
+    Raises:
+        CaptureError: a signal that is shorter than a window.
+    """
+    seen = {title: metric.spectrogram(signal, rate_Hz) for title, signal in signals.items()}
+    top = max(decibels(magnitude**2).max() for _, _, magnitude in seen.values())
+    step = 0.5 * SPECTROGRAM_S
 
     def draw(*axes: "Axes") -> None:
-        for one, label, (time, frequency, magnitude) in zip(axes, ("recorded", "synthesised"), both, strict=True):
+        for one, (label, (time, frequency, magnitude)) in zip(axes, seen.items(), strict=True):
             shown = frequency <= ACCELERATION_BAND_HZ[1]
-            step = 0.5 * SPECTROGRAM_S
             image = one.imshow(
                 decibels(magnitude[:, shown] ** 2).T,
                 origin="lower", aspect="auto", cmap="cividis", vmin=top - RANGE_DB, vmax=top, interpolation="nearest",
@@ -131,19 +148,12 @@ def plot_spectrograms(judgement: Judgement) -> Plot:
             )  # fmt: skip
             one.set(title=label, ylabel="frequency [Hz]", ylim=(ACCELERATION_BAND_HZ))
             one.grid(visible=False)
-        axes[1].set_xlabel("time [s]")
+        axes[-1].set_xlabel("time [s]")
         bar = axes[0].figure.colorbar(image, ax=axes, label="level [dB re 1 m/s²]", aspect=40, pad=0.02)
         cast(Any, bar.outline).set_visible(False)
         cast(Any, bar.solids).set_rasterized(True)  # or each of its 256 colours is a path
 
-    return Plot(
-        "Spectrograms",
-        f"The error between the two is {100 * judgement.spectrogram_error:.0f} % of the recording. A synthesised "
-        "texture repeats the statistics and not the waveform: other noise of exactly the same spectrum and level has "
-        "66 %, no output 100 %.",
-        drawn("spectrograms", draw, 4.6, panels=(1, 1)),
-        "Spectrograms of the recording and of the synthesised vibration.",
-    )
+    return drawn(name, draw, 1.8 + 1.4 * len(signals), panels=(1,) * len(signals))
 
 
 def plot_order(search: OrderSearch, texture: Texture) -> Plot:

@@ -14,6 +14,7 @@ from hapscene.command.options import (
     add_out_file,
     add_out_folder,
     add_recording_options,
+    add_workers,
     base_name,
     baud,
     check_swatch,
@@ -260,10 +261,7 @@ def add_batch_options(command: argparse._ActionsContainer) -> None:
         help="recordings from a list: a column recording (relative to the list), and where wanted name, rate, columns, "
         "units",
     )
-    command.add_argument(
-        "--jobs", type=whole("a number of processes", 1), metavar="N", help="processes here (default: one per core)"
-    )
-    command.add_argument("--scheduler", metavar="ADDRESS", help="fit on a Dask cluster instead: tcp://host:8786")
+    add_workers(command)
 
 
 def _batch(options: argparse.Namespace) -> int:

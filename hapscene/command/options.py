@@ -198,6 +198,14 @@ def loading(path: str | Path) -> str:
 # Where results go unless it is said: into out/NAME, or into a file of this folder that is not there yet.
 
 
+def add_workers(command: Any) -> None:
+    """Processes here, or on a cluster."""
+    command.add_argument(
+        "--jobs", type=whole("a number of processes", 1), metavar="N", help="processes here (default: one per core)"
+    )
+    command.add_argument("--scheduler", metavar="ADDRESS", help="work on a Dask cluster instead: tcp://host:8786")
+
+
 def add_out_folder(command: Any, default: str | None, told: str = "") -> None:
     """Adds --out, a folder; a default that depends on what is read is None, and told in words."""
     command.add_argument(

@@ -240,5 +240,5 @@ def _replay(options: argparse.Namespace) -> int:
     from hapscene.servo.flight_recorder import replay_flight
 
     result = replay_flight(options.flight)
-    tell([str(result)])
+    tell([f"written because: {printable(result.reason)}", str(result)])
     return 1 if len(result.unlike) else 0

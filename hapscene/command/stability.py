@@ -8,6 +8,7 @@ from hapscene.command.console import name_made, say
 from hapscene.command.options import (
     add_command,
     add_out_folder,
+    add_workers,
     check_out_folder,
     check_scene,
     check_there,
@@ -57,6 +58,7 @@ def add_stability(commands: Any) -> None:
     )
     command.add_argument("--docs", type=Path, metavar="DIR", help="run everything, and write stability.md there too")
     command.add_argument("--zoo", type=Path, metavar="DIR", help="folder of the zoo, for --docs")
+    add_workers(command)
     add_out_folder(command, "out/stability")
 
 
@@ -74,7 +76,8 @@ def _stability(options: argparse.Namespace) -> int:
     grip = grip_named(options.grip)
     device = (options.device, options.rate, options.delay)
     swatches = _swatches(options.scene)
-    made = stability(Path(options.out), *device, grip, swatches, options.cases, options.random, say)
+    workers = {"jobs": options.jobs, "scheduler": options.scheduler}
+    made = stability(Path(options.out), *device, grip, swatches, options.cases, options.random, say, **workers)
     if options.docs is not None:
         made += _publish(options, made)
     name_made(made)

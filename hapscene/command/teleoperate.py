@@ -12,6 +12,7 @@ from hapscene.command.options import (
     add_group,
     add_out_folder,
     add_recording_options,
+    add_workers,
     check_out_folder,
     check_swatch,
     check_there,
@@ -46,6 +47,7 @@ def _add_experiment(parts: Any) -> None:
     command.add_argument("--grip", default=DEFAULT_GRIP, metavar="NAME", help=f"of the hand (default {DEFAULT_GRIP})")
     command.add_argument("--seed", type=seed, default=0, help="of what is drawn at random (default 0)")
     add_recording_options(command)
+    add_workers(command)
 
 
 def _experiment(options: argparse.Namespace) -> int:
@@ -69,9 +71,8 @@ def _experiment(options: argparse.Namespace) -> int:
         with step(say, f"fitting {options.recording}"):
             recording = load_recording(options.recording, **recording_options(options))
             swatch = fit_parts([prepare(recording)], name=Path(options.recording).stem)
-    made = write_experiment(
-        options.out, swatch, compensator=options.compensator, grip=options.grip, seed=options.seed, say=say
-    )
+    given = {name: getattr(options, name) for name in ("compensator", "grip", "seed", "jobs", "scheduler")}
+    made = write_experiment(options.out, swatch, **given, say=say)
     name_made(made)
     return 0
 

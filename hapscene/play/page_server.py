@@ -7,10 +7,8 @@ is ours, and a WebSocket comes from a page of that same host; messages are short
 import contextlib
 import hmac
 import http
-import importlib.util
 import ipaddress
 import json
-import logging
 import math
 import secrets
 import socket
@@ -18,7 +16,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import resources
-from threading import BoundedSemaphore, Event, RLock, Thread
+from threading import Event, RLock, Thread
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -30,6 +28,7 @@ from hapscene.errors import HapsceneError, ViewError
 from hapscene.play.pointer_link import PointerLink
 from hapscene.play.top_frame import TopFrame
 from hapscene.view.palette import DARK, LIGHT, albedo_colours
+from hapscene.web_listener import WebListener
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
@@ -110,10 +109,6 @@ class PageServer:
         kiosk_s: float = math.inf,
         tick_s: float = TICK_S,
     ) -> None:
-        if importlib.util.find_spec("websockets") is None:
-            raise HapsceneError("the page needs one more package: pip install 'hapscene[serve]'")
-        from websockets.sync.server import serve
-
         self.title, self.tools = title, tools
         self.sound: Sound | None = None
         self._scene, self._kiosk_s = scene, kiosk_s
@@ -123,36 +118,27 @@ class PageServer:
         self.frame = TopFrame(scene)
         folder = resources.files("hapscene.play")
         self._files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
-        log = logging.getLogger(__name__)  # what strangers do wrong is told to them alone
-        log.addHandler(logging.NullHandler())
-        log.propagate = False
-        try:
-            self._listener = serve(
-                self._talk,
-                host,
-                port,
-                process_request=self._answer,
-                compression=None,
-                open_timeout=5.0,
-                close_timeout=1.0,
-                max_size=MESSAGE_MAX,
-                max_queue=16,
-                logger=log,
-            )
-        except OSError as error:
-            another = f"the page cannot be served at {host}:{port}: {error.strerror}; say another --port or --host"
-            raise HapsceneError(another) from None
-        self.address: tuple[str, int] = self._listener.socket.getsockname()[:2]
+        self._listener = WebListener(
+            self._talk,
+            host,
+            port,
+            room=CONNECTIONS_MAX,
+            what="the page",
+            option="--port",
+            process_request=self._answer,
+            open_timeout=5.0,
+            close_timeout=1.0,
+            max_size=MESSAGE_MAX,
+            max_queue=16,
+        )
+        self.address = self._listener.address
         self.url = f"http://{_shown(host)}:{self.address[1]}/{self._token}/"
         self.link = PointerLink(tools, self.frame.clear_m)
         told = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
         self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **told) for tool in range(tools)]
-        self._room = BoundedSemaphore(CONNECTIONS_MAX)
-        self._sockets: set[socket.socket] = set()
-        self._take, self._listener.handler = self._listener.handler, self._bounded
         self._painters = ThreadPoolExecutor(1, "pictures")
         self._pictures: dict[str, Future[bytes]] = {}
-        self._threads = [Thread(target=self._listener.serve_forever), Thread(target=self._beat)]
+        self._beats = Thread(target=self._beat)
         self._ended = Event()
         self._servo: Servo | None = None
         # what the pages have done
@@ -171,8 +157,8 @@ class PageServer:
     def __enter__(self) -> "PageServer":
         for name, theme in PICTURES.items():
             self._pictures[name] = self._painters.submit(self.frame.picture, theme)
-        for thread in self._threads:
-            thread.start()
+        self._listener.open()
+        self._beats.start()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -188,30 +174,14 @@ class PageServer:
         if self._ended.is_set():
             return
         self._ended.set()
-        self._listener.shutdown()
-        for taken in list(self._sockets):
-            with contextlib.suppress(OSError):
-                taken.shutdown(socket.SHUT_RDWR)
-        for thread in self._threads:
-            if thread.ident is not None:
-                thread.join()
+        self._listener.close()
+        if self._beats.ident is not None:
+            self._beats.join()
         self._painters.shutdown(wait=True, cancel_futures=True)
         self.lift()
         self.link.close()
 
     # --- requests and connections
-
-    def _bounded(self, taken: socket.socket, address: Any) -> None:
-        """Serve a connection, if there is room for one more."""
-        if self._ended.is_set() or not self._room.acquire(blocking=False):
-            taken.close()
-            return
-        self._sockets.add(taken)
-        try:
-            self._take(taken, address)
-        finally:
-            self._sockets.discard(taken)
-            self._room.release()
 
     def _answer(self, connection: "ServerConnection", request: Any) -> Any:
         """A file, a refusal, or None for a WebSocket that is let in."""

@@ -159,7 +159,7 @@ class Flight:
                 same = again[name] == rows[name][start:]
                 unlike |= ~same.reshape(length, -1).all(axis=1)
             unlike |= (a_m_s2 != self.a_m_s2[tool, start:]).any(axis=1)
-        return Replay(self.memory_tick, length, np.flatnonzero(unlike) + self.memory_tick)
+        return Replay(self.memory_tick, length, np.flatnonzero(unlike) + self.memory_tick, self.reason)
 
 
 _GIVEN: Final = ("p_WP_m", "nhat_W", "depth_m", "touching", "body", "face", "swatch", "slip_m_s", "f_W_N", "f_body_W_N")
@@ -173,11 +173,13 @@ class Replay:
     Attributes:
         first, count: the ticks that were.
         unlike: (m,) numbers of those that gave something else, in any bit.
+        reason: why the flight was written.
     """
 
     first: int
     count: int
     unlike: NDArray[np.int64]
+    reason: str = ""
 
     def __str__(self) -> str:
         told = f"{self.count:,} ticks, {self.first:,} to {self.first + self.count - 1:,}, flown again"
@@ -236,11 +238,14 @@ def replay_flight(folder: str | Path) -> Replay:
     with refusing(PathError, folder), (folder / STORY_FILE).open("rb") as file:
         told = confined(_fly_again, file, str(folder), by="The tick on a flight's memory", **limits).arrays
     first, length = told["ticks"].tolist()
-    return Replay(first, length, told["unlike"])
+    return Replay(first, length, told["unlike"], told["reason"].tobytes().decode(errors="replace"))
 
 
 MEMORY_MAX_B: Final = 4_000_000_000
 """Most memory that flying again may take [bytes]: a large mesh, and what compiles."""
+
+REASON_MAX: Final = 500
+"""How much is told of why a stranger's flight was written [bytes]."""
 
 
 def _fly_again(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
@@ -253,7 +258,8 @@ def _fly_again(file: BinaryIO, folder: str) -> Mapping[str, NDArray[Any]]:
         raise FormatError(str(error)) from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError) as error:
         raise FormatError(f"{STORY_FILE} is damaged: {type(error).__name__}: {error}"[:200]) from None
-    return {"ticks": np.array([replay.first, replay.count]), "unlike": replay.unlike}
+    reason = np.frombuffer(replay.reason.encode()[:REASON_MAX], np.uint8)
+    return {"ticks": np.array([replay.first, replay.count]), "unlike": replay.unlike, "reason": reason}
 
 
 def write_flight(flight: Flight, folder: str | Path) -> str:

@@ -50,7 +50,7 @@ RING_S: Final = 8.0
 """How much of the past is held [s]: a page that hangs for some seconds loses nothing."""
 
 START_S: Final = 300.0
-"""How long the process may take to be ready [s]: on its first run ever it compiles, which may take half a minute."""
+"""How long the process may take to be ready [s]: on its first run ever it compiles, which may take two minutes."""
 
 BODY_ROOM: Final = 1024
 """Bodies that may be added to a servo while it runs, also in the place of removed ones [count]: 0.5 kB each."""

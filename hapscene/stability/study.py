@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 from hapscene.device.hand import Grip
 from hapscene.device.model import device_named, limits_of
 from hapscene.device.omni import Omni
-from hapscene.device.point import PointMass
 from hapscene.errors import HapsceneError
 from hapscene.files import whole_file, whole_folder
 from hapscene.stability.answer import Answer
@@ -49,6 +48,8 @@ def stability(
     random_count: int = 0,
     say: Callable[[str], None] = lambda _: None,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
+    jobs: int | None = None,
+    scheduler: str | None = None,
 ) -> list[Path]:
     """Trace a device's Z-width and place swatches in it; run wall cases and random limits where asked for.
 
@@ -62,6 +63,8 @@ def stability(
         random_count: of random limits, 0 for none.
         say: told how far it is.
         dampings_Ns_m: of walls, at which the region is traced.
+        jobs, scheduler: processes here, or a Dask cluster, that trace regions side by side. What a run that was
+            stopped has traced is kept beside `out`, and the same run goes on there.
 
     Returns:
         list of Path: the files made.
@@ -73,13 +76,13 @@ def stability(
     point = device_named(device).point
     if point is None:
         raise HapsceneError(f"device {device!r} has no mass, so no limit of stability: name another")
+    journal = Path(out).absolute().with_name(f".{Path(out).name}.sweep.jsonl")
     with whole_folder(out, FILES) as folder:
-        devices: list[tuple[str, PointMass | Omni]] = [("as a point mass", point)]
-        if device == "omni":
-            devices.insert(0, ("Omni", Omni()))
-        regions = trace_all(devices, point, rates_Hz, delays, grip, say, dampings_Ns_m)
+        workers = {"journal": journal, "jobs": jobs, "scheduler": scheduler}
+        regions = trace_all(device, rates_Hz, delays, grip, say, dampings_Ns_m, **workers)
         keys = [(rate_Hz, delay) for delay in delays for rate_Hz in rates_Hz]
-        points = {key: place(device, devices[0][1], *key, grip, swatches) for key in keys}
+        body = Omni() if device == "omni" else point
+        points = {key: place(device, body, *key, grip, swatches) for key in keys}
         _write_z_width(folder, device, regions, points)
         for line in words(points):
             say(f"{line}\n")
@@ -93,6 +96,7 @@ def stability(
             write_rows(folder / "random_limits.csv", RandomLimit, limits, ("error",))
             write_random_chart(folder / "random_limits.png", limits)
         names = [file.name for file in sorted(folder.iterdir())]
+    journal.unlink(missing_ok=True)
     return [Path(out) / name for name in names]
 
 

@@ -11,17 +11,17 @@ Colgate & Brown 1994 named the region.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from hapscene.device.hand import Grip
-from hapscene.device.model import TOUCH_SPEED_M_S, limits_of
+from hapscene.device.model import TOUCH_SPEED_M_S, device_named, limits_of
 from hapscene.device.omni import Omni
 from hapscene.device.point import PointMass
+from hapscene.parameter_sweep import Piece, sweep
 from hapscene.stability.closed_form import limit_of_small_motion
 from hapscene.stability.rig import Rig
 from hapscene.surface.swatch import Swatch
@@ -68,10 +68,6 @@ HALVINGS: Final = 5
 
 DAMPINGS_NS_M: Final = (0.0, *(float(f"{B:.3g}") for B in np.geomspace(0.5, 128.0, 9)))
 """Wall dampings at which the region is traced [N·s/m]."""
-
-
-WORKERS: Final = 2
-"""Regions that are traced at a time [count]: more wait for Python between the runs."""
 
 
 @dataclass(frozen=True)
@@ -228,32 +224,59 @@ def say_of(point: Point, rate_Hz: float, delay_ticks: int) -> str:
 
 
 def trace_all(
-    devices: Sequence[tuple[str, PointMass | Omni]],
-    point: PointMass,
+    device: str,
     rates_Hz: Sequence[float],
     delays: Sequence[int],
     grip: Grip,
     say: Callable[[str], None] = lambda _: None,
     dampings_Ns_m: Sequence[float] = DAMPINGS_NS_M,
+    **workers: Any,
 ) -> list[StableRegion]:
-    """A region for each delay, rate and device; two at a time, since the compiled loop holds no lock."""
-    wanted = [(name, device, rate, d) for d in delays for rate in rates_Hz for name, device in devices]
-    regions: list[StableRegion] = []
+    """A region for each delay, rate and model of the named device: as a point mass, and where there is one as an arm.
 
-    def traced(job: tuple[str, PointMass | Omni, float, int]) -> StableRegion:
-        name, device, rate_Hz, delay = job
-        return trace(name, device, point, rate_Hz, delay, grip, dampings_Ns_m)
+    Args:
+        device, rates_Hz, delays, grip, dampings_Ns_m: as of `trace`.
+        say: told how far it is.
+        workers: journal, jobs, scheduler: of `hapscene.parameter_sweep.sweep`.
+    """
+    asked = {"device": device, "grip": asdict(grip), "dampings_Ns_m": list(dampings_Ns_m)}
+    pieces = [
+        Piece(
+            f"{NAMES[arm]} at {rate / 1e3:g} kHz, {delay} late",
+            f"{__name__}:trace_piece",
+            asked | {"arm": arm, "rate_Hz": rate, "delay_ticks": delay},
+        )
+        for delay in delays
+        for rate in rates_Hz
+        for arm in ((True, False) if device == "omni" else (False,))
+    ]
+    found = sweep(pieces, after=lambda done, of, key: say(f"Z-width {done} of {of}: {key}\n"), **workers)
+    return [_region(*found[piece.key]) for piece in pieces]
 
-    with ThreadPoolExecutor(WORKERS) as pool:
-        try:
-            for region in pool.map(traced, wanted):
-                regions.append(region)
-                at = f"{region.rate_Hz / 1e3:g} kHz, {region.delay_ticks} late"
-                say(f"Z-width {len(regions)} of {len(wanted)}: {region.device} at {at}\n")
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return regions
+
+def _region(device: str, rate_Hz: float, delay_ticks: int, *rows: Sequence[float]) -> StableRegion:
+    damping, limit, closed = (tuple(row) for row in rows)
+    return StableRegion(device, rate_Hz, delay_ticks, damping, limit, closed)
+
+
+NAMES: Final = {True: "Omni", False: "as a point mass"}
+"""How a region is called, by whether the device is an arm in it."""
+
+
+def trace_piece(
+    device: str,
+    arm: bool,
+    rate_Hz: float,
+    delay_ticks: int,
+    grip: Mapping[str, float],
+    dampings_Ns_m: Sequence[float],
+) -> tuple[Any, ...]:
+    """`trace` in numbers and names, for a process that is elsewhere."""
+    point = device_named(device).point
+    assert point is not None
+    return astuple(
+        trace(NAMES[arm], Omni() if arm else point, point, rate_Hz, delay_ticks, Grip(**grip), dampings_Ns_m)
+    )
 
 
 def _limit(rig: Rig, damping_Ns_m: float, grip: Grip) -> float:

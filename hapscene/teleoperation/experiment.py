@@ -108,6 +108,8 @@ def write_experiment(
     grip: str = DEFAULT_GRIP,
     seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
 ) -> list[Path]:
     """Do the experiment and the study of delay, and write `MADE` into a folder: all of it or nothing.
 
@@ -118,6 +120,8 @@ def write_experiment(
         grip: of the hand in the experiment; the study of delay has its own.
         seed: of what is drawn at random.
         say: is given the progress, piece by piece.
+        jobs, scheduler: processes here, or a Dask cluster, for the study of delay. What a study that was stopped has
+            done is kept beside `out`, and the same one goes on there.
 
     Raises:
         HapsceneError: an unknown swatch, compensator or grip.
@@ -125,6 +129,7 @@ def write_experiment(
     """
     from hapscene_experiments import delay_study
 
+    journal = Path(out).absolute().with_name(f".{Path(out).name}.sweep.jsonl")
     with whole_folder(out, ours=MADE) as folder:
         say("touching a surface through leader and follower\n")
         names = tuple(dict.fromkeys(("none", "inverse", compensator)))
@@ -132,7 +137,7 @@ def write_experiment(
         name = swatch if isinstance(swatch, str) else swatch.name
         write_experiment_plot(renderings, folder / "experiment.png", f"{name}, {grip} grip")
         _save(renderings, folder / "experiment.npz")
-        outcomes = delay_study.study_delays(seed, say)
+        outcomes = delay_study.study_delays(seed, say, journal=journal, jobs=jobs, scheduler=scheduler)
         stiffness = delay_study.study_stiffness()
         delay_study.write_delay_plot(outcomes, stiffness, delay_study.trace_delay(seed), folder / "delay.png")
         summary = {
@@ -146,6 +151,7 @@ def write_experiment(
         }
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    journal.unlink(missing_ok=True)
     return [Path(out) / name for name in MADE]
 
 

@@ -13,19 +13,22 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import pytest
 
 from hapscene import __version__
 from hapscene.capture.batch import Item, Manifest, ManifestEntry, Result, fit_batch, gather, outputs, read_list
-from hapscene.capture.batch_pool import ClusterPool, FitOutcome, Job, fit_job
+from hapscene.capture.batch_job import Job, fit_job
 from hapscene.capture.swatch_fit import fit_parts
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.worker_pool import ClusterPool
+
+T = TypeVar("T")
 
 LIMIT_S = 60.0
 """Longest that a test waits for another process [s]."""
@@ -118,7 +121,7 @@ def test_a_batch_from_the_command_line_is_gone_on_with(tmp_path: Path, capsys: p
 class Here(ClusterPool):
     """A pool that is this process."""
 
-    sends_content = False
+    shares_files = True
 
     def __init__(self, jobs: int) -> None:
         """Nothing is connected."""
@@ -126,9 +129,9 @@ class Here(ClusterPool):
     def room(self) -> int:
         return 1
 
-    def submit(self, job: Job) -> "Future[FitOutcome]":
-        future: Future[FitOutcome] = Future()
-        future.set_result(fit_job(job))
+    def submit(self, function: Callable[..., T], *arguments: Any) -> "Future[T]":
+        future: Future[T] = Future()
+        future.set_result(function(*arguments))
         return future
 
     def close(self, at_once: bool) -> None:
@@ -258,14 +261,14 @@ def test_a_cluster_is_given_two_jobs_for_each_of_its_threads() -> None:
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     given = {"n_workers": 1, "threads_per_worker": 5, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(silence_logs=50, **given) as cluster:
-        pool = ClusterPool(cluster.scheduler_address)
+        pool = ClusterPool(cluster.scheduler_address, CaptureError)
         assert pool.room() == 10
         pool.close(at_once=True)
 
 
 def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     items = write_recordings(tmp_path / "in", 1)
-    monkeypatch.setattr("hapscene.capture.batch_pool.CONNECT_S", 0.3)
+    monkeypatch.setattr("hapscene.worker_pool.CONNECT_S", 0.3)
     if pytest.importorskip("distributed"):
         with pytest.raises(CaptureError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler reached"):
             fit_batch(items, tmp_path / "out", scheduler="tcp://127.0.0.1:9")

@@ -8,7 +8,7 @@ import pytest
 
 from hapscene import __version__
 from hapscene.capture import load_recording
-from hapscene.capture.batch_pool import Job, fit_job
+from hapscene.capture.batch_job import Job, fit_job
 from hapscene.capture.record_file import CutWarning, RecordWriter, load_record
 from hapscene.capture.record_simulator import COLUMNS, FRICTION, strokes
 from hapscene.errors import CaptureError

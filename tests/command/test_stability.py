@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -30,6 +31,32 @@ def test_writes_chart_tables_and_words(tmp_path: Path, capsys: pytest.CaptureFix
     assert "felt" in words
 
 
+def test_what_was_traced_before_it_was_stopped_is_not_traced_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hapscene.device.hand import grip_named
+
+    args = ("premium-1.5", (1000.0,), (0, 1), grip_named("light"), [])
+    traced = list[tuple[float, int]]()
+    trace = z_width.trace
+
+    def some(*args: Any) -> z_width.StableRegion:
+        traced.append(args[3:5])
+        if len(traced) == 2:
+            raise KeyboardInterrupt
+        return trace(*args)
+
+    monkeypatch.setattr(z_width, "trace", some)
+    with pytest.raises(KeyboardInterrupt):
+        stability(tmp_path / "out", *args, dampings_Ns_m=(2.0,), jobs=1)
+    assert not (tmp_path / "out").exists()
+    stability(tmp_path / "out", *args, dampings_Ns_m=(2.0,), jobs=1)
+    assert traced == [(1000.0, 0), (1000.0, 1), (1000.0, 1)]
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]  # the journal is gone
+    with (tmp_path / "out" / "z_width.csv").open(encoding="utf-8") as file:
+        assert [row["delay_ticks"] for row in csv.DictReader(file)] == ["0", "1"]
+
+
 def test_the_page_of_documents_is_made_beside_a_copy_of_what_it_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -40,7 +67,7 @@ def test_the_page_of_documents_is_made_beside_a_copy_of_what_it_shows(
         (folder / "words.txt").write_text("one\ntwo\n", encoding="utf-8")
         return SimpleNamespace()
 
-    monkeypatch.setattr("hapscene.stability.study.stability", lambda *given: [chart])
+    monkeypatch.setattr("hapscene.stability.study.stability", lambda *given, **workers: [chart])
     monkeypatch.setattr(stability_page, "find", find)
     monkeypatch.setattr(stability_page, "write_page", lambda file, found, name: file.write_text(" ".join(found.words)))
     docs = tmp_path / "docs"

@@ -1,0 +1,52 @@
+"""Just-noticeable differences, against what follows from their definitions."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt
+
+from hapscene import perception
+from hapscene.perception import band_edges_Hz, band_rms_m_s2, bands_jnd, force_jnd, is_felt, vibration_least_m_s2
+
+EDGES_HZ = band_edges_Hz()
+
+
+def test_a_force_seven_percent_larger_or_turned_by_the_threshold_is_one_jnd_away() -> None:
+    turn = math.radians(perception.DIRECTION_DEG)
+    forces = [[0.0, 0.0, 2.14], [0.0, 2.0 * math.sin(turn), 2.0 * math.cos(turn)], [0.0, 0.0, 2.0]]
+    np.testing.assert_allclose(force_jnd(forces, [[0.0, 0.0, 2.0]] * 3), [1.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_small_forces_are_judged_by_what_is_felt_of_them() -> None:
+    least_N = perception.FORCE * perception.FORCE_LEAST_N
+    assert force_jnd([0.0, 0.0, least_N], np.zeros(3)) == pytest.approx(1.0)
+    assert force_jnd([0.0, 0.0, 1e-3], [0.0, 1e-3, 0.0]) < 0.1  # no direction is felt of nothing
+
+
+def test_bands_hold_the_power_of_white_noise() -> None:
+    signal = np.random.default_rng(15).standard_normal(400_000)
+    wanted = np.sqrt(np.diff(EDGES_HZ) / 5000.0)
+    np.testing.assert_allclose(band_rms_m_s2(signal, 10_000.0, EDGES_HZ), wanted, rtol=0.05)
+
+
+def test_a_line_is_in_its_band() -> None:
+    t_s = np.arange(40_000) / 10_000.0
+    rms = band_rms_m_s2(np.sin(2.0 * np.pi * 250.0 * t_s), 10_000.0, EDGES_HZ)
+    at = int(np.searchsorted(EDGES_HZ, 250.0)) - 1
+    assert rms[at] == pytest.approx(math.sqrt(0.5), rel=1e-3) and np.delete(rms, at).max() < 5e-3
+
+
+def test_two_decibels_in_every_band_are_one_jnd_and_what_is_not_felt_is_none() -> None:
+    loud = 100.0 * vibration_least_m_s2(np.sqrt(EDGES_HZ[1:] * EDGES_HZ[:-1]))
+    assert bands_jnd(loud * 10.0**0.1, loud, EDGES_HZ) == pytest.approx(1.0)
+    assert bands_jnd(loud * 1e-3, loud * 5e-3, EDGES_HZ) == 0.0
+    assert is_felt(loud, EDGES_HZ) and not is_felt(loud * 1e-3, EDGES_HZ)
+
+
+def test_what_is_felt_falls_above_the_knee() -> None:
+    rng, levels = np.random.default_rng(2), []
+    for low, high in ((100.0, 200.0), (600.0, 900.0)):
+        noise = sosfilt(butter(4, (low, high), "band", fs=10_000.0, output="sos"), rng.standard_normal(100_000))
+        levels.append(band_rms_m_s2(noise / noise.std() * 0.25, 10_000.0, EDGES_HZ))
+    assert is_felt(levels[0], EDGES_HZ) and not is_felt(levels[1], EDGES_HZ)
