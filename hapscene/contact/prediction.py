@@ -103,8 +103,6 @@ def predict_bodies(
             now_ns(clock)  # keeps the two looks at the count apart
             body.refused, jumps = 0 if is_pose(frame.X_WB) else 1, frame.jumps
             if body.refused == 0:
-                if body.count > 0 and now - body.time_ns < 1e9 * frame.lasts_s:
-                    _go_on(frame, body, given, tick_s)  # to now: else each frame would find it a tick behind
                 _begin(frame, body, given, now)
             now_ns(clock)
             if frame.count == count:  # else it was being written, and is taken again in the next tick
