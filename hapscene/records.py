@@ -40,6 +40,7 @@ TOUCH: Final = np.dtype(
         ("stiffness_N_m", "f8"),  # stiffness of the touched swatch
         ("normal_force_N", "f8"),  # stiffness times depth: what all effects agree to press with, ≥ 0
         ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ: what textures are chosen by
+        ("stepped", "i8"),  # 1 where it is felt coarser or finer than in the last tick (`Renderer.level`)
     ],
     align=True,
 )

@@ -1,5 +1,6 @@
 """The renderer: a scene, effects and a tool that touches it, tick by tick or along a whole path."""
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from threading import Lock
@@ -12,10 +13,13 @@ from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.contact.world import Growth, build_world, crowd
+from hapscene.contact.world import Growth, Shapes, build_world, crowd, shapes_of, skin_of
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
+from hapscene.fidelity.level_step import take_step
+from hapscene.fidelity.levels import checked_budget_ns, make_levels, one_surface, put_level, with_views
+from hapscene.fidelity.load import run_watched
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
@@ -31,6 +35,7 @@ from hapscene.tick import run_ticks
 
 if TYPE_CHECKING:
     from hapscene.device.model import DeviceLike
+    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.recording import Recording
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
@@ -73,7 +78,8 @@ class PreparedPainting(NamedTuple):
     """The swatches of a scene and which face wears which, ready to be felt; `Renderer.repaint` in two halves."""
 
     surface: Surface
-    fit: Fit
+    fits: list[Fit]
+    views: list[Surface]
     swatch_names: tuple[str, ...]
     growth: Growth | None
     bodies: "tuple[Body, ...]"
@@ -95,12 +101,18 @@ class Renderer:
         device: in the place of limits, whose they are at this period: a name of `hapscene.device.DEVICES`, or itself.
         crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shading`,
             which leaks energy); 0 for the mesh as it is.
+        fidelity: how finely each part of the scene is rendered, or the file that says it (`hapscene tune`): its first
+            level is felt, see `level`. None for the scene as it is.
+        budget_us: where the fidelity has several levels, how long a tick may take before the next of them is felt
+            [µs], see `hapscene.fidelity.load`; None to leave the level to you.
 
     Attributes:
         tick_s, a_rate_Hz, seed: as given.
         limits: of the device.
+        fidelity: as given, or read; None without one.
         block: acceleration samples in a tick.
         world, surface: what the compiled tick reads and writes; for those who drive it themselves.
+        levels: of the fidelity, likewise.
 
     Raises:
         SceneError: a scene without bodies.
@@ -125,6 +137,8 @@ class Renderer:
         device: "DeviceLike | None" = None,
         crease_rad: float = 0.0,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
+        fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
+        budget_us: float | None = None,
     ) -> None:
         if not scene.bodies:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
@@ -154,8 +168,15 @@ class Renderer:
         self._crease_rad = crease_rad
         self._deformations: dict[int, Deformation] = {}
         self._deforming = Lock()  # of threads that give shapes; no tick asks for it
-        self.world = build_world(scene.bodies, crease_rad)
-        self._fit, self.surface, messages = self._fitted(scene)
+        self.fidelity = _fidelity_of(fidelity, scene)
+        scenes = self._scenes(scene)
+        shapes: Shapes | None = None
+        if len(scenes) > 1:
+            bodies = [body for at in scenes for body in at.bodies]
+            shapes = shapes_of(bodies, crease_rad, skin_of(*(body.mesh for body in scenes[0].bodies)))
+        self.world = build_world(scenes[0].bodies, crease_rad, shapes)
+        self._fits, self.surface, self._views, messages = self._fitted(scenes)
+        self.levels = make_levels(scenes, shapes, self._views, checked_budget_ns(budget_us))
         _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
         _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
@@ -163,7 +184,11 @@ class Renderer:
         self._told = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
-        self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
+        if len(scenes) > 1:
+            watched: Any = _entry(run_watched, self.world, self.surface, self._row, self._samples, self.levels)
+            self._play: Any = lambda world, surface, *more: watched(world, surface, self.levels, *more)
+        else:
+            self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 
@@ -202,6 +227,7 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].passed_count = 0
         self.world.impulse[:] = 0.0
         put(self.world, (p[0], p[1], p[2]))
+        put_level(surface, self.levels)
         self._started = True
         self._ticks = 0
 
@@ -220,7 +246,11 @@ class Renderer:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
         index = self._swatch_names.index(swatch)
         self._fit.tune(index, numbers)
-        put_numbers(self.surface, self._effects, index, self._fit.given[index])
+        for k, (fit, view) in enumerate(zip(self._fits, self._views, strict=True)):
+            if k > 0:
+                fit.tune(index, numbers)
+            out = self._left_out(k, swatch)
+            put_numbers(view, self._effects, index, {key: v for key, v in fit.given[index].items() if key not in out})
         _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
 
     def tune_field(self, effect: str, **numbers: float) -> None:
@@ -254,6 +284,55 @@ class Renderer:
             raise EffectError(no_such("effect", effect, names))
         self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
+    @property
+    def level(self) -> int:
+        """Which level of the fidelity is felt, from 0; set it, and it is gone to between two ticks, without a jump.
+
+        Where it cannot be said at once on which side of a surface the proxy then is, some ticks later.
+
+        Raises:
+            HapsceneError: on setting: the fidelity has no such level.
+        """
+        return int(self.levels.state[0].level)
+
+    @level.setter
+    def level(self, level: int) -> None:
+        state = self.levels.state[0]
+        if not 0 <= level < state.count or level % 1 != 0:
+            raise HapsceneError(f"there is no level {level}: the fidelity has levels 0 to {state.count - 1}")
+        state.wanted = level
+        take_step(self.world, self.surface, self.levels)
+
+    @property
+    def _fit(self) -> Fit:
+        """The numbers of the swatches at the first level."""
+        return self._fits[0]
+
+    def _scenes(self, scene: "Scene") -> "list[Scene]":
+        """A scene at each level of the fidelity."""
+        if self.fidelity is None:
+            return [scene]
+        from hapscene.fidelity.apply import apply_level
+
+        levels = self.fidelity.levels
+        return [apply_level(scene, level, stepped=len(levels) > 1) for level in levels]
+
+    def _left_out(self, level: int, swatch: str) -> set[tuple[int, str]]:
+        """The numbers of a swatch that stay 0 at a level, whatever it is tuned to."""
+        if self.fidelity is None or swatch not in self.fidelity.levels[level].swatches:
+            return set()
+        from hapscene.fidelity.apply import NUMBERS
+
+        out = self.fidelity.levels[level].swatches[swatch].left_out
+        return {
+            (e, name) for e, effect in enumerate(self._effects) if effect.name in out for name in NUMBERS[effect.name]
+        }
+
+    def _refuse_fidelity(self, what: str) -> None:
+        """Say what is not done with a fidelity."""
+        if self.fidelity is not None:
+            raise SceneError(f"{what} with a fidelity, which is of the scene as it was: make a renderer without one")
+
     def _set(self, settings: Mapping[str, Mapping[str, Any]]) -> list[FieldSetting]:
         """The effects of the scene as they are set."""
         of_scene = self._effects[len(self._contact_effects) :]
@@ -283,7 +362,12 @@ class Renderer:
         of_swatches = [clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index)]
         return tuple(of_swatches + [clip for k in range(len(self._fields)) for clip in self._field(k)[1]])
 
-    def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
+    def _fitted(self, scenes: "list[Scene]") -> tuple[list[Fit], Surface, list[Surface], list[str]]:
+        """The swatches of the scene at each level: their fits, what is felt, each level's view of it, and warnings."""
+        fits, surfaces, messages = zip(*(self._fitted_one(scene) for scene in scenes), strict=True)
+        return list(fits), *one_surface(surfaces), messages[0]
+
+    def _fitted_one(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
         """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
         fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
@@ -322,9 +406,12 @@ class Renderer:
             if theirs is None or (ours.name, len(ours.mesh.faces)) != (theirs.name, len(theirs.mesh.faces)):
                 raise SceneError(OTHER_BODIES)
         more = tuple(scene.bodies[known:])
-        fit, surface, _ = self._fitted(scene)
+        if more:
+            self._refuse_fidelity("no body is added")
+        fits, surface, views, _ = self._fitted(self._scenes(scene))
         growth = Growth(self.world, self._bodies, more, self._crease_rad) if more else None
-        return PreparedPainting(surface, fit, tuple(swatch.name for swatch in scene.swatches), growth, more, scene)
+        names = tuple(swatch.name for swatch in scene.swatches)
+        return PreparedPainting(surface, fits, views, names, growth, more, scene)
 
     def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -332,7 +419,10 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = -1  # another one, or the same by another number
-        self.surface, self._fit, self._swatch_names = surface, painting.fit, painting.swatch_names
+        self.surface, self._fits, self._views = surface, painting.fits, painting.views
+        self._swatch_names = painting.swatch_names
+        self.levels = with_views(self.levels, painting.views)
+        put_level(surface, self.levels)
         if painting.growth is not None:
             with self._deforming:
                 self.world = painting.growth.take(self.world)
@@ -375,6 +465,7 @@ class Renderer:
             SceneError: no such body, not as many places as the mesh has vertices, or not finite ones.
         """
         index = self._index(body)
+        self._refuse_fidelity("no body is given another shape")
         mesh = self._bodies[index].mesh
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
         with self._deforming:
@@ -555,12 +646,25 @@ def _warn_of_crowd(scene: "Scene", world: Any) -> None:
         )
 
 
+def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "Scene") -> "Fidelity | None":
+    """A fidelity by itself, or from its file."""
+    given: Any = fidelity
+    if isinstance(fidelity, str | os.PathLike):
+        from hapscene.fidelity.fidelity_file import load_fidelity
+
+        given = load_fidelity(fidelity, scene)
+    if given is not None and not given.levels:
+        raise HapsceneError("a fidelity has one level at least")
+    found: Fidelity | None = given
+    return found
+
+
 def _entry(function: Any, *arguments: Any) -> Any:
     """`play` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
     if INTERPRETED:
         return function
-    world, surface, rows, blocks = arguments
+    world, surface, rows, blocks, *levels = arguments
     path = np.zeros((0, 3))
-    function(world, surface, path, *_STILL, rows, blocks)
+    function(world, surface, *levels, path, *_STILL, rows, blocks)
     (compiled,) = (o for o in function.overloads.values())
     return compiled.entry_point

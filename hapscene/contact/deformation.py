@@ -196,7 +196,7 @@ def _look_around(world: Any, index: int, p_B: Vector) -> int:
     far = norm(origin) + body.radius_m
     nearest, found = far, -1
     for way in range(WAYS if far <= 3.0 * body.radius_m else 0):
-        face = first_face(body.search, world.ray, origin, _direction(way), far, 0)
+        face = first_face(body.search, world.ray, origin, look_direction(way), far, 0)
         proxy.seen[way] = face
         if face < 0:
             continue
@@ -211,7 +211,7 @@ def _look_around(world: Any, index: int, p_B: Vector) -> int:
 
 
 @native
-def _direction(way: int) -> Vector:
+def look_direction(way: int) -> Vector:
     """One of `WAYS` unit vectors."""
     if way < 6:
         sign = 1.0 if way < 3 else -1.0

@@ -197,14 +197,15 @@ def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None 
     return found
 
 
-def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
+def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shapes | None = None) -> World:
     """Pack the bodies of a scene; the world's bodies, whose records hold addresses of what is searched, keep it alive.
 
     Of bodies that are given other shapes their `Deformation`s do.
 
-    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
+    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none. `shapes` are those of the
+    bodies' meshes, and maybe of more, made with the same angle.
     """
-    shapes = shapes_of(bodies, crease_rad)
+    shapes = shapes_of(bodies, crease_rad) if shapes is None else shapes
     rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
     _place(rows, balls, bodies, shapes)
     proxy = records(1, PROXY)

@@ -86,7 +86,7 @@ def guard(surface: Any, tool_W: Any) -> int:
         way += n[i] * step
         push += n[i] * f[i]
         was[i] = n[i]
-    stored = _stored(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
+    stored = stored_energy(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
     if limits.coupling_N_m > 0.0:
         stored += 0.5 * push * push / limits.coupling_N_m
     doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way) if push < limits.force_N else 0.0
@@ -104,7 +104,7 @@ def guard(surface: Any, tool_W: Any) -> int:
 
 
 @native
-def _stored(spring_N: float, depth_m: float, most_N: float) -> float:
+def stored_energy(spring_N: float, depth_m: float, most_N: float) -> float:
     """Energy of a spring at a depth whose force is cut at `most_N` [J]."""
     if spring_N <= most_N:
         return 0.5 * spring_N * depth_m

@@ -35,6 +35,10 @@ MEMORY: Final = np.dtype(
         ("stored_J", "f8"),  # energy that its spring held in the last tick
         ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 in the air
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
+        # see `hapscene.fidelity.level_step`
+        ("stepped", "i8"),  # not 0 where the level of the fidelity is not the first, or a step is still handed over
+        ("level", "i8"),  # of the fidelity that is felt
+        ("offset_W_N", "f8", (3,)),  # what is left of the force before the last step
     ],
     align=True,
 )

@@ -353,6 +353,24 @@ class Texture:
         variance = self.variance_m2_s4 * np.array([share for _, share in refitted])[row]
         return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance)
 
+    def truncated(self, order: int) -> "Texture":
+        """The same texture with models of at most that order, each of the power that it has.
+
+        The first reflection coefficients of a model are those of the best model of that order for the same signal: its
+        autocorrelation is kept to that lag (Makhoul 1975, "Linear prediction: a tutorial review", sec. III).
+
+        Raises:
+            SwatchError: an order below 1.
+        """
+        if not order >= 1 or order % 1 != 0:
+            raise SwatchError(f"the order of a texture is a whole number, 1 or more, not {order}")
+        if order >= self.order:
+            return self
+        rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
+        shorter = ar_from_reflection(reflection_from_ar(ar_from_lsf(rows))[:, : int(order)])
+        lsf = np.stack([lsf_from_ar(a) for a in shorter])[row]
+        return replace(self, lsf_rad=lsf, variance_m2_s4=self._power / power_gain(shorter)[row])
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
             return NotImplemented

@@ -1,5 +1,6 @@
 """The twin: a scene, a device and a hand in one closed loop."""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from hapscene.twin.twin_recording import FELT, Feel
 
 if TYPE_CHECKING:
     from hapscene.device.model import DeviceLike
+    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
@@ -43,7 +45,8 @@ class Twin:
         compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
         nominal: the handle that the compensator takes it for; else the same.
         X_WD: (4, 4) where an Omni stands in W; else its workspace is centred on the first intention.
-        effects, seed, tick_s, a_rate_Hz, limits, settings: as `Renderer` has them.
+        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity, budget_us: as `Renderer` has them; the level is
+            yours to set, `renderer.level`.
         delay_ticks: how many ticks later a force goes out: 0 for a loop that writes in the tick in which it read.
 
     Attributes:
@@ -72,6 +75,8 @@ class Twin:
         nominal: Plant | None = None,
         X_WD: ArrayLike | None = None,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
+        fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
+        budget_us: float | None = None,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
             raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
@@ -81,7 +86,15 @@ class Twin:
         if limits is None and not isinstance(device, PointMass | Omni | Connection):
             limits = limits_of(device, tick_s, delay_ticks)
         self.renderer = Renderer(
-            scene, effects, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, limits=limits, settings=settings
+            scene,
+            effects,
+            seed=seed,
+            tick_s=tick_s,
+            a_rate_Hz=a_rate_Hz,
+            limits=limits,
+            settings=settings,
+            fidelity=fidelity,
+            budget_us=budget_us,
         )
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD

@@ -1,11 +1,16 @@
 """The texture sounds like its models, between them too, and stays calm whatever follows whatever."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter, welch
 
+import hapscene
 from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.dsp.noise import seeded_state
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.texture import Texture, excitation_moments
@@ -196,3 +201,90 @@ def test_made_for_another_rate_the_level_is_kept(bench, ticks, texture_of, swatc
     effect = bench(LPC, swatch_of(texture=texture))
     y = effect.samples(ticks(5_000, force_N=1.0, slip_m_s=0.1))[1000:]
     assert np.var(y) == pytest.approx(float(texture.power([1.0], [0.1])[0]), rel=0.15)
+
+
+def slow(swatch, ticks):
+    return replace(swatch, effects={"lpc_texture": {"update_ticks": float(ticks)}})
+
+
+def test_updated_seldom_it_follows_force_and_speed_in_steps_that_do_not_click(bench, ticks, swatch_of):
+    """Chosen at ticks 0, 4, 8 …, the level on a straight line between them; at rest it is the same to the bit."""
+    swatch = swatch_of()
+    seldom, always = bench(LPC, slow(swatch, 4)), bench(LPC, swatch)
+    still = ticks(41, force_N=1.0, slip_m_s=0.1, began=[1] + [0] * 40)
+    np.testing.assert_array_equal(seldom.samples(still), always.samples(still))
+    levels, k = [], []
+    for row in ticks(40, force_N=np.linspace(0.5, 2.0, 40), slip_m_s=0.1):
+        seldom.run(np.array([row], row.dtype))
+        levels.append(float(seldom.s["level_m_s2"][0]))
+        k.append(seldom.s["k"][0].copy())
+    changes = np.flatnonzero([(a != b).any() for a, b in pairwise(k)]) + 1
+    assert set(np.diff(changes)) == {4}
+    bend = np.abs(np.diff(levels, 2))
+    assert np.median(bend[np.arange(1, 39) % 4 != changes[0] % 4]) < 1e-9 < bend.max()
+
+
+def band_levels_dB(effect, ticks_of, tables, count):
+    """Level (bands, n) in windows of 20 ms, over many seeds, of ticks played from one table after the other."""
+    total = 0.0
+    for seed in range(count):
+        effect.s.view(np.uint8)[:] = 0
+        effect.s["rng"] = seeded_state(seed, "lpc_texture")
+        parts = []
+        for first, last, table in tables:
+            effect.table = table
+            parts.append(effect.samples(ticks_of(last - first, first)))
+        windows = np.concatenate(parts).reshape(-1, 200) * np.hanning(200)
+        total = total + np.abs(np.fft.rfft(windows, axis=1)) ** 2
+    edges = [1, 3, 6, 10, 20]  # 50 to 1000 Hz
+    return 10 * np.log10(np.array([total[:, a:b].sum(axis=1) for a, b in pairwise(edges)]))
+
+
+def test_another_order_under_the_same_touch_fades_in_without_a_click(bench, ticks, swatch_of):
+    """No band changes by more than 1 dB in 20 ms, and after `FADE_S` it is as loud as that filter alone."""
+    fine, effect = hapscene.load_swatch("wood").texture, bench(LPC, swatch_of())
+    long, short = (
+        LPC.table(swatch_of(texture=fine), 10_000.0),
+        LPC.table(swatch_of(texture=fine.truncated(4)), 10_000.0),
+    )
+
+    def touching(count, first):
+        begins, steps = ([int(one)] + [0] * (count - 1) for one in (first == 0, first > 0))
+        return ticks(count, force_N=1.0, slip_m_s=0.1, began=begins, stepped=steps)
+
+    def levels(*tables):
+        return band_levels_dB(effect, touching, tables, 500)
+
+    stepped = levels((0, 200, long), (200, 600, short), (600, 1000, long))
+    alone = [levels((0, 200, table))[:, 3:].mean(axis=1) for table in (long, short)]
+    assert np.abs(np.diff(stepped[:, 2:], axis=1)).max() < 1.0 + 0.4  # and what 500 seeds leave of chance
+    at_step = stepped[:, 10:12].mean(axis=1) - stepped[:, 8:10].mean(axis=1)
+    assert np.abs(at_step).max() < 1.0 + 0.2
+    for where, want in ((slice(3, 10), alone[0]), (slice(21, 30), alone[1]), (slice(41, 50), alone[0])):
+        np.testing.assert_allclose(stepped[:, where].mean(axis=1), want, atol=0.4)
+
+
+def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
+    """At 50 dB a second; a finger that comes to rest is silent at once."""
+    swatch = swatch_of()
+    effect = bench(LPC, swatch)
+    moving, stepping = (ticks(1, force_N=1.0, slip_m_s=0.1, stepped=one) for one in (0, 1))
+
+    def level(rows=moving):
+        effect.run(rows)
+        return float(effect.s["level_m_s2"][0])
+
+    effect.run(ticks(1, force_N=1.0, slip_m_s=0.1, began=1))
+    before, full = level(), effect.table
+    effect.table = LPC.table(replace(swatch, texture=swatch.texture.truncated(1)), 10_000.0)
+    effect.p["texture_gain"] = 0.0
+    falling = [level(stepping), *(level() for _ in range(1300))]
+    rate_dB = np.diff(20 * np.log10(falling[:1100])) * 20
+    assert falling[0] > 0.98 * before and falling[-1] == 0.0
+    np.testing.assert_allclose(rate_dB, -1.0, atol=1e-6)
+    effect.table, effect.p["texture_gain"] = full, 1.0
+    rising = [level(stepping), *(level() for _ in range(1300))]
+    assert rising[0] < 0.01 * before and rising[-1] == pytest.approx(before)
+    assert (np.diff(20 * np.log10(rising)) * 20).max() < 1.0 + 1e-6
+    effect.table, effect.p["texture_gain"] = LPC.table(replace(swatch, texture=swatch.texture.truncated(1)), 1e4), 0.0
+    assert level(stepping) > 0.0 and level(ticks(1, force_N=1.0, slip_m_s=0.0)) == 0.0
