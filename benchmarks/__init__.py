@@ -21,5 +21,7 @@ alone calls stands by itself because it measures one thing.
 | `paint_page` | the painter's page in a browser: `python -m hapscene_benchmarks.paint_page` |
 | `paint_browser`, `idle`, `screen` | for that: the browser and a hand, an empty loop, a screen where there is none |
 | `sheet`, `machine`, `peer` | the figures, the machine, other renderers' figures |
+| `charts` | speed against accuracy, a question each: `hapscene chart`; `charts.run` lists them |
+| `comparison` | two tables of figures: `hapscene bench compare` |
 | `chart`, `page`, `markdown` | the pictures, docs/benchmark.md, and what such pages are made of |
 """

@@ -46,17 +46,23 @@ def measure_crowd(sheet: Sheet, tick_count: int, repeats: int) -> None:
         tick_count: length of the slide.
         repeats: runs after one to warm up.
     """
-    path = slide_path(tick_count)
     for count in BODY_COUNTS:
-        name = f"{count} bodies" if count > 1 else "1 body"
-        place = grid(count)
-        scene = _scene(place)
-        sheet.add(name, "bodies", count, "1")
-        sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
-        if count * MOVING_SHARE >= 1.0:
-            _measure_moving(sheet, name, scene, place, path, repeats)
+        measure_bodies(sheet, count, tick_count, repeats)
     for count in BOUND_COUNTS:
         measure_bound(sheet, count, repeats)
+
+
+def measure_bodies(sheet: Sheet, count: int, tick_count: int, repeats: int) -> str:
+    """The same among so many bodies, those that move led by a path; the case's name."""
+    path = slide_path(tick_count)
+    name = f"{count} bodies" if count > 1 else "1 body"
+    place = grid(count)
+    scene = _scene(place)
+    sheet.add(name, "bodies", count, "1")
+    sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
+    if count * MOVING_SHARE >= 1.0:
+        _measure_moving(sheet, name, scene, place, path, repeats)
+    return name
 
 
 def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:

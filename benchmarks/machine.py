@@ -1,10 +1,14 @@
 """The machine that figures are from: what it can do, not whose it is."""
 
+import ctypes
 import datetime
+import gc
 import os
 import platform
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -46,6 +50,26 @@ def run_python(arguments: list[str], otherwise: str, **environment: str) -> str:
     if done.returncode:
         raise HapsceneError(f"{otherwise}: {done.stderr.strip().splitlines()[-1]}")
     return done.stdout
+
+
+def held_MB(build: Callable[[], object]) -> float:
+    """How much more memory this process has while what is built is held [MB]; NaN where the system does not tell."""
+    before_B = _resident_B()
+    held = build()
+    grown_B = _resident_B() - before_B
+    del held
+    return max(grown_B, 0.0) / 1e6
+
+
+def _resident_B() -> float:
+    """Memory of this process, what was freed given back first."""
+    if not sys.platform.startswith("linux"):
+        return float("nan")
+    gc.collect()
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).malloc_trim(0)  # of glibc
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return float(pages * os.sysconf("SC_PAGE_SIZE"))
 
 
 def _processor() -> str:

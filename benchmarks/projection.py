@@ -35,10 +35,10 @@ def measure_projection(sheet: Sheet) -> None:
         name = f"groove {angle_deg:g}°"
         planes = groove(angle_deg)
         for steps in STEPS:
-            least_ns = min(_time_alternating(planes, steps, new_clock()) for _ in range(5)) / _CALLS
+            least_ns = min(time_alternating_ns(planes, steps, new_clock()) for _ in range(5))
             sheet.add(name, f"{steps} projections time", least_ns, "ns")
             sheet.add(name, f"{steps} projections error", alternating_error_m(planes, steps), "m")
-        least_ns = min(_time_exact(planes, new_clock()) for _ in range(5)) / _CALLS
+        least_ns = min(time_exact_ns(planes, new_clock()) for _ in range(5))
         sheet.add(name, "active set time", least_ns, "ns")
         sheet.add(name, "active set error", norm(nearest(planes[0], TOOL_M, 0.0)[1]), "m")
 
@@ -67,6 +67,16 @@ def alternate(proxy: Any, p: Vector, steps: int) -> Vector:
         if short > 0.0:
             p = (p[0] + short * n[0], p[1] + short * n[1], p[2] + short * n[2])
     return p
+
+
+def time_alternating_ns(planes: Any, steps: int, clock: Any) -> float:
+    """Time of so many projections, of `_CALLS` one after the other [ns]."""
+    return float(_time_alternating(planes, steps, clock)) / _CALLS
+
+
+def time_exact_ns(planes: Any, clock: Any) -> float:
+    """Time of the active set, likewise [ns]."""
+    return float(_time_exact(planes, clock)) / _CALLS
 
 
 @native

@@ -313,7 +313,9 @@ def _draw(figure: Any, axes: Any, rows: Sequence[Row], devices: list[str], costs
         line[1].set(title="Energy out", xlabel="most given to the hand [mJ]; dashed: 2 mJ")
         _panel(line[2], own, names, [row.kept for row in own], None)
         line[2].set(title="Stiffness kept", xlabel="felt over asked; none where it never rests", xlim=(0.0, 1.15))
-        line[0].set_yticks(range(len(names)), [f"{name}  {costs_us.get(name, 0.0):+.2f} µs" for name in names])
+        line[0].set_yticks(
+            range(len(names)), [f"{name}  +{max(0.0, costs_us.get(name, 0.0)):.2f} µs" for name in names]
+        )
         for axis in line[1:]:
             axis.set_yticks(range(len(names)), [])
     handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -25,6 +25,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     """
     from hapscene.command.bench import add_bench
     from hapscene.command.capture import add_capture
+    from hapscene.command.chart import add_chart
     from hapscene.command.check import add_check
     from hapscene.command.devices import add_devices
     from hapscene.command.export import add_export, add_import
@@ -43,7 +44,8 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
     further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
-    return first, (add_play, add_tune, *further, add_replay, add_devices, add_plugins, add_bench, add_reproduce)
+    last = (add_replay, add_devices, add_plugins, add_bench, add_chart, add_reproduce)
+    return first, (add_play, add_tune, *further, *last)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

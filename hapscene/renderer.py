@@ -373,7 +373,7 @@ class Renderer:
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
         for k in range(len(self._fields)):
             put_numbers(surface, self._effects, len(scene.swatches), self._field(k)[0])
-        painted = set(np.unique(surface.paint).tolist())
+        painted = {k for body in scene.bodies for k in np.flatnonzero(np.bincount(body.face_swatch)).tolist()}
         messages: list[str] = []
         for index, swatch in enumerate(scene.swatches):
             put_numbers(surface, self._effects, index, fit.given[index])

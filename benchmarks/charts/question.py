@@ -25,6 +25,7 @@ class Measure:
         name, unit: for people.
         jnd: how much of it is just noticed, in that unit; None where nobody knows. What lies below is not needed.
         source: of that number.
+        limit: what is said of that number: "just felt", or what else it is the limit of.
         log: drawn on a logarithmic axis.
         more_is_better: as of a stiffness that is kept; else less is, as of an error.
     """
@@ -36,6 +37,7 @@ class Measure:
     source: str = ""
     log: bool = True
     more_is_better: bool = False
+    limit: str = "just felt"
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,12 @@ class Question:
         per: what the time is of.
         cited: others' figures on the same paths.
         needs: what else must be there, as `recordings`: why the question is left out, or empty.
+        growth: its picture is of cost against work: each measure is a cost that `error` tells beside `work`, called
+            with nothing beside it, and how it grows is fitted. It has no front.
+        quantiles: what the two numbers of `time` are.
+        against: key of the measure that errors are told against in the place of time, where it is not time that is
+            saved; its own panel is against time.
+        subject: what a point is of, as a body: points of different ones do not compete, each has a front of its own.
     """
 
     name: str
@@ -93,15 +101,41 @@ class Question:
     per: str = "tick"
     cited: tuple[Point, ...] = field(default=())
     needs: Callable[[], str] = field(default=lambda: "")
+    growth: bool = False
+    quantiles: tuple[str, str] = ("median", "p99")
+    against: str = ""
+    subject: Callable[[Point], str] = field(default=lambda point: "")
 
 
-def front(points: Sequence[Point], measure: Measure) -> list[Point]:
-    """The Pareto front: points that no other one beats in both time and error, by time. Cited ones are not in it."""
+def front(points: Sequence[Point], measure: Measure, against: str = "") -> list[Point]:
+    """The Pareto front: points that no other one beats in both time and error, by time. Cited ones are not in it.
+
+    With `against`, that measure stands in the place of time.
+    """
     sign = -1.0 if measure.more_is_better else 1.0
-    told = [p for p in points if not p.source and p.median_us == p.median_us and measure.key in p.errors]
+    told = [
+        p for p in points if not p.source and measure.key in p.errors and cost_of(p, against) == cost_of(p, against)
+    ]
     best, kept = float("inf"), []
-    for point in sorted(told, key=lambda p: (p.median_us, sign * p.errors[measure.key])):
+    for point in sorted(told, key=lambda p: (cost_of(p, against), sign * p.errors[measure.key])):
         if sign * point.errors[measure.key] < best:
             best = sign * point.errors[measure.key]
             kept.append(point)
     return kept
+
+
+def cost_of(point: Point, against: str = "") -> float:
+    """What an error is told against: the median time [µs], or a measure; NaN where it is not known."""
+    return point.errors.get(against, float("nan")) if against else point.median_us
+
+
+def fronts(question: Question, points: Sequence[Point], measure: Measure) -> list[list[Point]]:
+    """The front of each subject of a question."""
+    subjects = dict.fromkeys(question.subject(p) for p in points)
+    against = against_of(question, measure)
+    return [front([p for p in points if question.subject(p) == of], measure, against) for of in subjects]
+
+
+def against_of(question: Question, measure: Measure) -> str:
+    """Key of the measure that a panel is drawn against; empty for time."""
+    return "" if question.against == measure.key else question.against

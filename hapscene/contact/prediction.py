@@ -97,6 +97,8 @@ def predict_bodies(
     for m in range(len(moving)):
         frame, body, given = frames[moving[m]], predicted[moving[m]], impulse[moving[m]]
         count = frame.count
+        if body.count > 0 and now - body.time_ns < 1e9 * frame.lasts_s:
+            _go_on(frame, body, given, tick_s)  # also where a frame comes: what it is held against is of this tick
         if count != body.count and count % 2 == 0:
             now_ns(clock)  # keeps the two looks at the count apart
             body.refused, jumps = 0 if is_pose(frame.X_WB) else 1, frame.jumps
@@ -108,8 +110,6 @@ def predict_bodies(
                 if body.refused == 0 and jumps != body.jumps:
                     body.jumps = jumps
                     teleported[m] = 1
-        elif now - body.time_ns < 1e9 * frame.lasts_s:
-            _go_on(frame, body, given, tick_s)
         for i in range(6):
             body.given[i] = given[i]
         fades = teleported[m] == 0 and body.left_s > tick_s

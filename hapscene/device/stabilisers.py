@@ -52,7 +52,7 @@ def _balanced(limits: Any, memory: Any, tool_m: float, i: int, stiffness_N_m: fl
 # the last and of this tick. So what a damper took is never set off against what comes later, and friction has no part
 # in it: it only takes, and what it took would hide what the wall gives. What was made is kept from bounce to bounce,
 # and forgotten within `FORGET_S`. Encoders of step Δ see the tool up to ½Δ from where it is: what that looks like, ½KΔ
-# for each metre along the normal, is not counted.
+# for each metre along the normal, is not counted; where the force is cut at its limit it changes with no step.
 #
 # Controller: as long as made > 0, a damper along the normal that takes it back within a tick, as far as `guard_Ns_m`
 # lets it: without that cap it would ask for an endless damper wherever the tool nearly rests, and chatter. It never
@@ -89,7 +89,7 @@ def guard(surface: Any, tool_W: Any) -> int:
     stored = stored_energy(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
     if limits.coupling_N_m > 0.0:
         stored += 0.5 * push * push / limits.coupling_N_m
-    doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way)
+    doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way) if push < limits.force_N else 0.0
     made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J - doubt
     memory.made_J = made if made > TINY else 0.0
     memory.stored_J = stored

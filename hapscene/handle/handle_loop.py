@@ -57,6 +57,10 @@ FAR: Final = 0.5
 """Swing, over the room that there is, below which the coil is far from its stops [1]: what nothing explains there is no
 knock of the coil, but a handle or a sensor that is none as believed."""
 
+ROOM_LEAST: Final = 0.15
+"""Least share of the travel that is left where knocks go on [1]: a handle whose numbers are all 30 % off swings up to
+five times as far as the nominal one."""
+
 SURE: Final = 4.0
 """A force that the model leaves unexplained is a knock where its square is above so much of the mean square of what is
 played [1]: a handle of three times the nominal mass is not taken for one."""
@@ -98,11 +102,15 @@ def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
     r, v = h.applied_x[2], h.applied_x[3] / h.scout_rad_s
     far = math.sqrt(r * r + v * v) < FAR * h.room_m
     if surprise * surprise > h.knock_N**2 + SURE * h.nominal[0] ** 2 * h.loud:
-        if far:
+        again = h.deaf > 0
+        if far and h.deaf <= h.deaf_count:
             _fall_back(h)
-        elif h.deaf == 0:
-            h.room *= h.knocked
+        if h.struck == 0:
+            if again or not far:  # a stop, though what is known of the handle may have the coil far from it
+                h.room = max(h.knocked * h.room, min(h.room, ROOM_LEAST))
+            h.struck = h.deaf_count
         h.deaf = max(h.deaf, h.deaf_count)
+    h.struck = max(h.struck - 1, 0)
     if h.deaf > 0:
         h.deaf -= 1
     elif far or gain > LEARN_ABOVE:

@@ -170,7 +170,7 @@ HANDLE: Final = np.dtype(
         # corner yields
         *_fields("room room_m yield_m plain_m room_back knock_N knocked", "f8"),
         *_fields("sitting sitting_count distrust distrust_least distrust_most", "i8"),
-        *_fields("deaf_count deaf", "i8"),  # deaf: samples until it is learnt again
+        *_fields("deaf_count deaf struck", "i8"),  # samples until it is learnt again, and until a knock counts anew
         *_fields("forget forget_played", "f8"),
     ],
     align=True,

@@ -18,10 +18,6 @@ APEX_ALPHA: Final = 4.0 * (math.sqrt(2.0) - 1.0) ** 2
 APEX_BETA: Final = 2.0 * (math.sqrt(2.0) - 1.0)
 """The damping that does it, as BT/m [1]."""
 
-SCAN: Final = np.geomspace(1e-9, 1e3, 361)
-"""Stiffnesses at which roots are looked at before the limit between two of them is searched, over those of mass and
-damper over a tick [1]."""
-
 
 def limit_without_delay(mass_kg: float, damping_Ns_m: float, tick_s: float) -> float:
     """W1: K = (b/T) δe/(e − aδ) [N/m] for B = 0, d = 0; 2b/T where δ is small. [drv]
@@ -129,14 +125,34 @@ def limit_of_small_motion(
     0 where there is none. W1, W2 and W5 are its cases. [drv]"""
     from scipy.optimize import brentq
 
-    def outside(stiffness_N_m: float) -> float:
-        return largest_root(stiffness_N_m, mass_kg, damping_Ns_m, tick_s, delay_ticks, wall_damping_Ns_m) - 1.0
-
-    scan = SCAN * max(mass_kg / tick_s**2, (damping_Ns_m + wall_damping_Ns_m) / tick_s)
-    stable = np.flatnonzero([outside(stiffness_N_m) < 0.0 for stiffness_N_m in scan])
-    if not len(stable):
+    if damping_Ns_m + wall_damping_Ns_m == 0.0:
         return 0.0
-    return float(brentq(outside, scan[stable[-1]], scan[stable[-1] + 1], rtol=1e-12))
+    p, r = _held(mass_kg, damping_Ns_m, tick_s)
+    e = -math.expm1(-damping_Ns_m * tick_s / mass_kg)
+
+    def border(theta: float) -> complex:
+        """K + (B/T)(1 − 1/z) of the walls for which z = e^(iθ) is a root."""
+        half, z = math.sin(theta / 2.0), complex(math.cos(theta), math.sin(theta))
+        less_a = complex(e - 2.0 * half * half, z.imag)  # z − a without the difference of nearly equal numbers
+        return -(z**delay_ticks) * 2j * half * complex(math.cos(theta / 2.0), half) * less_a / (p * z + r)
+
+    def wall(theta: float) -> tuple[float, float]:
+        """K and B of it."""
+        at = border(theta)
+        damper = at.imag / math.sin(theta)
+        return at.real - 2.0 * damper * math.sin(theta / 2.0) ** 2, tick_s * damper
+
+    end, limit = math.pi / (delay_ticks + 1) * (1.0 - 1e-9), math.inf
+    thetas = end * np.linspace(1e-5, 1.0, 200) ** 2
+    after = next((theta for theta in thetas if wall(theta)[1] > wall_damping_Ns_m), 0.0)
+    if after > 0.0:  # a pair of roots leaves
+        at = brentq(lambda theta: wall(theta)[1] - wall_damping_Ns_m, 1e-12 * end, after, xtol=1e-300, rtol=1e-15)
+        limit = wall(at)[0]
+    elif delay_ticks > 0 or wall(end)[0] <= 0.0:  # more than the largest damping
+        return 0.0
+    if delay_ticks == 0 and p > r:  # or, of an overdamped device, one by −1
+        limit = min(limit, 2.0 * (2.0 - e) / (p - r) - 2.0 * wall_damping_Ns_m / tick_s)
+    return max(0.0, limit)
 
 
 def _held(mass_kg: float, damping_Ns_m: float, tick_s: float) -> tuple[float, float]:

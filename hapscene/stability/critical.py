@@ -34,13 +34,19 @@ def growth(y: NDArray[np.float64], order: int) -> float:
         y: (n,) the motion about its rest, n > 2 order.
         order: most modes that there are.
     """
+    space, count = _modes(y)
+    space = space[:, : min(order, count)]
+    step, *_ = np.linalg.lstsq(space[:-1], space[1:], rcond=None)
+    return float(np.log(np.abs(np.linalg.eigvals(step)).max()))
+
+
+def _modes(y: NDArray[np.float64], rounding: float = 0.0) -> tuple[NDArray[np.float64], int]:
+    """The space that the shifts of a signal span, the strongest first, and of how many modes it is; `rounding` is what
+    a sample is off by."""
     rows = len(y) // 2
     shifts = np.lib.stride_tricks.sliding_window_view(y, rows).T
     left, weight, _ = np.linalg.svd(shifts, full_matrices=False)
-    kept = min(order, int(np.count_nonzero(weight > NOISE * weight[0])))
-    space = left[:, :kept]
-    step, *_ = np.linalg.lstsq(space[:-1], space[1:], rcond=None)
-    return float(np.log(np.abs(np.linalg.eigvals(step)).max()))
+    return left, int(np.count_nonzero(weight > max(NOISE * weight[0], rounding * rows)))
 
 
 DEPTH_M: Final = 1e-3
@@ -58,7 +64,24 @@ allows, twice as many take twice the time."""
 
 TURN: Final = 0.5
 """How far the motion turns between two samples [rad]: slow motion is not sampled every tick, or rounding hides whether
-it grows."""
+it grows. Near the largest damping of the wall there is a fast mode beside the slow ones, which turns by π in d + 1
+ticks: samples are an odd number of such times apart, at which it alternates; at an even one it would look slow too."""
+
+MODES: Final = 16
+"""Most modes that are told apart where not all need be [count]: at a delay of 200 ticks there are 203."""
+
+WAIT: Final = 40
+"""How long the other modes are left to die where there are more [d + 1 ticks]: the 17th does by e in at most two such
+times, but for overdamped devices at wall dampings near the largest."""
+
+LONGER: Final = 6
+"""How many times as long where they have not [1], as long as that is less than `TICKS_MAX`."""
+
+FAINT: Final = 1e-6
+"""What small motion has died to by then, over what it was, where it is not looked at any more [1]."""
+
+ROUNDING: Final = 1e-13
+"""Motion that is rounding, over the depth [1]."""
 
 HALVINGS: Final = 16
 """How often the wall is made half as stiff in search of one at which the tool rests [count], before it is said that
@@ -151,23 +174,44 @@ def critical_stiffness(
 def motion_growth(rig: Rig, stiffness_N_m: float, wall_damping_Ns_m: float) -> float:
     """Natural logarithm, per tick, of how much the slowest-dying mode of small motion grows: below 0 where it dies.
 
-    The rig's device has neither friction nor encoder steps.
+    The rig's device has neither friction nor encoder steps. Of what has died to `FAINT` before its modes are told
+    apart, or grows to `LARGE`, it is rough.
     """
     rig.tune(stiffness_N_m, wall_damping_Ns_m)
-    order = rig.delay_ticks + 3  # position, speed, the last depth, the forces on their way
-    turn = rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
-    count = min(SAMPLES * order * max(1, int(TURN / turn)), TICKS_MAX)
-    y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, SAMPLES * order, count)
-    if within < 2 * order + 2:
-        return math.log(LARGE / SMALL) / within
-    stride = max(1, within // (SAMPLES * order))
-    return growth(y[:within:stride], order) / stride
+    late = rig.delay_ticks + 1
+    modes = late + 2  # position, speed, the last depth, the forces on their way
+    few = min(modes, MODES)
+    wait, small = 0, SMALL
+    if few < modes:
+        wait, small = WAIT * late, min(SMALL, 0.1 * stiffness_N_m * rig.tick_s / max(wall_damping_Ns_m, 1e-300))
+    first, turn = SAMPLES * few, rig.tick_s * math.sqrt(stiffness_N_m / rig.point.mass_kg)
+    while True:
+        count = wait + min(first * max(1, int(TURN / turn), late // MODES), TICKS_MAX)
+        y, within = _small_motion(rig, stiffness_N_m * DEPTH_M, first, count, small)
+        if within < wait + 2 * few + 2:
+            return math.log(LARGE / small) / within
+        y = y[wait:within]
+        if wait > 0:
+            y = y[: np.flatnonzero(np.abs(y) >= FAINT * np.abs(y).max())[-1] + 1]
+            if np.abs(y).max() < FAINT * small * DEPTH_M or len(y) < first:
+                return math.log(FAINT) / within
+        stride = max(1, len(y) // first)
+        if stride > late:
+            stride = late * ((stride // late - 1) | 1)
+        if wait == 0:
+            return growth(y[::stride], few) / stride
+        seen = _modes(y[::stride], ROUNDING * DEPTH_M)[1]
+        if seen <= MODES or wait * LONGER > TICKS_MAX:
+            return growth(y[::stride], min(seen, MODES)) / stride
+        wait *= LONGER
 
 
-def _small_motion(rig: Rig, push_N: float, first: int, count: int) -> tuple[NDArray[np.float64], int]:
+def _small_motion(
+    rig: Rig, push_N: float, first: int, count: int, small: float = SMALL
+) -> tuple[NDArray[np.float64], int]:
     """Depths about the rest (n,) [m], and up to where they are small: `count` ticks, or fewer where they grow large."""
     y, within = np.zeros(0), 0
-    felt = rig.let_go((1.0 + SMALL) * DEPTH_M, 0.0, push_N, first)
+    felt = rig.let_go((1.0 + small) * DEPTH_M, 0.0, push_N, first)
     while True:
         y = np.concatenate((y, -felt.p_W_m[:, 2] - DEPTH_M))
         linear = (np.abs(y[within:]) < LARGE * DEPTH_M) & (felt.recording.f_W_N[:, 2] > 0.0)

@@ -71,6 +71,18 @@ def test_with_velocities_it_goes_on_and_stops_when_no_frame_comes() -> None:
     np.testing.assert_allclose(Rotation.from_matrix(seen[:, :3, :3]).as_rotvec()[:, 2], 2.0 * t, atol=1e-12)
 
 
+def test_a_body_that_goes_steadily_does_not_stand_still_when_a_frame_comes() -> None:
+    line, way = Line(), []
+    for k in range(100):
+        if k % 20 == 0:
+            line.say(k, (1e-4 * k, 0, 0), v=(0.1, 0, 0), w=(0, 0, 2.0))
+            line.frames[0].X_WB[:3, :3] = Rotation.from_rotvec([0, 0, 2e-3 * k]).as_matrix()
+        way.append(line.tick(k))
+    np.testing.assert_allclose(np.diff([X[0, 3] for X in way]), 1e-4, atol=1e-12)
+    turned = Rotation.from_matrix([X[:3, :3] for X in way]).as_rotvec()[:, 2]
+    np.testing.assert_allclose(np.diff(turned), 2e-3, atol=1e-12)
+
+
 @pytest.mark.parametrize("late", [0, 5])
 def test_a_push_moves_it_as_its_mass_and_inertia_have_it(late: int) -> None:
     """A steady force off the centre, which the program has not seen yet; also where the frame is old when it comes."""

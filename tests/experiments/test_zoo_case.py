@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.constants import TICK_S
-from hapscene.device.model import DEVICES as NAMED
 from hapscene.device.model import IDEAL
 from hapscene_experiments import zoo_case
 from hapscene_experiments.zoo_case import ENERGY_MJ, ZooCase, draw_zoo, zoo_cases
@@ -15,8 +13,6 @@ from hapscene_experiments.zoo_case import ENERGY_MJ, ZooCase, draw_zoo, zoo_case
 pytestmark = pytest.mark.filterwarnings("ignore::hapscene.scene.mesh.MeshWarning")
 
 QUICK = ("slide_sph1k", "plate_thin", "vgroove45", "edge90", "wedge20", "open_boundary", "moving_plate_0.05")
-FORCE_N = NAMED["omni"].limits.force_N
-FAST_M_S = 2.0
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -30,16 +26,15 @@ def test_case(shared: Path, name: str) -> None:
 @pytest.mark.soak
 def test_all_cases(shared: Path) -> None:
     for row in zoo_cases(shared / "zoo"):
-        assert row.ok or row.id == "fast2ms/point/light", row
+        assert row.ok, row
 
 
 def test_at_2_m_s_the_tick_is_late(shared: Path) -> None:
-    """A tool that enters at v is pushed back half a tick late: F v T/2 comes out of nothing, F the device's largest."""
+    """A tool that leaves at v is pushed half a tick too long; what came out of nothing before is taken back then."""
     light, firm = zoo_cases(shared / "zoo", ["fast2ms"], ["point"])
-    late_mJ = 1e3 * FORCE_N * FAST_M_S * TICK_S / 2.0
-    assert ENERGY_MJ < light.energy_mJ < 1.2 * late_mJ
+    assert 1.0 < light.energy_mJ < ENERGY_MJ
     assert light.lost == 0 and light.jump_deg == 0.0 and light.rest_mm_s < 1e-3
-    assert firm.ok
+    assert light.ok and firm.ok
 
 
 @pytest.fixture

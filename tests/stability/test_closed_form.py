@@ -29,6 +29,16 @@ def test_polynomial_holds_wall_damping(mass: float, tick: float, beta: float) ->
     assert form.limit_of_small_motion(mass, 0.0, tick, 0, wall) == pytest.approx(expected, rel=1e-6)
 
 
+def test_the_limit_is_where_a_root_leaves() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        delay, damping = int(rng.integers(0, 6)), 10.0 ** rng.uniform(-4, 2)
+        wall = rng.uniform(0.0, 0.9) / (1 + delay)
+        limit = form.limit_of_small_motion(1.0, damping, 1.0, delay, wall)
+        roots = [form.largest_root(share * limit, 1.0, damping, 1.0, delay, wall) for share in (0.5, 0.9999, 1.0001)]
+        assert max(roots[:2]) < 1.0 < roots[2]
+
+
 def test_small_damping() -> None:
     assert form.limit_without_delay(0.1, 1e-4, 1e-3) == pytest.approx(
         form.limit_of_passivity(1e-4, 0.0, 1e-3), rel=1e-5

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from hapscene.device.model import stability_border
 from hapscene.errors import HapsceneError
 from hapscene.stability import critical_stiffness
 from hapscene.stability.closed_form import (
@@ -60,6 +61,29 @@ def test_nothing_takes_energy() -> None:
 def test_wall_damping_beyond_the_largest() -> None:
     assert critical_stiffness(1.0, 0.0, 1.0, 0, 2.05) == 0.0
     assert critical_stiffness(1.0, 0.0, 1.0, 1, 0.85) == 0.0
+
+
+def test_next_to_the_largest_damping_of_the_wall() -> None:
+    """A mode that alternates from tick to tick dies as slowly there as those of the spring."""
+    for delay, damping, share in (
+        (0, 1e-3, 0.999),
+        (0, 0.0, 0.9997),
+        (0, 0.1, 0.9999),
+        (1, 1e-3, 0.9999),
+        (4, 0.0, 0.9999),
+    ):
+        wall = share * stability_border(1.0, damping, 1.0, delay)[1][-1]
+        expected = limit_of_small_motion(1.0, damping, 1.0, delay, wall)
+        assert critical_stiffness(1.0, damping, 1.0, delay, wall) == pytest.approx(expected, rel=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("delay", "damping", "share"), [(30, 1e-3, 0.9), (200, 0.1, 0.0), (255, 1e-3, 0.3), (200, 1.0, 0.5)]
+)
+def test_long_delays(delay: int, damping: float, share: float) -> None:
+    wall = share * stability_border(1.0, damping, 1.0, delay)[1][-1]
+    expected = limit_of_small_motion(1.0, damping, 1.0, delay, wall)
+    assert critical_stiffness(1.0, damping, 1.0, delay, wall) == pytest.approx(expected, rel=1e-6)
 
 
 def test_rest_over_an_edge() -> None:

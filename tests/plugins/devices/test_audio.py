@@ -220,3 +220,14 @@ def test_outputs_are_found_and_the_trap_is_told(cards: Any) -> None:
     headphones, split = DRIVER.find()
     assert headphones.where == "USB Headphones (2 channels)" and headphones.trouble == ""
     assert "shows only 2 of its four" in split.trouble and "Pro Audio or Direct" in split.remedy
+
+
+CHART = """
+from hapscene_benchmarks.charts import audio_latency
+print(audio_latency.error(256, 0)["latency"], audio_latency.error(256, 2)["latency"])
+"""
+
+
+def test_the_latency_that_is_charted_is_about_that_of_a_card(sink) -> None:
+    said_ms, charted_ms = (float(number) for number in sink.python(CHART).split())
+    assert charted_ms == pytest.approx(said_ms, abs=4.0)  # the chart's holds the tick and the filter as well

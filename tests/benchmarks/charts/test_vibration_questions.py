@@ -1,0 +1,96 @@
+"""The questions of vibration: their error sides against closed forms, planted surfaces and SciPy."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm, t, wasserstein_distance
+
+from hapscene.perception import band_edges_Hz, band_rms_m_s2
+from hapscene.surface.texture import Texture
+from hapscene_benchmarks.charts import acceleration_rate, excitation, tap_model, texture_domain, texture_order
+from hapscene_benchmarks.charts.measuring import apart_jnd, bands_of, enough, model_bands
+from hapscene_benchmarks.charts.question import Point
+from hapscene_benchmarks.charts.texture_update import held_error
+
+EDGES_HZ = band_edges_Hz()
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_bands_of_white_noise_are_as_wide_as_they_are_and_droop_where_samples_are_held(held: bool) -> None:
+    found = model_bands([1.0], 3.0, 2000.0, held=held)
+    for low, high, rms in zip(EDGES_HZ[:-1], EDGES_HZ[1:], found, strict=True):
+        power = quad(lambda f: 2.0 * 3.0 / 2000.0 * (np.sinc(f / 2000.0) ** 2 if held else 1.0), low, high)[0]
+        assert rms == pytest.approx(np.sqrt(power), rel=1e-4)
+
+
+def test_a_band_twice_as_loud_in_power_is_a_jnd_and_a_half() -> None:
+    loud = np.full(12, 5.0)
+    assert apart_jnd(np.sqrt(2.0) * loud, loud) == pytest.approx(20.0 * np.log10(np.sqrt(2.0)) / 2.0)
+
+
+def test_enough_is_the_quickest_that_is_near_enough_or_else_the_best() -> None:
+    points = [Point("m", str(us), us, us, {"e": e}) for us, e in ((1.0, 3.0), (2.0, 0.9), (3.0, 0.1))]
+    cited = Point("other", "0", 0.1, 0.1, {"e": 0.0}, source="a paper")
+    assert enough([*points, cited], "e", 1.0) is points[1] and enough([*points, cited], "e", 0.01) is points[2]
+
+
+def test_the_known_surface_has_the_spectrum_that_is_said() -> None:
+    heard, frequency, density = texture_order.planted_surface(400_000)
+    measured = band_rms_m_s2(heard, 10_000.0, EDGES_HZ)
+    np.testing.assert_allclose(measured[3:], bands_of(frequency, density)[3:], rtol=0.06)  # below 55 Hz Welch blurs
+
+
+def test_more_coefficients_come_nearer_to_a_known_surface() -> None:
+    found = [texture_order._planted(order) for order in (2, 30, 160)]
+    assert found[0] > 3.0 > found[1] > 1.0 > found[2]
+
+
+@pytest.mark.parametrize("domain", ["lsf", "reflection", "direct", "hatt"])
+def test_a_blend_is_the_surface_itself_at_a_model_and_nearer_than_the_nearest_between(domain: str) -> None:
+    texture = texture_domain.planted_texture(domain, 2)
+    for force, speed in ((0.3, 0.04), (2.0, 0.25)):
+        true = model_bands(*texture_domain.surface_at(force, speed), 10_000.0)
+        assert apart_jnd(texture_domain.asked(texture, domain, force, speed), true) < 1e-3
+    assert texture_domain.error(domain, 2)["planted"] < 0.5 * texture_domain.error("nearest", 2)["planted"]
+    assert texture_domain.error(domain, 3)["planted"] < 0.5 * texture_domain.error(domain, 2)["planted"]
+
+
+def test_a_level_that_is_held_is_off_by_what_the_force_has_grown() -> None:
+    """Power grows with the force and the filter stays: within a hold of four ticks it is 0 to 3 ticks' growth off."""
+    texture = Texture.from_models(10_000.0, [2.0], [0.2], a=[[1.0, -0.5]], variance_m2_s4=[1e6])
+    force = 1.01 ** np.arange(64)
+    off = held_error(texture, force, np.full(64, 0.2), "all", 4)
+    assert off["median"] == pytest.approx(1.5 * 10.0 * np.log10(1.01) / 2.0, rel=1e-6)
+    assert off["p95"] == pytest.approx(3.0 * 10.0 * np.log10(1.01) / 2.0, rel=1e-6)
+    assert held_error(texture, force, np.full(64, 0.2), "filter", 4)["p95"] < 1e-9
+
+
+def test_the_distance_of_a_noise_is_that_of_scipy_and_knots_bring_it_nearer() -> None:
+    scale = np.sqrt(excitation.FREEDOM / (excitation.FREEDOM - 2.0))
+    level = (np.arange(4000) + 0.5) / 4000
+    plain = wasserstein_distance(norm.ppf(level), t.ppf(level, excitation.FREEDOM) / scale)
+    assert excitation.planted_distance(np.empty(0)) == pytest.approx(plain, rel=1e-9)
+    seen = np.random.default_rng(0).standard_t(excitation.FREEDOM, 20_000) / scale
+    assert excitation.planted_distance(excitation.kept(seen, 1)) < 0.2 * plain
+
+
+def test_a_faster_channel_is_nearer_and_the_reference_is_itself() -> None:
+    found = [acceleration_rate.error(rate, "held")["texture"] for rate in (2000.0, 5000.0)]
+    assert found[0] > found[1] > 0.0
+    assert acceleration_rate.error(acceleration_rate.REFERENCE_HZ, "filtered") == {"texture": 0.0, "tap": 0.0}
+
+
+def test_the_bands_of_a_tap_hold_its_energy() -> None:
+    """A decaying sine has ∫a² = A² ω²/(4β(β² + ω²))."""
+    a, beta, omega, rate = 20.0, 60.0, 2.0 * np.pi * 250.0, 10_000.0
+    time_s = np.arange(2000) / rate
+    tap = a * np.exp(-beta * time_s) * np.sin(omega * time_s)
+    energy = a**2 * omega**2 / (4.0 * beta * (beta**2 + omega**2))
+    assert np.sum(acceleration_rate.tap_bands(tap, rate) ** 2) * 0.1 == pytest.approx(energy, rel=0.01)
+
+
+def test_modes_are_found_and_rung_as_they_are() -> None:
+    found = tap_model.fitted(tap_model.true_tap(0.1), 3)
+    expected = np.array(tap_model.MODES) * (tap_model.LOUD_M_S2 * 0.1, 1.0, 1.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    assert tap_model.error(3, True)["planted"] < 0.5 < 1.0 < tap_model.error(0, False)["planted"]

@@ -1,0 +1,44 @@
+"""`hapscene chart`, `hapscene bench compare`."""
+
+from pathlib import Path
+
+import pytest
+
+from hapscene.cli import main
+from hapscene_benchmarks.charts.chart_table import Table
+from hapscene_benchmarks.charts.question import Point
+
+
+def test_a_question_that_is_not_there_is_told_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["chart", "--only", "mesh,grove"]) == 2
+    told = capsys.readouterr().err
+    assert "no question 'grove'; there are: " in told
+    assert "groove" in told
+    assert "whole-tick" in told
+
+
+def test_what_cannot_be_is_refused_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, told in (
+        (["--jobs", "2", "--scheduler", "tcp://a:1"], "give one of the two"),
+        (["none.scene.json"], "none.scene.json: no such file"),
+        (["--from", "none.csv"], "none.csv: no such file"),
+        (["--docs", str(tmp_path / "none")], "--docs "),
+    ):
+        assert main(["chart", *words]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, out = tmp_path / "chart.csv", tmp_path / "out"
+    points = [
+        Point("active set", "60°", 0.03, 0.05, {"off": 1e-12}),
+        Point("projection, 60°", "1", 0.01, 0.02, {"off": 2}),
+    ]
+    Table({"processor": "one"}, {"groove": points}).write(table, [])
+    assert main(["chart", "--from", str(table), "--out", str(out)]) == 0
+    assert "chart.html" in capsys.readouterr().out
+    assert {file.name for file in out.iterdir()} == {"chart.csv", "chart.html", "groove.png", "groove-dark.png"}
+    assert main(["bench", "compare", str(table), str(out / "chart.csv")]) == 0
+    told = capsys.readouterr().out
+    assert "the same machine, or one like it" in told
+    assert "groove, time" in told
