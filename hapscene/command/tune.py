@@ -63,7 +63,7 @@ def _tune(options: argparse.Namespace) -> int:
     check_place(out)
     device_named(options.device)
     reach_m_s2(options.handle)
-    source = Source(options.scene, options.unit, options.swatch, options.two_sided)
+    source = Source(options.scene, options.unit, options.swatch, options.two_sided, options.accept_damaged)
     words = ("device", "handle", "budget_us", "jnd", "seed", "jobs", "scheduler")
     found = tune(source, **{word: getattr(options, word) for word in words}, say=say)
     save_fidelity(found.fidelity, out, opened(source))

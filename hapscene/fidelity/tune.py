@@ -93,6 +93,7 @@ class Source:
     unit: str | None = None
     swatch: str | None = None
     two_sided: bool = False
+    accept_damaged: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def opened(source: Source) -> "Scene":
     from hapscene.touch import open_scene
 
     with trial.quietly():
-        return open_scene(source.path, source.unit, source.swatch, source.two_sided)
+        words = source.path, source.unit, source.swatch, source.two_sided
+        return open_scene(*words, accept_damaged=source.accept_damaged)
 
 
 def judge_body(source: dict[str, Any], name: str, device: str, seed: int, most_jnd: float) -> dict[str, Any]:
