@@ -39,11 +39,13 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.swatch import add_swatch
     from hapscene.command.teleoperate import add_teleoperate
     from hapscene.command.touch import add_demo, add_touch
+    from hapscene.command.tune import add_tune
     from hapscene.command.view import add_view
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
     further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
-    return first, (add_play, *further, add_replay, add_devices, add_plugins, add_bench, add_chart, add_reproduce)
+    last = (add_replay, add_devices, add_plugins, add_bench, add_chart, add_reproduce)
+    return first, (add_play, add_tune, *further, *last)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

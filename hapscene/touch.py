@@ -25,6 +25,7 @@ from hapscene.recording import Recording
 
 if TYPE_CHECKING:
     from hapscene.bridge import MuJoCo
+    from hapscene.fidelity.fidelity import Fidelity
     from hapscene.scene.scene import Scene
     from hapscene.twin import Intent, Twin
 
@@ -265,6 +266,7 @@ def touch(
     dark: bool = False,
     say: Callable[[str], None] = lambda text: None,
     bridge: "MuJoCo | None" = None,
+    fidelity: "Fidelity | str | Path | None" = None,
 ) -> list[Path]:
     """Touch a scene along a path and write `MADE` into a folder: all of it, or, where it fails, nothing.
 
@@ -283,13 +285,14 @@ def touch(
         dark: whether pictures are on dark ground.
         say: is given the progress, piece by piece.
         bridge: whose scene it is, and which goes on meanwhile; pictures show it as it was at first.
+        fidelity: how finely it is felt, or the file that says it; a touched face is then one of the coarser mesh.
 
     Returns:
         The files written.
 
     Raises:
-        HapsceneError: an unknown effect, a rate that does not fit, a path that is not finite, or too long for the
-            memory that is left.
+        HapsceneError: a fidelity of another scene, an unknown effect, a rate that does not fit, a path that is not
+            finite, or too long for the memory that is left.
         OSError: the folder cannot be written.
     """
     from hapscene.renderer import EFFECTS, Renderer
@@ -298,7 +301,9 @@ def touch(
     with whole_folder(out, ours=MADE) as folder:
         with step(say, f"readying {_counted(scene)}"):
             names = EFFECTS if effects is None else effects
-            renderer = Renderer(scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings)
+            renderer = Renderer(
+                scene, names, seed=seed, tick_s=tick_s, a_rate_Hz=a_rate_Hz, settings=settings, fidelity=fidelity
+            )
         with step(say, f"rendering {len(p_WT) * tick_s:.1f} s of path"):
             recording = renderer.run(p_WT) if bridge is None else bridge.run(renderer, p_WT)
         if not recording.touching.any():

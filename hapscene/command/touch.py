@@ -55,6 +55,9 @@ def add_touch(commands: Any) -> None:
         metavar="HZ",
         help=f"of the acceleration channel (default {ACCELERATION_RATE_HZ:g})",
     )
+    command.add_argument(
+        "--fidelity", metavar="FILE", help="render no more than it needs, by what `hapscene tune` wrote"
+    )
     closed = command.add_argument_group(
         "in closed loop", "a hand that holds a simulated device, so that contact forces move the tool"
     )
@@ -88,6 +91,7 @@ def _touch(options: argparse.Namespace) -> int:
     """
     check_scene(options.scene, options.unit, options.swatch)
     check_there(options.path, PathError)
+    check_there(options.fidelity, prefix="--fidelity ")
     options.out = options.out or f"out/{base_name(options.scene)}"
     check_out_folder(options.out)
     effects = None if options.effects is None else [name for name in options.effects.split(",") if name]
@@ -137,6 +141,7 @@ def _touch(options: argparse.Namespace) -> int:
         dark=options.dark,
         say=say,
         bridge=bridge,
+        fidelity=options.fidelity,
     )
     name_made(made)
     _show(options, scene)
@@ -238,6 +243,7 @@ def _touch_by_hand(options: argparse.Namespace, scene: Any, effects: Any, settin
             delay_ticks=options.delay,
             handle=Plant(),
             compensator=options.compensator,
+            fidelity=options.fidelity,
         )
 
     made = touch_by_hand(

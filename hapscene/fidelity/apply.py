@@ -31,8 +31,9 @@ TEXTURE: Final = "lpc_texture"
 def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene:
     """The scene at a level: the same bodies and swatches by name, in the same order, at the same poses.
 
-    A body's coarser mesh is painted as its own is there, see `nearest_faces`. A texture of lower order is that of the
-    first reflection coefficients of each model (`Texture.truncated`). What the level does not name is shared.
+    A body's coarser mesh is painted as its groups say, where they are the scene's swatches (`coarser_mesh`); else as
+    its own mesh is there, see `nearest_faces`. A texture of lower order is that of the first reflection coefficients of
+    each model (`Texture.truncated`). What the level does not name is shared.
 
     With `stepped`, for a renderer that goes from level to level, a texture that is left out can fade away: it is there
     with a gain of 0.
@@ -51,7 +52,10 @@ def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene
     for body in at.bodies:
         found = level.bodies.get(body.name)
         if found is not None and found.mesh is not None and found.mesh is not body.mesh:
-            body.face_swatch = body.face_swatch[nearest_faces(body.mesh, found.mesh)]
+            if found.mesh.group_names == tuple(swatch.name for swatch in scene.swatches):
+                body.face_swatch = found.mesh.group.copy()  # it brings its painting along
+            else:
+                body.face_swatch = body.face_swatch[nearest_faces(body.mesh, found.mesh)]
             body.mesh = found.mesh
     for index, swatch in enumerate(at.swatches):
         if swatch.name in level.swatches:

@@ -50,6 +50,9 @@ if TYPE_CHECKING:
 
 SUFFIX: Final = ".scene.json"
 
+NAMING: Final = (SUFFIX, ".fidelity.json")
+"""Ends of the names of files that name others beside them: what one of them names, no other one removes."""
+
 PIECE_MIN: Final = 8
 """Shortest piece of the hash in a name [hexadecimal digits]."""
 
@@ -68,12 +71,13 @@ class SidecarFiles:
     """What a scene file names. Made by `sidecar_files`.
 
     Args:
-        path: the scene file.
+        path: the scene file, or another one that names files beside it.
+        suffix: that its name ends in.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, suffix: str = SUFFIX) -> None:
         self._path, self._folder = path, path.parent.resolve()
-        self._stem = path.name.removesuffix(SUFFIX)
+        self._stem = path.name.removesuffix(suffix)
         self._named: set[str] = set()
         self._made: list[Path] = []
 
@@ -111,7 +115,8 @@ class SidecarFiles:
             if file.name in self._named or name not in before or not file.name.startswith(f"{self._stem}."):
                 continue
             with suppress(OSError):
-                others = (_content_of(f) for f in self._folder.glob(f"*{SUFFIX}") if f.name != self._path.name)
+                found = (f for suffix in NAMING for f in self._folder.glob(f"*{suffix}"))
+                others = (_content_of(f) for f in found if f.name != self._path.name)
                 if _is_whole(file) and not any(name in other for other in others):
                     file.unlink()
 
@@ -124,10 +129,10 @@ class SidecarFiles:
 
 
 @contextmanager
-def sidecar_files(path: Path) -> Iterator[SidecarFiles]:
+def sidecar_files(path: Path, suffix: str = SUFFIX) -> Iterator[SidecarFiles]:
     """While a scene file is written, the last of all: what goes wrong leaves the old one and its files as they were."""
     before = _content_of(path)
-    files = SidecarFiles(path)
+    files = SidecarFiles(path, suffix)
     try:
         yield files
     except BaseException:

@@ -25,6 +25,8 @@ from hapscene.capture.hatt_file import read_taps
 from hapscene.capture.recording_file import load_recording
 from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.exchange import export_scene, import_scene
+from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
+from hapscene.fidelity.fidelity_file import load_fidelity, save_fidelity
 from hapscene.handle.fit import Identification, IdentifiedGrip
 from hapscene.handle.handle_file import handle_to_json, load_handle
 from hapscene.handle.plant import Plant
@@ -166,6 +168,12 @@ def scene() -> Scene:
     made.swatch_index(swatch())
     made.bodies[0].face_swatch[:10] = 1
     return made
+
+
+def fidelity(path: Path) -> None:
+    half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
+    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
+    save_fidelity(Fidelity((level, Level()), {"device": "omni", "seed": 0}), path, scene())
 
 
 def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
@@ -348,6 +356,10 @@ FORMATS: Mapping[str, Format] = {
         written(lambda path: scene().save(path), "x.scene.json"),
         lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),
         roams=True,
+    ),
+    "fidelity": Format(
+        written(fidelity, "x.fidelity.json"),
+        lambda path: sum(len(body.mesh.faces) for body in load_fidelity(path, scene()).levels[0].bodies.values()),
     ),
     "swatch": Format(written(lambda path: save_swatch(swatch(), path), "x.swatch"), library.load_swatch),
     "library": Format(

@@ -581,6 +581,7 @@ class FilePanel:
         self._context = context
         self._path = path
         self._look_chosen = False
+        self._tuned: tuple[object, str] = None, ""
         gui, callback = context.server.gui, context.callback
         with container:
             self._file = gui.add_text("Scene file", str(path), hint=f"Ends in {SUFFIX}")
@@ -625,7 +626,22 @@ class FilePanel:
         text = "● Not saved yet. " if document.dirty else "✓ Everything is saved. "
         if document.changed:
             text += escape_html(document.problem or (AUTOSAVED if document.autosave else "No copy of it is kept."))
+        elif tuned := self._tuned_words():
+            text += f"<br>{escape_html(tuned)}"
         set_html(self._status, card_html(text))
+
+    def _tuned_words(self) -> str:
+        """What the fidelity file beside the scene saves; looked at anew when one of the two is another."""
+        from hapscene.fidelity.fidelity_file import fidelity_beside, saving_words
+
+        session = self._context.session
+        if session.path is None:
+            return ""
+        beside = fidelity_beside(session.path)
+        stamps = [(file, file.stat().st_mtime_ns if file.is_file() else 0) for file in (session.path, beside)]
+        if stamps != self._tuned[0]:
+            self._tuned = stamps, saving_words(beside, session.scene)
+        return self._tuned[1]
 
     async def save(self) -> None:
         """Save to the file that is named; ask first if that is not the one that was loaded."""

@@ -8,6 +8,8 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
+from hapscene.fidelity.fidelity import Fidelity, Level
+from hapscene.fidelity.fidelity_file import save_fidelity
 from hapscene.paint.document import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
@@ -168,3 +170,15 @@ def test_without_autosave_no_copy_is_promised(killed: Path) -> None:
         assert not asked(tab, "Recover it")
         tab.close()
     assert not page.kept
+
+
+def test_what_a_fidelity_file_beside_the_scene_saves_is_told(page: Page, tab: Tab) -> None:
+    told_of = {"faces": 320.0, "error_jnd": 0.4, "tick_median_us": 2.1}
+    made = {"untuned_faces": 1280, "untuned_tick_median_us": 4.0}
+    scene = hapscene.load_scene("ball.scene.json")
+    save_fidelity(Fidelity((Level(told=told_of),), made), "ball.fidelity.json", scene)
+    tab.send("save")
+    until(lambda: told(tab, "tuned: 0.32 k of 1.28 k faces, 0.4 JND, 2.1 of 4 µs a tick"))
+    Path("ball.fidelity.json").write_text("{}")
+    tab.send("save")
+    until(lambda: told(tab, "not tuned: ball.fidelity.json: not a fidelity"))

@@ -1,0 +1,180 @@
+"""The fidelity file: what is written is read, and nothing else is."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hapscene
+from hapscene.fidelity.coarser_mesh import coarser_mesh
+from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
+from hapscene.fidelity.fidelity_file import (
+    FidelityError,
+    fidelity_beside,
+    load_fidelity,
+    save_fidelity,
+    saving_words,
+)
+
+from .conftest import scene_of
+
+TOLD = {"faces": 2560.0, "error_jnd": 0.4, "tick_median_us": 2.1}
+MADE = {"device": "omni", "untuned_faces": 5120, "untuned_tick_median_us": 4.0, "handle": None}
+
+
+@pytest.fixture
+def scene():
+    made = scene_of("sphere")
+    made.paint("body", "leather", made.bodies[0].mesh.triangles_m.mean(axis=1)[:, 2] > 0)
+    return made
+
+
+@pytest.fixture
+def fidelity(scene):
+    names = [swatch.name for swatch in scene.swatches]
+    levels = [
+        Level(
+            {"body": BodyFidelity(coarser_mesh(scene.bodies[0], count, names), crease)},
+            {"wood": SwatchFidelity(order, 4, ("tap",))},
+            TOLD,
+        )
+        for count, crease, order in ((2560, None, 30), (1280, 0.5, 15))
+    ]
+    return Fidelity((*levels, Level()), MADE)
+
+
+@pytest.fixture
+def file(tmp_path, scene, fidelity):
+    path = tmp_path / "x.fidelity.json"
+    save_fidelity(fidelity, path, scene)
+    return path
+
+
+def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
+    read = load_fidelity(file, scene)
+    assert read.made == MADE and len(read.levels) == 3
+    for was, now in zip(fidelity.levels, read.levels, strict=True):
+        assert now.swatches == was.swatches and now.told == was.told and now.bodies.keys() == was.bodies.keys()
+        for name, body in was.bodies.items():
+            mesh = now.bodies[name].mesh
+            assert mesh.digest == body.mesh.digest and now.bodies[name].crease_rad == body.crease_rad
+            assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
+
+
+def test_the_demo_comes_with_its_own():
+    assets = Path(__file__).parents[2] / "assets"
+    scene = hapscene.load_scene(assets / "demo.scene.json")
+    first, *_ = load_fidelity(assets / "demo.fidelity.json", scene).levels
+    assert first.told["error_jnd"] <= 1.0 and first.told["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
+
+
+def test_what_it_saves_is_told_in_a_line(file, scene):
+    assert saving_words(file, scene) == "tuned: 2.56 k of 5.12 k faces, 0.4 JND, 2.1 of 4 µs a tick"
+    assert saving_words(file.with_name("none.fidelity.json"), scene) == ""
+    assert "run `hapscene tune`" in saving_words(file, scene_of("torus"))
+    assert fidelity_beside("a/x.scene.json").as_posix() == fidelity_beside("a/x.ply").as_posix() == "a/x.fidelity.json"
+
+
+@pytest.mark.parametrize("change", ["painting", "swatch", "name", "mesh", "sides"])
+def test_a_scene_that_changed_is_refused(file, scene, change):
+    body = scene.bodies[0]
+    if change == "painting":
+        scene.paint("body", "wood", [0, 1, 2, len(body.face_swatch) - 1])
+    elif change == "swatch":
+        scene.swatches[1] = replace(scene.swatches[1], stiffness_N_m=333.0)
+    elif change == "name":
+        scene.rename(0, "other")
+    elif change == "mesh":
+        body.mesh = replace(body.mesh, vertices_m=body.mesh.vertices_m * (1 + 1e-12))
+    else:
+        body.two_sided = True
+    with pytest.raises(FidelityError, match=r"x\.fidelity\.json: .*hapscene tune"):
+        load_fidelity(file, scene)
+
+
+def test_a_scene_that_stands_elsewhere_is_the_same(file, scene):
+    X_WB = np.eye(4)
+    X_WB[:3, 3] = 0.1
+    scene.pose("body", X_WB)
+    assert len(load_fidelity(file, scene).levels) == 3
+
+
+LEVEL = ("levels", 0)
+BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (("version",), 2, "update hapscene"),
+        (("format",), "hapscene scene", "not a fidelity"),
+        (("scene",), "ab", "SHA-256"),
+        (("levels",), [], "levels must be a list of 1 to 16"),
+        (("levels",), [{"told": {}, "bodies": {}, "swatches": {}}] * 17, "one of 17"),
+        (("made", "device"), ["omni"], "plain value"),
+        (("more",), 1, "unknown key 'more'"),
+        ((*LEVEL, "told", "error_jnd"), "0", "plain value"),
+        ((*LEVEL, "bodies", "cup"), {}, "no body 'cup'; there are: body"),
+        ((*LEVEL, "swatches", "oak"), {}, "no swatch 'oak'"),
+        ((*BODY, "crease_rad"), 4.0, "from 0 to π"),
+        ((*BODY, "crease_rad"), True, "from 0 to π"),
+        ((*BODY, "mesh", "path"), "../x.ply", "name of a PLY file beside this one"),
+        ((*BODY, "mesh", "path"), "C:x.ply", "name of a PLY file beside this one"),
+        ((*BODY, "mesh", "path"), "x.stl", "name of a PLY file beside this one"),
+        ((*BODY, "mesh", "path"), "gone.ply", "no such file"),
+        ((*BODY, "mesh", "sha256"), "0" * 64, "has changed since"),
+        ((*BODY, "mesh", "face_count"), 10**9, "from 1 to those of the body, 5120"),
+        ((*BODY, "mesh", "face_count"), 2559, "has 2,560 faces"),
+        ((*SWATCH, "order"), 0, "from 1 to its own"),
+        ((*SWATCH, "order"), 1000, "from 1 to its own"),
+        ((*SWATCH, "order"), 2.0, "from 1 to its own"),
+        ((*SWATCH, "update_ticks"), 0, "from 1 to 1000"),
+        ((*SWATCH, "left_out"), "tap", "names of effects"),
+        ((*SWATCH, "left_out"), ["tap"] * 101, "names of effects"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_place(file, scene, place, value, said):
+    content = json.loads(file.read_text())
+    at = content
+    for key in place[:-1]:
+        at = at[key]
+    at[place[-1]] = value
+    file.write_text(json.dumps(content))
+    with pytest.raises(FidelityError) as raised:
+        load_fidelity(file, scene)
+    assert said in str(raised.value) and "x.fidelity.json" in str(raised.value) and "\n" not in str(raised.value)
+
+
+def test_a_mesh_that_was_changed_is_refused(file, scene):
+    mesh = next(file.parent.glob("*.ply"))
+    content = bytearray(mesh.read_bytes())
+    content[-1] ^= 1
+    mesh.write_bytes(content)
+    with pytest.raises(FidelityError, match="has changed since"):
+        load_fidelity(file, scene)
+
+
+def test_numbers_that_are_none_are_not_written(tmp_path, scene):
+    with pytest.raises(ValueError):
+        save_fidelity(Fidelity((Level(told={"error_jnd": math.nan}),)), tmp_path / "x.fidelity.json", scene)
+    assert not list(tmp_path.iterdir())
+
+
+def test_meshes_go_with_the_file_and_stay_with_a_scene_that_names_them(file, scene, fidelity):
+    coarse = fidelity.levels[0].bodies["body"].mesh
+    other = hapscene.Scene()
+    other.add(replace(coarse, path=next(file.parent.glob(f"*{'.ply'}"))), name="coarse")
+    meshes = set(file.parent.glob("*.ply"))
+    assert len(meshes) == 2
+    kept = other.bodies[0].mesh.path
+    other.save(file.parent / "other.scene.json")
+    save_fidelity(Fidelity((Level(),)), file, scene)
+    assert set(file.parent.glob("*.ply")) == {kept}
+
+
+def test_another_suffix_is_refused(tmp_path, scene):
+    with pytest.raises(FidelityError, match=r"ends in \.fidelity\.json"):
+        save_fidelity(Fidelity((Level(),)), tmp_path / "x.json", scene)
