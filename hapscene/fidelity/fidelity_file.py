@@ -164,7 +164,7 @@ def saving_words(path: str | os.PathLike[str], scene: "Scene") -> str:
             f"tuned: {faces[0] / 1e3:.3g} k of {faces[1] / 1e3:.3g} k faces, {told['error_jnd']:.2g} JND, "
             f"{ticks[0]:.2g} of {ticks[1]:.2g} µs a tick"
         )
-    except (KeyError, TypeError):
+    except (KeyError, TypeError, ValueError, OverflowError):  # a word, or a number of hundreds of digits
         return "tuned"
 
 

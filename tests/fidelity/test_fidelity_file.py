@@ -75,6 +75,11 @@ def test_what_it_saves_is_told_in_a_line(file, scene):
     assert saving_words(file, scene) == "tuned: 2.56 k of 5.12 k faces, 0.4 JND, 2.1 of 4 µs a tick"
     assert saving_words(file.with_name("none.fidelity.json"), scene) == ""
     assert "run `hapscene tune`" in saving_words(file, scene_of("torus"))
+    content = json.loads(file.read_text())
+    for odd in ("fast", 10**400):
+        content["made"] |= {"untuned_faces": odd if isinstance(odd, int) else 5120, "untuned_tick_median_us": odd}
+        file.write_text(json.dumps(content))
+        assert saving_words(file, scene) == "tuned"
     assert fidelity_beside("a/x.scene.json").as_posix() == fidelity_beside("a/x.ply").as_posix() == "a/x.fidelity.json"
 
 
