@@ -122,8 +122,16 @@ def chart(
         asked = [q for q in asked if q.name not in missing]
         found = _measured(asked, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
     asked = [q for q in asked if found.points.get(q.name)]
+    if table is not None and not asked:
+        raise HapsceneError(f"{table}: no figures of what is asked for; it has: {', '.join(found.points) or 'none'}")
+    try:
+        made = _written(found, asked, out, docs)
+    except (ValueError, LookupError) as fault:
+        if table is None:
+            raise
+        raise HapsceneError(f"{table}: points are missing that a picture is told by ({fault}): measure anew") from fault
     say("made:")
-    for path in _written(found, asked, out, docs):
+    for path in made:
         say(f"  {path}")
     return found
 

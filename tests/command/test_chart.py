@@ -41,6 +41,17 @@ def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.Cap
     assert not (tmp_path / "out" / "chart.html").exists()
 
 
+def test_a_table_that_lacks_points_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "chart.csv"
+    for points, told in (
+        ({}, "no figures of what is asked for; it has: none"),
+        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "points are missing"),
+    ):
+        Table({"processor": "one"}, points).write(table, [])
+        assert main(["chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
+        assert told in capsys.readouterr().err
+
+
 def scene_of(mesh: Path) -> hapscene.Scene:
     scene = hapscene.Scene()
     scene.add(mesh, name="tetrahedron", unit="m", swatch="wood")
