@@ -165,3 +165,11 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(HapsceneError, match="no table of a chart; expected the columns question"):
         Table.read(path)
+
+
+def test_a_table_that_lacks_measures_is_refused_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "question", lambda name: replace(QUICK, advice=lambda points: f"{points[0].errors['on']}"))
+    table = tmp_path / "chart.csv"
+    Table({}, {"powers": [Point("a", "1", 1.0, 2.0, {"off": 0.1})]}).write(table, [QUICK])
+    with pytest.raises(HapsceneError, match=r"chart.csv: of powers it has not all points"):
+        run.chart(tmp_path / "out", table=table, say=lambda text: None)
