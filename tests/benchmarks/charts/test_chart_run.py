@@ -12,7 +12,7 @@ from hapscene.errors import HapsceneError
 from hapscene_benchmarks.charts import run
 from hapscene_benchmarks.charts.chart_page import write_page
 from hapscene_benchmarks.charts.chart_table import Table
-from hapscene_benchmarks.charts.exponent import fit_exponent
+from hapscene_benchmarks.charts.exponent import exponents, fit_exponent
 from hapscene_benchmarks.charts.question import Measure, Point, Question, Setting, front, fronts
 
 CALLED: Counter[str] = Counter()
@@ -117,6 +117,12 @@ def test_growth_is_told_with_its_exponent() -> None:
     points = [Point("doubling", f"{n}", np.nan, np.nan, {"work": n, "cost": 3.0 * n**1.5}) for n in (1, 10, 100)]
     page = write_page(Table({}, {"powers": points}), [question], "Chart")
     assert "n^1.50 (1.50 to 1.50)" in page
+
+
+def test_a_cost_too_little_to_be_measured_has_no_part_in_its_exponent() -> None:
+    points = [Point("a", str(n), 1.0, 1.0, {"work": n, "memory": m}) for n, m in ((1, 0.0), (10, 2.0), (100, 20.0))]
+    assert exponents(points, "memory")["a"].slope == pytest.approx(1.0)
+    assert not exponents(points[:2], "memory")
 
 
 def test_exponent_of_a_power_and_its_interval() -> None:
