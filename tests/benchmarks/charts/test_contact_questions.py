@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, power_gain
-from hapscene.dsp.linear_prediction import solve
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.perception import DIRECTION_DEG
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN
 from hapscene_benchmarks.case import RADIUS_M, sphere, sphere_cases
 from hapscene_benchmarks.charts import groove, growth, mesh, triangles, whole_tick
@@ -105,23 +103,6 @@ def test_facets_of_a_sphere_are_off_by_half_as_much_where_they_are_half_as_large
     found = [triangles.errors(case, Renderer(case.scene(), effects=["wall"]).run(case.p_WT_m)) for case in cases]
     assert found[1]["direction"] == pytest.approx(found[0]["direction"] / 2, rel=0.25)
     assert [one["gap"] for one in found] == [triangles.GAP_LEAST_UM] * 2
-
-
-def test_a_shorter_texture_is_the_best_of_its_order_and_as_loud() -> None:
-    texture = load_swatch("wood").texture
-    assert texture is not None
-    short = whole_tick.shortened(texture, 12)
-    assert short.order == 12
-    assert short.model_power_m2_s4 == pytest.approx(texture.model_power_m2_s4, rel=1e-6)
-    impulse = np.zeros(1 << 15)
-    a = ar_from_lsf(texture.lsf_rad)[0]
-    impulse[0] = 1.0
-    from scipy.signal import lfilter
-
-    played = lfilter([1.0], a, impulse)
-    r = np.array([played[: len(played) - k] @ played[k:] for k in range(13)])
-    assert ar_from_lsf(short.lsf_rad)[0] == pytest.approx(solve(r), abs=1e-4)
-    assert whole_tick.shortened(texture, 500) is texture
 
 
 def test_the_whole_tick_of_the_truth_is_off_by_nothing_and_a_held_force_by_its_lag() -> None:
