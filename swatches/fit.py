@@ -2,7 +2,8 @@
 
 The recordings are public, at the commits that `SOURCES` names, but no licence is stated for them, so they are not in
 this repository; the swatches hold coefficients fitted to them. What was not recorded is assumed, and each swatch says
-so in its provenance.
+so in its provenance. Their order is the smallest that the recording
+supports and whose lack a person cannot tell.
 """
 
 import sys
@@ -10,7 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import fit, load_recording
+from hapscene.capture.order_search import felt_order
 from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.streams import clean
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene.surface.taps import Taps
@@ -70,13 +73,15 @@ def load_source(name: str, folder: Path) -> SurfaceRecording:
 def fit_shipped(name: str, folder: Path) -> Swatch:
     """The swatch of that name from its recording in `folder`."""
     source, recording = SOURCES[name], load_source(name, folder)
+    heard = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
     swatch = fit(
         recording.acceleration_m_s2,
         recording.rate_Hz,
-        recording.force_N,
-        recording.speed_m_s,
-        recording.tangential_force_N,
+        force_N=recording.force_N,
+        speed_m_s=recording.speed_m_s,
+        tangential_force_N=recording.tangential_force_N,
         name=name,
+        order=felt_order(heard, recording.rate_Hz),
     )
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)
     amplitude = source.tap_1_s * TAP_SPEED_M_S

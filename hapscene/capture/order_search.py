@@ -28,6 +28,7 @@ from hapscene.capture.streams import Array
 from hapscene.capture.whittle import NoisyModel, over_noise
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve, tapered
+from hapscene.perception import band_edges_Hz, bands_jnd
 
 ORDERS: Final = range(2, 161)
 """Orders that are tried. On the project's recordings nothing improves beyond 100."""
@@ -43,6 +44,9 @@ it the order grows without end with the length of a recording, after the last he
 
 DISTANCE_RATIO: Final = 1.1
 """How much worse than the best order's held-out distance the chosen order's may be, where none is within the floor."""
+
+BANDS_HZ: Final = band_edges_Hz()
+"""Edges of the bands in which it is judged whether a person can tell [Hz]."""
 
 _DB: Final = 10.0 / np.log(10.0)
 
@@ -75,6 +79,24 @@ class OrderSearch:
     def chosen(self) -> int:
         """The order chosen."""
         return self.plain if self.noise is None else self.noise.order
+
+
+def felt_order(acceleration_m_s2: Array, rate_Hz: float) -> int:
+    """The smallest order that a cleaned recording supports and whose lack a person cannot tell: for swatches to ship.
+
+    That is the smallest whose held-out distance lies within the recording's floor (or `DISTANCE_RATIO` of the best) and
+    which, as all above it, is within one just-noticeable difference of the highest tried, over the vibrotactile bands.
+    """
+    found = search_order(acceleration_m_s2, rate_Hz)
+    r, edges = smoothed(autocorrelation(tapered(acceleration_m_s2, rate_Hz), int(found.orders[-1])), rate_Hz), BANDS_HZ
+    frequency = np.arange(edges[0], edges[-1])
+    models = [metric.model_spectrum(solve(r[: p + 1]), 1.0, rate_Hz, frequency) for p in found.orders]
+    power = np.add.reduceat(np.array(models), np.searchsorted(frequency, edges[:-1]), axis=1)
+    rms = np.sqrt(power / power.sum(axis=1, keepdims=True)) * acceleration_m_s2.std()
+    told = bands_jnd(rms, rms[-1], edges) > 1.0
+    enough = int(np.flatnonzero(told)[-1]) + 1 if told.any() else 0
+    within = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
+    return int(found.orders[max(enough, int(np.argmax(within)))])
 
 
 def search_order(acceleration_m_s2: Array, rate_Hz: float) -> OrderSearch:

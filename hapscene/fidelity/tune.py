@@ -10,7 +10,7 @@ Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is time
 
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final
@@ -406,9 +406,21 @@ def tune(
         "hapscene": __version__, "python": platform.python_version(),
         **{f"untuned_{name}": value for name, value in before.items()},
     }  # fmt: skip
-    fidelity = Fidelity(tuple(levels), made)
+    fidelity = Fidelity(worthwhile(levels), made)
     within = levels[0].told["error_jnd"] <= jnd
     return Tuned(fidelity, choices, before, levels[0].told, within, after["tick_worst_us"] <= budget_us)
+
+
+def worthwhile(levels: Sequence[Level]) -> tuple[Level, ...]:
+    """The first, and those of the others that no later one beats in both error and time."""
+
+    def is_beaten(k: int) -> bool:
+        return any(
+            all(other.told[name] <= levels[k].told[name] for name in ("error_jnd", "tick_median_us"))
+            for other in levels[k + 1 :]
+        )
+
+    return (levels[0], *(level for k, level in enumerate(levels) if k > 0 and not is_beaten(k)))
 
 
 def reach_m_s2(handle: str) -> Array:

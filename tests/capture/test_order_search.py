@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hapscene.capture import metric
-from hapscene.capture.order_search import DISTANCE_RATIO, MISFIT_DB, MISFIT_RATIO, _misfit, search_order
+from hapscene.capture.order_search import DISTANCE_RATIO, MISFIT_DB, MISFIT_RATIO, _misfit, felt_order, search_order
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 
@@ -62,6 +62,19 @@ def test_each_half_is_judged_by_the_model_of_the_other(order):
         model = metric.model_spectrum(a[i], 1.0, RATE_HZ, frequency)
         distance.append(metric.log_spectral_distance(model, density, frequency))
     assert found.distance_dB[order - 2] == pytest.approx(np.mean(distance))
+
+
+def test_what_is_shipped_is_no_larger_than_is_felt() -> None:
+    """A loud mode of two coefficients and one 30 dB below it, under the next band's JND: the second is left out."""
+    rng, rate_Hz = np.random.default_rng(15), 5000.0
+    poles = 0.97 * np.exp(2j * np.pi * 150.0 / rate_Hz)
+    loud = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
+    assert felt_order(loud, rate_Hz) <= 6  # the mode, and what chance adds to it
+    poles = 0.97 * np.exp(2j * np.pi * 600.0 / rate_Hz)
+    second = lfilter([1.0], [1.0, -2.0 * poles.real, abs(poles) ** 2], rng.standard_normal(60_000))
+    order = felt_order(loud + second, rate_Hz)
+    a = solve(autocorrelation(tapered(loud + second, rate_Hz), order))
+    assert 4 <= order <= 16 and np.abs(np.roots(a)).max() > 0.9  # both are felt
 
 
 def test_a_short_recording_has_fewer_orders():

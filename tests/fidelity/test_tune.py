@@ -271,3 +271,9 @@ def test_a_budget_of_3_us_is_obeyed_beyond_the_jnd(tmp_path, name):
     found = tune.tune(source_of(tmp_path, foreign(name)), budget_us=3.0, jobs=1)
     print(name, dict(found.before), dict(found.after))
     assert found.within_budget and found.after["tick_worst_us"] <= 3.0
+
+
+def test_a_level_that_a_smaller_one_beats_is_left_out() -> None:
+    told = [(0.9, 2.0), (2.7, 1.9), (1.7, 1.5), (1.9, 1.1)]
+    levels = [Level(told={"error_jnd": error, "tick_median_us": time}) for error, time in told]
+    assert tune.worthwhile(levels) == (levels[0], levels[2], levels[3])

@@ -166,7 +166,7 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
         _, h = freqz([1.0], a, worN=frequency, fs=t.rate_Hz)
         density.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
     off_dB = 10 * np.log10(density[0] / density[1])
-    assert np.sqrt(np.mean(off_dB**2)) < 0.025 and np.abs(off_dB).max() < 0.035
+    assert np.sqrt(np.mean(off_dB**2)) < 0.04 and np.abs(off_dB).max() < 0.06
     assert other.resampled(rate_Hz) is other
 
 
