@@ -121,6 +121,11 @@ def chart(
         asked = [q for q in asked if q.name not in missing]
         found = _measured(asked, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
     asked = [q for q in asked if found.points.get(q.name)]
+    for q in asked if table is not None else ():
+        try:
+            q.advice(found.points[q.name])
+        except (LookupError, ValueError, ArithmeticError, StopIteration):
+            raise HapsceneError(f"{table}: of {q.name} it has not all points and measures; draw others alone") from None
     say("made:")
     for path in _written(found, asked, out, docs):
         say(f"  {path}")

@@ -58,6 +58,16 @@ def test_a_mesh_is_reduced_by_as_much_as_is_said() -> None:
     assert len(fewer.faces) == pytest.approx(len(whole.faces) / 16, rel=0.02)
 
 
+def test_a_mesh_of_a_hand_s_size_is_reduced_as_well_as_a_large_one() -> None:
+    from fast_simplification import simplify
+
+    whole, fewer = (reduced(None, SPHERE, divisor, 400) for divisor in (1, 16))
+    places, index = np.unique(whole.vertices_m, axis=0, return_inverse=True)
+    large, faces = simplify(1000.0 * places, index.reshape(-1)[whole.faces], target_count=len(whole.faces) // 16)
+    off_m = [np.linalg.norm(t.mean(axis=1), axis=1) - RADIUS_M for t in (fewer.triangles_m, 1e-3 * large[faces])]
+    assert np.sqrt(np.mean(off_m[0] ** 2)) < 1.1 * np.sqrt(np.mean(off_m[1] ** 2))
+
+
 def recording(force_N: Any, touching: Any, depth_m: Any, **more: Any) -> Any:
     return SimpleNamespace(
         f_W_N=np.asarray(force_N), touching=np.asarray(touching), depth_m=np.asarray(depth_m), **more
