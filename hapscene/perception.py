@@ -96,12 +96,15 @@ def is_felt(rms_m_s2: ArrayLike, edges_Hz: ArrayLike) -> bool:
     return bool(np.sum(ratio**2) >= 1.0)
 
 
-def band_rms_m_s2(acceleration_m_s2: ArrayLike, rate_Hz: float, edges_Hz: ArrayLike) -> Array:
-    """Root mean squares (k,) [m/s²] of a signal (n,) in bands with edges (k + 1,) [Hz], after Welch 1967."""
+def band_rms_m_s2(acceleration_m_s2: ArrayLike, rate_Hz: float, edges_Hz: ArrayLike, window: str = "hann") -> Array:
+    """Root mean squares (k,) [m/s²] of a signal (n,) in bands with edges (k + 1,) [Hz], after Welch 1967.
+
+    Its `window` hears next to nothing at the ends of the signal: "boxcar" for what begins there and is over soon.
+    """
     from scipy.signal import welch
 
     signal, edges = np.asarray(acceleration_m_s2, np.float64), np.asarray(edges_Hz, np.float64)
-    frequency, density = welch(signal, rate_Hz, nperseg=min(len(signal), round(0.2048 * rate_Hz)), detrend=False)
+    frequency, density = welch(signal, rate_Hz, window, min(len(signal), round(0.2048 * rate_Hz)), detrend=False)
     total = np.concatenate(([0.0], np.cumsum(density) * (frequency[1] - frequency[0])))
     upper = np.concatenate((frequency, [2 * frequency[-1] - frequency[-2]])) - 0.5 * frequency[1]
     power = np.diff(np.interp(edges, upper, total))

@@ -15,7 +15,7 @@ from typing import Final
 from ..markdown import shown
 from .chart_drawing import drawings
 from .chart_table import Table
-from .exponent import fit_exponent
+from .exponent import exponents
 from .question import Measure, Point, Question, fronts
 
 SCRIPT: Final = """
@@ -153,14 +153,7 @@ def _shown(value: float | None) -> str:
 
 def exponent_rows(points: Sequence[Point], measures: Sequence[Measure]) -> list[tuple[str, str, str]]:
     """How each cost of each method grows: the cost, of what, the exponent."""
-    rows = []
-    for measure in measures:
-        for method in dict.fromkeys(p.method for p in points if measure.key in p.errors):
-            of = [p for p in points if p.method == method and p.errors.get(measure.key, 0.0) > 0.0]
-            if len({p.errors["work"] for p in of}) > 1:
-                found = fit_exponent([p.errors["work"] for p in of], [p.errors[measure.key] for p in of])
-                rows.append((measure.name, method, found.words()))
-    return rows
+    return [(m.name, of, grown.words()) for m in measures for of, grown in exponents(points, m.key).items()]
 
 
 def _exponents(points: Sequence[Point], measures: Sequence[Measure]) -> str:

@@ -119,12 +119,13 @@ def advice(points: Sequence[Point]) -> str:
     few = next(p for p in knots if p.errors[key] <= NEAR * knots[-1].errors[key])
     gain = 100.0 * (1.0 - knots[-1].errors[key] / plain.errors[key])
     dear = float(np.median([p.median_us for p in knots])) - plain.median_us
+    price = f"{dear:.2g} µs a block" if dear > 0.0 else "no more time"
     chosen = "measured" if gain > 0.0 else "Gaussian"
     known = best(points, "planted")
     return (
         f"Choose {chosen} noise where bursts are to be felt: with all {knots[-1].label} amplitudes that were not used "
         f"to find it are {gain:.0f} % nearer than with Gaussian noise ({knots[-1].errors[key]:.2g} and "
-        f"{plain.errors[key]:.2g} σ), for {dear:+.2g} µs a block; {few.label} would do as well. Where the bursts are "
+        f"{plain.errors[key]:.2g} σ), for {price}; {few.label} would do as well. Where the bursts are "
         f"known, {known.label} leave {known.errors['planted']:.1g} σ of {plain.errors['planted']:.2g}. Not where a "
         "recording is short or its noise is near to Gaussian; and levels in bands, by which most is felt, do not "
         "change at all."

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .question import Point
+
 
 class Exponent(NamedTuple):
     """cost = scale · work ^ slope."""
@@ -33,3 +35,13 @@ def fit_exponent(work: Sequence[float], cost: Sequence[float]) -> Exponent:
     free = len(work) - 2
     half = float(t.ppf(0.975, free)) * float(found.stderr) if free > 0 else np.nan
     return Exponent(float(found.slope), found.slope - half, found.slope + half, float(np.exp(found.intercept)))
+
+
+def exponents(points: Sequence[Point], key: str) -> dict[str, Exponent]:
+    """How a cost grows, by what there is more of; what was too little to be measured is left out."""
+    found = {}
+    for method in dict.fromkeys(p.method for p in points):
+        of = [p for p in points if p.method == method and p.errors.get(key, 0.0) > 0.0]
+        if len({p.errors["work"] for p in of}) > 1:
+            found[method] = fit_exponent([p.errors["work"] for p in of], [p.errors[key] for p in of])
+    return found

@@ -118,7 +118,8 @@ def advice(points: Sequence[Point]) -> str:
     for device in dict.fromkeys(p.method for p in points):
         own = sorted((p for p in points if p.method == device), key=lambda p: float(p.label.split()[0]))
         key = "felt" if all("felt" in p.errors for p in own) else "closed"
-        quiet = next((p.label for p in own if p.errors["buzz"] <= REST_MM_S), "no rate")
+        still = [p for p in own if p.errors["buzz"] <= REST_MM_S and p.errors.get("felt", BUZZ_N_M) >= BUZZ_N_M]
+        quiet = still[0].label if still else "no rate"
         gains.append(
             f"{device} holds {own[0].errors[key]:.0f} N/m at {own[0].label} and {own[-1].errors[key]:.0f} at "
             f"{own[-1].label}, and rests on {BUZZ_N_M:g} N/m from {quiet} on"

@@ -24,7 +24,7 @@ from ..case import short, slide_path, sphere
 from ..crowd import grid
 from ..machine import held_MB
 from ..tick_time import hot
-from .exponent import Exponent, fit_exponent
+from .exponent import exponents
 from .question import Measure, Point, Question, Setting, no_time
 
 TICKS: Final = 4000
@@ -179,16 +179,6 @@ def _batch_s(count: int, jobs: int, dask: bool = False, kill: bool = False) -> f
     return (done_s[-1] - done_s[0]) * count / (count - 1)
 
 
-def exponents(points: Sequence[Point], key: str) -> dict[str, Exponent]:
-    """How a cost grows, by what there is more of."""
-    found = {}
-    for kind in dict.fromkeys(p.method for p in points if key in p.errors):
-        of = [p for p in points if p.method == kind]
-        if len({p.errors["work"] for p in of}) > 1:
-            found[kind] = fit_exponent([p.errors["work"] for p in of], [p.errors[key] for p in of])
-    return found
-
-
 def faces(point: Point) -> float:
     """Triangles of the scene of a point [count]."""
     if point.method == "triangles":
@@ -208,7 +198,8 @@ def advice(points: Sequence[Point]) -> str:
         f"A tick grows with triangles as {tick['triangles'].words()}; a triangle takes {each_B:.0f} bytes and "
         f"{1e6 * fine.errors['load'] / fine.errors['work']:.2g} µs to load. The largest scene that was tried and holds "
         f"1 kHz in 99.9 % of ticks, by the tick alone, has {short(round(faces(large)))} triangles ({large.method}: "
-        f"{large.label}; {large.errors['late']:.2g} µs). Choose by memory and loading, then, not by the tick; not so "
+        f"{large.label}{'' if large.method == 'triangles' else ', of one mesh'}; {large.errors['late']:.2g} µs). "
+        "Choose by memory and loading, then, not by the tick; not so "
         "where a loop wakes late, which no tick mends. "
         + (f"Faster than its work grows: {', '.join(steep)}." if steep else "Nothing grew faster than its work.")
     )

@@ -1,6 +1,6 @@
 """What several questions measure with: recordings, bands of vibration, times, and what is near enough."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -153,8 +153,3 @@ def enough(points: Sequence[Point], key: str, within: float) -> Point:
     least = best(points, key).errors[key]
     fit = [p for p in measured(points, key) if p.errors[key] <= max(within, least)]
     return min(fit, key=lambda p: (p.median_us if p.median_us == p.median_us else np.inf, p.errors[key]))
-
-
-def mean_of(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The mean of each number of several results."""
-    return {key: float(np.mean([part[key] for part in parts])) for key in parts[0]}

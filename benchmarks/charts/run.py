@@ -124,14 +124,13 @@ def chart(
     asked = [q for q in asked if found.points.get(q.name)]
     if table is not None and not asked:
         raise HapsceneError(f"{table}: no figures of what is asked for; it has: {', '.join(found.points) or 'none'}")
-    try:
-        made = _written(found, asked, out, docs)
-    except (ValueError, LookupError) as fault:
-        if table is None:
-            raise
-        raise HapsceneError(f"{table}: points are missing that a picture is told by ({fault}): measure anew") from fault
+    for q in asked if table is not None else ():
+        try:
+            q.advice(found.points[q.name])
+        except (LookupError, ValueError, ArithmeticError, StopIteration):
+            raise HapsceneError(f"{table}: of {q.name} it has not all points and measures; draw others alone") from None
     say("made:")
-    for path in made:
+    for path in _written(found, asked, out, docs):
         say(f"  {path}")
     return found
 

@@ -4,7 +4,7 @@ The closest point is found by distances to triangles of the finest mesh, with no
 structure nor the constraint of the method under test has a part in it. Coarser meshes are compared with the same truth.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -166,15 +166,11 @@ def closest_points(
 
 @cache
 def reduced(scene_file: str | None, body: str, divisor: int, ticks: int = TICKS) -> Mesh:
-    """The mesh of a body with that part of its faces, by quadric error metrics (Garland & Heckbert 1997)."""
-    mesh = touched(scene_file, body, ticks).body.mesh
+    """The mesh of a body with that part of its faces, as `hapscene tune` reduces it, as far as its borders let it."""
+    body_of = touched(scene_file, body, ticks).body
     if divisor == 1:
-        return mesh
-    from fast_simplification import simplify
+        return body_of.mesh
+    from hapscene.fidelity.coarser_mesh import coarser_mesh
 
-    places, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)  # welded: seams do not tear
-    middle = places.mean(axis=0)
-    vertices_m, faces = simplify(
-        places - middle, index.reshape(-1)[mesh.faces], target_count=len(mesh.faces) // divisor
-    )
-    return Mesh(vertices_m=np.asarray(vertices_m, np.float64) + middle, faces=np.asarray(faces, np.int32))
+    plain = replace(body_of, face_swatch=np.zeros_like(body_of.face_swatch))  # where borders lie is not asked here
+    return coarser_mesh(plain, len(body_of.mesh.faces) // divisor, (PLAIN.name,)) or body_of.mesh

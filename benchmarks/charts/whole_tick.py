@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapscene.constants import TICK_S
-from hapscene.dsp.ar_filter import ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.perception import force_jnd
 from hapscene.recording import Recording
 from hapscene.renderer import EFFECTS, Renderer
@@ -55,18 +54,7 @@ def swatch_of(on: Touched, order: int) -> Swatch:
     """The swatch that is touched most, wood where that has no texture, its models of a lower order."""
     swatch = on.swatch if on.swatch.texture is not None else load_swatch("wood")
     assert swatch.texture is not None
-    return replace(swatch, texture=shortened(swatch.texture, order)) if order else swatch
-
-
-def shortened(texture: "Texture", order: int) -> "Texture":
-    """Models of a lower order that are as loud: by Levinson's recursion their first reflection coefficients."""
-    if order >= texture.order:
-        return texture
-    from hapscene.dsp.ar_filter import ar_from_lsf
-
-    a = ar_from_reflection(reflection_from_ar(ar_from_lsf(texture.lsf_rad))[:, :order])
-    lsf_rad = np.stack([lsf_from_ar(one) for one in a])
-    return replace(texture, lsf_rad=lsf_rad, variance_m2_s4=texture.model_power_m2_s4 / power_gain(a))
+    return replace(swatch, texture=swatch.texture.truncated(order)) if order else swatch
 
 
 def error(scene_file: str | None, body: str, divisor: int, order: int, shaded: bool, every_ms: int) -> dict[str, float]:

@@ -69,17 +69,11 @@ _FREQUENCY = "13 to 38 %, Israr et al. 2006: its middle"
 
 LEVEL = Quantity("vibration level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
 SPECTRUM = Quantity("vibration spectrum", "", "dB", perception.BAND_DB, "2 dB a band, derived from Israr et al. 2006")
-STATIC = Quantity(
-    "static friction", "1", "%", 100.0 * perception.FRICTION, "Weber fraction 0.11, Gueorguiev et al. 2017"
-)
-DYNAMIC = Quantity(
-    "dynamic friction", "1", "%", 100.0 * perception.FRICTION, "Weber fraction 0.11, Gueorguiev et al. 2017"
-)
+STATIC = Quantity("static friction", "1", "%", 100.0 * perception.FRICTION, _FRICTION)
+DYNAMIC = Quantity("dynamic friction", "1", "%", 100.0 * perception.FRICTION, _FRICTION)
 COMPLIANCE = Quantity("compliance", "mm/N", "%", 100.0 * perception.COMPLIANCE, "22 %, Tan et al. 1995")
 TAP_LEVEL = Quantity("tap level", "m/s²", "dB", perception.BAND_DB, "1.65 to 2.98 dB, Israr et al. 2006")
-TAP_FREQUENCY = Quantity(
-    "tap frequency", "Hz", "%", 100.0 * perception.FREQUENCY, "13 to 38 %, Israr et al. 2006: its middle"
-)
+TAP_FREQUENCY = Quantity("tap frequency", "Hz", "%", 100.0 * perception.FREQUENCY, _FREQUENCY)
 
 
 @dataclass(frozen=True)

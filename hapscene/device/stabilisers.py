@@ -86,9 +86,7 @@ def guard(surface: Any, tool_W: Any) -> int:
         way += n[i] * step
         push += n[i] * f[i]
         was[i] = n[i]
-    stored = stored_energy(min(max(push, 0.0), touch.normal_force_N), touch.depth_m, limits.force_N)
-    if limits.coupling_N_m > 0.0:
-        stored += 0.5 * push * push / limits.coupling_N_m
+    stored = stored_energy(limits, touch, push)
     doubt = 0.5 * touch.stiffness_N_m * limits.quantum_m * abs(way) if push < limits.force_N else 0.0
     made = memory.made_J * (1.0 - touch.tick_s / FORGET_S) + work + stored - memory.stored_J - doubt
     memory.made_J = made if made > TINY else 0.0
@@ -104,8 +102,11 @@ def guard(surface: Any, tool_W: Any) -> int:
 
 
 @native
-def stored_energy(spring_N: float, depth_m: float, most_N: float) -> float:
-    """Energy of a spring at a depth whose force is cut at `most_N` [J]."""
-    if spring_N <= most_N:
-        return 0.5 * spring_N * depth_m
-    return most_N * depth_m * (1.0 - 0.5 * most_N / spring_N)
+def stored_energy(limits: Any, touch: Any, push_N: float) -> float:
+    """Energy of the wall's spring at its depth, its force cut, and of the coupling [J], pushed at with `push_N`."""
+    depth_m, most_N = touch.depth_m, limits.force_N
+    spring_N = min(max(push_N, 0.0), touch.stiffness_N_m * depth_m)
+    stored = 0.5 * spring_N * depth_m if spring_N <= most_N else most_N * depth_m * (1.0 - 0.5 * most_N / spring_N)
+    if limits.coupling_N_m > 0.0:
+        stored += 0.5 * push_N * push_N / limits.coupling_N_m
+    return float(stored)

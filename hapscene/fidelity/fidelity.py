@@ -13,11 +13,9 @@ class BodyFidelity:
 
     Attributes:
         mesh: that is felt in the place of its own, with its painting's faces told by `face_of`; None for its own.
-        crease_rad: edges below it are felt round, as `Renderer(crease_rad=…)`; None as the renderer has it.
     """
 
     mesh: Mesh | None = None
-    crease_rad: float | None = None
 
 
 @dataclass(frozen=True)

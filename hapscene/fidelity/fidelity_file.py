@@ -5,8 +5,7 @@
       "scene": "…",
       "made": {"device": "omni", "budget_us": 50.0, …},
       "levels": [{"told": {"error_jnd": 0.4, …},
-                  "bodies": {"toad": {"mesh": {"path": "demo.toad.1f00a2b3.ply", "sha256": "…", "face_count": 10240},
-                                      "crease_rad": null}},
+                  "bodies": {"toad": {"mesh": {"path": "demo.toad.1f00a2b3.ply", "sha256": "…", "face_count": 10240}}},
                   "swatches": {"wood": {"order": 24, "update_ticks": 2, "left_out": ["tap"]}}}]
     }
 
@@ -121,10 +120,7 @@ def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
 
     return {
         "told": dict(level.told),
-        "bodies": {
-            name: {"mesh": body.mesh and mesh_told(name, body.mesh), "crease_rad": body.crease_rad}
-            for name, body in level.bodies.items()
-        },
+        "bodies": {name: {"mesh": body.mesh and mesh_told(name, body.mesh)} for name, body in level.bodies.items()},
         "swatches": {
             name: {"order": swatch.order, "update_ticks": swatch.update_ticks, "left_out": list(swatch.left_out)}
             for name, swatch in level.swatches.items()
@@ -165,7 +161,7 @@ def saving_words(path: str | os.PathLike[str], scene: "Scene") -> str:
             f"tuned: {faces[0] / 1e3:.3g} k of {faces[1] / 1e3:.3g} k faces, {told['error_jnd']:.2g} JND, "
             f"{ticks[0]:.2g} of {ticks[1]:.2g} µs a tick"
         )
-    except (KeyError, TypeError, ValueError, OverflowError):  # a word, or a number of hundreds of digits
+    except (KeyError, TypeError, ValueError, OverflowError):  # not as `tune` writes them
         return "tuned"
 
 
@@ -192,14 +188,11 @@ def _level(where: str, told: Any, path: Path, scene: "Scene", meshes: "dict[str,
     known = {body.name: body for body in scene.bodies}
     for name, value in _named(f"{where}.bodies", told["bodies"], known, "body"):
         place = f"{where}.bodies[{short(name)}]"
-        check_keys(place, value, ("mesh", "crease_rad"))
+        check_keys(place, value, ("mesh",))
         mesh = value["mesh"]
         if mesh is not None:
             mesh = _mesh(f"{place}.mesh", mesh, path, meshes, len(known[name].mesh.faces))
-        crease = value["crease_rad"]
-        if crease is not None and not _number(crease, 0.0, math.pi):
-            raise FidelityError(f"{place}.crease_rad must be null or from 0 to π, is {short(crease)}")
-        bodies[name] = BodyFidelity(mesh, crease)
+        bodies[name] = BodyFidelity(mesh)
     of_scene = {swatch.name: swatch for swatch in scene.swatches}
     for name, value in _named(f"{where}.swatches", told["swatches"], of_scene, "swatch"):
         place = f"{where}.swatches[{short(name)}]"
@@ -265,10 +258,6 @@ def _flat(where: str, value: Any, kind: Any) -> dict[str, Any]:
         if not isinstance(one, kind) or (isinstance(one, float) and not math.isfinite(one)):
             raise FidelityError(f"{where}[{short(key)}] must be a plain value, is {short(one)}")
     return value
-
-
-def _number(value: Any, low: float, high: float) -> bool:
-    return type(value) in (int, float) and low <= value <= high
 
 
 def _name(value: Any) -> bool:

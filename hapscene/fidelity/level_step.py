@@ -268,5 +268,5 @@ def _meet(world: Any, surface: Any) -> None:
             for i in range(3):
                 memory.slip_m_s[i] = 0.0
     touch.stepped = 1
-    spring_N = touch.stiffness_N_m * touch.depth_m
-    memory.stored_J = stored_energy(spring_N, touch.depth_m, surface.limits[0].force_N)
+    f, n = memory.f_W_N, memory.nhat_W
+    memory.stored_J = stored_energy(surface.limits[0], touch, f[0] * n[0] + f[1] * n[1] + f[2] * n[2])

@@ -142,10 +142,10 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def ready(scene: "Scene", device: str, effects: Sequence[str] = EFFECTS, crease_rad: float = 0.0) -> Renderer:
+def ready(scene: "Scene", device: str, effects: Sequence[str] = EFFECTS) -> Renderer:
     """A renderer of a scene for a device by name."""
     with quietly():
-        return Renderer(scene, effects, device=device, crease_rad=crease_rad)
+        return Renderer(scene, effects, device=device)
 
 
 def forces(renderer: Renderer, paths: Sequence[Array]) -> "list[Recording]":

@@ -10,7 +10,7 @@ Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is time
 
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final
@@ -31,6 +31,7 @@ from hapscene.perception import (
     FORCE_LEAST_N,
     FRICTION,
     band_edges_Hz,
+    band_rms_m_s2,
     bands_jnd,
     is_felt,
 )
@@ -254,17 +255,12 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
         why["lpc_texture"] = f"{where}, which {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["lpc_texture"]
     if swatch.taps is not None:
-        from hapscene.perception import band_rms_m_s2
-
-        t_s = np.arange(round(TAP_S * trial.RATE_HZ)) / trial.RATE_HZ
         fastest = min(float(swatch.taps.approach_m_s[-1]), SPEED_M_S)
-        if swatch.taps.wave_m_s2 is not None:
-            a_m_s2 = np.resize(np.append(swatch.taps.waves_at(trial.RATE_HZ)[-1], np.zeros(len(t_s))), len(t_s))
-        else:
-            A, f, decay = (float(v) for v in swatch.taps.at(fastest))
-            a_m_s2 = A * np.exp(-decay * t_s) * np.sin(2 * np.pi * f * t_s)
-        a_m_s2 = swatch.parameter("tap", "tap_gain", 1.0) * a_m_s2
-        felt = is_felt(np.minimum(band_rms_m_s2(a_m_s2, trial.RATE_HZ, edges), reach_m_s2), edges)
+        count = round(TAP_S * trial.RATE_HZ)
+        a_m_s2 = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(fastest, trial.RATE_HZ)[:count]
+        a_m_s2 = np.pad(a_m_s2, (0, count - len(a_m_s2)))
+        rms = band_rms_m_s2(a_m_s2, trial.RATE_HZ, edges, window="boxcar")  # no window: a tap is loudest at its start
+        felt = is_felt(np.minimum(rms, reach_m_s2), edges)
         why["tap"] = f"a tap at {fastest:.2g} m/s {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["tap"]
     if swatch.friction_static > 0.0:
@@ -410,9 +406,21 @@ def tune(
         "hapscene": __version__, "python": platform.python_version(),
         **{f"untuned_{name}": value for name, value in before.items()},
     }  # fmt: skip
-    fidelity = Fidelity(tuple(levels), made)
+    fidelity = Fidelity(worthwhile(levels), made)
     within = levels[0].told["error_jnd"] <= jnd
     return Tuned(fidelity, choices, before, levels[0].told, within, after["tick_worst_us"] <= budget_us)
+
+
+def worthwhile(levels: Sequence[Level]) -> tuple[Level, ...]:
+    """The first, and those of the others that no later one beats in both error and time."""
+
+    def is_beaten(k: int) -> bool:
+        return any(
+            all(other.told[name] <= levels[k].told[name] for name in ("error_jnd", "tick_median_us"))
+            for other in levels[k + 1 :]
+        )
+
+    return (levels[0], *(level for k, level in enumerate(levels) if k > 0 and not is_beaten(k)))
 
 
 def reach_m_s2(handle: str) -> Array:

@@ -79,8 +79,10 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     target_m_s2, ticks = 0.0, 1.0
     if touch.touching and table.size > 0:
         new = touch.began or touch.crossed
-        if table[2] != s.of or new:
+        of = table[2] if p.texture_gain > 0.0 else 0.0
+        if of != s.of or new:
             begin_filter(table[2], FADE_S / touch.tick_s if touch.stepped and not new else 0.0, s)
+            s.of = of
         if s.wait <= 0.0 or new:
             s.wait = table[4]
             share = s.wait / s.fade if s.fade > s.wait else 1.0
@@ -116,7 +118,7 @@ def begin_filter(order: float, fade: float, s: Any) -> None:
         s.k[m], s.c[m] = 0.0, 1.0
     s.order = max(order, s.order) if fade > 0.0 else order
     s.loud_m_s2 = max(s.level_m_s2, SILENT_M_S2) if fade > 0.0 else 0.0
-    s.of, s.fade, s.wait = order, fade, 0.0
+    s.fade, s.wait = fade, 0.0
 
 
 @native
@@ -166,7 +168,7 @@ EFFECT = Effect(
         State("c", (ORDER_MAX + 1,)),
         State("b", (ORDER_MAX + 1,)),
         State("order"),  # of the filter that runs
-        State("of"),  # of the table's
+        State("of"),  # of the table's, 0 where it is silent
         State("level_m_s2"),
         State("goal_m_s2"),  # level of the filter that was chosen last
         State("wait"),  # ticks until the next is

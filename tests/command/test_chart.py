@@ -45,7 +45,7 @@ def test_a_table_that_lacks_points_is_told(tmp_path: Path, capsys: pytest.Captur
     table = tmp_path / "chart.csv"
     for points, told in (
         ({}, "no figures of what is asked for; it has: none"),
-        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "points are missing"),
+        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "has not all points"),
     ):
         Table({"processor": "one"}, points).write(table, [])
         assert main(["chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2

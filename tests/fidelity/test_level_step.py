@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 import hapscene
+from hapscene.device.model import Limits
 from hapscene.errors import HapsceneError
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.fidelity import Fidelity, Level, SwatchFidelity
@@ -123,6 +124,20 @@ def test_a_tool_over_which_the_surface_closes_is_pushed_out_gently_and_has_tappe
     assert size[-1] > 0.2 and (np.diff(size) <= HANDOVER_N + 1e-9).all()
     assert (np.einsum("ij,ij->i", f[101:], nhat[101:]) > 0.0).all()
     assert not renderer._samples.any()
+
+
+def test_a_step_where_nothing_differs_makes_no_energy_also_with_a_coupling(fidelity):
+    """The box is the same at all levels: what the passivity controller counts is what a slow press gives anyway."""
+    limits = Limits(force_N=10.0, coupling_N_m=2000.0, guard_Ns_m=3.0)
+    renderer = hapscene.Renderer(scene_of("box"), ["wall"], limits=limits, fidelity=fidelity("box"))
+    press = np.concatenate((np.linspace(0.041, 0.039, 200), np.full(50, 0.039), np.linspace(0.039, 0.0385, 200)))
+    made_J = []
+    for k, z in enumerate(press):
+        if k == 320:
+            renderer.level = 2
+        renderer.step((0.001, 0.002, z))
+        made_J.append(float(renderer.surface.memory[0].made_J))
+    assert max(made_J[320:340]) < max(made_J[200:320])
 
 
 def test_a_filter_goes_on_playing_through_a_step(fidelity):

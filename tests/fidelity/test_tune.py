@@ -17,6 +17,8 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Level
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.taps import Taps
 
 from .conftest import scene_of
 
@@ -117,6 +119,14 @@ def test_what_nobody_feels_is_left_out(tmp_path):
     left_out, why = tune.unfelt(replace(quiet(wood), friction_static=0.008, friction_dynamic=0.008), "omni", NEVER)
     assert left_out == ["lpc_texture", "tap", "friction"]
     assert "nobody feels" in why["lpc_texture"] and "0.035 N" in why["friction"]
+
+
+def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
+    """3 m/s² that ring for 5 ms: 0.33 m/s² over a tenth of a second, three times what is felt at 250 Hz."""
+    tapped = Swatch("tapped", taps=Taps([0.1, 0.5], [1.0, 3.0], [250.0, 250.0], [200.0, 200.0]))
+    assert tune.unfelt(tapped, "omni", NEVER)[0] == []
+    faint = replace(tapped, effects={"tap": {"tap_gain": 0.25}})
+    assert tune.unfelt(faint, "omni", NEVER)[0] == ["tap"]
 
 
 def test_the_order_is_the_smallest_that_keeps_to_the_error(tmp_path):
@@ -261,3 +271,9 @@ def test_a_budget_of_3_us_is_obeyed_beyond_the_jnd(tmp_path, name):
     found = tune.tune(source_of(tmp_path, foreign(name)), budget_us=3.0, jobs=1)
     print(name, dict(found.before), dict(found.after))
     assert found.within_budget and found.after["tick_worst_us"] <= 3.0
+
+
+def test_a_level_that_a_smaller_one_beats_is_left_out() -> None:
+    told = [(0.9, 2.0), (2.7, 1.9), (1.7, 1.5), (1.9, 1.1)]
+    levels = [Level(told={"error_jnd": error, "tick_median_us": time}) for error, time in told]
+    assert tune.worthwhile(levels) == (levels[0], levels[2], levels[3])

@@ -264,9 +264,11 @@ def test_another_order_under_the_same_touch_fades_in_without_a_click(bench, tick
         np.testing.assert_allclose(stepped[:, where].mean(axis=1), want, atol=0.4)
 
 
-def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
+@pytest.mark.parametrize("order", [100, 1])
+def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of, order):
     """At 50 dB a second; a finger that comes to rest is silent at once."""
     swatch = swatch_of()
+    swatch = replace(swatch, texture=swatch.texture.truncated(order))
     effect = bench(LPC, swatch)
     moving, stepping = (ticks(1, force_N=1.0, slip_m_s=0.1, stepped=one) for one in (0, 1))
 

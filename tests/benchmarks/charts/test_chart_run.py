@@ -12,7 +12,7 @@ from hapscene.errors import HapsceneError
 from hapscene_benchmarks.charts import run
 from hapscene_benchmarks.charts.chart_page import write_page
 from hapscene_benchmarks.charts.chart_table import Table
-from hapscene_benchmarks.charts.exponent import fit_exponent
+from hapscene_benchmarks.charts.exponent import exponents, fit_exponent
 from hapscene_benchmarks.charts.question import Measure, Point, Question, Setting, front, fronts
 
 CALLED: Counter[str] = Counter()
@@ -119,6 +119,12 @@ def test_growth_is_told_with_its_exponent() -> None:
     assert "n^1.50 (1.50 to 1.50)" in page
 
 
+def test_a_cost_too_little_to_be_measured_has_no_part_in_its_exponent() -> None:
+    points = [Point("a", str(n), 1.0, 1.0, {"work": n, "memory": m}) for n, m in ((1, 0.0), (10, 2.0), (100, 20.0))]
+    assert exponents(points, "memory")["a"].slope == pytest.approx(1.0)
+    assert not exponents(points[:2], "memory")
+
+
 def test_exponent_of_a_power_and_its_interval() -> None:
     work = np.geomspace(1.0, 1e4, 9)
     exact = fit_exponent(work, 3.0 * work**1.5)
@@ -165,3 +171,11 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(HapsceneError, match="no table of a chart; expected the columns question"):
         Table.read(path)
+
+
+def test_a_table_that_lacks_measures_is_refused_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "question", lambda name: replace(QUICK, advice=lambda points: f"{points[0].errors['on']}"))
+    table = tmp_path / "chart.csv"
+    Table({}, {"powers": [Point("a", "1", 1.0, 2.0, {"off": 0.1})]}).write(table, [QUICK])
+    with pytest.raises(HapsceneError, match=r"chart.csv: of powers it has not all points"):
+        run.chart(tmp_path / "out", table=table, say=lambda text: None)

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, power_gain
-from hapscene.dsp.linear_prediction import solve
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.perception import DIRECTION_DEG
 from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
-from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN
 from hapscene_benchmarks.case import RADIUS_M, sphere, sphere_cases
 from hapscene_benchmarks.charts import groove, growth, mesh, triangles, whole_tick
@@ -60,6 +58,16 @@ def test_a_mesh_is_reduced_by_as_much_as_is_said() -> None:
     assert len(fewer.faces) == pytest.approx(len(whole.faces) / 16, rel=0.02)
 
 
+def test_a_mesh_of_a_hand_s_size_is_reduced_as_well_as_a_large_one() -> None:
+    from fast_simplification import simplify
+
+    whole, fewer = (reduced(None, SPHERE, divisor, 400) for divisor in (1, 16))
+    places, index = np.unique(whole.vertices_m, axis=0, return_inverse=True)
+    large, faces = simplify(1000.0 * places, index.reshape(-1)[whole.faces], target_count=len(whole.faces) // 16)
+    off_m = [np.linalg.norm(t.mean(axis=1), axis=1) - RADIUS_M for t in (fewer.triangles_m, 1e-3 * large[faces])]
+    assert np.sqrt(np.mean(off_m[0] ** 2)) < 1.1 * np.sqrt(np.mean(off_m[1] ** 2))
+
+
 def recording(force_N: Any, touching: Any, depth_m: Any, **more: Any) -> Any:
     return SimpleNamespace(
         f_W_N=np.asarray(force_N), touching=np.asarray(touching), depth_m=np.asarray(depth_m), **more
@@ -105,23 +113,6 @@ def test_facets_of_a_sphere_are_off_by_half_as_much_where_they_are_half_as_large
     found = [triangles.errors(case, Renderer(case.scene(), effects=["wall"]).run(case.p_WT_m)) for case in cases]
     assert found[1]["direction"] == pytest.approx(found[0]["direction"] / 2, rel=0.25)
     assert [one["gap"] for one in found] == [triangles.GAP_LEAST_UM] * 2
-
-
-def test_a_shorter_texture_is_the_best_of_its_order_and_as_loud() -> None:
-    texture = load_swatch("wood").texture
-    assert texture is not None
-    short = whole_tick.shortened(texture, 12)
-    assert short.order == 12
-    assert short.model_power_m2_s4 == pytest.approx(texture.model_power_m2_s4, rel=1e-6)
-    impulse = np.zeros(1 << 15)
-    a = ar_from_lsf(texture.lsf_rad)[0]
-    impulse[0] = 1.0
-    from scipy.signal import lfilter
-
-    played = lfilter([1.0], a, impulse)
-    r = np.array([played[: len(played) - k] @ played[k:] for k in range(13)])
-    assert ar_from_lsf(short.lsf_rad)[0] == pytest.approx(solve(r), abs=1e-4)
-    assert whole_tick.shortened(texture, 500) is texture
 
 
 def test_the_whole_tick_of_the_truth_is_off_by_nothing_and_a_held_force_by_its_lag() -> None:
