@@ -153,6 +153,8 @@ class ClusterPool(Pool):
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told once, by us
         self._scheduler, self._error = scheduler, error
         try:
+            # a client that is never made tries for 20 s to close, and then prints why it could not
+            import_module("distributed.comm").resolve_address(scheduler)
             self._client: Any = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as told:  # TimeoutError is an OSError
             reason = " ".join(str(told).split()) or "no answer"

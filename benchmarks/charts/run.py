@@ -24,6 +24,7 @@ from .chart_drawing import write_picture
 from .chart_page import exponent_rows, write_page
 from .chart_table import Table
 from .question import Point, Question, fronts, no_time
+from .touched_surface import BODY_FACES_MIN
 
 QUESTIONS: Final[Mapping[str, str]] = {
     "whole-tick": "whole_tick",
@@ -121,6 +122,8 @@ def chart(
         asked = [q for q in asked if q.name not in missing]
         found = _measured(asked, out / "chart.jsonl", scene, quick, jobs, scheduler, say)
     asked = [q for q in asked if found.points.get(q.name)]
+    if table is not None and not asked:
+        raise HapsceneError(f"{table}: no figures of what is asked for; it has: {', '.join(found.points) or 'none'}")
     for q in asked if table is not None else ():
         try:
             q.advice(found.points[q.name])
@@ -145,6 +148,13 @@ def _measured(
     stamp = "" if scene is None else hashlib.sha256(Path(scene).read_bytes()).hexdigest()[:16]
     load = [os.getloadavg()[0]] if hasattr(os, "getloadavg") else []
     settings = {q.name: list(q.settings(quick, scene)) for q in asked}
+    reason = f"no body of the scene has {BODY_FACES_MIN:,} faces or more"
+    if asked and not any(settings.values()):
+        raise HapsceneError(
+            f"{scene}: {reason}, which is what is asked about: leave the scene out, or name a larger one"
+        )
+    for name in [name for name, found in settings.items() if not found]:
+        say(f"{name} is left out: {reason}")
     pieces = []
     for q in asked:
         for s in settings[q.name]:

@@ -38,10 +38,10 @@ PLACES: Final = 60
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    body = bodies_of(scene_file)[0]
+    bodies = bodies_of(scene_file)[:1]
     divisors, orders = (DIVISORS[::2], ORDERS[::3]) if quick else (DIVISORS, ORDERS)
     found = []
-    for shaded, every_ms in product((False, True), (1,) if quick else TICKS_MS):
+    for body, shaded, every_ms in product(bodies, (False, True), (1,) if quick else TICKS_MS):
         for divisor, order in product(divisors, orders):
             arguments = {"scene_file": scene_file, "body": body, "divisor": divisor, "order": order,
                          "shaded": shaded, "every_ms": every_ms}  # fmt: skip

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import FormatError, no_such
+from hapscene.fidelity.apply import SILENT
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
 
@@ -207,8 +208,11 @@ def _level(where: str, told: Any, path: Path, scene: "Scene", meshes: "dict[str,
             raise FidelityError(
                 f"{place}.update_ticks must be a whole number from 1 to {UPDATE_MAX}, is {short(ticks)}"
             )
-        if not (isinstance(left_out, list) and len(left_out) <= TOLD_MAX and all(_name(one) for one in left_out)):
-            raise FidelityError(f"{place}.left_out must be a list of names of effects, is {_counted(left_out)}")
+        known_effects = tuple(SILENT)
+        if not (isinstance(left_out, list) and len(left_out) <= TOLD_MAX and all(e in known_effects for e in left_out)):
+            raise FidelityError(
+                f"{place}.left_out must be a list of names of effects ({', '.join(SILENT)}), is {_counted(left_out)}"
+            )
         swatches[name] = SwatchFidelity(order, ticks, tuple(left_out))
     return Level(bodies, swatches, _flat(f"{where}.told", told["told"], int | float))
 

@@ -272,6 +272,10 @@ def test_no_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     if pytest.importorskip("distributed"):
         with pytest.raises(CaptureError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler reached"):
             fit_batch(items, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+        monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("a client that is never made hangs"))
+        for address in ("garbage", "foo://127.0.0.1:9"):
+            with pytest.raises(CaptureError, match=f"{address}: no Dask scheduler reached"):
+                fit_batch(items, tmp_path / "out", scheduler=address)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CaptureError, match=r"pip install 'hapscene\[cluster\]'"):
         fit_batch(items, tmp_path / "out", scheduler="tcp://127.0.0.1:9")

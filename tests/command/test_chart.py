@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import hapscene
 from hapscene.cli import main
 from hapscene_benchmarks.charts.chart_table import Table
 from hapscene_benchmarks.charts.question import Point
@@ -26,6 +27,35 @@ def test_what_cannot_be_is_refused_first(tmp_path: Path, capsys: pytest.CaptureF
     ):
         assert main(["chart", *words]) == 2
         assert told in capsys.readouterr().err
+
+
+def test_a_scene_without_large_bodies_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "tetrahedron.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    hapscene.save_scene(scene_of(tmp_path / "tetrahedron.obj"), tmp_path / "small.scene.json")
+    words = ["chart", str(tmp_path / "small.scene.json"), "--quick", "--out", str(tmp_path / "out"), "--only"]
+    for names in ("mesh", "whole-tick", "mesh,whole-tick"):
+        assert main([*words, names]) == 2
+        assert "no body of the scene has 1,000 faces or more" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "chart.html").exists()
+
+
+def test_a_table_that_lacks_points_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "chart.csv"
+    for points, told in (
+        ({}, "no figures of what is asked for; it has: none"),
+        ({"groove": [Point("projection, 60°", "1", 0.01, 0.02, {"off": 2})]}, "has not all points"),
+    ):
+        Table({"processor": "one"}, points).write(table, [])
+        assert main(["chart", "--from", str(table), "--out", str(tmp_path / "out")]) == 2
+        assert told in capsys.readouterr().err
+
+
+def scene_of(mesh: Path) -> hapscene.Scene:
+    scene = hapscene.Scene()
+    scene.add(mesh, name="tetrahedron", unit="m", swatch="wood")
+    return scene
 
 
 def test_a_table_is_drawn_again_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

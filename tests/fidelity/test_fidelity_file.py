@@ -136,6 +136,7 @@ BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
         ((*SWATCH, "update_ticks"), 0, "from 1 to 1000"),
         ((*SWATCH, "left_out"), "tap", "names of effects"),
         ((*SWATCH, "left_out"), ["tap"] * 101, "names of effects"),
+        ((*SWATCH, "left_out"), ["wall"], "names of effects"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(file, scene, place, value, said):
