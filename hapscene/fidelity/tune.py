@@ -3,7 +3,7 @@
 Each body is reduced by halves and each texture's order by bisection until a person would notice on paths drawn for
 that; effects that nobody could feel with this device are left out. On other paths it is then checked, and taken back by
 a step where it does not hold, and on others again it is told how far the choice is from the scene as it is. What
-follows in the list are levels to step down to, each about half of the one before.
+follows in the list are levels to step down to, of halved meshes and orders.
 
 Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is timed is timed alone, here, at the end.
 """
@@ -25,6 +25,7 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.trial import Array
 from hapscene.motion.look_from_above import UNSEEN
+from hapscene.native import INTERPRETED
 from hapscene.parameter_sweep import Piece, sweep
 from hapscene.perception import (
     FORCE,
@@ -331,10 +332,13 @@ def tune(
 
     Raises:
         PathError: nothing of the scene can be touched from above.
-        HapsceneError: an unknown device or handle, or what reduces meshes is missing.
+        HapsceneError: an unknown device or handle, or what reduces meshes is missing; under NUMBA_DISABLE_JIT=1, where
+            times mean nothing.
     """
     from hapscene.touch import step
 
+    if INTERPRETED:
+        raise HapsceneError("tune times compiled code: run it without NUMBA_DISABLE_JIT")
     reach = reach_m_s2(handle)
     scene = opened(source)
     with step(say, "readying the scene"):
