@@ -56,7 +56,7 @@ def test_a_tap_too_loud_for_the_travel_loses_what_is_slow_and_not_itself(amplitu
 
 
 def test_the_learnt_inverse_meets_the_aims(signals: dict[str, Any]) -> None:
-    for name, most in (("white", 3.0), ("texture", 3.2), ("tap", 5.0), ("chirp", 3.0)):
+    for name, most in (("white", 3.0), ("texture", 4.0), ("tap", 5.0), ("chirp", 3.0)):
         judged = bench.judge(signals[name], "adaptive", count=12)
         assert 100.0 * judged.nominal < most
         assert 100.0 * judged.median < 12.0
