@@ -181,7 +181,7 @@ def serve_tick(loop: Loop) -> None:
     rows, a_m_s2, felt, a_handle_m_s2 = loop.rows, loop.a_m_s2, loop.felt, loop.a_handle_m_s2
     clock, timing, hands = loop.clock, loop.timing, loop.hands
     tick_s, count = surfaces[0].touch[0].tick_s, channel.moving_count
-    keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks)
+    keep_memory(channel, loop.memory, loop.checkpoints, loop.checkpoint_ticks, rows.shape[1])
     _predict(worlds, bodies, count, timing[1], clock, tick_s)
     slot = channel.done % rows.shape[1]
     for t in range(len(worlds)):

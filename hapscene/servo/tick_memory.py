@@ -49,11 +49,11 @@ def remember(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> N
 
 
 @native
-def keep_memory(channel: Any, parts: Any, checkpoints: Any, ticks: NDArray[np.int64]) -> None:
-    """Copy what the next tick remembers, when it is time to."""
+def keep_memory(channel: Any, parts: Any, checkpoints: Any, ticks: NDArray[np.int64], length: int) -> None:
+    """Copy what the next tick remembers, when it is time to: so often that of the last `length` ticks some have one."""
     if channel.done < channel.checkpoint_due:
         return
-    channel.checkpoint_due = channel.done + CHECKPOINT_TICKS
+    channel.checkpoint_due = channel.done + min(CHECKPOINT_TICKS, length // 4)
     slot = checkpoints[channel.checkpoint_count % len(checkpoints)]
     ticks[channel.checkpoint_count % len(ticks)] = -1
     at = 0

@@ -9,6 +9,7 @@ import errno
 import math
 import os
 import struct
+import time
 from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
@@ -23,6 +24,12 @@ try:
     from termios import error as PortError
 except ImportError:  # Windows has none
     PortError = OSError  # type: ignore[misc,assignment]
+
+WRITE_S: Final = 0.05
+"""How long a board may take nothing [s]."""
+
+CLOSE_S: Final = 1.0
+"""And how long it is waited for when it is to be left without torque [s]."""
 
 GONE: Final = (OSError, TypeError, PortError)
 """What pyserial raises of a port that is no more."""
@@ -143,7 +150,7 @@ class Haply2diyConnection(Connection):
         self._port = open_port(port, alone=True)
         self._name = f"haply2diy: {self._port.port}"
         self._tail, self._theta, self._p, self._silence = b"", (0.0, 0.0), (0.0, 0.0), Silence()
-        self._known = self._garbled = False
+        self._left, self._known, self._garbled = b"", False, False
         try:
             self._send(setup_message(self._hardware) + run_message((0.0, 0.0)))
         except BaseException:
@@ -155,9 +162,29 @@ class Haply2diyConnection(Connection):
             if self._garbled:  # what is still to come begins somewhere: the next answer is whole
                 self._port.reset_input_buffer()
                 self._tail, self._garbled = b"", False
-            self._port.write(data)
+            self._put(data, WRITE_S)
         except GONE as error:
             raise DeviceError(f"{self._name}: is gone ({error}); plug it in again") from None
+
+    def _put(self, data: bytes, patience_s: float) -> None:
+        """Write it, after what the board has not taken yet: it tells messages apart by their lengths alone.
+
+        Raises:
+            OSError: the board takes nothing more for so long; what is left then goes before whatever is next.
+        """
+        self._left += data
+        end_s = time.monotonic() + patience_s
+        while self._left:
+            if os.name == "posix":
+                with suppress(BlockingIOError):
+                    self._left = self._left[os.write(self._port.fileno(), self._left) :]
+            else:
+                self._port.write(self._left)
+                self._left = b""
+            if self._left:
+                if time.monotonic() > end_s:
+                    raise TimeoutError("it takes nothing more")
+                time.sleep(5e-4)
 
     def read(self) -> None:
         try:
@@ -204,9 +231,8 @@ class Haply2diyConnection(Connection):
 
     def close(self) -> None:
         if self._port.is_open:
-            with suppress(DeviceError, *GONE):
-                self._send(run_message((0.0, 0.0)))
-                self._port.flush()
+            with suppress(*GONE):
+                self._put(run_message((0.0, 0.0)), CLOSE_S)  # a board that is busy keeps its last torque until then
         with suppress(*GONE):
             self._port.close()
 

@@ -35,7 +35,7 @@ SLACK_S = 0.05 if os.getloadavg()[0] < (os.cpu_count() or 1) else 1.5
 """How late a machine may be: one that is loaded gives the emulated board no time, either."""
 
 APPLICATION = """
-import sys, time
+import signal, sys, time
 import numpy as np, trimesh
 from hapscene.device import choose
 from hapscene.scene.mesh import Mesh
@@ -43,6 +43,8 @@ from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
 
 if __name__ == "__main__":
+    for key in (signal.SIGINT, signal.SIGQUIT):  # which a shell leaves ignored for what it starts in the background
+        signal.signal(key, signal.default_int_handler if key == signal.SIGINT else signal.SIG_DFL)
     port, flights = sys.argv[1:]
     scene, pose = Scene(), np.eye(4)
     pose[2, 3] = -10.0

@@ -18,6 +18,7 @@ import ipaddress
 import logging
 import socket
 import threading
+import warnings
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -252,6 +253,7 @@ def serve(host: str, port: int, token: str, handler: Callable[[Any], Awaitable[N
 def stop(server: Any) -> None:
     """Have it end, and say nothing on the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # what a drawer still had for the page
         server.stop()
 
 
