@@ -1,7 +1,7 @@
 """The sheet that a benchmark fills: one row per figure, kept as CSV, from which charts and page are made."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -86,19 +86,28 @@ class Sheet:
             HapsceneError: the file is no such table.
         """
         sheet = cls()
-        try:
-            with path.open(encoding="utf-8", newline="") as file:
-                rows = list(csv.reader(file))
-        except (UnicodeDecodeError, csv.Error):
-            rows = []
-        if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-            raise HapsceneError(f"{path}: no table of figures; expected the columns {', '.join(COLUMNS)}")
-        for case, name, value, unit in rows[1:]:
+        for case, name, value, unit in read_rows(path, COLUMNS, "figures"):
             try:
                 sheet.add(case, name, float(value), unit)
             except ValueError:
                 sheet.add(case, name, value, unit)
         return sheet
+
+
+def read_rows(path: Path, columns: Sequence[str], what: str) -> list[list[str]]:
+    """The rows of a CSV table that has just these columns.
+
+    Raises:
+        HapsceneError: the file is no table of `what`.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.reader(file))
+    except (UnicodeDecodeError, csv.Error):
+        rows = []
+    if not rows or rows[0] != list(columns) or any(len(row) != len(columns) for row in rows):
+        raise HapsceneError(f"{path}: no table of {what}; expected the columns {', '.join(columns)}")
+    return rows[1:]
 
 
 def spread(values: ArrayLike) -> dict[str, float]:

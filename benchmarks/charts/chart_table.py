@@ -9,6 +9,7 @@ from typing import Final
 from hapscene.errors import HapsceneError
 from hapscene.files import whole_file
 
+from ..sheet import read_rows
 from .question import Point, Question
 
 COLUMNS: Final = ("question", "method", "label", "measure", "value", "unit", "median_us", "p99_us", "source")
@@ -50,16 +51,10 @@ class Table:
         Raises:
             HapsceneError: the file is no such table.
         """
-        try:
-            with path.open(encoding="utf-8", newline="") as file:
-                rows = list(csv.reader(file))
-        except (UnicodeDecodeError, csv.Error):
-            rows = []
-        if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-            raise HapsceneError(f"{path}: no table of a chart; expected the columns {', '.join(COLUMNS)}")
+        rows = read_rows(path, COLUMNS, "a chart")
         machine: dict[str, str] = {}
         errors: dict[tuple[str, ...], dict[str, float]] = {}
-        for number, (question, method, label, key, value, _, median_us, p99_us, source) in enumerate(rows[1:], 2):
+        for number, (question, method, label, key, value, _, median_us, p99_us, source) in enumerate(rows, 2):
             if question == MACHINE:
                 machine[method] = value
                 continue
