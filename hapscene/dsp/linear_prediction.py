@@ -61,6 +61,21 @@ def solve(r: Array) -> Array:
     return np.concatenate([[1.0], np.asarray(solve_toeplitz(column, -r[1:]))])
 
 
+def solve_orders(r: Array) -> Array:
+    """The same for each order 1 … p at once, (p, p+1): row i has order i+1, zero beyond it."""
+    order = len(r) - 1
+    a = np.zeros((order, order + 1))
+    last = np.zeros(order + 1)
+    last[0] = 1.0
+    left = float(r[0]) * (1.0 + WHITE)
+    for m in range(1, order + 1):
+        k = -float(last[:m] @ r[m:0:-1]) / left
+        last[1 : m + 1] += k * last[m - 1 :: -1][:m]
+        left *= (1.0 - k) * (1.0 + k)
+        a[m - 1] = last
+    return a
+
+
 def residual_power(a: Array, r: Array) -> Array:
     """Power (...) of what filters a (..., p+1) leave of signals of autocorrelation r (..., ≥ p+1): aᵀ R a."""
     order = a.shape[-1] - 1
