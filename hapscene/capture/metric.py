@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.dsp.ar_filter import power_response
 from hapscene.dsp.linear_prediction import autocorrelation
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
-from hapscene.dsp.warped_prediction import warped_angle
 from hapscene.errors import CaptureError
 from hapscene.files import refusing
 from hapscene.perception import band_edges_Hz
@@ -48,10 +48,8 @@ def model_spectrum(
 
     It is 2 σ² / (rate |A|²), A on the axis that `warp` bends (`hapscene.dsp.warped_prediction`).
     """
-    a = np.asarray(a)
-    angle = warped_angle(2.0 * np.pi * np.asarray(frequency_Hz) / rate_Hz, warp)
-    response = a @ np.exp(-1j * np.arange(a.shape[-1])[:, None] * angle)
-    return np.asarray(2.0 * variance_m2_s4 / (rate_Hz * (response.real**2 + response.imag**2)))
+    omega_rad = 2.0 * np.pi / rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
+    return np.asarray(2.0 * variance_m2_s4 / rate_Hz * power_response(a, omega_rad, warp))
 
 
 def log_spectral_distance(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike, level: bool = False) -> float:

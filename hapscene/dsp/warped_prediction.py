@@ -20,8 +20,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.dsp.linear_prediction import residual_power
-
 Array = NDArray[np.float64]
 
 MIDDLE_HZ: Final = 451.67
@@ -62,54 +60,32 @@ def warped(r: Array, order: int, warp: float) -> Array:
     """
     if warp == 0.0:
         return r[..., : order + 1]
-    to_warped, _ = _maps(order, warp)
+    to_warped = _maps(order, warp)[0]
     return np.asarray(r[..., : to_warped.shape[1]] @ to_warped.T)
 
 
-def warped_residual(a: Array, r: Array, warp: float) -> Array:
-    """Power (...) that warped filters a (..., p+1) leave of signals of autocorrelation r (..., > `lag_count`)."""
-    if warp == 0.0:
-        return residual_power(a, r)
-    _, to_chain = _maps(a.shape[-1] - 1, warp)
-    return residual_power(a, r[..., : to_chain.shape[1]] @ to_chain.T)
+def predictor(a: Array, warp: float) -> Array:
+    """The filters A (..., p+1) as coefficients of plain delays, the first 1: (..., `lag_count`+1), to rounding.
 
-
-def leading(a: Array, warp: float) -> Array:
-    """First sample (...) of the answer of A to an impulse, for filters a (..., p+1): 1 unless warped.
-
-    What a warped filter leaves, over its square, is the power of what is new in each sample.
+    What they leave of a signal is what is new in each sample, of 1/A's whole excitation scaled to that.
     """
-    return np.asarray(a @ (-warp) ** np.arange(a.shape[-1]))
-
-
-def warped_gain(a: Array, warp: float) -> Array:
-    """Output variance (...) for white excitation of variance 1 of stable filters a (..., p+1): the mean of 1/|A|²."""
-    from hapscene.dsp.ar_filter import power_gain
-
     if warp == 0.0:
-        return power_gain(a)
-    size = 1 << 14
-    response = np.fft.rfft(a, 2 * size, axis=-1)
-    angle = np.linspace(0.0, np.pi, size + 1)
-    weight = (1.0 - warp**2) / (1.0 + warp**2 + 2.0 * warp * np.cos(angle))  # dω/dω̃
-    weight[[0, -1]] *= 0.5
-    return np.asarray((weight / np.abs(response) ** 2).sum(axis=-1) / size)
+        return a
+    taps = a @ _maps(a.shape[-1] - 1, warp)[1]
+    return np.asarray(taps / taps[..., :1])
 
 
 @lru_cache(maxsize=8)
 def _maps(order: int, warp: float) -> tuple[Array, Array]:
-    """What takes an autocorrelation (`lag_count`+1,) to the warped one, and to that along the chain (order+1,).
+    """What takes an autocorrelation (`lag_count`+1,) to the warped one, and the first samples of D⁰ … D^p, each
+    (order+1, `lag_count`+1).
 
-    Both are cosine series of cos(k ω̃), the first of ω̃' cos(k ω̃).
+    Both are the series in cos(n ω): of ω̃' cos(k ω̃), and of cos(k ω̃), the real part of D^k.
     """
     count = lag_count(order, warp)
-    size = 1 << (2 * count).bit_length()
-    angle = np.linspace(0.0, np.pi, size + 1)
+    angle = np.linspace(0.0, np.pi, (1 << (2 * count).bit_length()) + 1)
     chain = np.cos(np.arange(order + 1)[:, None] * warped_angle(angle, warp))
     slope = (1.0 - warp**2) / (1.0 + warp**2 - 2.0 * warp * np.cos(angle))
-    found = []
-    for kernel in (slope * chain, chain):
-        series = np.fft.irfft(kernel, axis=1)[:, : count + 1]
-        series[:, 1:] *= 2.0
-        found.append(series)
-    return found[0], found[1]
+    series = np.fft.irfft(np.stack([slope * chain, chain]), axis=-1)[..., : count + 1]
+    series[..., 1:] *= 2.0
+    return series[0], series[1]
