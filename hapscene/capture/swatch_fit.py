@@ -7,15 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.friction import fit_friction
-from hapscene.capture.order_search import search_order
+from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
 from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
-from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
+from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
+from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
@@ -44,6 +45,7 @@ def fit(
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
     excitation: object = None,
+    domain: str = "auto",
 ) -> Swatch:
     """The swatch of a recording of a tool on a surface: `fit(load_recording("oak.csv", …))`, or of its streams.
 
@@ -60,6 +62,8 @@ def fit(
         interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
         excitation: has no effect any more: the noise that drives a texture is Gaussian.
+        domain: frequency axis of the AR models: "plain"; "warped", finer where more is felt, at rates above 3 kHz
+            (`hapscene.dsp.warped_prediction`); or "auto": the better one on held-out data, "plain" for an order given.
 
     Returns:
         A swatch with what the recording holds: texture where the tool slides, taps where it strikes, friction,
@@ -79,7 +83,7 @@ def fit(
     else:
         channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
         part = channels, segment(channels)
-    return fit_parts([part], name, order, model_count, interpolation)
+    return fit_parts([part], name, order, model_count, interpolation, domain)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -99,6 +103,7 @@ def fit_parts(
     order: int | Literal["auto"] = "auto",
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
+    domain: str = "auto",
 ) -> Swatch:
     """The swatch of recordings of one surface, pooled; as `fit`.
 
@@ -112,6 +117,8 @@ def fit_parts(
     order, model_count = _whole(order), _whole(model_count)
     if order != "auto" and (type(order) is not int or not 1 <= order <= min(ORDER_MAX, PIECE_S * min(rates) / 2)):
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
+    if domain not in DOMAINS:
+        raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
     friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
     intervals = friction.intervals | taps.intervals
     absent = friction.absent | taps.absent | {"damping_Ns_m": "is not fitted to recordings"}
@@ -126,7 +133,8 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture = _texture(parts, order, model_count, interpolation)
+        texture, known = _texture(parts, order, model_count, interpolation, domain)
+        intervals |= known
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
         if wrong or (taps.taps is None and "stiffness_N_m" in absent):
@@ -154,23 +162,27 @@ def _texture(
     order: int | Literal["auto"],
     model_count: int | Literal["auto"],
     interpolation: str,
-) -> Texture:
-    """The texture of all that slides."""
+    domain: str,
+) -> tuple[Texture, dict[str, tuple[float, float]]]:
+    """The texture of all that slides, and the 95 % intervals of what is in it."""
     rate = parts[0][0].rate_Hz
     pieces = _pieces(parts)
     sliding = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
     signal = np.concatenate(sliding)
     if len(signal) < DURATION_MIN_S * rate:
         raise _NoTexture(f"the tool slides for {len(signal) / rate:.2f} s: at least {DURATION_MIN_S:g} s are needed")
-    noise = None
+    noise, warp = None, warp_at(rate) if domain == "warped" else 0.0
     if order == "auto":
-        search = search_order(signal, rate)
-        order, noise = search.chosen, search.noise
+        search = search_domain(signal, rate, domain)
+        order, noise, warp = search.chosen, search.noise, search.warp
     if model_count == "auto":
-        model_count = choose_model_count(pieces, rate, order, noise)
+        model_count = choose_model_count(pieces, rate, order, noise, warp)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
-    return fit_texture(pieces, rate, order, model_count, interpolation, noise)
+    law = fit_level(pieces)
+    ends = zip(law.exponents - 1.96 * law.spread, law.exponents + 1.96 * law.spread, strict=True)
+    intervals = {f"texture.exponents[{i}]": (float(low), float(high)) for i, (low, high) in enumerate(ends)}
+    return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp), intervals
 
 
 def _whole(value: Any) -> Any:

@@ -1,6 +1,6 @@
 """The pieces of a recording that a texture is fitted to: short, of nearly one force and speed, and none that is odd."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -118,19 +118,16 @@ def without_outliers(pieces: Pieces) -> Pieces:
 # Power = c F^α v^β, fitted to the pieces' levels in dB. From one recording the exponents are hardly known: a hand that
 # strokes for a second or two changes force and speed by a tenth or two, while levels scatter by 2 to 4 dB for reasons
 # of the surface's own; exponents of plain least squares were off by 7 dB on the other half of a recording. So they
-# start from what friction gives, and move as far as the pieces say (a Gaussian prior, the posterior mean): a sliding
-# tool turns F v of power per unit of friction into heat and vibration, so that vibration of one efficiency has α = β =
-# 1.
+# start from what other surfaces have, and move as far as the pieces say (a Gaussian prior, the posterior mean). Were
+# all of friction's power, F v, turned into vibration alike, both would be 1; faster is louder than that.
 
 
-EXPONENT: Final = 1.0
-"""Exponent of force and of speed that is expected [1]: power in proportion to that of friction. On halves, thirds and
-quarters of wood, paper and leather, each predicted from each other, the mean square error of the level was 0.6 times
-that of a level that depends on neither."""
+EXPONENTS: Final = (0.56, 2.07)
+"""Exponents of force and of speed that are expected [1]: the mean of the 89 surfaces of the Penn Haptic Texture Toolkit
+that have models at several forces and speeds (Culbertson, López Delgado & Kuchenbecker 2014)."""
 
-EXPONENT_SPREAD: Final = 0.5
-"""Standard deviation of an exponent about that [1]: between a half and one and a half, most likely. Halved or doubled,
-the level on the held-out halves of wood, paper and leather changes by 0.25 dB at most."""
+EXPONENT_SPREADS: Final = (0.5, 0.65)
+"""Standard deviations of the exponents about those [1], over the same surfaces."""
 
 SCATTER_DB: Final = 0.5
 """Least scatter of the levels about the law [dB]: that of a tenth of a second of noise 1 kHz wide."""
@@ -138,22 +135,40 @@ SCATTER_DB: Final = 0.5
 _DB: Final = 10.0 / np.log(10.0)
 
 
-def fit_level(pieces: Pieces) -> Callable[[Array, Array], Array]:
-    """The power [(m/s²)²] that pieces have at forces [N] and speeds [m/s] (n,), their own mean power kept."""
+@dataclass(frozen=True)
+class LevelLaw:
+    """Power over force and speed, scale (F/F₀)^α (v/v₀)^β.
+
+    Attributes:
+        scale_m2_s4: power at the centre [(m/s²)²].
+        centre: (2,) logarithms of the force [N] and the speed [m/s] of the centre.
+        exponents: (2,) α and β [1].
+        spread: (2,) their standard deviations, of what the pieces leave open [1].
+    """
+
+    scale_m2_s4: float
+    centre: Array
+    exponents: Array
+    spread: Array
+
+    def __call__(self, force_N: Array, speed_m_s: Array) -> Array:
+        """The power (n,) [(m/s²)²] at forces and speeds (n,)."""
+        place = np.stack([np.log(force_N), np.log(speed_m_s)], axis=1)
+        return np.asarray(self.scale_m2_s4 * np.exp((place - self.centre) @ self.exponents))
+
+
+def fit_level(pieces: Pieces) -> LevelLaw:
+    """The law of the pieces' power, their own mean power kept."""
     power = np.mean(pieces.acceleration_m_s2**2, axis=1)
     level = np.log(np.maximum(power, 1e-12 * power.mean() + 1e-300))
     place = np.stack([np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
     centre = place.mean(axis=0)
-    away, expected = place - centre, np.full(2, EXPONENT)
-    exponent = expected
+    away, expected = place - centre, np.array(EXPONENTS)
+    known = np.diag(np.array(EXPONENT_SPREADS) ** -2.0)
+    exponents = expected
     for _ in range(3):
-        scatter = max(float(np.std(level - away @ exponent)), SCATTER_DB / _DB)
-        weight = (EXPONENT_SPREAD / scatter) ** 2
-        information = weight * away.T @ away + np.eye(2)
-        exponent = np.linalg.solve(information, weight * away.T @ (level - level.mean()) + expected)
-    scale = power.sum() / np.exp(away @ exponent).sum()
-
-    def law(force_N: Array, speed_m_s: Array) -> Array:
-        return np.asarray(scale * np.exp((np.stack([np.log(force_N), np.log(speed_m_s)], axis=1) - centre) @ exponent))
-
-    return law
+        scatter = max(float(np.std(level - away @ exponents)), SCATTER_DB / _DB)
+        information = away.T @ away / scatter**2 + known
+        exponents = np.linalg.solve(information, away.T @ (level - level.mean()) / scatter**2 + known @ expected)
+    scale = float(power.sum() / np.exp(away @ exponents).sum())
+    return LevelLaw(scale, centre, exponents, np.sqrt(np.diag(np.linalg.inv(information))))
