@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.capture.streams import Array
+from hapscene.capture.streams import Array, kept_share
 from hapscene.capture.whittle import NoisyModel, over_noise
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation, residual_power, smoothed, solve_orders, tapered
@@ -60,8 +60,7 @@ DISTANCE_RATIO: Final = 1.1
 """How much worse than the best order's held-out distance the chosen order's may be, where none is within the floor."""
 
 TOLD_JND: Final = 0.75
-"""How far a shipped texture may be from the highest order tried [JND], root mean square over the bands. No single one of
-them may be a whole JND from the recording: that is what asks for more."""
+"""How far a shipped texture may be from the highest order tried [JND], root mean square over the bands."""
 
 BANDS_HZ: Final = band_edges_Hz()
 """Edges of the bands in which it is judged whether a person can tell [Hz]."""
@@ -82,8 +81,7 @@ class OrderSearch:
         allowed_dB: the largest misfit that does not matter.
         plain: the order that a plain AR model needs.
         noise: the model over white noise that needs less, or None where there is none.
-        band_jnd: (k,) how far a half's model is from the other half in the bands above that which the high-pass has
-            bent, level aside, both ways [JND rms].
+        band_jnd: (k,) how far a half's model is from the other half in the bands, level aside, both ways [JND rms].
         warp: of the frequency axis that the filters are made on.
     """
 
@@ -107,9 +105,8 @@ class OrderSearch:
 def felt_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) -> int:
     """The smallest order that a cleaned recording supports and whose lack a person cannot tell: for swatches to ship.
 
-    That is the smallest whose held-out distance is within `DISTANCE_RATIO` of the best; which, as all above it, is
-    within `TOLD_JND` of the highest tried; and of whose bands none is a whole JND from the recording's, where there is
-    such an order.
+    That is the smallest whose held-out distance lies within the recording's floor (or `DISTANCE_RATIO` of the best) and
+    which, as all above it, is within `TOLD_JND` of the highest tried and within one JND in every band.
     """
     return _felt(search_order(acceleration_m_s2, rate_Hz, warp), acceleration_m_s2, rate_Hz)
 
@@ -151,12 +148,12 @@ def _felt(found: OrderSearch, acceleration_m_s2: Array, rate_Hz: float) -> int:
     """`felt_order` of what was found."""
     frequency, density = metric.spectrum(acceleration_m_s2, rate_Hz)
     models = _models(acceleration_m_s2, rate_Hz, found.orders, found.warp)
-    rms, own_rms = _band_rms(metric.model_spectrum(models, 1.0, rate_Hz, frequency, found.warp), density, frequency)
-    told = bands_jnd(rms, rms[-1], BANDS_HZ) > TOLD_JND
+    rms, _ = _band_rms(metric.model_spectrum(models, 1.0, rate_Hz, frequency, found.warp), density, frequency)
+    apart = band_jnd(rms, rms[-1], BANDS_HZ)
+    told = (np.sqrt(np.mean(apart**2, axis=1)) > TOLD_JND) | (apart.max(axis=1) > 1.0)
     enough = int(np.flatnonzero(told)[-1]) + 1 if told.any() else 0
-    within = found.distance_dB <= DISTANCE_RATIO * found.distance_dB.min()
-    near = within & (band_jnd(rms, own_rms, BANDS_HZ).max(axis=1) <= 1.0)
-    return int(found.orders[max(enough, int(np.argmax(near if near.any() else within)))])
+    within = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
+    return int(found.orders[max(enough, int(np.argmax(within)))])
 
 
 def search_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) -> OrderSearch:
@@ -210,14 +207,17 @@ def _held_out(
         distance += [0.5 * metric.log_spectral_distance(model, density, frequency) for model in spectrum]
         lags = _lags(halves[other], rate_Hz, orders, warp)
         log_residual += 0.5 * np.log(residual_power(predictor(a, warp), lags) / lags[0])
-        rms = (levels[..., 1:] for levels in _band_rms(spectrum, density, frequency))
-        square += 0.5 * bands_jnd(*rms, BANDS_HZ[1:]) ** 2
+        square += 0.5 * bands_jnd(*_band_rms(spectrum, density, frequency), BANDS_HZ) ** 2
     return distance, np.exp(log_residual), np.sqrt(square)
 
 
 def _band_rms(spectrum: Array, density: Array, frequency_Hz: Array) -> tuple[Array, Array]:
-    """Root mean squares in the bands of models' spectra (k, f), at the level of a recording's, and of its own (f,)."""
-    power, own = (metric.band_power(one, frequency_Hz, BANDS_HZ) for one in (spectrum, density))
+    """Root mean squares in the bands of models' spectra (k, f), at the level of a recording's, and of its own (f,).
+
+    The models' are taken as the recording's own high-pass would leave them.
+    """
+    heard = spectrum * kept_share(frequency_Hz)
+    power, own = (metric.band_power(one, frequency_Hz, BANDS_HZ) for one in (heard, density))
     return np.sqrt(power * (own.sum() / power.sum(axis=-1, keepdims=True))), np.sqrt(own)
 
 

@@ -91,6 +91,12 @@ def clean(
     return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed)
 
 
+def kept_share(frequency_Hz: ArrayLike) -> Array:
+    """Share (n,) of a recording's power that its high-pass in `clean` leaves at frequencies (n,) [1]."""
+    ratio = ACCELERATION_BAND_HZ[0] / np.maximum(np.asarray(frequency_Hz, dtype=np.float64), 1e-3)
+    return np.asarray((1.0 + ratio**8) ** -2.0)
+
+
 def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recording:
     """Some samples of all streams of a recording, cleaned or not."""
     streams = ((field.name, getattr(recording, field.name)) for field in fields(recording))

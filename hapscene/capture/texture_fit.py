@@ -94,7 +94,7 @@ def choose_model_count(
 
     Each of `FOLDS` parts, cut all through the recording, is judged by models of the others: 1, 2, 3, 4, 6, … of them,
     by the likelihood of its pieces' residual, whatever their level, and by their level. Chosen is the smallest number
-    that is in both within one standard error (over the pieces) of the best; the whole holds as many more as it is
+    that is in both within half a standard error (over the pieces) of the best; the whole holds as many more as it is
     longer than what they were fitted to.
     """
     if np.ptp(pieces.force_N) + np.ptp(pieces.speed_m_s) == 0.0:
@@ -122,7 +122,7 @@ def choose_model_count(
         missed.append(error)
     total = np.array(missed).transpose(1, 0, 2)  # of the shape and of the level, by count and piece
     behind = total - np.take_along_axis(total, np.argmin(total.mean(axis=2), axis=1)[:, None, None], axis=1)
-    within = behind.mean(axis=2) <= behind.std(axis=2) / np.sqrt(len(pieces))
+    within = behind.mean(axis=2) <= 0.5 * behind.std(axis=2) / np.sqrt(len(pieces))
     chosen = MODEL_COUNTS[int(np.argmax(within, axis=1).max())]
     return chosen if chosen == 1 else min(MODELS_MAX, chosen * FOLDS // (FOLDS - 1))
 
