@@ -24,6 +24,9 @@ WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
 scatter more, so every distance grows with it: compare only distances of one length."""
 
+WINDOWS: Final = 1024
+"""Windows of a signal that are transformed at once [count]."""
+
 BAND_COUNT: Final = 12
 """Bands that 20 to 1000 Hz is cut into [count]. Each is then 39 % wide, the widest difference of frequency that no one
 feels (13 to 38 %, Israr et al. 2006): where in a band the energy lies is not felt, how much there is in it is."""
@@ -37,8 +40,15 @@ def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array
     from scipy.signal import welch
 
     signal = np.asarray(acceleration_m_s2, dtype=np.float64)
-    frequency, density = welch(signal, rate_Hz, nperseg=min(len(signal), round(WINDOW_S * rate_Hz)))
-    return np.asarray(frequency), np.asarray(density)
+    size = min(len(signal), round(WINDOW_S * rate_Hz))
+    step = size - size // 2
+    count, total = (len(signal) - size // 2) // step, 0.0
+    for first in range(0, count, WINDOWS):  # a long signal part by part, for memory's sake
+        windows = min(WINDOWS, count - first)
+        part = signal[first * step : (first + windows) * step + size // 2]
+        frequency, density = welch(part, rate_Hz, nperseg=size)
+        total = total + windows / count * density
+    return np.asarray(frequency), np.asarray(total)
 
 
 def model_spectrum(

@@ -11,7 +11,7 @@ from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean
+from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Array, Streams, clean
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
@@ -166,15 +166,15 @@ def _texture(
 ) -> tuple[Texture, dict[str, tuple[float, float]]]:
     """The texture of all that slides, and the 95 % intervals of what is in it."""
     rate = parts[0][0].rate_Hz
-    pieces = _pieces(parts)
-    sliding = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
-    signal = np.concatenate(sliding)
-    if len(signal) < DURATION_MIN_S * rate:
-        raise _NoTexture(f"the tool slides for {len(signal) / rate:.2f} s: at least {DURATION_MIN_S:g} s are needed")
+    slid_s = sum(states.seconds(InteractionState.SLIDING) for _, states in parts)
+    if slid_s < DURATION_MIN_S:
+        _pieces(parts)  # where nothing slides at all, it says why
+        raise _NoTexture(f"the tool slides for {slid_s:.2f} s: at least {DURATION_MIN_S:g} s are needed")
     noise, warp = None, warp_at(rate) if domain == "warped" else 0.0
     if order == "auto":
-        search = search_domain(signal, rate, domain)
+        search = search_domain(_slid(parts), rate, domain)
         order, noise, warp = search.chosen, search.noise, search.warp
+    pieces = _pieces(parts)
     if model_count == "auto":
         model_count = choose_model_count(pieces, rate, order, noise, warp)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
@@ -183,6 +183,12 @@ def _texture(
     ends = zip(law.exponents - 1.96 * law.spread, law.exponents + 1.96 * law.spread, strict=True)
     intervals = {f"texture.exponents[{i}]": (float(low), float(high)) for i, (low, high) in enumerate(ends)}
     return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp), intervals
+
+
+def _slid(parts: Sequence[Part]) -> Array:
+    """The acceleration of all that slides."""
+    found = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
+    return found[0] if len(found) == 1 else np.concatenate(found)
 
 
 def _whole(value: Any) -> Any:

@@ -65,19 +65,21 @@ def fit_texture(
     exactly. Beyond what was recorded the level goes on by its law.
     """
     label = _cluster(pieces, model_count)
-    groups = [pieces[label == i] for i in range(label.max() + 1)]
-    a = np.stack([_filter(group, rate_Hz, order, noise, warp) for group in groups])
+    groups = [label == i for i in range(label.max() + 1)]
+    a = np.stack([_filter(pieces[group] if len(groups) > 1 else pieces, rate_Hz, order, noise, warp) for group in groups])
     return _levelled(pieces, groups, rate_Hz, a, interpolation, warp)
 
 
-def _levelled(pieces: Pieces, groups: list[Pieces], rate_Hz: float, a: Array, interpolation: str, warp: float) -> Texture:
-    """The texture of groups of pieces and their filters (m, p+1)."""
+def _levelled(
+    pieces: Pieces, groups: list[NDArray[np.bool_]], rate_Hz: float, a: Array, interpolation: str, warp: float
+) -> Texture:
+    """The texture of groups of pieces (k,) and their filters (m, p+1)."""
     if len(groups) == 1:
         force, speed = _corners(pieces)
         a = np.tile(a, (len(force), 1))
     else:
-        force = np.array([group.force_N.mean() for group in groups])
-        speed = np.array([group.speed_m_s.mean() for group in groups])
+        force = np.array([pieces.force_N[group].mean() for group in groups])
+        speed = np.array([pieces.speed_m_s[group].mean() for group in groups])
     law = fit_level(pieces)
     variance = law(force, speed) / power_gain(a, warp)
     texture = Texture.from_models(
@@ -105,8 +107,8 @@ def choose_model_count(
     stride = -(-len(pieces) // JUDGED_PIECES)
     kept = number % stride == 0
     pieces, fold = pieces[kept], number[kept] // stride % FOLDS
-    signal = tapered(pieces.acceleration_m_s2, rate_Hz)
-    lags = autocorrelation(signal, lag_count(order, warp))
+    few = np.array_split(pieces.acceleration_m_s2, 1 + len(pieces) // 64)
+    lags = np.concatenate([autocorrelation(tapered(rows, rate_Hz), lag_count(order, warp)) for rows in few])
     heard = warped(smoothed(lags, rate_Hz), order, warp)
     missed = []
     for count in MODEL_COUNTS:
@@ -116,8 +118,8 @@ def choose_model_count(
         for part in range(FOLDS):
             fitted, other = pieces[fold != part], fold == part
             label = _cluster(fitted, count)
-            groups = [fitted[label == i] for i in range(label.max() + 1)]
-            a = np.stack([solve(heard[fold != part][label == i].sum(axis=0)) for i in range(len(groups))])
+            groups = [label == i for i in range(label.max() + 1)]
+            a = np.stack([solve(heard[~other][group].sum(axis=0)) for group in groups])
             error[:, other] = _missed(_levelled(fitted, groups, rate_Hz, a, "lsf", warp), pieces[other], lags[other])
         missed.append(error)
     total = np.array(missed).transpose(1, 0, 2)  # of the shape and of the level, by count and piece
@@ -134,7 +136,7 @@ def _missed(texture: Texture, pieces: Pieces, lags: Array) -> Array:
     """
     a, _ = texture.models(pieces.force_N, pieces.speed_m_s)
     shape = np.log(residual_power(predictor(a, texture.warp), lags) / lags[:, 0])
-    power = np.mean(pieces.acceleration_m_s2**2, axis=1)
+    power = pieces.power_m2_s4
     level = np.log(texture.power(pieces.force_N, pieces.speed_m_s) / np.maximum(power, 1e-9 * power.mean()))
     return np.stack([shape, level**2])
 
@@ -192,7 +194,7 @@ def _with_power(texture: Texture, pieces: Pieces) -> Texture:
     """
     from scipy.optimize import nnls
 
-    power = np.mean(pieces.acceleration_m_s2**2, axis=1)
+    power = pieces.power_m2_s4
     corner, weight = texture.locate(pieces.force_N, pieces.speed_m_s)
     share = np.zeros((len(pieces), len(texture.force_N)))
     np.add.at(share, (np.arange(len(pieces))[:, None], corner), weight)

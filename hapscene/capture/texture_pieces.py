@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -47,6 +48,11 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.start)
 
+    @cached_property
+    def power_m2_s4(self) -> Array:
+        """(k,) mean square of the acceleration [(m/s²)²]."""
+        return np.einsum("kn,kn->k", self.acceleration_m_s2, self.acceleration_m_s2) / self.acceleration_m_s2.shape[1]
+
     def __getitem__(self, chosen: slice | NDArray[np.bool_]) -> "Pieces":
         return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])
 
@@ -61,30 +67,34 @@ def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pie
     Raises:
         CaptureError: there are none.
     """
-    spans = [(0, len(channels.acceleration_m_s2))] if runs is None else list(runs)
+    spans = [(0, len(channels.acceleration_m_s2))] if runs is None else list(runs) or [(0, 0)]
     length = round(PIECE_S * channels.rate_Hz)
     if len(spans) == 1 and spans[0][1] - spans[0][0] >= length:
         size = spans[0][1] - spans[0][0]
         length = size // int(size / (PIECE_S * channels.rate_Hz))  # what is left over is less than one sample a piece
-    streams = np.stack([channels.acceleration_m_s2, channels.force_N, channels.speed_m_s])
-    found, numbers, number = [np.zeros((3, 0, length))], [np.zeros(0, dtype=np.intp)], 0
+    found: list[tuple[Array, Array, Array, NDArray[np.intp]]] = []
+    number = 0
     for first, last in spans:
         count = (last - first) // length
         first += (last - first - count * length) // 2
-        found.append(streams[:, first : first + count * length].reshape(3, count, length))
-        numbers.append(np.arange(number, number + count))
+        rows, force, speed = (
+            stream[first : first + count * length].reshape(count, length)
+            for stream in (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
+        )
+        found.append((rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count)))
         number += count + 1  # so that pieces of two stretches are no neighbours
-    acceleration, force, speed = np.concatenate(found, axis=1)
-    pieces = Pieces(acceleration, force.mean(axis=1), speed.mean(axis=1), np.concatenate(numbers))
+    pieces = Pieces(*found[0]) if len(found) == 1 else Pieces(*map(np.concatenate, zip(*found, strict=True)))
     most_N, most_m_s = pieces.force_N.max(initial=0.0), pieces.speed_m_s.max(initial=0.0)
     sliding = (pieces.force_N > MOVING * most_N) & (pieces.speed_m_s > MOVING * most_m_s)
     if most_N <= 0.0 or most_m_s <= 0.0 or not np.any(sliding):
         raise CaptureError("the tool never slides under a normal force: force_N and speed_m_s must be above 0")
-    return without_outliers(pieces[sliding])
+    return without_outliers(pieces if sliding.all() else pieces[sliding])
 
 
 def pooled(parts: Sequence[Pieces]) -> Pieces:
     """The pieces of several recordings as those of one."""
+    if len(parts) == 1:
+        return parts[0]
     length = min(part.acceleration_m_s2.shape[1] for part in parts)
     shift = np.cumsum([0, *(int(part.start[-1]) + 2 for part in parts[:-1])])
     return Pieces(
@@ -101,7 +111,7 @@ def without_outliers(pieces: Pieces) -> Pieces:
     The level in dB is taken as a robust plane over the logarithms of force and speed (least absolute deviations, by
     reweighted least squares).
     """
-    level = 10.0 * np.log10(np.maximum(np.mean(pieces.acceleration_m_s2**2, axis=1), 1e-300))
+    level = 10.0 * np.log10(np.maximum(pieces.power_m2_s4, 1e-300))
     away = level - np.median(level)
     if len(pieces) >= PLANE_PIECES:
         place = np.stack([np.ones(len(pieces)), np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
@@ -110,7 +120,8 @@ def without_outliers(pieces: Pieces) -> Pieces:
             plane, *_ = np.linalg.lstsq(place * weight[:, None], level * weight, rcond=None)
             away = level - place @ plane
     spread = max(1.4826 * float(np.median(np.abs(away))), SPREAD_MIN_DB)
-    return pieces[np.abs(away) <= OUTLIER_SPREADS * spread]
+    usual = np.abs(away) <= OUTLIER_SPREADS * spread
+    return pieces if usual.all() else pieces[usual]
 
 
 # How loud a surface is, over force and speed: the law that a recording's pieces follow.
@@ -162,7 +173,7 @@ def fit_level(
     pieces: Pieces, expected: tuple[float, float] = EXPONENTS, spreads: tuple[float, float] = EXPONENT_SPREADS
 ) -> LevelLaw:
     """The law of the pieces' power, their own mean power kept; `expected` and `spreads` as those above."""
-    power = np.mean(pieces.acceleration_m_s2**2, axis=1)
+    power = pieces.power_m2_s4
     level = np.log(np.maximum(power, 1e-12 * power.mean() + 1e-300))
     place = np.stack([np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
     centre = place.mean(axis=0)
