@@ -98,7 +98,7 @@ class _Player:
         if self.life.any():
             self.s["life"] = [normal(self.rng) for _ in range(LIFE_MAX)]
         if texture.other is not None:
-            draw_state(self.rng, *texture.dwell_s, self.s["state"])
+            draw_state(self.rng, float(texture.dwell_s[0]), float(texture.dwell_s[1]), self.s["state"])
         self.last: Array | None = None  # level of each state
 
     def add(self, force_N: Array, speed_m_s: Array, out: Array) -> None:
