@@ -236,7 +236,7 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
     worst = Share(1.0)
     for part in FORCE_SHARES:
         force = np.full(SPEED_COUNT, part * texture.force_max_N)
-        rms_m_s2, frequency_Hz = _in_blocks(*texture.models(force, speed), texture.rate_Hz, tick_s)
+        rms_m_s2, frequency_Hz = _in_blocks(texture, force, speed, tick_s)
         for N, v, a, f in zip(force, speed, rms_m_s2, frequency_Hz, strict=True):
             if a == 0.0:
                 continue
@@ -254,12 +254,12 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
 
 
 def _in_blocks(
-    a: NDArray[np.float64], variance: NDArray[np.float64], rate_Hz: float, tick_s: float
+    texture: "Texture", force_N: NDArray[np.float64], speed_m_s: NDArray[np.float64], tick_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of models' output averaged by ticks."""
-    f = (np.arange(BINS) + 0.5) * rate_Hz / (2.0 * BINS)
-    gain2 = np.abs(np.fft.rfft(a, 4 * BINS, axis=1)[:, 1 : 2 * BINS : 2]) ** -2.0  # at those frequencies
-    power = variance[:, None] * gain2 / BINS * np.sinc(f * tick_s) ** 2
+    """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of a texture averaged by ticks."""
+    bin_Hz = texture.rate_Hz / (2.0 * BINS)
+    f = (np.arange(BINS) + 0.5) * bin_Hz
+    power = bin_Hz * texture.density(force_N, speed_m_s, frequency_Hz=f) * np.sinc(f * tick_s) ** 2
     heard = np.abs(f - np.round(f * tick_s) / tick_s)
     total = power.sum(axis=1)
     frequency = np.sqrt((power * heard**2).sum(axis=1) / np.where(total > 0.0, total, 1.0))
