@@ -366,6 +366,11 @@ class Texture:
         return np.asarray(np.exp(np.clip(log, -most, most)))
 
     @property
+    def living(self) -> bool:
+        """Whether it has a slow gain, in either state."""
+        return self.life is not None or (self.other is not None and self.other.life is not None)
+
+    @property
     def single(self) -> bool:
         """Whether all models have one filter, and differ in their level alone."""
         return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
