@@ -42,13 +42,13 @@ def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array
     signal = np.asarray(acceleration_m_s2, dtype=np.float64)
     size = min(len(signal), round(WINDOW_S * rate_Hz))
     step = size - size // 2
-    count, total = (len(signal) - size // 2) // step, 0.0
+    count, total = (len(signal) - size // 2) // step, np.zeros(size // 2 + 1)
     for first in range(0, count, WINDOWS):  # a long signal part by part, for memory's sake
         windows = min(WINDOWS, count - first)
         part = signal[first * step : (first + windows) * step + size // 2]
         frequency, density = welch(part, rate_Hz, nperseg=size)
-        total = total + windows / count * density
-    return np.asarray(frequency), np.asarray(total)
+        total += windows / count * density
+    return np.asarray(frequency), total
 
 
 def model_spectrum(

@@ -218,7 +218,11 @@ def _level(acceleration: Array, rate: float) -> Array:
 
 def _threshold(stream: Array, rate: float) -> float:
     """Where a low-passed stream is on."""
-    return max(ABOVE_NOISE * noise(stream, rate), SHARE_ON * float(np.quantile(np.abs(stream), 0.95, overwrite_input=True)), 1e-12)
+    return max(
+        ABOVE_NOISE * noise(stream, rate),
+        SHARE_ON * float(np.quantile(np.abs(stream), 0.95, overwrite_input=True)),
+        1e-12,
+    )
 
 
 def noise(stream: Array, rate: float) -> float:

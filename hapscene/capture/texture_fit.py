@@ -38,6 +38,10 @@ FOLD_PIECES: Final = 10
 JUDGED_PIECES: Final = 1200
 """Most pieces that the number of models is chosen on [count]: two minutes, of all parts of the recording."""
 
+SURE_PIECES: Final = 15.0
+"""Share of the pieces' standard deviation by which more models must be better, times their number [count]: 1.5 standard
+errors at 100 pieces, half a one from 900 on. At half a one chance gave 30 pieces of one surface 4 to 9 models."""
+
 NOISY_ORDER: Final = 24
 """Order at which plain models tell whether the spectrum of a surface beneath noise changes [count]."""
 
@@ -66,7 +70,9 @@ def fit_texture(
     """
     label = _cluster(pieces, model_count)
     groups = [label == i for i in range(label.max() + 1)]
-    a = np.stack([_filter(pieces[group] if len(groups) > 1 else pieces, rate_Hz, order, noise, warp) for group in groups])
+    a = np.stack(
+        [_filter(pieces[group] if len(groups) > 1 else pieces, rate_Hz, order, noise, warp) for group in groups]
+    )
     return _levelled(pieces, groups, rate_Hz, a, interpolation, warp)
 
 
@@ -96,8 +102,8 @@ def choose_model_count(
 
     Each of `FOLDS` parts, cut all through the recording, is judged by models of the others: 1, 2, 3, 4, 6, … of them,
     by the likelihood of its pieces' residual, whatever their level, and by their level. Chosen is the smallest number
-    that is in both within half a standard error (over the pieces) of the best; the whole holds as many more as it is
-    longer than what they were fitted to.
+    that is in both within half a standard error (over the pieces) of the best, and more where there are few pieces; the
+    whole holds as many more as it is longer than what they were fitted to.
     """
     if np.ptp(pieces.force_N) + np.ptp(pieces.speed_m_s) == 0.0:
         return 1
@@ -124,7 +130,8 @@ def choose_model_count(
         missed.append(error)
     total = np.array(missed).transpose(1, 0, 2)  # of the shape and of the level, by count and piece
     behind = total - np.take_along_axis(total, np.argmin(total.mean(axis=2), axis=1)[:, None, None], axis=1)
-    within = behind.mean(axis=2) <= 0.5 * behind.std(axis=2) / np.sqrt(len(pieces))
+    sure = max(0.5 / np.sqrt(len(pieces)), SURE_PIECES / len(pieces))
+    within = behind.mean(axis=2) <= sure * behind.std(axis=2)
     chosen = MODEL_COUNTS[int(np.argmax(within, axis=1).max())]
     return chosen if chosen == 1 else min(MODELS_MAX, chosen * FOLDS // (FOLDS - 1))
 

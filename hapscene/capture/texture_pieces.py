@@ -51,7 +51,8 @@ class Pieces:
     @cached_property
     def power_m2_s4(self) -> Array:
         """(k,) mean square of the acceleration [(m/s²)²]."""
-        return np.einsum("kn,kn->k", self.acceleration_m_s2, self.acceleration_m_s2) / self.acceleration_m_s2.shape[1]
+        rows = self.acceleration_m_s2
+        return np.asarray(np.einsum("kn,kn->k", rows, rows) / rows.shape[1])
 
     def __getitem__(self, chosen: slice | NDArray[np.bool_]) -> "Pieces":
         return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])

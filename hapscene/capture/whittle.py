@@ -121,7 +121,9 @@ def density(signals: Sequence[Array], rate_Hz: float) -> Density:
     count = sum(len(signal) for signal in signals)
     size = 1 << (max(len(signal) for signal in signals) - 1).bit_length()
     size = max(size, 2 * LINES)
-    periodogram = sum(np.abs(np.fft.rfft(tapered(signal, rate_Hz), size)) ** 2 for signal in signals) / count
+    periodogram = np.zeros(size // 2 + 1)
+    for signal in signals:
+        periodogram += np.abs(np.fft.rfft(tapered(signal, rate_Hz), size)) ** 2 / count
     periodogram += WHITE * periodogram.mean()
     per_Hz = count / rate_Hz
     edge = np.arange(LOW_HZ, 0.5 * rate_Hz, max(BIN_HZ, ORDINATES / per_Hz))

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 MIDDLE_HZ: Final = 451.67
-"""Frequency in the middle of the warped axis [Hz], at every rate: λ = 0.75 at 10 kHz. On wood, paper, leather and epoxy,
-one half judged by the other, 0.6 needs half as many taps more for the same bands, and 0.85 buys nothing."""
+"""Frequency in the middle of the warped axis [Hz], at every rate: λ = 0.75 at 10 kHz. On wood, paper, leather and
+epoxy, one half judged by the other, 0.6 needs half as many taps more for the same bands, and 0.85 buys nothing."""
 
 WARP_LEAST: Final = 0.3
 """Warp below which a warped filter is not worth its time [1]: at rates up to 3.2 kHz the plain axis is as good."""
