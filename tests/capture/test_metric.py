@@ -196,3 +196,10 @@ def test_signals_that_cannot_be_compared_are_refused() -> None:
         st_sim(TONES, TONES[:-1], RATE)
     with pytest.raises(CaptureError, match="512"):
         st_sim(TONES[:511], TONES[:511], RATE)
+
+
+def test_a_long_signals_spectrum_is_taken_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    signal = np.random.default_rng(5).standard_normal(20_000)
+    whole = metric.spectrum(signal, 2000.0)[1]
+    monkeypatch.setattr(metric, "WINDOWS", 7)
+    assert metric.spectrum(signal, 2000.0)[1] == pytest.approx(whole, rel=1e-9)
