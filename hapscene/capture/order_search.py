@@ -85,7 +85,8 @@ class OrderSearch:
         allowed_dB: the largest misfit that does not matter.
         plain: the order that a plain AR model needs.
         noise: the model over white noise that needs less, or None where there is none.
-        band_jnd: (k,) how far a half's model is from the other half in the bands, level aside, both ways [JND rms].
+        band_jnd: (k,) how far a half's model, high-passed as the recording, is from the other half in the bands, level
+            aside, both ways [JND rms].
         warp: of the frequency axis that the filters are made on.
     """
 
@@ -110,7 +111,8 @@ def felt_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) -> i
     """The smallest order that a cleaned recording supports and whose lack a person cannot tell: for swatches to ship.
 
     That is the smallest whose held-out distance lies within the recording's floor (or `DISTANCE_RATIO` of the best) and
-    which, as all above it, is within `TOLD_JND` of the highest tried and within one JND in every band.
+    which, as all above it, is within `TOLD_JND` of the highest tried and within one JND in every band; and whose bands
+    are within one JND of the recording's, where there is such an order.
     """
     return _felt(search_order(acceleration_m_s2, rate_Hz, warp), acceleration_m_s2, rate_Hz)
 
@@ -152,12 +154,14 @@ def _felt(found: OrderSearch, acceleration_m_s2: Array, rate_Hz: float) -> int:
     """`felt_order` of what was found."""
     frequency, density = metric.spectrum(acceleration_m_s2, rate_Hz)
     models = _models(acceleration_m_s2, rate_Hz, found.orders, found.warp)
-    rms, _ = _band_rms(metric.model_spectrum(models, 1.0, rate_Hz, frequency, found.warp), density, frequency)
+    rms, own_rms = _band_rms(metric.model_spectrum(models, 1.0, rate_Hz, frequency, found.warp), density, frequency)
     apart = band_jnd(rms, rms[-1], BANDS_HZ)
     told = (np.sqrt(np.mean(apart**2, axis=1)) > TOLD_JND) | (apart.max(axis=1) > 1.0)
     enough = int(np.flatnonzero(told)[-1]) + 1 if told.any() else 0
     within = found.distance_dB <= max(found.floor_dB, DISTANCE_RATIO * found.distance_dB.min())
-    return int(found.orders[enough + int(np.argmax(within[enough:]))])
+    near = within & (band_jnd(rms, own_rms, BANDS_HZ).max(axis=1) <= 1.0)
+    usable = near if near[enough:].any() else within
+    return int(found.orders[enough + int(np.argmax(usable[enough:]))])
 
 
 def search_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) -> OrderSearch:
@@ -212,17 +216,14 @@ def _held_out(
         distance += [0.5 * metric.log_spectral_distance(model, density, frequency) for model in spectrum]
         lags = _lags(halves[other], rate_Hz, orders, warp)
         log_residual += 0.5 * np.log(residual_power(predictor(a, warp), lags) / lags[0])
-        square += 0.5 * bands_jnd(*_band_rms(spectrum, density, frequency), BANDS_HZ) ** 2
+        heard = spectrum * kept_share(frequency)
+        square += 0.5 * bands_jnd(*_band_rms(heard, density, frequency), BANDS_HZ) ** 2
     return distance, np.exp(log_residual), np.sqrt(square)
 
 
 def _band_rms(spectrum: Array, density: Array, frequency_Hz: Array) -> tuple[Array, Array]:
-    """Root mean squares in the bands of models' spectra (k, f), at the level of a recording's, and of its own (f,).
-
-    The models' are taken as the recording's own high-pass would leave them.
-    """
-    heard = spectrum * kept_share(frequency_Hz)
-    power, own = (metric.band_power(one, frequency_Hz, BANDS_HZ) for one in (heard, density))
+    """Root mean squares in the bands of models' spectra (k, f), at the level of a recording's, and of its own (f,)."""
+    power, own = (metric.band_power(one, frequency_Hz, BANDS_HZ) for one in (spectrum, density))
     return np.sqrt(power * (own.sum() / power.sum(axis=-1, keepdims=True))), np.sqrt(own)
 
 
