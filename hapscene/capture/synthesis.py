@@ -93,7 +93,8 @@ class _Player:
             if of is not None and life > 0.0:
                 row[: 3 * len(of.spread)] = np.column_stack((life * of.spread, of.decay_1_s, of.decay_1_m)).ravel()
         own = [("life", (LIFE_MAX,)), ("state", (2,)), ("fade", ())]
-        self.s = np.zeros(1, [(name, np.float64, shape) for name, shape in [*voice_fields(self.order), *own]])[0]
+        fields = [(name, np.float64, shape) for name, shape in [*voice_fields(self.order), *own]]
+        self.s = np.zeros(1, fields).view(np.recarray)[0]
         self.rng = seeded_state(seed, "synthesize")
         if self.life.any():
             self.s["life"] = [normal(self.rng) for _ in range(LIFE_MAX)]
