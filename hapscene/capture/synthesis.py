@@ -61,8 +61,8 @@ def synthesize(
     swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     if not isinstance(seed, Integral) or seed < 0:
         raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
-    if not 0.0 <= life <= 10.0:
-        raise CaptureError(f"life must be a number from 0 to 10, is {life!r}")
+    if not 0.0 <= life <= 2.0:
+        raise CaptureError(f"life must be a number from 0 to 2, is {life!r}")
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
