@@ -175,7 +175,7 @@ def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
     assert np.mean(power[1]) == pytest.approx(np.mean(power[0]), rel=0.08)
     log = np.log(power[1] / np.mean(power[1])) / 2.0
     assert np.std(log) == pytest.approx(0.4, abs=0.08)  # both together have 0.5; the fast one is half gone in 50 ms
-    with pytest.raises(CaptureError, match="life must be a number from 0 to 10"):
+    with pytest.raises(CaptureError, match="life must be a number from 0 to 2"):
         synthesize(living(), force, speed, life=np.nan)
 
 
