@@ -231,7 +231,8 @@ def noise(stream: Array, rate: float) -> float:
     shaken = filtered(stream, rate, low, "highpass", order=2)
     length = max(1, round(0.05 * rate))
     windows = shaken[: len(shaken) // length * length].reshape(-1, length)
-    return float(np.sqrt(np.quantile(np.mean(windows**2, axis=1), 0.1) * high / (high - low)))
+    power = np.einsum("kn,kn->k", windows, windows) / length
+    return float(np.sqrt(np.quantile(power, 0.1) * high / (high - low)))
 
 
 def _switched(stream: Array, on: float, off: float) -> Mask:
