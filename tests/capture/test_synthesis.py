@@ -52,9 +52,9 @@ def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> No
     a, variance = texture.model(force, slip)
     assert a[0] == 1.0
     frequency, density = welch(made, texture.rate_Hz, nperseg=8192)
-    model = metric.model_spectrum(a, variance, texture.rate_Hz, frequency)
+    model = metric.model_spectrum(a, variance, texture.rate_Hz, frequency, texture.warp)
     assert np.abs(bands_dB(frequency, density) - bands_dB(frequency, model)).max() < 0.3
-    assert abs(10 * np.log10(made.var() / (variance * power_gain(a)))) < 0.2
+    assert abs(10 * np.log10(made.var() / (variance * power_gain(a, texture.warp)))) < 0.2
 
 
 @EACH
@@ -72,10 +72,11 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
         power = choose(table, 0, force, slip, s, 1.0, True)
         a, variance = texture.model(force, slip)
         looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
-        got = metric.model_spectrum(looked_up, power / power_gain(looked_up), 1e4, frequency)
-        want = metric.model_spectrum(a, variance, 1e4, frequency)
+        alike = power_gain(looked_up, texture.warp)
+        got = metric.model_spectrum(looked_up, power / alike, 1e4, frequency, texture.warp)
+        want = metric.model_spectrum(a, variance, 1e4, frequency, texture.warp)
         spectrum.append(np.sqrt(np.mean((10 * np.log10(got / want)) ** 2)))
-        level.append(abs(10 * np.log10(power / (variance * power_gain(a)))))
+        level.append(abs(10 * np.log10(power / (variance * power_gain(a, texture.warp)))))
     assert np.median(spectrum) < 0.1 and np.percentile(spectrum, 90) < 0.5
     assert np.median(level) < 0.05 and np.max(level) < 0.7
 

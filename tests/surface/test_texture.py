@@ -164,13 +164,10 @@ def test_resampling_shipped_swatches(name: str, rate_Hz: float) -> None:
     assert texture is not None
     other = texture.resampled(rate_Hz)
     frequency = np.linspace(20.0, 1000.0, 500)
-    density = []
-    for t in (texture, other):
-        a, variance = t.model(texture.force_max_N, texture.speed_max_m_s)
-        _, h = freqz([1.0], a, worN=frequency, fs=t.rate_Hz)
-        density.append(2 * variance * np.abs(h) ** 2 / t.rate_Hz)
+    place = [texture.force_max_N], [texture.speed_max_m_s]
+    density = [t.density(*place, frequency_Hz=frequency)[0] for t in (texture, other)]
     off_dB = 10 * np.log10(density[0] / density[1])
-    assert np.sqrt(np.mean(off_dB**2)) < 0.04 and np.abs(off_dB).max() < 0.06
+    assert np.sqrt(np.mean(off_dB**2)) < 0.1 and np.abs(off_dB).max() < 0.2  # warped, as below
     assert other.resampled(rate_Hz) is other
 
 
@@ -312,8 +309,9 @@ def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
 
 def warped_shipped(name: str, order: int = 28, warp: float = 0.75) -> Texture:
     """A shipped texture in warped models: over the phase of D, each spectrum is fitted as a plain one."""
-    plain = load_swatch(name).texture
-    assert plain is not None
+    shipped = load_swatch(name).texture
+    assert shipped is not None
+    plain = shipped.unwarped()
     phase = np.exp(-1j * np.linspace(0.0, np.pi, 4097))
     omega = -np.angle((phase + warp) / (1.0 + warp * phase))
     rows = []
