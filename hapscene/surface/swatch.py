@@ -17,8 +17,21 @@ FRICTION_MAX: Final = 5.0
 NAME_MAX: Final = 200
 """Longest name [characters]."""
 
-OWN_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+BASIC_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+"""The numbers that every surface has, and formats of other programs too."""
+
+OWN_PARAMETERS: Final = (
+    *BASIC_PARAMETERS,
+    *("hunt_crossley_Ns_m2", "friction_stribeck_m_s", "friction_viscous_s_m"),
+    *("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s", "adhesion_N", "adhesion_range_m"),
+)
 """The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
+
+_NEEDS: Final = {
+    "adhesion_N": ("adhesion_range_m",),
+    "breakaway_1_kg": ("breakaway_Hz", "breakaway_decay_1_s"),
+}
+"""What must be above 0 where a number is."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +44,15 @@ class Swatch:
         damping_Ns_m: force over speed into the surface, ≥ 0.
         friction_static: Coulomb coefficient that holds the tool, friction_dynamic ≤ friction_static ≤ 5.
         friction_dynamic: Coulomb coefficient while it slips, ≥ 0.
+        hunt_crossley_Ns_m2: damping that grows with the depth, over that depth, ≥ 0 (Hunt & Crossley 1975).
+        friction_stribeck_m_s: speed over which friction falls from static to dynamic, 0 at once.
+        friction_viscous_s_m: what friction's coefficient grows by with the speed, ≥ 0.
+        breakaway_1_kg, breakaway_Hz, breakaway_decay_1_s: vibration when friction breaks loose: its amplitude over the
+            force that is set free, its frequency and its decay.
+        adhesion_N, adhesion_range_m: largest pull on a tool that leaves, and the distance at which it pulls so.
         texture: vibration while sliding, or None.
         taps: vibration when touched, or None.
+        leaving: vibration when the tool leaves, over the speed at which it does, or None.
         albedo_rgb: colour to paint with, three numbers from 0 to 1.
         provenance: where the numbers come from, for a reader.
         licence: what may be done with them.
@@ -58,12 +78,25 @@ class Swatch:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     absent: Mapping[str, str] = field(default_factory=dict)
+    hunt_crossley_Ns_m2: float = 0.0
+    friction_stribeck_m_s: float = 0.0
+    friction_viscous_s_m: float = 0.0
+    breakaway_1_kg: float = 0.0
+    breakaway_Hz: float = 0.0
+    breakaway_decay_1_s: float = 0.0
+    adhesion_N: float = 0.0
+    adhesion_range_m: float = 0.0
+    leaving: Taps | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
             raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
         for parameter in OWN_PARAMETERS:
             object.__setattr__(self, parameter, self._checked(parameter, getattr(self, parameter)))
+        for parameter, needed in _NEEDS.items():
+            for other in needed:
+                if getattr(self, parameter) > 0.0 and not getattr(self, other) > 0.0:
+                    raise SwatchError(f"swatch {self.name!r}: {parameter} needs {other} above 0")
         if not self.friction_dynamic <= self.friction_static <= FRICTION_MAX:
             raise SwatchError(
                 f"swatch {self.name!r}: friction must be dynamic ≤ static ≤ {FRICTION_MAX:g}, "
