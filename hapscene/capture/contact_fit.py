@@ -157,7 +157,7 @@ def _centred(rows: Array, columns: Sequence[int]) -> tuple[Array, Array]:
 def _solve(contacts: Sequence[Array], columns: Sequence[int]) -> Array:
     """Coefficients (k,) with the least squares."""
     x, y = (np.concatenate(part) for part in zip(*(_centred(rows, columns) for rows in contacts), strict=True))
-    return np.linalg.lstsq(x, y, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
 
 
 def _held_out(contacts: Sequence[Array], columns: Sequence[int]) -> float:
@@ -212,9 +212,7 @@ def _way(channels: Streams, states: Segmentation, part: slice, end: int) -> Arra
     return np.asarray(way[end - part.start] - way)
 
 
-def _pull(
-    force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, float]
-) -> tuple[Array, Array] | None:
+def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, float]) -> tuple[Array, Array] | None:
     """Adhesion and its range (2,) of one leaving, with their standard errors; None where they explain too little.
 
     Its spring and its zero of depth are fitted with them; the model's force is low-passed as the recorded one is.

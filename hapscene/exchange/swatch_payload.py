@@ -39,9 +39,8 @@ def lose(message: str) -> None:
 
 
 def numbers_of(swatch: Swatch) -> dict[str, float]:
-    """The swatch's own numbers by name: those that every surface has, and those that this one has."""
-    found = {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
-    return {name: value for name, value in found.items() if value != 0.0 or name in BASIC_PARAMETERS}
+    """The swatch's own numbers by name."""
+    return swatch.own_numbers
 
 
 def digest_of(swatch: Swatch) -> str:

@@ -152,6 +152,12 @@ class Swatch:
                         f"leave {text[error.start]!r} out"
                     ) from None
 
+    @property
+    def own_numbers(self) -> dict[str, float]:
+        """Its own numbers by name: those that every surface has, and those beyond them that are not 0."""
+        found = {name: float(getattr(self, name)) for name in OWN_PARAMETERS}
+        return {name: value for name, value in found.items() if value != 0.0 or name in BASIC_PARAMETERS}
+
     def parameter(self, effect: str, param: str, default: float) -> float:
         """The number that the effect named `effect` gets for its parameter `param`.
 

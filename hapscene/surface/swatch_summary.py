@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, Swatch
+from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 FORCE_N: Final = 1.0
@@ -46,8 +46,7 @@ def figures(swatch: Swatch) -> dict[str, float]:
     `roughness_m_s2` is the root mean square of the acceleration at 1 N and 0.1 m/s (a texture that reaches less far is
     asked at its maximum), `tap_m_s2` and `tap_Hz` the tap at 0.1 m/s.
     """
-    found = {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
-    found = {name: value for name, value in found.items() if value != 0.0 or name in BASIC_PARAMETERS}
+    found = swatch.own_numbers
     texture = swatch.texture
     if texture is not None:
         found["roughness_m_s2"] = float(np.sqrt(texture.power([FORCE_N], [SPEED_M_S])[0]))
