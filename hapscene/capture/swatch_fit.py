@@ -141,6 +141,8 @@ def fit_parts(
         **numbers,
         friction_static=friction.static,
         friction_dynamic=friction.dynamic,
+        friction_stribeck_m_s=friction.stribeck_m_s,
+        friction_viscous_s_m=friction.viscous_s_m,
         texture=texture,
         taps=taps.taps,
         leaving=contact.leaving,
