@@ -27,7 +27,7 @@ _WORDS: Final = {
     "friction_dynamic": ((0.15, "slippery"), (0.35, "sliding easily"), (0.7, "grippy"), (np.inf, "very grippy")),
 }
 
-_MORE: Final = {
+MORE: Final = {
     "friction_stribeck_m_s": ("", "{:.3g} m/s over which it falls"),
     "friction_viscous_s_m": ("", "{:.3g} s/m growing with the speed"),
     "hunt_crossley_Ns_m2": ("damping", "{:.4g} N·s/m² growing with the depth"),
@@ -80,7 +80,7 @@ def lines(swatch: Swatch) -> list[str]:
     told += [_line("", f"{swatch.friction_dynamic:.3g} dynamic{dynamic}")]
     told += [
         _line(what, text.format(found[name]) + _measured(swatch, name))
-        for name, (what, text) in _MORE.items()
+        for name, (what, text) in MORE.items()
         if name in found
     ]
     texture, taps = swatch.texture, swatch.taps
