@@ -69,7 +69,7 @@ class DeepRig(Rig):
 
 
 def deep_damping() -> list[Answer]:
-    """Pressed to d it holds what a wall with a damper of χ d holds; what falls on it bounces as the closed form says."""
+    """Pressed to d it holds what a wall damped by χ d holds; what falls on it bounces as the closed form says."""
     answers = []
     for delay in (0, 1):
         rig = DeepRig(PointMass(MASS_KG, DAMPING_NS_M), TICK_S, delay)
@@ -195,9 +195,10 @@ def dragged(fall: float, seconds: float = 4.0) -> tuple[Array, Array]:
     path = np.tile(down, (lead + count, 1))
     path[:, 0] += DRAG_M_S * FINE_S * np.arange(lead + count)
     twin.run(Intent.along(path[:lead], LEAD, push))
-    hand = path[lead:] + ((DYNAMIC + fall * math.exp(-0.5)) * PRESS_N / DRAG_N_M, 0.0, 0.0)
+    hand = path[lead:].copy()
+    hand[:, 0] += (DYNAMIC + fall * math.exp(-0.5)) * PRESS_N / DRAG_N_M
     felt = twin.run(Intent.along(hand, Grip(DRAG_N_M, DRAG_NS_M), push))
-    return FINE_S * np.arange(count), hand[:, 0] - felt.p_W_m[:, 0]
+    return FINE_S * np.arange(count, dtype=np.float64), hand[:, 0] - felt.p_W_m[:, 0]
 
 
 def swing(stretch_m: Array) -> float:
@@ -278,7 +279,9 @@ def _draw(_: Any, axes: Any) -> None:
         rig = DeepRig(PointMass(MASS_KG, DAMPING_NS_M), TICK_S, delay)
         some = depth[5::14]
         found = [limit_of_motion(rig, DEEP_NS_M2 * d) for d in some]
-        deep.plot(1e3 * some, found, "o", color=OKABE_ITO["blue"], fillstyle="none", label=None if delay else "simulated")
+        deep.plot(
+            1e3 * some, found, "o", color=OKABE_ITO["blue"], fillstyle="none", label=None if delay else "simulated"
+        )
     deep.set(xscale="log", yscale="log", xlabel="depth at which it is pressed [mm]", ylabel="largest stiffness [N/m]")
     deep.set_title(f"Damping of {DEEP_NS_M2:g} N·s/m² times the depth")
     deep.legend(loc="upper left")
@@ -298,10 +301,14 @@ def _draw(_: Any, axes: Any) -> None:
     line = np.linspace(1.2, 3.0, 5)
     squeals.plot(line, [1e3 * solved(DYNAMIC + s * border)[1] for s in line], color=INK, label="solved by SciPy")
     squeals.axvspan(0.0, 1.0, color=OKABE_ITO["green"], alpha=0.12, linewidth=0)
-    squeals.set(xlabel="fall of friction over the border [1]", ylabel="amplitude [mm]", title="Friction that falls with speed")
+    squeals.set(
+        xlabel="fall of friction over the border [1]", ylabel="amplitude [mm]", title="Friction that falls with speed"
+    )
     squeals.legend(loc="upper left")
 
 
-def _twin(device: PointMass | Omni, used: tuple[str, ...], tick_s: float = TICK_S, X_WD: Any = None, **numbers: Any) -> Twin:
+def _twin(
+    device: PointMass | Omni, used: tuple[str, ...], tick_s: float = TICK_S, X_WD: Any = None, **numbers: Any
+) -> Twin:
     scene = sheet(Swatch("contact", **numbers))
     return Twin(scene, device, [load_effect(name) for name in used], tick_s=tick_s, a_rate_Hz=1.0 / tick_s, X_WD=X_WD)

@@ -267,9 +267,9 @@ def _zoo(found: Findings, charts: str) -> str:
 _FRICTION: Final = """F1 to F4 are closed forms; the rest is what an Omni with its encoders does when it holds still or
     comes to a stop."""
 
-_CONTACT: Final = """Damping that grows with depth holds what a damper of as much does, at that depth (W5's border); a fall
-    bounces as Hunt and Crossley's equation says. A tool that is torn off loses A e δ; near the surface adhesion is a
-    spring of A e/δ, and W1 is its limit. Friction that falls with speed gives back nothing that was not put in; where
+_CONTACT: Final = """Damping that grows with depth holds what a damper of as much does, at that depth (W5's border); a
+    fall bounces as Hunt and Crossley's equation says. A tool that is torn off loses A e δ; near the surface adhesion is
+    a spring of A e/δ, and W1 is its limit. Friction that falls with speed gives back nothing that was not put in; where
     it falls faster than the hand damps, a drag squeals, from the border that Routh's criterion gives on, as on the
     surface itself."""
 
@@ -315,8 +315,8 @@ _FAILS: Final = """## Where each method fails
   nobody stated, is outside; the damping they add is felt as a softer onset of contact.
 - **Damping of the wall** has an upper border of its own (W5), which falls fast with delay; over encoder steps it kicks
   with BΔ/T.
-- **Damping that grows with the depth** is none where a wall is hardly touched: the limit there is that of the bare wall,
-  and a device that holds 4000 N/m pressed 4 mm deep holds 210 N/m at 10 µm. Limits do not count it.
+- **Damping that grows with the depth** is none where a wall is hardly touched: the limit there is that of the bare
+  wall, and a device that holds 4000 N/m pressed 4 mm deep holds 210 N/m at 10 µm. Limits do not count it.
 - **Adhesion** of a thin film is stiffer than any device: it is made weaker and wider, at the same work. A tool faster
   than δ a tick jumps over it.
 - **Falling friction** is felt through the low-pass on the slip speed, 8 ms late: a squeal is at most some 20 Hz fast.

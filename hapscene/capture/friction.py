@@ -71,8 +71,8 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     sliding; it is the median of F_t/F_n weighted by F_n, and half of the blocks may be outliers. A free offset is not
     fitted: the forces of a stroke span too little to tell it from the slope.
     Where the speeds span `SPEED_RANGE` and friction falls or grows by `DROP_MIN`, so surely that the interval excludes
-    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de Wit
-    1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
+    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de
+    Wit 1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
     Static: the largest pull as the tool breaks away from rest, the median over all such; without any that of the
     Stribeck curve; without that the dynamic one. Never below dynamic.
     The intervals are those of a bootstrap over runs of neighbouring blocks.

@@ -123,7 +123,9 @@ def fit_parts(
         slope = STIFFNESS_N_M
     else:
         intervals["stiffness_N_m"] = stiffness.interval
-    numbers: dict[str, Any] = {"stiffness_N_m": slope} | contact.numbers  # a spring that is damped is fitted with its damper
+    numbers: dict[str, Any] = {
+        "stiffness_N_m": slope
+    } | contact.numbers  # a spring that is damped is fitted with its damper
     intervals |= contact.intervals
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):

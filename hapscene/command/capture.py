@@ -177,9 +177,7 @@ def _told(swatch: "Swatch") -> list[str]:
         lines.append(f"  stiffness: {_with_interval(swatch, 'stiffness_N_m', '.0f')} N/m")
     if "damping_Ns_m" in swatch.intervals:
         lines.append(f"  damping: {_with_interval(swatch, 'damping_Ns_m', '.3g')} N·s/m")
-    for name in MORE:
-        if name in swatch.intervals:
-            lines.append(f"  {name}: {_with_interval(swatch, name, '.3g')}")
+    lines += [f"  {name}: {_with_interval(swatch, name, '.3g')}" for name in MORE if name in swatch.intervals]
     if swatch.leaving is not None:
         lines.append(f"  leaving: sounds at {len(swatch.leaving.approach_m_s)} speeds")
     for i, speed in enumerate(() if taps is None else taps.approach_m_s):

@@ -27,12 +27,6 @@ OWN_PARAMETERS: Final = (
 )
 """The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
 
-_NEEDS: Final = {
-    "adhesion_N": ("adhesion_range_m",),
-    "breakaway_1_kg": ("breakaway_Hz", "breakaway_decay_1_s"),
-}
-"""What must be above 0 where a number is."""
-
 
 @dataclass(frozen=True)
 class Swatch:
@@ -48,8 +42,9 @@ class Swatch:
         friction_stribeck_m_s: speed over which friction falls from static to dynamic, 0 at once.
         friction_viscous_s_m: what friction's coefficient grows by with the speed, ≥ 0.
         breakaway_1_kg, breakaway_Hz, breakaway_decay_1_s: vibration when friction breaks loose: its amplitude over the
-            force that is set free, its frequency and its decay.
-        adhesion_N, adhesion_range_m: largest pull on a tool that leaves, and the distance at which it pulls so.
+            force that is set free, its frequency and its decay; silent where one of them is 0.
+        adhesion_N, adhesion_range_m: largest pull on a tool that leaves, and the distance at which it pulls so; none
+            where one of them is 0.
         texture: vibration while sliding, or None.
         taps: vibration when touched, or None.
         leaving: vibration when the tool leaves, over the speed at which it does, or None.
@@ -93,10 +88,6 @@ class Swatch:
             raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
         for parameter in OWN_PARAMETERS:
             object.__setattr__(self, parameter, self._checked(parameter, getattr(self, parameter)))
-        for parameter, needed in _NEEDS.items():
-            for other in needed:
-                if getattr(self, parameter) > 0.0 and not getattr(self, other) > 0.0:
-                    raise SwatchError(f"swatch {self.name!r}: {parameter} needs {other} above 0")
         if not self.friction_dynamic <= self.friction_static <= FRICTION_MAX:
             raise SwatchError(
                 f"swatch {self.name!r}: friction must be dynamic ≤ static ≤ {FRICTION_MAX:g}, "
