@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
-EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
+EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """The effects a renderer has unless told otherwise."""
 
 OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"

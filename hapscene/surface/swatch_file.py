@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hapscene.errors import SwatchError
 from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.life import Life
-from hapscene.surface.swatch import BASIC_PARAMETERS, NAME_MAX, OWN_PARAMETERS, Swatch
+from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
@@ -138,9 +138,8 @@ def swatch_from_json(data: bytes | str) -> Swatch:
 
 
 def _swatch(content: dict[str, Any]) -> Swatch:
-    sections = ["effects", "intervals", "absent", "taps", "texture"]
-    sections += BASIC_PARAMETERS if content["version"] == 1 else (*OWN_PARAMETERS, "leaving")
-    check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *sections), ("name",))
+    sections = ("effects", "intervals", "absent", "taps", "leaving", "texture")
+    check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
