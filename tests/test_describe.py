@@ -114,7 +114,7 @@ def test_approach_is_against_the_body(renderer):
 
 
 def test_what_was_left_is_a_place_on_its_body_as_that_moves(renderer):
-    """Left at 3 m/s: the place under the tool goes on with it and turns with it."""
+    """Left at 3 m/s: the place where it was goes on with the body and turns with it."""
     lift = np.array([0.0, 0.0, 0.0, 0.001, 0.002])
     poses = moved(np.c_[0 * lift, 0 * lift, lift])
     poses[4, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]

@@ -21,7 +21,7 @@ import numpy as np
 from hapscene.capture.friction import DRAWS
 from hapscene.capture.segment import IMPACT, InteractionState, Run, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
-from hapscene.capture.tap_fit import EXPLAINED_MIN, NORMAL_95, MeasuredTap, _mean, _pooled, measure_tap
+from hapscene.capture.tap_fit import EXPLAINED_MIN, FITTED_MAX, NORMAL_95, MeasuredTap, _mean, _pooled, measure_tap
 from hapscene.surface.taps import Taps
 
 WINDOW_S: Final = 0.03
@@ -169,29 +169,35 @@ def _held_out(contacts: Sequence[Array], columns: Sequence[int]) -> float:
     return total
 
 
+def _ends(parts: Sequence[Part]) -> list[tuple[Streams, Segmentation, Run]]:
+    """Contacts that end in the recording; of many, `FITTED_MAX` spread over them."""
+    found = [
+        (channels, states, run)
+        for channels, states in parts
+        if states.force_on_N is not None
+        for run in runs(channels.force_N > states.force_on_N)
+        if run[0] > 0 and run[1] + round(LEAVES_S[1] * channels.rate_Hz) < len(channels.force_N)
+    ]
+    return found[:: -(-len(found) // FITTED_MAX)] if found else []
+
+
 # Adhesion.
 
 
 def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
-    values, errors, ends, told = [], [], 0, False
-    for channels, states in parts:
-        if states.force_on_N is None:
+    values, errors, ends, told = [], [], _ends(parts), False
+    for channels, states, (start, end) in ends:
+        before, after = (round(s * channels.rate_Hz) for s in LEAVES_S)
+        part = slice(max(start, end - before), end + after)
+        if channels.force_N[end : end + after].min() > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
             continue
-        for start, end in runs(channels.force_N > states.force_on_N):
-            before, after = (round(s * channels.rate_Hz) for s in LEAVES_S)
-            part = slice(max(start, end - before), end + after)
-            if end + after > len(channels.force_N) or part.stop - part.start < before:
-                continue
-            ends += 1
-            if channels.force_N[end : end + after].min() > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
-                continue
-            told = True
-            if (depth := _way(channels, states, part, end)) is not None:
-                fitted = _pull(channels.force_N[part], depth, channels.rate_Hz, found.numbers)
-                if fitted is not None:
-                    values.append(fitted[0])
-                    errors.append(fitted[1])
-    if len(values) < max(1, 0.5 * ends):
+        told = True
+        depth = _way(channels, states, part, end)
+        fitted = None if depth is None else _pull(channels.force_N[part], depth, channels.rate_Hz, found.numbers)
+        if fitted is not None:
+            values.append(fitted[0])
+            errors.append(fitted[1])
+    if len(values) < max(1, 0.5 * len(ends)):
         reason = "the force pulls as the tool leaves, but not over a way that was recorded and as adhesion does"
         found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves"
         return
@@ -255,21 +261,18 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 
 
 def _fit_leaving(parts: Sequence[Part], found: ContactFit) -> None:
-    taps = []
-    for channels, states in parts:
-        if states.force_on_N is None:
-            continue
-        length = round(RINGS_S * channels.rate_Hz)
-        for start, end in runs(channels.force_N > states.force_on_N):
-            if start > 0 and end + length < len(channels.force_N):
-                tap = _burst(channels, max(start, end - length), end, _leaving_speed(channels, end))
-                taps += [tap] if tap is not None else []
-    if not taps:
-        found.absent["leaving"] = "no vibration is heard as the tool leaves"
-        return
+    bursts = [
+        _burst(channels, max(start, end - round(RINGS_S * channels.rate_Hz)), end, _leaving_speed(channels, end))
+        for channels, _, (start, end) in _ends(parts)
+    ]
+    taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]
     if not known:
-        found.absent["leaving"] = "the recording does not say how fast the tool leaves"
+        found.absent["leaving"] = (
+            "the recording does not say how fast the tool leaves"
+            if taps
+            else "no vibration is heard as the tool leaves"
+        )
         return
     fitted = _pooled(known, parts[0][0].rate_Hz, {})
     found.leaving = fitted.taps
