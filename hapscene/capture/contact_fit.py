@@ -39,6 +39,9 @@ LEAVES_S: Final = (0.03, 0.15)
 PULL_MIN: Final = 6.0
 """Least pull that counts as adhesion, in standard deviations of the force's noise [1]."""
 
+UNTOLD: Final = 0.05
+"""Most of the force's power in a leaving that spring and adhesion may leave [1]."""
+
 RANGE_MAX_M: Final = 0.02
 """Largest distance at which adhesion may be strongest [m]: beyond, it is a drift of the force."""
 
@@ -169,10 +172,10 @@ def _held_out(contacts: Sequence[Array], columns: Sequence[int]) -> float:
     return total
 
 
-def _ends(parts: Sequence[Part]) -> list[tuple[Streams, Segmentation, Run]]:
+def _ends(parts: Sequence[Part]) -> list[tuple[Streams, Run]]:
     """Contacts that end in the recording; of many, `FITTED_MAX` spread over them."""
     found = [
-        (channels, states, run)
+        (channels, run)
         for channels, states in parts
         if states.force_on_N is not None
         for run in runs(channels.force_N > states.force_on_N)
@@ -186,13 +189,13 @@ def _ends(parts: Sequence[Part]) -> list[tuple[Streams, Segmentation, Run]]:
 
 def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
     values, errors, ends, told = [], [], _ends(parts), False
-    for channels, states, (start, end) in ends:
+    for channels, (start, end) in ends:
         before, after = (round(s * channels.rate_Hz) for s in LEAVES_S)
         part = slice(max(start, end - before), end + after)
         if channels.force_N[end : end + after].min() > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
             continue
         told = True
-        depth = _way(channels, states, part, end)
+        depth = _way(channels, part, end)
         fitted = None if depth is None else _pull(channels.force_N[part], depth, channels.rate_Hz, found.numbers)
         if fitted is not None:
             values.append(fitted[0])
@@ -207,12 +210,12 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
         found.intervals[name] = (max(0.0, float(value - half)), float(value + half))
 
 
-def _way(channels: Streams, states: Segmentation, part: slice, end: int) -> Array | None:
-    """Depth over a leaving (m,), measured, or the way that the tool's speed makes; None where that is not told."""
+def _way(channels: Streams, part: slice, end: int) -> Array | None:
+    """Depth over a leaving (m,): measured, or the way that the tool's speed makes if it goes straight off; else None."""
     if channels.depth_m is not None:
         return channels.depth_m[part]
     moving = channels.speed_m_s[part]
-    if np.ptp(moving) == 0.0 or np.any(states.states[part.start : end] == InteractionState.SLIDING):
+    if np.ptp(moving) == 0.0:
         return None
     way = np.cumsum(moving) / channels.rate_Hz
     return np.asarray(way[end - part.start] - way)
@@ -251,8 +254,8 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
     inverse = np.linalg.pinv(made.jac.T @ made.jac)
     variance = np.diag(inverse) * (residual**2).sum() / count
     left = force[edge:-edge]
-    if (residual**2).sum() > (1.0 - EXPLAINED_MIN) * (left[left < 0.0] ** 2).sum():
-        return None
+    if (residual**2).sum() > min((1.0 - EXPLAINED_MIN) * (left[left < 0.0] ** 2).sum(), UNTOLD * (left**2).sum()):
+        return None  # no adhesion, or no spring before: as of a tool that slides and has no depth recorded
     value, error = made.x * scale, np.sqrt(np.maximum(variance, 0.0)) * scale
     return value[:2], error[:2]
 
@@ -263,7 +266,7 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 def _fit_leaving(parts: Sequence[Part], found: ContactFit) -> None:
     bursts = [
         _burst(channels, max(start, end - round(RINGS_S * channels.rate_Hz)), end, _leaving_speed(channels, end))
-        for channels, _, (start, end) in _ends(parts)
+        for channels, (start, end) in _ends(parts)
     ]
     taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]

@@ -28,6 +28,7 @@ def presses(  # the truth, and what a hand and sensors make of it
     noise_N=0.02,
     noise_m=1e-5,
     rings=0.0,
+    has_depth=True,
     rate_Hz=RATE_HZ,
 ):
     """Eight presses of some 3 mm at 10 to 60 mm/s, from the air and back, of smooth turns."""
@@ -49,7 +50,7 @@ def presses(  # the truth, and what a hand and sensors make of it
     for left in np.flatnonzero((depth[1:] <= 0.0) & (depth[:-1] > 0.0)):
         a += ring(len(a), left / rate_Hz, -rings * rate[left], 170.0, 80.0, rate_Hz)
     force, depth = (x + s * rng.standard_normal(len(x)) for x, s in ((force, noise_N), (depth, noise_m)))
-    channels = clean(a, rate_Hz, force, 0.0, depth_m=depth)
+    channels = clean(a, rate_Hz, force, *((0.0, None, depth) if has_depth else (np.abs(rate),)))
     return [(channels, segment(channels))]
 
 
@@ -92,6 +93,16 @@ def test_adhesion_is_found_within_its_interval(adhesion_N, reach_m, damping):
     for name, truth in (("adhesion_N", adhesion_N), ("adhesion_range_m", reach_m)):
         assert all(one.numbers[name] == pytest.approx(truth, rel=0.05) for one in found)
         assert sum(one.intervals[name][0] <= truth <= one.intervals[name][1] for one in found) >= 3
+
+
+def test_where_no_depth_is_recorded_the_speed_tells_the_way():
+    found = fit_contact(presses(adhesion=0.5, has_depth=False))
+    assert found.numbers["adhesion_N"] == pytest.approx(0.5, rel=0.03)
+    assert found.numbers["adhesion_range_m"] == pytest.approx(5e-4, rel=0.03)
+    ((channels, states),) = presses(adhesion=0.5, has_depth=False)
+    channels.speed_m_s[:] = 0.1  # it slides all the while, no less before it leaves than after
+    channels.speed_m_s[0] = 0.0
+    assert "not over a way" in fit_contact([(channels, states)]).absent["adhesion_N"]
 
 
 def test_leaving_is_found_over_its_speed():
