@@ -48,6 +48,8 @@ RANGE_MAX_M: Final = 0.02
 RINGS_S: Final = 0.06
 """How long the vibration of leaving and of breaking loose is looked at [s]."""
 
+STAYS: Final = "the tool does not leave the surface in the recording"
+
 Part = tuple[Streams, Segmentation]
 
 
@@ -202,7 +204,7 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
             errors.append(fitted[1])
     if len(values) < max(1, 0.5 * len(ends)):
         reason = "the force pulls as the tool leaves, but not over a way that was recorded and as adhesion does"
-        found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves"
+        found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves" if ends else STAYS
         return
     mean, error = _mean(np.array(values), np.array(errors))
     for name, value, half in zip(("adhesion_N", "adhesion_range_m"), mean, NORMAL_95 * error, strict=True):
@@ -268,6 +270,9 @@ def _fit_leaving(parts: Sequence[Part], found: ContactFit) -> None:
         _burst(channels, max(start, end - round(RINGS_S * channels.rate_Hz)), end, _leaving_speed(channels, end))
         for channels, (start, end) in _ends(parts)
     ]
+    if not bursts:
+        found.absent["leaving"] = STAYS
+        return
     taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]
     if not known:
@@ -325,7 +330,11 @@ def _fit_breakaway(parts: Sequence[Part], found: ContactFit) -> None:
                 values.append(tap.value / [freed_N, 1.0, 1.0])
                 errors.append(tap.error / [freed_N, 1.0, 1.0])
     if not values:
-        found.absent["breakaway_1_kg"] = "no vibration is heard as friction breaks loose, or none does"
+        pulls = any(channels.tangential_force_N is not None for channels, _ in parts)
+        reason = (
+            "no vibration is heard as friction breaks loose" if pulls else "the recording holds no tangential force"
+        )
+        found.absent["breakaway_1_kg"] = reason
         return
     mean, error = _mean(np.array(values), np.array(errors))
     names = ("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s")
