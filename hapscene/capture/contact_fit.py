@@ -62,6 +62,11 @@ class ContactFit:
     absent: dict[str, str] = field(default_factory=dict)
     leaving: Taps | None = None
 
+    def add(self, names: Sequence[str], values: Array, halves: Array) -> None:
+        """Note numbers, none of them negative, and half the widths of their intervals."""
+        for name, value, half in zip(names, values.tolist(), halves.tolist(), strict=True):
+            self.numbers[name], self.intervals[name] = value, (max(0.0, value - half), value + half)
+
 
 def fit_contact(parts: Sequence[Part]) -> ContactFit:
     """What recordings of one surface tell of its contact."""
@@ -87,6 +92,8 @@ def _contacts(parts: Sequence[Part]) -> list[tuple[Streams, Run]]:
 
 
 def _fit_damping(parts: Sequence[Part], found: ContactFit) -> None:
+    from scipy.stats import t
+
     with_depth = [part for part in parts if part[0].depth_m is not None]
     if not with_depth:
         found.absent["damping_Ns_m"] = "the recording holds no depth"
@@ -104,7 +111,8 @@ def _fit_damping(parts: Sequence[Part], found: ContactFit) -> None:
     draws = np.random.default_rng(0).integers(0, len(contacts), (DRAWS, len(contacts)))
     drawn = np.array([_solve([contacts[i] for i in draw], kinds[name]) for draw in draws])
     # what is drawn of few contacts scatters too little: as Student's t has it
-    half = student_95(len(contacts) - 1) * np.sqrt(len(contacts) / (len(contacts) - 1.0)) * drawn.std(axis=0)
+    count = len(contacts)
+    half = t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0)) * drawn.std(axis=0)
     (_, low), (_, high) = value - half, value + half
     better = error[name] < _held_out(contacts, (0,))
     unit = "N·s/m" if name == "damping_Ns_m" else "N·s/m²"
@@ -116,18 +124,9 @@ def _fit_damping(parts: Sequence[Part], found: ContactFit) -> None:
     elif low <= 0.0 or not better:
         found.absent["damping_Ns_m"] = f"it cannot be told from none ({said})"
     else:
-        for i, number in enumerate(("stiffness_N_m", name)):
-            found.numbers[number] = float(value[i])
-            found.intervals[number] = (float(value[i] - half[i]), float(value[i] + half[i]))
+        found.add(("stiffness_N_m", name), value, half)
         if name != "damping_Ns_m":
             found.absent["damping_Ns_m"] = "it grows with the depth: hunt_crossley_Ns_m2"
-
-
-def student_95(freedom: int) -> float:
-    """Half-width of a 95 % interval in standard errors, at so many degrees of freedom."""
-    from scipy.stats import t
-
-    return float(t.ppf(0.975, freedom))
 
 
 def _windows(channels: Streams, run: Run) -> Array:
@@ -193,8 +192,9 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
     values, errors, ends, told = [], [], _ends(parts), False
     for channels, (start, end) in ends:
         before, after = (round(s * channels.rate_Hz) for s in LEAVES_S)
-        part = slice(max(start, end - before), end + after)
-        if channels.force_N[end : end + after].min() > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
+        again = np.flatnonzero(channels.force_N[end : end + after] > 4.0 * channels.force_N[end - 1])
+        part = slice(max(start, end - before), end + int([*again, after][0]))
+        if channels.force_N[end : part.stop].min(initial=0.0) > -PULL_MIN * noise(channels.force_N, channels.rate_Hz):
             continue
         told = True
         depth = _way(channels, part, end)
@@ -207,13 +207,11 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
         found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves" if ends else STAYS
         return
     mean, error = _mean(np.array(values), np.array(errors))
-    for name, value, half in zip(("adhesion_N", "adhesion_range_m"), mean, NORMAL_95 * error, strict=True):
-        found.numbers[name] = float(value)
-        found.intervals[name] = (max(0.0, float(value - half)), float(value + half))
+    found.add(("adhesion_N", "adhesion_range_m"), mean, NORMAL_95 * error)
 
 
 def _way(channels: Streams, part: slice, end: int) -> Array | None:
-    """Depth over a leaving (m,): measured, or the way that the tool's speed makes if it goes straight off; else None."""
+    """Depth over a leaving (m,): measured, or the way that its speed makes if it goes straight off; else None."""
     if channels.depth_m is not None:
         return channels.depth_m[part]
     moving = channels.speed_m_s[part]
@@ -232,7 +230,7 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 
     low = int(force.argmin())
     zero = float(np.interp(0.0, force[low::-1], depth[low::-1])) if low > 1 else float(depth[0])
-    size, far = -float(force[low]), max(zero - float(depth[low]), 1e-5)
+    size, far = -float(force[low]), float(np.clip(zero - depth[low], 1e-5, RANGE_MAX_M))
     stiff = max(float(force[0]) / max(float(depth[0]) - zero, 1e-6), 1.0)
     begin = np.array([size, far, stiff, zero])
     rate_m_s = np.gradient(depth) * rate_Hz
@@ -270,17 +268,13 @@ def _fit_leaving(parts: Sequence[Part], found: ContactFit) -> None:
         _burst(channels, max(start, end - round(RINGS_S * channels.rate_Hz)), end, _leaving_speed(channels, end))
         for channels, (start, end) in _ends(parts)
     ]
-    if not bursts:
-        found.absent["leaving"] = STAYS
-        return
     taps = [tap for tap in bursts if tap is not None]
     known = [tap for tap in taps if np.isfinite(tap.approach_m_s)]
     if not known:
-        found.absent["leaving"] = (
-            "the recording does not say how fast the tool leaves"
-            if taps
-            else "no vibration is heard as the tool leaves"
+        reason = (
+            "the recording does not say how fast the tool leaves" if taps else "nothing is heard as the tool leaves"
         )
+        found.absent["leaving"] = reason if bursts else STAYS
         return
     fitted = _pooled(known, parts[0][0].rate_Hz, {})
     found.leaving = fitted.taps
@@ -330,14 +324,9 @@ def _fit_breakaway(parts: Sequence[Part], found: ContactFit) -> None:
                 values.append(tap.value / [freed_N, 1.0, 1.0])
                 errors.append(tap.error / [freed_N, 1.0, 1.0])
     if not values:
-        pulls = any(channels.tangential_force_N is not None for channels, _ in parts)
-        reason = (
-            "no vibration is heard as friction breaks loose" if pulls else "the recording holds no tangential force"
-        )
-        found.absent["breakaway_1_kg"] = reason
+        recorded = any(channels.tangential_force_N is not None for channels, _ in parts)
+        reason = "no vibration is heard as friction breaks loose"
+        found.absent["breakaway_1_kg"] = reason if recorded else "the recording holds no tangential force"
         return
     mean, error = _mean(np.array(values), np.array(errors))
-    names = ("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s")
-    for name, value, half in zip(names, mean, NORMAL_95 * error, strict=True):
-        found.numbers[name] = float(value)
-        found.intervals[name] = (max(0.0, float(value - half)), float(value + half))
+    found.add(("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s"), mean, NORMAL_95 * error)

@@ -82,7 +82,7 @@ def test_where_none_is_seen_it_says_why():
     assert fit_contact([(channels, states)]).absent == {
         "damping_Ns_m": "the recording holds no depth",
         "adhesion_N": "the force does not pull as the tool leaves",
-        "leaving": "no vibration is heard as the tool leaves",
+        "leaving": "nothing is heard as the tool leaves",
         "breakaway_1_kg": "the recording holds no tangential force",
     }
 
