@@ -105,15 +105,16 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
         for key in dampers:
             most = next(param.maximum for param in effects[key[0]].params if param.name == damping)
             numbers[key] = min(max(asked[key], least), limits.damping_Ns_m, most)
+    held_s = limits.damping_Ns_m / max(limits.force_N, 1e-9) if limits.damping_Ns_m < math.inf else math.inf
     for (effect, name), value in asked.items():
-        if name == HUNT_CROSSLEY and value > 0.0 and limits.damping_Ns_m < math.inf:
-            room = limits.damping_Ns_m - numbers.get((effect, DAMPING), 0.0)
-            numbers[effect, name] = min(value, room * numbers[WALL, STIFFNESS] / limits.force_N)
-        elif name == VISCOUS and value > 0.0 and limits.damping_Ns_m < math.inf:
-            numbers[effect, name] = min(value, limits.damping_Ns_m / limits.force_N)
-        elif name == ADHESION and value > 0.0 and limits.undamped_N_m > 0.0:
-            wide = max(1.0, math.sqrt(math.e * value / (asked[effect, ADHESION_RANGE] * limits.undamped_N_m)))
-            numbers[effect, name], numbers[effect, ADHESION_RANGE] = value / wide, asked[effect, ADHESION_RANGE] * wide
+        if name == HUNT_CROSSLEY and held_s < math.inf:
+            share = 1.0 - numbers.get((effect, DAMPING), 0.0) / limits.damping_Ns_m if held_s > 0.0 else 0.0
+            numbers[effect, name] = min(value, share * held_s * numbers[WALL, STIFFNESS])
+        elif name == VISCOUS:
+            numbers[effect, name] = min(value, held_s)
+        elif name == ADHESION and min(value, range_m := asked[effect, ADHESION_RANGE], limits.undamped_N_m) > 0.0:
+            wide = max(1.0, math.sqrt(math.e * value / (range_m * limits.undamped_N_m)))
+            numbers[effect, name], numbers[effect, ADHESION_RANGE] = value / wide, range_m * wide
     return numbers
 
 

@@ -56,6 +56,8 @@ def test_damping_with_depth_and_viscous_friction_stay_below_what_is_held():
     assert taken[0, "hunt_crossley_Ns_m2"] * 2.0 / 300.0 == pytest.approx(0.4 - 0.1)  # as deep as 2 N press
     assert taken[1, "friction_viscous_s_m"] * 2.0 == pytest.approx(0.4)
     assert given(Limits(), EFFECTS, numbers) == numbers
+    none = given(Limits(force_N=0.0, damping_Ns_m=0.0), EFFECTS, numbers)
+    assert none[0, "hunt_crossley_Ns_m2"] == none[1, "friction_viscous_s_m"] == 0.0
 
 
 def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
@@ -67,7 +69,8 @@ def test_adhesion_is_spread_until_it_is_soft_at_the_same_work():
     assert said[0].startswith("swatch 'tar': adhesion_N of 1 N is more than the omni holds")
     assert "adhesion_range_m of 0.0001 m is too little" in said[1]
     wide = numbers | {(0, "adhesion_range_m"): 1e-2}
-    assert given(LIMITS, EFFECTS, wide) == wide
+    off = numbers | {(0, "adhesion_range_m"): 0.0}
+    assert given(LIMITS, EFFECTS, wide) == wide and given(LIMITS, EFFECTS, off) == off
 
 
 # How much of a texture the motors have.
