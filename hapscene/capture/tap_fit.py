@@ -31,6 +31,19 @@ FADE_S: Final = 0.0005, 0.02
 EXPLAINED_MIN: Final = 0.5
 """Least share of an impact's power that its sinusoid explains [1]; of less it is no measurement."""
 
+RING_MIN: Final = 0.1
+"""Least share of an impact's power that rings on after the contact [1] for the sinusoid to be that of the ring alone;
+of less the contact itself is what is felt."""
+
+CONTACTS_S: Final = (0.0015, 0.003, 0.006, 0.012)
+"""Lengths of contact from which that of a bounce is searched [s]."""
+
+HALF_WAVES: Final = 5
+"""Half-waves that a contact's own course is made of [count]: while it lasts, the tool's ring is another than after it."""
+
+SEARCHES: Final = 3
+"""Beginnings from which a ring after a contact is searched [count]: one alone may end at an onset too late."""
+
 SPEED_RATIO: Final = 1.15
 """Approach speeds up to this ratio are taken as one [1]: at 20 dB, taps at one speed were measured within ±4 %,
 slow ones (50 mm/s) within ±6 %. Smaller tears repeated taps apart, larger pools taps that differ."""
@@ -142,46 +155,143 @@ def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
 
 
 def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap | None:
-    """The sinusoid nearest to the impact whose ringing spans `run`; None where there is nothing to fit."""
-    from scipy.optimize import least_squares
+    """The sinusoid nearest to the impact whose ringing spans `run`; None where there is nothing to fit.
 
-    rate = channels.rate_Hz
-    signal = channels.acceleration_m_s2
+    A tool that bounces off rings freely only when the contact is over: where a pulse and a ring from its end on are
+    nearer than one sinusoid (by Schwarz's criterion), and the ring is no mere trace, the sinusoid is that of the ring.
+    """
+    rate, signal = channels.rate_Hz, channels.acceleration_m_s2
     lead = min(round(LEAD_S * rate), run[0])
     first, last = run[0] - lead, min(run[1] + round(0.01 * rate), len(signal))
     data = signal[first:last]
     scale = float(np.abs(data).max())
     if last - run[0] < 8 or scale == 0.0:
         return None
-    size = 1 << (len(data) + round(0.2 * rate)).bit_length()  # the filter's ripple has room to fade
-    gain = high_pass_gain(size, rate)
-    t_s = np.arange(size) / rate - lead / rate
+    calm = signal[max(0, first - round(0.05 * rate)) : first]
+    noise = len(data) * float(np.mean(calm**2)) / scale**2 if len(calm) else 0.0
+    impact = _Impact(data / scale, lead, rate)
+    plain = impact.sinusoid()
+    power = float((impact.data**2).sum())
 
-    def played(frequency: float, decay: Array, onset_s: Array) -> Array:
-        since = np.maximum(t_s - onset_s[:, None], 0.0)
-        model = np.exp(-decay[:, None] * since) * np.sin(2.0 * np.pi * frequency * since)
-        return np.asarray(np.fft.irfft(gain * np.fft.rfft(model, axis=1), size, axis=1)[:, : len(data)])
+    def explained(fitted: _Fitted) -> float:
+        return 1.0 - max(0.0, fitted.left - noise) / max(power - noise, 0.1 * power)
 
-    def off(p: Array) -> Array:
-        return np.asarray(p[0] * played(p[1], p[2:3], p[3:4])[0] - data / scale)
+    found = plain
+    if plain.left > 1.2 * noise + 1e-9 * power:
+        ring = impact.ring_after_contact(plain)
+        nearer = len(data) * np.log(plain.left / ring.left) > (HALF_WAVES + 2) * np.log(len(data))
+        if ring.share >= RING_MIN and (nearer or explained(plain) < EXPLAINED_MIN):
+            found = ring
+    scaled = np.array([scale, 1.0, 1.0])
+    wave = _wave(signal, run[0] + round(found.onset_s * rate), rate)
+    return MeasuredTap(approach_m_s, found.value * scaled, found.error * scaled, explained(found), wave)
 
-    # Onsets half a period off fit nearly as well: of all of them the best begins the search.
-    frequency = float(np.clip(_loudest(data[lead:], rate), 12.0, 0.4 * rate))
-    step_s = min(5e-4, 0.125 / frequency)
-    onsets_s = np.arange(-ONSET_OFF_S, ONSET_OFF_S, step_s)
-    decay, onset_s = (grid.ravel() for grid in np.meshgrid([30.0, 100.0, 300.0], onsets_s))
-    models = played(frequency, decay, onset_s)
-    match, power = models @ data / scale, np.maximum((models**2).sum(axis=1), 1e-12)
-    best = int(np.argmax(match**2 / power))
-    begin: Any = [match[best] / power[best], frequency, decay[best], onset_s[best]]
-    low, high = np.array([-50.0, 10.0, 1.0, -0.02]), np.array([50.0, 0.45 * rate, 0.25 * rate, 0.02])
-    begin, scales = np.clip(begin, low, high), [1.0, 0.1 * frequency, 50.0, 0.002]
-    fitted = least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
-    amplitude, frequency, ring_1_s, late_s = (float(number) for number in fitted.x)
-    error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun)) * np.array([scale, 1.0, 1.0, 1.0])
-    explained = 1.0 - 2.0 * float(fitted.cost) * scale**2 / float((data**2).sum())
-    value = np.array([scale * abs(amplitude), frequency, ring_1_s])
-    return MeasuredTap(approach_m_s, value, error[:3], explained, _wave(signal, run[0] + round(late_s * rate), rate))
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Amplitude, frequency, decay with standard errors (3,), the onset, the power left, the ring's share of it."""
+
+    value: Array
+    error: Array
+    onset_s: float
+    left: float
+    share: float = 1.0
+
+
+class _Impact:
+    """The samples (n,) about one impact, of largest size 1, and models of it, high-passed as it is."""
+
+    def __init__(self, data: Array, lead: int, rate: float) -> None:
+        self.data, self.lead, self.rate = data, lead, rate
+        self.size = 1 << (len(data) + round(0.2 * rate)).bit_length()  # the filter's ripple has room to fade
+        self.gain = high_pass_gain(self.size, rate)
+        self.t_s = (np.arange(self.size) - lead) / rate
+
+    def heard(self, model: Array) -> Array:
+        """Models (k, size) through the filter, (k, n)."""
+        passed = np.fft.irfft(self.gain * np.fft.rfft(model, axis=1), self.size, axis=1)
+        return np.asarray(passed[:, : len(self.data)])
+
+    def rings(self, frequency: float, decay: Array, onset_s: Array) -> Array:
+        """Sinusoids (k, n) that begin at their onsets."""
+        since = np.maximum(self.t_s - onset_s[:, None], 0.0)
+        return self.heard(np.exp(-decay[:, None] * since) * np.sin(2.0 * np.pi * frequency * since))
+
+    def sinusoid(self) -> _Fitted:
+        """One sinusoid from the onset on."""
+        from scipy.optimize import least_squares
+
+        rate = self.rate
+        # Onsets half a period off fit nearly as well: of all of them the best begins the search.
+        frequency = float(np.clip(_loudest(self.data[self.lead :], rate), 12.0, 0.4 * rate))
+        onsets_s = np.arange(-ONSET_OFF_S, ONSET_OFF_S, min(5e-4, 0.125 / frequency))
+        decay, onset_s = (grid.ravel() for grid in np.meshgrid([30.0, 100.0, 300.0], onsets_s))
+        models = self.rings(frequency, decay, onset_s)
+        match, power = models @ self.data, np.maximum((models**2).sum(axis=1), 1e-12)
+        best = int(np.argmax(match**2 / power))
+        begin: Any = [match[best] / power[best], frequency, decay[best], onset_s[best]]
+        low, high = np.array([-50.0, 10.0, 1.0, -0.02]), np.array([50.0, 0.45 * rate, 0.25 * rate, 0.02])
+        begin, scales = np.clip(begin, low, high), [1.0, 0.1 * frequency, 50.0, 0.002]
+
+        def off(p: Array) -> Array:
+            return np.asarray(p[0] * self.rings(p[1], p[2:3], p[3:4])[0] - self.data)
+
+        fitted = least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
+        error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun))
+        value = np.array([abs(fitted.x[0]), *fitted.x[1:3]])
+        return _Fitted(value, error[:3], float(fitted.x[3]), 2.0 * float(fitted.cost))
+
+    def contact_and_ring(self, frequency: float, decay: float, onset_s: float, contact_s: float) -> Array:
+        """What a contact may do (its lowest half-waves), and a ring from its end on at two phases (HALF_WAVES + 2, n)."""
+        share = np.clip((self.t_s - onset_s) / contact_s, 0.0, 1.0)
+        since = self.t_s - onset_s - contact_s
+        turn = np.where(since >= 0.0, np.exp((2j * np.pi * frequency - decay) * np.maximum(since, 0.0)), 0.0)
+        return self.heard(np.stack([*(np.sin(np.pi * k * share) for k in range(1, HALF_WAVES + 1)), turn.imag, turn.real]))
+
+    def ring_after_contact(self, plain: _Fitted) -> _Fitted:
+        """A ring from the end of a contact on; what is linear in it is solved for at each step of the search."""
+        from scipy.optimize import least_squares
+
+        def solved(p: Array) -> tuple[Array, Array]:
+            models = self.contact_and_ring(*p).T
+            weight = np.linalg.lstsq(models, self.data, rcond=None)[0]
+            return weight, models @ weight - self.data
+
+        def off(p: Array) -> Array:
+            return solved(p)[1]
+
+        begins = []
+        for contact_s in CONTACTS_S:
+            tail = self.data[min(self.lead + round((plain.onset_s + contact_s) * self.rate), len(self.data) - 8) :]
+            frequency = float(np.clip(_loudest(tail, self.rate), 12.0, 0.4 * self.rate))
+            begins += [
+                [frequency, decay, plain.onset_s + by, contact_s]
+                for decay in (30.0, 100.0, 300.0)
+                for by in np.arange(-4e-3, 5e-3, 1e-3)
+            ]
+        begins.sort(key=lambda p: float((off(np.array(p)) ** 2).sum()))
+        low, high = np.array([10.0, 1.0, -0.04, 5e-4]), np.array([0.45 * self.rate, 0.25 * self.rate, 0.04, 0.04])
+        scales = [0.1 * begins[0][0], 50.0, 0.002, 0.002]
+        fits = [
+            least_squares(off, np.clip(begin, low, high), bounds=(low, high), x_scale=scales, max_nfev=40)
+            for begin in begins[:SEARCHES]
+        ]
+        fitted = min(fits, key=lambda fit: float(fit.cost))
+        weight, residual = solved(fitted.x)
+        models = self.contact_and_ring(*fitted.x)
+        steps = 1e-4 * np.array(scales)
+        slopes = [
+            (weight @ self.contact_and_ring(*(fitted.x + step)) - weight @ models) / steps[i]
+            for i, step in enumerate(np.diag(steps))
+        ]
+        error = _errors(np.stack([*slopes, *models], axis=1), residual)
+        amplitude = float(np.hypot(*weight[-2:]))
+        of_amplitude = float(np.abs(weight[-2:]) @ error[-2:]) / max(amplitude, 1e-12)
+        left = float((residual**2).sum())
+        rung = float(((weight[-2:] @ models[-2:]) ** 2).sum())
+        share = rung / float((self.data**2).sum())
+        value = np.array([amplitude, *fitted.x[:2]])
+        return _Fitted(value, np.array([of_amplitude, *error[:2]]), float(fitted.x[2]), left, share)
 
 
 def _errors(jacobian: Array, residual: Array) -> Array:
@@ -191,7 +301,9 @@ def _errors(jacobian: Array, residual: Array) -> Array:
         return np.zeros(jacobian.shape[1])
     rho = min(max(float((residual[1:] * residual[:-1]).sum()) / power, 0.0), 0.95)
     variance = power / max(1, len(residual) - jacobian.shape[1]) * (1.0 + rho) / (1.0 - rho)
-    return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(jacobian.T @ jacobian)), 0.0)))
+    size = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300  # numbers of seconds and of hertz: else rounding decides
+    unit = jacobian / size
+    return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(unit.T @ unit)), 0.0)) / size)
 
 
 def _loudest(data: Array, rate: float) -> float:
