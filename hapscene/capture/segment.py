@@ -67,8 +67,8 @@ RISE: Final = 2.5
 ONSET_SHARE: Final = 0.25
 """Share of its peak at which an impact has begun [1]: above the ripple that the high-pass puts before it."""
 
-ONSET_GAP_S: Final = 0.006
-"""What is loud longer before the rest of an impact is none of it [s]: about a low tone's zero it is quiet for 3 ms."""
+ONSET_GAP_S: Final = 0.012
+"""What is loud longer before the rest of an impact is none of it [s]: a faint low tone is as loud every half period only."""
 
 ONSET_S: Final = (0.03, 0.03)
 """How long before and after the force rises an impact may lie [s]: the force is low-passed, an impact is not."""
@@ -137,8 +137,17 @@ def segment(channels: Streams) -> Segmentation:
     states[sliding] = InteractionState.SLIDING
     if by_force:
         _mark_impacts(states, contact, channels.acceleration_m_s2, level, rate)
-    elif told:
+    if told:
+        if force_on is not None:  # a faint tap that the force's noise hides
+            for start, end in runs(heard):
+                in_air = not np.any(states[start:end])
+                heard[start:end] = in_air and channels.force_N[start:end].max() > OFF * force_on
+        else:
+            _without_ripple(heard, level, rate)
         _mark_bursts(states, heard, level, rate)
+    sliding = states == InteractionState.SLIDING
+    brief = sliding & ~_without_brief(sliding, round(BRIEF_S * rate))  # what a tap has left of it
+    states[brief] = InteractionState.STILL if by_force else InteractionState.AIR
     changes = []
     for start, end in runs(states == InteractionState.SLIDING):
         changes += [start + c for c in change_points(channels.acceleration_m_s2[start:end], rate)]
@@ -169,10 +178,10 @@ def _mark_impacts(states: NDArray[np.int8], contact: Mask, acceleration: Array, 
         brief = end - start <= TAP_S * rate
         if peak < RISE * quiet or (not brief and after_it > 1.5 * quiet and peak < IMPACT * after_it):
             continue
-        onset = first + _onset(acceleration[reach], quiet, rate)
+        begun = first + onset(acceleration[reach], quiet, rate)
         next_touch = touched[i + 1][0] - before if i + 1 < len(touched) else len(level)
-        over = _rung_out(level, onset, quiet, min(next_touch, onset + round(TAP_S * rate)))
-        states[onset : max(over, end) if brief else over] = InteractionState.TAP
+        over = _rung_out(level, begun, quiet, min(next_touch, begun + round(TAP_S * rate)))
+        states[begun : max(over, end) if brief else over] = InteractionState.TAP
 
 
 def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: float) -> None:
@@ -186,11 +195,19 @@ def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: floa
             states[start:end] = InteractionState.TAP
 
 
-def _onset(acceleration: Array, quiet: float, rate: float) -> int:
+def _without_ripple(heard: Mask, level: Array, rate: float) -> None:
+    """Takes out of `heard` what the high-pass puts before an impact: half a period of its cut-off."""
+    for start, end in runs(heard):
+        peak = start + int(np.argmax(level[start:end]))
+        if start > 0 and peak - start <= 0.5 / ACCELERATION_BAND_HZ[0] * rate + LEVEL_S * rate:
+            heard[start : max(start, peak - round(LEVEL_S * rate))] = False
+
+
+def onset(acceleration: Array, quiet: float, rate: float) -> int:
     """The sample at which an impact begins: the first that is loud before its peak, without a gap."""
     size = np.abs(acceleration)
     peak = int(size.argmax())
-    loud = np.flatnonzero(size[: peak + 1] >= min(max(3.0 * quiet, ONSET_SHARE * size[peak]), size[peak]))
+    loud = np.flatnonzero(size[: peak + 1] >= min(max(3.5 * quiet, ONSET_SHARE * size[peak]), size[peak]))
     gaps = np.flatnonzero(np.diff(loud) > ONSET_GAP_S * rate)
     return int(loud[gaps[-1] + 1 if len(gaps) else 0])
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.segment import InteractionState, Run, Segmentation
+from hapscene.capture.segment import InteractionState, Run, Segmentation, onset
 from hapscene.capture.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
@@ -38,8 +38,8 @@ of less the contact itself is what is felt."""
 CONTACTS_S: Final = (0.0015, 0.003, 0.006, 0.012)
 """Lengths of contact from which that of a bounce is searched [s]."""
 
-HALF_WAVES: Final = 5
-"""Half-waves that a contact's own course is made of [count]: while it lasts, the tool's ring is another than after it."""
+CONTACT_WAVES: Final = 5
+"""Quarter-waves, odd ones, that a contact's own course is made of [count]: while it lasts, the tool's ring is another than after it."""
 
 SEARCHES: Final = 3
 """Beginnings from which a ring after a contact is searched [count]: one alone may end at an onset too late."""
@@ -157,18 +157,21 @@ def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
 def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap | None:
     """The sinusoid nearest to the impact whose ringing spans `run`; None where there is nothing to fit.
 
-    A tool that bounces off rings freely only when the contact is over: where a pulse and a ring from its end on are
-    nearer than one sinusoid (by Schwarz's criterion), and the ring is no mere trace, the sinusoid is that of the ring.
+    A sinusoid from zero on is tried first. A damper in the contact makes it begin at another phase: that is taken where
+    it is nearer (by Akaike's criterion). A tool that bounces off rings freely only when the contact is over: where a
+    pulse and a ring from its end on are nearer still (by Schwarz's), and the ring is no mere trace, it is that ring.
     """
     rate, signal = channels.rate_Hz, channels.acceleration_m_s2
-    lead = min(round(LEAD_S * rate), run[0])
-    first, last = run[0] - lead, min(run[1] + round(0.01 * rate), len(signal))
+    calm = signal[max(0, run[0] - round((LEAD_S + 0.05) * rate)) : max(0, run[0] - round(LEAD_S * rate))]
+    quiet = float(np.sqrt(np.mean(calm**2))) if len(calm) else 0.0
+    start = run[0] + onset(signal[run[0] : run[1]], quiet, rate)
+    lead = min(round(LEAD_S * rate), start)
+    first, last = start - lead, min(run[1] + round(0.01 * rate), len(signal))
     data = signal[first:last]
     scale = float(np.abs(data).max())
-    if last - run[0] < 8 or scale == 0.0:
+    if last - start < 8 or scale == 0.0:
         return None
-    calm = signal[max(0, first - round(0.05 * rate)) : first]
-    noise = len(data) * float(np.mean(calm**2)) / scale**2 if len(calm) else 0.0
+    noise = len(data) * (quiet / scale) ** 2
     impact = _Impact(data / scale, lead, rate)
     plain = impact.sinusoid()
     power = float((impact.data**2).sum())
@@ -176,14 +179,17 @@ def measure_tap(channels: Streams, run: Run, approach_m_s: float) -> MeasuredTap
     def explained(fitted: _Fitted) -> float:
         return 1.0 - max(0.0, fitted.left - noise) / max(power - noise, 0.1 * power)
 
-    found = plain
-    if plain.left > 1.2 * noise + 1e-9 * power:
-        ring = impact.ring_after_contact(plain)
-        nearer = len(data) * np.log(plain.left / ring.left) > (HALF_WAVES + 2) * np.log(len(data))
-        if ring.share >= RING_MIN and (nearer or explained(plain) < EXPLAINED_MIN):
+    found, count = plain, len(data)
+    phased = impact.ring(plain, 0)
+    if count * np.log(plain.left / phased.left) > 2.0:
+        found = phased
+    if found.left > 1.2 * noise + 1e-9 * power:
+        ring = impact.ring(plain, CONTACT_WAVES)
+        nearer = count * np.log(found.left / ring.left) > (CONTACT_WAVES + 1) * np.log(count)
+        if ring.share >= RING_MIN and (nearer or explained(found) < EXPLAINED_MIN):
             found = ring
     scaled = np.array([scale, 1.0, 1.0])
-    wave = _wave(signal, run[0] + round(found.onset_s * rate), rate)
+    wave = _wave(signal, start + round(found.onset_s * rate), rate)
     return MeasuredTap(approach_m_s, found.value * scaled, found.error * scaled, explained(found), wave)
 
 
@@ -241,57 +247,60 @@ class _Impact:
         value = np.array([abs(fitted.x[0]), *fitted.x[1:3]])
         return _Fitted(value, error[:3], float(fitted.x[3]), 2.0 * float(fitted.cost))
 
-    def contact_and_ring(self, frequency: float, decay: float, onset_s: float, contact_s: float) -> Array:
-        """What a contact may do (its lowest half-waves), and a ring from its end on at two phases (HALF_WAVES + 2, n)."""
-        share = np.clip((self.t_s - onset_s) / contact_s, 0.0, 1.0)
+    def contact_and_ring(self, waves: int, p: Array) -> Array:
+        """What a contact may do (from nothing to anything), and a ring from its end on at two phases (waves + 2, n).
+
+        `p` is (frequency, decay, onset, length of the contact); without waves there is no contact, and no length.
+        """
+        frequency, decay, onset_s = p[:3]
+        contact_s = p[3] if waves else 0.0
         since = self.t_s - onset_s - contact_s
         turn = np.where(since >= 0.0, np.exp((2j * np.pi * frequency - decay) * np.maximum(since, 0.0)), 0.0)
-        return self.heard(np.stack([*(np.sin(np.pi * k * share) for k in range(1, HALF_WAVES + 1)), turn.imag, turn.real]))
+        share = np.where(since < 0.0, np.maximum(self.t_s - onset_s, 0.0), 0.0) / max(contact_s, 1e-9)
+        return self.heard(np.stack([*(np.sin(np.pi * (k + 0.5) * share) for k in range(waves)), turn.imag, turn.real]))
 
-    def ring_after_contact(self, plain: _Fitted) -> _Fitted:
-        """A ring from the end of a contact on; what is linear in it is solved for at each step of the search."""
+    def ring(self, plain: _Fitted, waves: int) -> _Fitted:
+        """A ring of any phase after a contact of so many waves; the linear is solved for at each step of the search."""
         from scipy.optimize import least_squares
 
         def solved(p: Array) -> tuple[Array, Array]:
-            models = self.contact_and_ring(*p).T
+            models = self.contact_and_ring(waves, p).T
             weight = np.linalg.lstsq(models, self.data, rcond=None)[0]
             return weight, models @ weight - self.data
 
         def off(p: Array) -> Array:
             return solved(p)[1]
 
-        begins = []
-        for contact_s in CONTACTS_S:
-            tail = self.data[min(self.lead + round((plain.onset_s + contact_s) * self.rate), len(self.data) - 8) :]
-            frequency = float(np.clip(_loudest(tail, self.rate), 12.0, 0.4 * self.rate))
-            begins += [
-                [frequency, decay, plain.onset_s + by, contact_s]
-                for decay in (30.0, 100.0, 300.0)
-                for by in np.arange(-4e-3, 5e-3, 1e-3)
-            ]
-        begins.sort(key=lambda p: float((off(np.array(p)) ** 2).sum()))
+        begins = [np.array([*plain.value[1:], plain.onset_s + by]) for by in (-0.003, 0.0, 0.003)]
+        if waves:
+            begins = []
+            for contact_s in CONTACTS_S:
+                tail = self.data[min(self.lead + round((plain.onset_s + contact_s) * self.rate), len(self.data) - 8) :]
+                frequency = float(np.clip(_loudest(tail, self.rate), 12.0, 0.4 * self.rate))
+                begins += [
+                    np.array([frequency, decay, plain.onset_s + by, contact_s])
+                    for decay in (30.0, 100.0, 300.0)
+                    for by in np.arange(-4e-3, 5e-3, 1e-3)
+                ]
+        count = len(begins[0])
+        begins.sort(key=lambda p: float((off(p) ** 2).sum()))
         low, high = np.array([10.0, 1.0, -0.04, 5e-4]), np.array([0.45 * self.rate, 0.25 * self.rate, 0.04, 0.04])
-        scales = [0.1 * begins[0][0], 50.0, 0.002, 0.002]
-        fits = [
-            least_squares(off, np.clip(begin, low, high), bounds=(low, high), x_scale=scales, max_nfev=40)
-            for begin in begins[:SEARCHES]
-        ]
-        fitted = min(fits, key=lambda fit: float(fit.cost))
+        low, high, scales = low[:count], high[:count], np.array([0.1 * begins[0][0], 50.0, 0.002, 0.002])[:count]
+        options: Any = {"bounds": (low, high), "x_scale": scales, "max_nfev": 40, "ftol": 1e-6, "xtol": 1e-6}
+        tried = begins[: SEARCHES if waves else 1]
+        fitted = min((least_squares(off, np.clip(p, low, high), **options) for p in tried), key=lambda fit: fit.cost)
         weight, residual = solved(fitted.x)
-        models = self.contact_and_ring(*fitted.x)
-        steps = 1e-4 * np.array(scales)
-        slopes = [
-            (weight @ self.contact_and_ring(*(fitted.x + step)) - weight @ models) / steps[i]
-            for i, step in enumerate(np.diag(steps))
-        ]
+        models = self.contact_and_ring(waves, fitted.x)
+        heard = weight @ models
+        steps = np.diag(1e-4 * scales)
+        slopes = [(weight @ self.contact_and_ring(waves, fitted.x + by) - heard) / by.max() for by in steps]
         error = _errors(np.stack([*slopes, *models], axis=1), residual)
         amplitude = float(np.hypot(*weight[-2:]))
         of_amplitude = float(np.abs(weight[-2:]) @ error[-2:]) / max(amplitude, 1e-12)
-        left = float((residual**2).sum())
-        rung = float(((weight[-2:] @ models[-2:]) ** 2).sum())
-        share = rung / float((self.data**2).sum())
+        rung = float(((weight[-2:] @ models[-2:]) ** 2).sum()) / float((self.data**2).sum())
         value = np.array([amplitude, *fitted.x[:2]])
-        return _Fitted(value, np.array([of_amplitude, *error[:2]]), float(fitted.x[2]), left, share)
+        left = float((residual**2).sum())
+        return _Fitted(value, np.array([of_amplitude, *error[:2]]), float(fitted.x[2]), left, rung)
 
 
 def _errors(jacobian: Array, residual: Array) -> Array:

@@ -81,7 +81,7 @@ def tapped(
         def moves(t: float, y: Array) -> list[float]:
             x1, v1, x2, v2 = y
             between = k * (x2 - x1) + c * (v2 - v1)
-            hand = stays_N * min(1.0, t / 0.1)
+            hand = stays_N * np.sin(0.5 * np.pi * t / 0.45) ** 2
             return [v1, (between - float(contact(x1, v1))) / m1, v2, (hand - between) / m2]
 
         t = np.arange(round(0.45 * rate_Hz)) / rate_Hz
