@@ -8,7 +8,7 @@
 | TAP | an impact and its ringing, until it is over |
 
 Thresholds come from the recording. A stream is "on" from `ABOVE_NOISE` times its noise, and at least `SHARE_ON` of its
-95 % quantile; "off" again below half of that. Its noise is measured where it is quietest: the part between 20 and
+95 % quantile; "off" again below half of that; a speed, above what it reads at rest. Its noise is measured where it is quietest: the part between 20 and
 100 Hz, which a hand hardly makes, taken as white. A force is expected to be zero in the air: tare it.
 
 Without a varying force or speed the vibration has to tell. It does where its level rises by `LEVEL_RATIO` over the
@@ -37,6 +37,9 @@ ABOVE_NOISE: Final = 6.0
 
 SHARE_ON: Final = 0.02
 """Where a stream is on at least, as a share of its 95 % quantile [1]."""
+
+MOVING_SHARE: Final = 0.25
+"""Where a speed is on at most, as a share of its 95 % quantile [1], where that is no noise."""
 
 OFF: Final = 0.5
 """Where it is off again, as a share of where it is on [1]."""
@@ -124,10 +127,13 @@ def segment(channels: Streams) -> Segmentation:
     level = _level(channels.acceleration_m_s2, rate)
     by_force, by_speed = np.ptp(channels.force_N) > 0.0, np.ptp(channels.speed_m_s) > 0.0
     force_on = _threshold(channels.force_N, rate) if by_force else None
-    speed_on = _threshold(channels.speed_m_s, rate) if by_speed else None
+    rest = channels.speed_rest_m_s
+    speed_on = rest + _speed_threshold(channels.speed_m_s, rest, rate) if by_speed else None
     contact = channels.force_N > 0.0 if force_on is None else _switched(channels.force_N, force_on, OFF * force_on)
     contact = ~_without_brief(~contact, round(REST_S * rate))  # what the low-pass rings on after an impact
-    moving = channels.speed_m_s > 0.0 if speed_on is None else _switched(channels.speed_m_s, speed_on, OFF * speed_on)
+    moving = channels.speed_m_s > 0.0
+    if speed_on is not None:
+        moving = _switched(channels.speed_m_s, speed_on, rest + OFF * (speed_on - rest))
     told, heard = _heard(level, rate, ~contact)
     if told and not (by_force and by_speed):
         moving &= heard
@@ -249,6 +255,12 @@ def _level(acceleration: Array, rate: float) -> Array:
 def _threshold(stream: Array, rate: float) -> float:
     """Where a low-passed stream is on."""
     return max(ABOVE_NOISE * noise(stream, rate), SHARE_ON * float(np.quantile(np.abs(stream), 0.95)), 1e-12)
+
+
+def _speed_threshold(speed: Array, rest: float, rate: float) -> float:
+    """How far above rest a speed is on; a tool that sticks and slips all the time is no noise."""
+    on, usual = _threshold(speed, rate), float(np.quantile(speed, 0.95))
+    return min(on, MOVING_SHARE * (usual - rest)) if usual > 3.0 * rest else on
 
 
 def noise(stream: Array, rate: float) -> float:
