@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.segment import InteractionState, Segmentation, runs
+from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
 from hapscene.capture.streams import Array, Streams
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
@@ -34,10 +34,25 @@ SCALES: Final = 24
 """Speeds v_s that are tried for a Stribeck curve [count]: 15 % apart where speeds span 30 times."""
 
 BREAKAWAY_S: Final = (0.05, 0.03)
-"""How long before and after the beginning of a slide its largest pull is looked for [s]."""
+"""How long before and after the beginning of a slide its largest pull is looked for, where it is no line [s]."""
 
 STILL_S: Final = 0.05
 """Least time at rest before a slide that counts as breaking away [s]."""
+
+PULL_S: Final = 0.03
+"""Over how long before it breaks away a pull is taken for a line [s]."""
+
+GAP_S: Final = 0.005
+"""What of it is left out at both ends [s]: the low-pass mixes in what is beside it."""
+
+BEGUN_S: Final = 0.0015
+"""To how much is known when a tool breaks away [s]: simulated ones are found within half to three times that."""
+
+SLIP_S: Final = 0.15
+"""Longest slip of a tool that sticks and slips [s]: of longer ones a block remains between both edges."""
+
+SLIPS_MIN: Final = 5
+"""Fewest slips that are taken for sticking and slipping [count]."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +88,11 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     Where the speeds span `SPEED_RANGE` and friction falls or grows by `DROP_MIN`, so surely that the interval excludes
     0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de Wit
     1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
-    Static: the largest pull as the tool breaks away from rest, the median over all such; without any that of the
-    Stribeck curve; without that the dynamic one. Never below dynamic.
-    The intervals are those of a bootstrap over runs of neighbouring blocks.
+    Static: the pull as the tool breaks away from rest, the median over all such; without any that of the Stribeck
+    curve; without that the dynamic one. Never below dynamic.
+    A tool that sticks and slips, never sliding for as long as a block: static is the pull at each break, dynamic the
+    mean pull over each slip, in which the tool gains no momentum.
+    The intervals are those of a bootstrap over runs of neighbouring blocks; of breaks and slips, Student's.
 
     Raises:
         CaptureError: the coefficients are beyond `FRICTION_MAX`.
@@ -85,7 +102,14 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
         return _none("the recording holds no tangential force and no friction ratio")
     blocks = _blocks(parts)
     if blocks.shape[1] < 3:
-        return _none(f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s")
+        slips = _slips(parts)
+        if len(slips) >= SLIPS_MIN:
+            return _of_slips(slips)
+        told = "its speed" if any(states.speed_on_m_s is not None for _, states in parts) else "no speed, which"
+        return _none(
+            f"the tool slides under a normal force for less than {3 * BLOCK_S:g} s, {EDGE_S:g} s at each end apart "
+            f"({told} would tell slips too: {SLIPS_MIN} or more are needed, {len(slips)} are found)"
+        )
     draws = _draws(blocks.shape[1])
     dynamic = _slope(blocks)
     intervals = {"friction_dynamic": interval(np.array([_slope(blocks[:, draw]) for draw in draws]))}
@@ -106,12 +130,15 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     )
     pulls = np.array(_breakaways(parts))
     if len(pulls):
-        static = max(dynamic, float(np.median(pulls)))
+        static = float(np.median(pulls[:, 0]))
         intervals.pop("friction_static", None)
         if len(pulls) >= 3:
-            chosen = np.random.default_rng(0).integers(0, len(pulls), (DRAWS, len(pulls)))
-            intervals["friction_static"] = interval(np.median(pulls[chosen], axis=1))
+            intervals["friction_static"] = _of_median(*pulls.T)
         note = f"Static friction is that of {len(pulls)} starts from rest."
+        if static < dynamic:
+            static = dynamic
+            note += " They give less than sliding does, whose is taken."
+            intervals["friction_static"] = intervals["friction_dynamic"]
     elif law.reason:
         absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
     if max(static, dynamic) > FRICTION_MAX:
@@ -218,8 +245,11 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
     return float((normal * away).sum()), scale_m_s, weight
 
 
-def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[float]:
-    """The largest ratio of the forces at each start from rest, over 10 ms so that noise does not decide."""
+def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float]]:
+    """The ratio of the forces at each start from rest, and what its time, hardly known, makes of it.
+
+    It is the end of a line through the pull before it; where that is no line, a jerk, the largest over 10 ms.
+    """
     from scipy.ndimage import uniform_filter1d
 
     pulls = []
@@ -231,15 +261,85 @@ def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[float]:
         normal = uniform_filter1d(channels.force_N, length)
         before, after = (round(s * rate) for s in BREAKAWAY_S)
         least = 0.1 * float(channels.force_N.max())
+        scatter = noise(channels.tangential_force_N, rate), noise(channels.force_N, rate)
         for still_start, still_end in runs(states.states == InteractionState.STILL):
             slides = still_end < n and states.states[still_end] == InteractionState.SLIDING
             if not slides or still_end - still_start < STILL_S * rate:
                 continue
-            part = slice(max(still_start, still_end - before), min(n, still_end + after))
+            first = max(still_start, still_end - before)
+            begun = still_end
+            if states.speed_on_m_s is not None:
+                rest = channels.speed_rest_m_s
+                calm = channels.speed_m_s[first:still_end] < rest + (states.speed_on_m_s - rest) / 3.0
+                begun = first + int(np.flatnonzero(calm)[-1]) + 1 if np.any(calm) else begun
+            part = slice(first, min(n, still_end + after))
             pressed = normal[part] > least
-            if np.any(pressed):
-                pulls.append(float((tangential[part][pressed] / normal[part][pressed]).max()))
+            if not np.any(pressed):
+                continue
+            pull, slope, left = _pull(channels, max(still_start, begun - round((PULL_S + GAP_S) * rate)), begun)
+            level = float(np.median(channels.force_N[part][pressed]))
+            if left <= 3.0 * np.hypot(scatter[0], pull * scatter[1]) / level + 1e-9 and normal[begun - 1] > least:
+                pulls.append((pull, abs(slope) * BEGUN_S))
+            else:
+                pulls.append((float((tangential[part][pressed] / normal[part][pressed]).max()), 0.0))
     return pulls
+
+
+def _pull(channels: Streams, first: int, begun: int) -> tuple[float, float, float]:
+    """The ratio of the forces where a line through it ends at `begun`, its slope [1/s], what it is off (rms)."""
+    assert channels.tangential_force_N is not None
+    last = max(begun - round(GAP_S * channels.rate_Hz), first + 2)
+    ratio = np.abs(channels.tangential_force_N[first:last]) / np.maximum(channels.force_N[first:last], 1e-12)
+    t_s = (np.arange(first, last) - begun) / channels.rate_Hz
+    slope, end = np.polyfit(t_s, ratio, 1)
+    return float(end), float(slope), float(np.sqrt(np.mean((ratio - slope * t_s - end) ** 2)))
+
+
+def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float, float]]:
+    """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip.
+
+    The speed of a slip is about half a sine: its ends are a sixth of it beyond where it has half its peak, which the
+    low-pass leaves where they were.
+    """
+    found = []
+    for channels, states in parts:
+        if states.speed_on_m_s is None or channels.tangential_force_N is None:
+            continue
+        rate, speed = channels.rate_Hz, channels.speed_m_s
+        pressed = (states.states == InteractionState.STILL) | (states.states == InteractionState.SLIDING)
+        gap, last_end = round(GAP_S * rate), None
+        for start, end in runs((speed > states.speed_on_m_s) & pressed):
+            peak = 0.5 * float(speed[start:end].max())
+            up, down = (start + int(at) for at in np.flatnonzero(speed[start:end] >= peak)[[0, -1]])
+            begun, over = up - (down - up) // 4, down + (down - up) // 4
+            rested = last_end is not None and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
+            if rested and end - start <= SLIP_S * rate:
+                first = max(last_end + gap, begun - round((PULL_S + GAP_S) * rate))
+                pull, slope, _ = _pull(channels, first, begun)
+                slip = slice(begun, over + 1)
+                drag = np.abs(channels.tangential_force_N[slip]).sum() / channels.force_N[slip].sum()
+                found.append((pull, abs(slope) * BEGUN_S, float(drag)))
+            last_end = over
+    return found
+
+
+def _of_slips(slips: list[tuple[float, float, float]]) -> Friction:
+    """Coefficients of a tool that sticks and slips."""
+    pull, off, drag = np.array(slips).T
+    dynamic, static = float(np.median(drag)), float(np.median(pull))
+    intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": _of_median(drag, np.zeros(len(drag)))}
+    note = f"The tool sticks and slips: friction is that of {len(slips)} slips."
+    return Friction(max(static, dynamic), dynamic, intervals, {"friction_stribeck": "the tool never slides on"}, note)
+
+
+def _of_median(values: Array, off: Array) -> tuple[float, float]:
+    """The 95 % interval of a median (m,), by Student's t, and of what all values may be off together."""
+    from scipy.stats import t
+
+    middle, count = float(np.median(values)), len(values)
+    error = np.sqrt(0.5 * np.pi / count) * float(np.std(values, ddof=1))
+    half = float(np.hypot(t.ppf(0.975, count - 1) * error, 1.96 * np.median(off)))
+    return middle - half, middle + half
 
 
 def interval(values: Array) -> tuple[float, float]:
