@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
-from hapscene.capture.streams import Array, Streams
+from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
 
@@ -39,8 +39,14 @@ BREAKAWAY_S: Final = (0.05, 0.03)
 STILL_S: Final = 0.05
 """Least time at rest before a slide that counts as breaking away [s]."""
 
-PULL_S: Final = 0.03
-"""Over how long before it breaks away a pull is taken for a line [s]."""
+PULL_S: Final = (0.045, 0.02)
+"""Over how long before and after it breaks away a pull is taken for two parabolas [s]."""
+
+LATE_S: Final = 0.003
+"""Standard deviation of when a tool breaks away from when its speed tells so [s]; at most three of it."""
+
+SAWTOOTH_S: Final = 0.03
+"""Over how long before it slips a pull is taken for a line [s]."""
 
 GAP_S: Final = 0.005
 """What of it is left out at both ends [s]: the low-pass mixes in what is beside it."""
@@ -50,6 +56,10 @@ BEGUN_S: Final = 0.0015
 
 SLIP_S: Final = 0.15
 """Longest slip of a tool that sticks and slips [s]: of longer ones a block remains between both edges."""
+
+LEAK: Final = 0.03
+"""Share of the fall from static to dynamic friction that the mean pull over a slip may be off [1]: its ends are not
+known to the sample. As simulated."""
 
 SLIPS_MIN: Final = 5
 """Fewest slips that are taken for sticking and slipping [count]."""
@@ -248,11 +258,13 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
 def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float]]:
     """The ratio of the forces at each start from rest, and what its time, hardly known, makes of it.
 
-    It is the end of a line through the pull before it; where that is no line, a jerk, the largest over 10 ms.
+    It is the end of the parabola before it: two of them, low-passed as the forces are, are laid through the pull before
+    and after; where they do not fit most, as not to jerks, the largest over 10 ms is taken.
     """
     from scipy.ndimage import uniform_filter1d
 
-    pulls = []
+    pulls: list[tuple[float, float]] = []
+    jerks: list[tuple[float, float]] = []
     for channels, states in parts:
         assert channels.tangential_force_N is not None
         rate, n = channels.rate_Hz, len(channels.force_N)
@@ -276,13 +288,35 @@ def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[flo
             pressed = normal[part] > least
             if not np.any(pressed):
                 continue
-            pull, slope, left = _pull(channels, max(still_start, begun - round((PULL_S + GAP_S) * rate)), begun)
             level = float(np.median(channels.force_N[part][pressed]))
-            if left <= 3.0 * np.hypot(scatter[0], pull * scatter[1]) / level + 1e-9 and normal[begun - 1] > least:
+            pull, slope, left = _broken(channels, begun)
+            if left <= 3.0 * np.hypot(scatter[0], pull * scatter[1]) / level + 1e-9:
                 pulls.append((pull, abs(slope) * BEGUN_S))
             else:
-                pulls.append((float((tangential[part][pressed] / normal[part][pressed]).max()), 0.0))
-    return pulls
+                jerks.append((float((tangential[part][pressed] / normal[part][pressed]).max()), 0.0))
+    return pulls if len(pulls) > len(jerks) // 2 else jerks
+
+
+def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
+    """The ratio of the forces as a tool breaks away about `begun`, how fast it grew [1/s], what the fit is off (rms)."""
+    assert channels.tangential_force_N is not None
+    rate = channels.rate_Hz
+    before, after, margin, late = (round(s * rate) for s in (*PULL_S, 0.06, 3.0 * LATE_S))
+    first, last = begun - late - before, begun + late + after
+    if first < 0 or last > len(channels.force_N) or np.any(channels.force_N[first:last] <= 0.0):
+        return 0.0, 0.0, np.inf
+    t_s = np.arange(-before - margin, after + margin) / rate
+    halves = [np.where(side, t_s**k, 0.0) for side in (t_s < 0.0, t_s >= 0.0) for k in range(3)]
+    models = filtered(np.stack(halves), rate, HAND_CUTOFF_HZ, "lowpass")[:, margin:-margin]
+    ratio = channels.tangential_force_N[first:last] / channels.force_N[first:last]
+    windows = np.lib.stride_tricks.sliding_window_view(ratio, before + after)
+    found = np.linalg.lstsq(models.T, windows.T, rcond=None)[0]
+    left = np.mean((found.T @ models - windows) ** 2, axis=1)
+    apart = 2.0 * HAND_CUTOFF_HZ * sum(PULL_S)  # samples that the low-pass leaves independent
+    likelihood = (left / max(left.min(), 1e-12)) ** (-0.5 * apart)
+    likelihood *= np.exp(-0.5 * (np.arange(-late, late + 1) / (LATE_S * rate)) ** 2)
+    likelihood /= likelihood.sum()
+    return abs(float(likelihood @ found[0])), float(likelihood @ found[1]), float(np.sqrt(left.min()))
 
 
 def _pull(channels: Streams, first: int, begun: int) -> tuple[float, float, float]:
@@ -314,7 +348,7 @@ def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, f
             begun, over = up - (down - up) // 4, down + (down - up) // 4
             rested = last_end is not None and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
             if rested and end - start <= SLIP_S * rate:
-                first = max(last_end + gap, begun - round((PULL_S + GAP_S) * rate))
+                first = max(last_end + gap, begun - round((SAWTOOTH_S + GAP_S) * rate))
                 pull, slope, _ = _pull(channels, first, begun)
                 slip = slice(begun, over + 1)
                 drag = np.abs(channels.tangential_force_N[slip]).sum() / channels.force_N[slip].sum()
@@ -327,7 +361,8 @@ def _of_slips(slips: list[tuple[float, float, float]]) -> Friction:
     """Coefficients of a tool that sticks and slips."""
     pull, off, drag = np.array(slips).T
     dynamic, static = float(np.median(drag)), float(np.median(pull))
-    intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": _of_median(drag, np.zeros(len(drag)))}
+    leaked = np.full(len(drag), LEAK * max(static - dynamic, 0.0))
+    intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": _of_median(drag, leaked)}
     note = f"The tool sticks and slips: friction is that of {len(slips)} slips."
     return Friction(max(static, dynamic), dynamic, intervals, {"friction_stribeck": "the tool never slides on"}, note)
 
