@@ -161,8 +161,11 @@ def _none(reason: str) -> Friction:
 
 
 def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> Array:
-    """Mean tangential and normal force and speed (3, m), as magnitudes, of all blocks of sliding, pressed with a tenth
-    of the largest force or more."""
+    """Mean tangential and normal force and speed, as magnitudes, and the speed's variance (4, m), of all blocks of
+    sliding that are pressed with a tenth of the largest force or more.
+
+    The variance is that of a speed that changes evenly, from its two halves, so that its noise is not in it.
+    """
     rows = []
     for channels, states in parts:
         assert channels.tangential_force_N is not None
@@ -175,8 +178,9 @@ def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> Array:
             count = (last - first) // length
             if count > 0:
                 cut = streams[:, first : first + count * length].reshape(3, count, length)
-                rows.append(np.abs(cut.mean(axis=2)))
-    blocks = np.concatenate(rows, axis=1) if rows else np.zeros((3, 0))
+                halves = [half.mean(axis=1) for half in np.array_split(cut[2], 2, axis=1)]
+                rows.append(np.concatenate([np.abs(cut.mean(axis=2)), [(halves[1] - halves[0]) ** 2 / 3.0]]))
+    blocks = np.concatenate(rows, axis=1) if rows else np.zeros((4, 0))
     return blocks[:, blocks[1] > 0.1 * blocks[1].max(initial=0.0)]
 
 
@@ -190,7 +194,7 @@ def _draws(count: int) -> NDArray[np.intp]:
 
 def _slope(blocks: Array) -> float:
     """The weighted median of the ratios."""
-    tangential, normal, _ = blocks
+    tangential, normal = blocks[:2]
     ratio = tangential / normal
     order = np.argsort(ratio)
     weight = np.cumsum(normal[order])
@@ -198,24 +202,33 @@ def _slope(blocks: Array) -> float:
 
 
 def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _OverSpeed:
-    """How friction goes with speed, by a law that is linear but for v_s: for each draw the best of `SCALES`."""
-    tangential, normal, speed = blocks
+    """How friction goes with speed, by a law that is linear but for v_s: for each draw the best of `SCALES`.
+
+    The curve bends within a block in which the speed changes: to second order its mean is taken.
+    """
+    tangential, normal, speed, spread = blocks
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
         return _OverSpeed(reason="the speed was not recorded, or never changes")
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
         return _OverSpeed(reason=f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed")
     scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
-    weight = min((_curve(blocks, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[2]
+    weight = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[2]
     counts = np.stack([np.bincount(draw, minlength=len(speed)) for draw in draws]).astype(np.float64)
     ratio, one = tangential / normal, np.ones(len(speed))
 
     def best(*columns: Array) -> tuple[Array, Array]:
         """Coefficients (k, draws) of columns and of the fall, and each draw's v_s."""
-        falls = np.exp(-((speed / scales[:, None]) ** 2))
-        of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
-        at = np.argmin([error for _, error in of_all], axis=0)
-        return np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, scales[at]
+        tried = scales
+        for _ in range(2):  # then between the two beside the best: what is told may not be a step of the grid
+            place = (speed / tried[:, None]) ** 2
+            falls = np.exp(-place) * (1.0 + spread * (2.0 * place - 1.0) / tried[:, None] ** 2)
+            of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
+            at = np.argmin([error for _, error in of_all], axis=0)
+            found = np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, tried[at]
+            low, high = np.quantile(tried[at], [0.02, 0.98]) / [scales[1] / scales[0], scales[0] / scales[1]]
+            tried = np.geomspace(low, high, 2 * SCALES)
+        return found
 
     (level, viscous, drop), scale = best(one, speed)
     if not (np.quantile(viscous, 0.025) > 0.0 and np.median(viscous) * fast >= DROP_MIN * dynamic):
@@ -232,9 +245,10 @@ def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _Over
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
     """Coefficients (draws, k) of columns (k, m) for each draw, blocks counted (draws, m), and the squares left."""
-    weighted = counts * weight**2
-    normal = np.einsum("dm,im,jm->dij", weighted, columns, columns, optimize=True)
-    right = np.einsum("dm,im,m->di", weighted, columns, ratio, optimize=True)
+    weighted, size = counts * weight**2, len(columns)
+    products = (columns[:, None] * columns).reshape(size * size, -1)
+    normal = (weighted @ products.T).reshape(-1, size, size)
+    right = weighted @ (columns * ratio).T
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.diag((columns**2).mean(axis=1))
     found = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
     return found, weighted @ ratio**2 - (found * right).sum(axis=1)
