@@ -96,8 +96,8 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     sliding; it is the median of F_t/F_n weighted by F_n, and half of the blocks may be outliers. A free offset is not
     fitted: the forces of a stroke span too little to tell it from the slope.
     Where the speeds span `SPEED_RANGE` and friction falls or grows by `DROP_MIN`, so surely that the interval excludes
-    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de Wit
-    1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
+    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de
+    Wit 1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
     Static: the pull as the tool breaks away from rest, the median over all such; without any that of the Stribeck
     curve; without that the dynamic one. Never below dynamic.
     A tool that sticks and slips, never sliding for as long as a block: static is the pull at each break, dynamic the
@@ -251,7 +251,7 @@ def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[
     right = weighted @ (columns * ratio).T
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.diag((columns**2).mean(axis=1))
     found = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    return found, weighted @ ratio**2 - (found * right).sum(axis=1)
+    return found, np.asarray(weighted @ ratio**2 - (found * right).sum(axis=1))
 
 
 def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
@@ -312,7 +312,7 @@ def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[flo
 
 
 def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
-    """The ratio of the forces as a tool breaks away about `begun`, how fast it grew [1/s], what the fit is off (rms)."""
+    """The ratio of the forces as a tool breaks away about `begun`, how fast it grew [1/s], what is left (rms)."""
     assert channels.tangential_force_N is not None
     rate = channels.rate_Hz
     before, after, margin, late = (round(s * rate) for s in (*PULL_S, 0.06, 3.0 * LATE_S))
@@ -355,12 +355,12 @@ def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, f
             continue
         rate, speed = channels.rate_Hz, channels.speed_m_s
         pressed = (states.states == InteractionState.STILL) | (states.states == InteractionState.SLIDING)
-        gap, last_end = round(GAP_S * rate), None
+        gap, last_end = round(GAP_S * rate), -1
         for start, end in runs((speed > states.speed_on_m_s) & pressed):
             peak = 0.5 * float(speed[start:end].max())
             up, down = (start + int(at) for at in np.flatnonzero(speed[start:end] >= peak)[[0, -1]])
             begun, over = up - (down - up) // 4, down + (down - up) // 4
-            rested = last_end is not None and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
+            rested = last_end >= 0 and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
             if rested and end - start <= SLIP_S * rate:
                 first = max(last_end + gap, begun - round((SAWTOOTH_S + GAP_S) * rate))
                 pull, slope, _ = _pull(channels, first, begun)

@@ -8,8 +8,9 @@
 | TAP | an impact and its ringing, until it is over |
 
 Thresholds come from the recording. A stream is "on" from `ABOVE_NOISE` times its noise, and at least `SHARE_ON` of its
-95 % quantile; "off" again below half of that; a speed, above what it reads at rest. Its noise is measured where it is quietest: the part between 20 and
-100 Hz, which a hand hardly makes, taken as white. A force is expected to be zero in the air: tare it.
+95 % quantile; "off" again below half of that; a speed, above what it reads at rest. Its noise is measured where it is
+quietest: the part between 20 and 100 Hz, which a hand hardly makes, taken as white. A force is expected to be zero in
+the air: tare it.
 
 Without a varying force or speed the vibration has to tell. It does where its level rises by `LEVEL_RATIO` over the
 quietest stretches; where not, all is taken to be one state, sliding. A raster plate of
@@ -71,7 +72,7 @@ ONSET_SHARE: Final = 0.25
 """Share of its peak at which an impact has begun [1]: above the ripple that the high-pass puts before it."""
 
 ONSET_GAP_S: Final = 0.012
-"""What is loud longer before the rest of an impact is none of it [s]: a faint low tone is as loud every half period only."""
+"""What is loud longer before the rest of an impact is none of it [s]: a faint low tone is so each half period only."""
 
 ONSET_S: Final = (0.03, 0.03)
 """How long before and after the force rises an impact may lie [s]: the force is low-passed, an impact is not."""

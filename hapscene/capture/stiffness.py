@@ -80,6 +80,8 @@ def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
     count = len(sums)
     without = _deming(sums.sum(axis=0) - sums, ratio)
     error = np.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
+    weight = _weight(depth, force, slope, ratio)
+    error *= float(weight.mean() / np.mean(weight == 1.0))  # what is left out moves the line, and the weights with it
     half = float(t.ppf(0.975, count - 1)) * error
     return Stiffness(slope, (slope - half, slope + half))
 
@@ -111,11 +113,16 @@ def _loadings(channels: Streams, states: Segmentation, sliding: bool = False) ->
             falls = np.flatnonzero(force < FALLS * np.maximum.accumulate(force))
             force = force[: falls[0]] if len(falls) else force
         top = int(np.argmax(force))
-        share = force[: top + 1] / force[top]
-        # a range of time: sample by sample the force's noise would choose, and flatten the line
-        loading = np.arange(int(np.argmax(share >= RANGE[0])), int(np.flatnonzero(share <= RANGE[1])[-1:].sum()) + 1)
+        # a range of time, of force and depth alike: the noise of the force alone would choose, and flatten the line
+        share, deep = force[: top + 1] / force[top], channels.depth_m[start : start + top + 1] - channels.depth_m[start]
+        if deep[-1] > 0.0:
+            share = 0.5 * (share + deep / deep[-1])
+        inside = np.flatnonzero((share >= RANGE[0]) & (share <= RANGE[1]))
+        loading = np.arange(inside[0], inside[-1] + 1) if len(inside) else inside
         loading = loading[loading >= SETTLE_S * channels.rate_Hz]
-        fresh = (start == 0 and not sliding) or channels.force_N[start - 1] <= states.force_on_N  # else it slid into rest
+        fresh = (start == 0 and not sliding) or channels.force_N[
+            start - 1
+        ] <= states.force_on_N  # else it slid into rest
         if not fresh or len(loading) < 3 * step or force[top] < FORCE_RATIO * states.force_on_N:
             continue
         chosen = start + loading[::step]
@@ -134,11 +141,16 @@ def _slope(depth: Array, force: Array, ratio: float) -> float:
 
 
 def _weighted_sums(depth: Array, force: Array, slope: float, ratio: float) -> tuple[float, float, float]:
-    """Σw d², Σw d F, Σw F², by Huber's weights for the distances from the line."""
+    """Σw d², Σw d F, Σw F²."""
+    weight = _weight(depth, force, slope, ratio)
+    return float((weight * depth**2).sum()), float((weight * depth * force).sum()), float((weight * force**2).sum())
+
+
+def _weight(depth: Array, force: Array, slope: float, ratio: float) -> Array:
+    """Huber's weights (m,) for the distances from the line."""
     away = np.abs(force - slope * depth) / np.sqrt(ratio**2 + slope**2)
     bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-15
-    weight = np.minimum(1.0, bound / np.maximum(away, 1e-15))
-    return float((weight * depth**2).sum()), float((weight * depth * force).sum()), float((weight * force**2).sum())
+    return np.asarray(np.minimum(1.0, bound / np.maximum(away, 1e-15)))
 
 
 def _deming(sums: Array, ratio: float) -> Array:

@@ -97,8 +97,8 @@ def clean(
 def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
     """What a speed reads at rest: the lower quartile of the means of the 50 ms in which it looks like noise.
 
-    Noise varies as much as its mean, above the low-pass too (half a normal distribution by 0.76 of its mean, the size of
-    three axes by 0.42), which a hand does not; and it is never long near zero, which stick and slip is.
+    Noise varies as much as its mean, above the low-pass too (half a normal distribution by 0.76 of its mean, the size
+    of three axes by 0.42), which a hand does not; and it is never long near zero, which stick and slip is.
     """
     length = max(1, round(0.05 * rate_Hz))
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))

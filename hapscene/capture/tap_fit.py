@@ -39,7 +39,7 @@ CONTACTS_S: Final = (0.0015, 0.003, 0.006, 0.012)
 """Lengths of contact from which that of a bounce is searched [s]."""
 
 CONTACT_WAVES: Final = 5
-"""Quarter-waves, odd ones, that a contact's own course is made of [count]: while it lasts, the tool's ring is another than after it."""
+"""Quarter-waves, odd ones, that a contact's own course is made of [count]: in it a tool rings otherwise than after."""
 
 CHOSEN: Final = 1.3
 """What the errors of a ring after a contact are raised by [1], for where the contact ends is chosen by the same data:
@@ -279,7 +279,7 @@ class _Impact:
         def solved(p: Array) -> tuple[Array, Array]:
             models = self.contact_and_ring(waves, p)
             weight = np.linalg.lstsq(models @ models.T, models @ self.data, rcond=1e-12)[0]
-            return weight, weight @ models - self.data
+            return weight, np.asarray(weight @ models - self.data)
 
         def off(p: Array) -> Array:
             return solved(p)[1]

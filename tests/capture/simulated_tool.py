@@ -36,7 +36,8 @@ def pulled(
     h = 1.0 / (fine * rate_Hz)
     streams = np.zeros((3, len(drive_m_s) * fine))
     stretch = v = 0.0
-    for i, (v_d, n) in enumerate(zip(np.repeat(drive_m_s, fine).tolist(), np.repeat(normal_N, fine).tolist())):
+    driven = np.repeat([drive_m_s, normal_N], fine, axis=1).T.tolist()
+    for i, (v_d, n) in enumerate(driven):
         pull = spring_N_m * stretch + damping_Ns_m * (v_d - v)
         if v == 0.0 and abs(pull) <= static * n:
             friction = pull
@@ -88,7 +89,7 @@ def tapped(
         y = solve_ivp(moves, (0.0, 0.45), [0.0, speed, 0.0, speed], t_eval=t, rtol=1e-7, atol=1e-10, max_step=5e-4).y
         start = i * each
         part = slice(start, start + len(t))
-        acceleration[part] = -np.array([moves(s, z)[1] for s, z in zip(t, y.T)])
+        acceleration[part] = -np.array([moves(s, z)[1] for s, z in zip(t, y.T, strict=True)])
         push[part] = contact(y[0], y[1])
         depth[part] = np.maximum(y[0], -0.02)
         away = np.arange(min(each // 4, round(0.02 / speed * rate_Hz))) / rate_Hz
