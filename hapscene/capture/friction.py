@@ -250,7 +250,7 @@ def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[
     normal = (weighted @ products.T).reshape(-1, size, size)
     right = weighted @ (columns * ratio).T
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.diag((columns**2).mean(axis=1))
-    found = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    found = np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0], np.float64)
     return found, np.asarray(weighted @ ratio**2 - (found * right).sum(axis=1))
 
 
