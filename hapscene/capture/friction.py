@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
+from hapscene.capture.segment import BRIEF_S, InteractionState, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
@@ -369,6 +369,21 @@ def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, f
                 found.append((pull, abs(slope) * BEGUN_S, float(drag)))
             last_end = over
     return found
+
+
+def no_sliding(parts: Sequence[tuple[Streams, Segmentation]]) -> str:
+    """Why a tool whose speed was recorded never slides, and what would; else nothing."""
+    on = [states.speed_on_m_s for _, states in parts if states.speed_on_m_s is not None]
+    if not on:
+        return ""
+    if len(slips := _slips(parts)) >= SLIPS_MIN:
+        what = f"the tool sticks and slips, {len(slips)} times: it never slides under a normal force"
+        return f"{what} for {1e3 * BRIEF_S:g} ms on end; a faster stroke or a lighter hand would"
+    fastest = max(float(channels.speed_m_s.max()) for channels, _ in parts)
+    return (
+        f"the tool never slides under a normal force for {1e3 * BRIEF_S:g} ms on end: that is told from "
+        f"{1e3 * min(on):.3g} mm/s on, and speed_m_s is {1e3 * fastest:.3g} mm/s at most"
+    )
 
 
 def _of_slips(slips: list[tuple[float, float, float]]) -> Friction:

@@ -114,7 +114,11 @@ def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
     measured = [measure_tap(channels, run, v) for (channels, run), v in zip(impacts, speeds, strict=True)]
     good = [tap for tap in measured if tap is not None and tap.explained >= EXPLAINED_MIN]
     if not good:
-        reason = f"none of {len(impacts)} impacts is a decaying sinusoid for {100 * EXPLAINED_MIN:g} % of its power"
+        best = max((tap.explained for tap in measured if tap is not None), default=0.0)
+        reason = (
+            f"none of {len(impacts)} impacts is a decaying sinusoid for {100 * EXPLAINED_MIN:g} % of its power, the "
+            f"nearest for {100 * max(0.0, best):.0f} %: harder taps, on a tool that is held still, would be"
+        )
         return TapFit(None, {}, {"taps": reason})
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
     assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
