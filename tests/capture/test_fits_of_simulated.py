@@ -168,3 +168,65 @@ def test_intervals_of_taps_hold_what_was_planted(tapping):
                 held[k] += sum(low <= planted <= high for low, high in pairs) / 6.0
     print(f"six of six: {six / 2:.1f} %, frequency {100 * held[0] / six:.1f} %, decay {100 * held[1] / six:.1f} %")
     assert six >= 190 and np.all(held / six > 0.92)
+
+
+def stroked(friction, seed):
+    """20 s to and fro, 5 to 155 mm/s, the forces as they would be without inertia."""
+    rng, t = np.random.default_rng(seed), np.arange(40_000) / 2000.0
+    speed, normal = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2, 1.5 + 0.5 * np.sin(2.1 * t)
+    return part(
+        {
+            "acceleration_m_s2": rng.standard_normal(len(t)),
+            "rate_Hz": 2000.0,
+            "force_N": noisy(normal, rng),
+            "speed_m_s": speed,
+            "tangential_force_N": noisy(friction(speed) * normal, rng),
+        }
+    )
+
+
+def broken_away(seed):
+    """Twenty times a pull that grows for a second, until the tool slides."""
+    rng, t = np.random.default_rng(seed), np.arange(80_000) % 4000 / 2000.0
+    normal = 1.5 + 0.1 * np.sin(np.arange(80_000) / 900)
+    return part(
+        {
+            "acceleration_m_s2": np.where(t < 1.0, 0.01, 1.0) * rng.standard_normal(len(t)),
+            "rate_Hz": 2000.0,
+            "force_N": noisy(normal, rng),
+            "speed_m_s": np.where(t < 1.0, 0.0, 0.1),
+            "tangential_force_N": noisy(np.where(t < 1.0, 0.6 * t, 0.4) * normal, rng),
+        }
+    )
+
+
+def fitted_stiffness(seed):
+    found = fit_stiffness([part(pressed(lambda d: 500.0 * d, seed=seed))])
+    return {"stiffness_N_m": found.interval}
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("intervals", "planted"),
+    [
+        (lambda seed: fit_friction([broken_away(seed)]).intervals, {"friction_static": 0.6, "friction_dynamic": 0.4}),
+        (lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.0 * v, seed)]).intervals, {"friction_dynamic": 0.3}),
+        (
+            lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.03) ** 2)), seed)]).intervals,
+            {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.03},
+        ),
+        (
+            lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.7 * v, seed)]).intervals,
+            {"friction_dynamic": 0.3, "friction_viscous_s_m": 0.7},
+        ),
+        (fitted_stiffness, {"stiffness_N_m": 500.0}),
+    ],
+    ids=["breaks", "coulomb", "stribeck", "viscous", "stiffness"],
+)
+def test_intervals_of_forces_hold_what_was_planted(intervals, planted):
+    """Of 200 recordings nine in ten hold it, and none that is held always is far too wide."""
+    found = [intervals(seed) for seed in range(200)]
+    for name, value in planted.items():
+        held = np.mean([one[name][0] <= value <= one[name][1] for one in found])
+        print(f"{name}: {100 * held:.1f} %")
+        assert held >= 0.9
