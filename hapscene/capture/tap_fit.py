@@ -283,7 +283,7 @@ class _Impact:
         def solved(p: Array) -> tuple[Array, Array]:
             models = self.contact_and_ring(waves, p)
             weight = np.linalg.lstsq(models @ models.T, models @ self.data, rcond=1e-12)[0]
-            return weight, np.asarray(weight @ models - self.data)
+            return weight.astype(np.float64), np.asarray(weight @ models - self.data)
 
         def off(p: Array) -> Array:
             return solved(p)[1]
