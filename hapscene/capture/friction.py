@@ -216,7 +216,9 @@ def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _Over
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
         return _OverSpeed(reason=f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed")
     scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
-    weight = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[2]
+    near = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
+    finer = near * np.geomspace(0.75, 1.33, 19)  # weights about a curve that is off would pull to it
+    weight = min((_curve(blocks[:3], v_s) for v_s in finer), key=lambda fit: fit[0])[2]
     counts = np.stack([np.bincount(draw, minlength=len(speed)) for draw in draws]).astype(np.float64)
     ratio, one = tangential / normal, np.ones(len(speed))
 

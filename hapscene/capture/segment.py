@@ -66,7 +66,7 @@ IMPACT: Final = 5.0
 """Peak of an impact over that of the contact after it, where something vibrates then [1]."""
 
 RISE: Final = 2.5
-"""Peak of an impact over the level before it [1]: of white noise over `LEVEL_S` less than 1.5."""
+"""Peak of an impact over the level before it [1]: of white noise over `LEVEL_S` seldom above 1.5."""
 
 ONSET_SHARE: Final = 0.25
 """Share of its peak at which an impact has begun [1]: above the ripple that the high-pass puts before it."""
