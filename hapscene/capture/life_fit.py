@@ -115,27 +115,33 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     return LifeFit(life, tuple(zip(low.tolist(), high.tolist(), strict=True)), "", ahead)
 
 
+def moving_runs(
+    stretches: Sequence[Streams], window_s: float, shortest_s: float
+) -> Iterator[tuple[int, int, int, int]]:
+    """Runs of windows in which the tool moves: stretch, first sample, windows, samples a window; none is shorter."""
+    most_N, most_m_s = (max(getattr(s, name).max() for s in stretches) for name in ("force_N", "speed_m_s"))
+    for i, stretch in enumerate(stretches):
+        length = round(window_s * stretch.rate_Hz)
+        moving = (stretch.force_N > SLIDING * most_N) & (stretch.speed_m_s > SLIDING * most_m_s)
+        for start, end in runs(moving):
+            if end - start >= shortest_s * stretch.rate_Hz:
+                yield i, start, (end - start) // length, length
+
+
 def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[Array, Array, Array]]:
     """Logarithms of the power (2, n), recorded and the texture's, force and speed (n, `_SUB`), in about `BLOCK_S`."""
-    most_N, most_m_s = (max(getattr(s, name).max() for s in stretches) for name in ("force_N", "speed_m_s"))
-    for stretch in stretches:
-        length = round(WINDOW_S * stretch.rate_Hz)
-        count = len(stretch.force_N) // length
-        if count * WINDOW_S < SHORTEST_S:
-            continue
+    for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
+        stretch = stretches[i]
         signal = stretch.acceleration_m_s2
         if stretch.rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
             signal = filtered(signal, stretch.rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
-        power, force, speed = (x[: count * length].reshape(count, length) for x in (signal**2, stretch.force_N, stretch.speed_m_s))
+        run = slice(start, start + windows * length)
+        power, force, speed = (x[run].reshape(windows, length) for x in (signal, stretch.force_N, stretch.speed_m_s))
         model = texture.power(force.mean(axis=1), speed.mean(axis=1))
-        power = power.mean(axis=1)
+        level = np.log(np.maximum([np.mean(power**2, axis=1), model], np.finfo(np.float64).tiny))
         at = (np.arange(_SUB) * length + length // 2) // _SUB
-        used = (force.min(axis=1) > SLIDING * most_N) & (speed.min(axis=1) > SLIDING * most_m_s) & (model * power > 0.0)
-        for start, end in runs(used):
-            blocks = max(1, round((end - start) * WINDOW_S / BLOCK_S))
-            for part in np.array_split(np.arange(start, end), blocks):
-                if len(part) * WINDOW_S >= SHORTEST_S:
-                    yield np.log([power[part], model[part]]), force[part][:, at], speed[part][:, at]
+        for part in np.array_split(np.arange(windows), max(1, round(windows * WINDOW_S / BLOCK_S))):
+            yield level[:, part], force[part][:, at], speed[part][:, at]
 
 
 def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Array:

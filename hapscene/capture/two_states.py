@@ -1,0 +1,221 @@
+"""A fit of its own: whether a surface has two states, as one that squeals at times, and when it is in which.
+
+What is seen is the shape of the spectrum, window by window: the levels in bands against their mean, without what force
+and speed explain. A slow gain moves all bands together and leaves the shape; states of one shape and two levels are a
+slow gain. Two models are held against
+each other on the half that they were not fitted to: one state, or two that a Markov chain switches between (Hamilton
+1989, "A new approach to the economic analysis of nonstationary time series and the business cycle", Econometrica
+57(2)). In either each coordinate of the shape goes on from its last value and from its recent mean: one that wanders
+is no second state.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.capture.life_fit import moving_runs
+from hapscene.capture.segment import runs
+from hapscene.capture.streams import Array, Streams
+
+WINDOW_S: Final = 0.025
+"""Length of the windows [s]: short against a squeal, long enough for a spectrum of four bands."""
+
+EDGES_HZ: Final = (20.0, 150.0, 300.0, 550.0, 1000.0)
+"""Edges of the bands [Hz]; each has three or more lines of a window."""
+
+RECENT_S: Final = 0.2
+"""Time over which the recent mean of a band is taken [s]."""
+
+GAIN: Final = 10.0
+"""Log-likelihood that two states must gain on held-out halves, together [1]."""
+
+APART_DB: Final = 4.0
+"""Least difference of the states in the band that tells them best, against the mean [dB]: twice what is felt."""
+
+DWELL_LEAST_S: Final = 0.1
+"""Least mean time in a state [s]: what changes faster is a gain."""
+
+VISITS: Final = 4
+"""Fewest visits to the other state [count]: one change in a recording is another place of the surface."""
+
+WINDOWS: Final = (40, 2400)
+"""Fewest windows that are asked for two states, and most that these are learnt from [count]: a minute."""
+
+STARTS: Final = (0.15, 0.4, 0.6, 0.85)
+"""Shares of the windows that are in the first state to begin with, along the direction of largest variance [1]."""
+
+_Seen = tuple[Array, Array]  # regressors (n, c, 3) and shapes (n, c) of a stretch
+
+
+class TwoStates(NamedTuple):
+    """Two states of a surface.
+
+    Attributes:
+        dwell_s: (2,) mean time in the first state, which is the more frequent, and in the other.
+        other: for each stretch (n,), whether it is in the other.
+        gain: log-likelihood that two states gained on held-out halves [1].
+    """
+
+    dwell_s: tuple[float, float]
+    other: list[NDArray[np.bool_]]
+    gain: float
+
+
+class _Chain(NamedTuple):
+    """Two regressions, and the chance of staying with each."""
+
+    weight: Array  # (2, c, 3)
+    root: Array  # (2, c, c): the residual times it is white
+    stay: Array  # (2,)
+
+
+def find_states(stretches: Sequence[Streams]) -> TwoStates | None:
+    """The two states of a surface in stretches of sliding, or None where one state explains them as well."""
+    places, seen = _seen(stretches)
+    count = np.cumsum([0, *(len(y) for _, y in seen)])
+    if count[-1] < WINDOWS[0]:
+        return None
+    learnt = seen[: int(np.searchsorted(count, WINDOWS[1])) or 1]
+    two, one = _fitted(learnt), _regressed(learnt)
+    if _score(two, learnt) - _score(one, learnt) < two.weight[0].size + len(two.root[0]) ** 2:
+        return None  # not even on what it was fitted to
+    gain = 0.0
+    halves = [[(x[part], y[part]) for x, y in learnt for part in (_half(len(y), i),)] for i in (0, 1)]
+    for own, held_out in (halves, halves[::-1]):
+        gain += _score(_fitted(own), held_out) - _score(_regressed(own), held_out)
+    chance = [_passed(two, *one)[0] for one in seen]
+    first = int(np.argmax(np.sum([c.sum(axis=0) for c in chance], axis=0)))
+    dwell_s = WINDOW_S / (1.0 - two.stay[[first, 1 - first]])
+    inside = [c[:, 1 - first] > 0.5 for c in chance]
+    level, within = np.concatenate([y for _, y in seen]), np.concatenate(inside)
+    visits = sum(len(runs(mask)) for mask in inside)
+    if not gain > GAIN or dwell_s.min() < DWELL_LEAST_S or visits < VISITS:
+        return None
+    apart = (level[within].mean(axis=0) - level[~within].mean(axis=0)) @ _contrasts(level.shape[1] + 1)
+    if 10.0 / np.log(10.0) * np.abs(apart).max() < APART_DB:
+        return None
+    other = [np.zeros(len(stretch.force_N), dtype=np.bool_) for stretch in stretches]
+    for (i, start, length), mask in zip(places, inside, strict=True):
+        other[i][start : start + len(mask) * length] = np.repeat(mask, length)
+    return TwoStates((float(dwell_s[0]), float(dwell_s[1])), other, gain)
+
+
+def _contrasts(bands: int) -> Array:
+    """Directions (bands − 1, bands) across that in which all bands move together, orthonormal."""
+    from scipy.linalg import helmert
+
+    return np.asarray(helmert(bands))
+
+
+def _half(count: int, i: int) -> slice:
+    return slice(0, count // 2) if i == 0 else slice(count // 2, count)
+
+
+def _seen(stretches: Sequence[Streams]) -> tuple[list[tuple[int, int, int]], list[_Seen]]:
+    """Stretch, first sample and samples a window, and what is seen there, of each run in which the tool slides."""
+    places, levels, known = [], [], []
+    for i, start, windows, length in moving_runs(stretches, WINDOW_S, 4.0 * RECENT_S):
+        stretch = stretches[i]
+        part = slice(start, start + windows * length)
+        shaped = stretch.acceleration_m_s2[part].reshape(windows, length) * np.hanning(length)
+        power = np.abs(np.fft.rfft(shaped, axis=1)) ** 2
+        frequency = np.fft.rfftfreq(length, 1.0 / stretch.rate_Hz)
+        edge = np.searchsorted(frequency, [e for e in EDGES_HZ if e < 0.5 * stretch.rate_Hz])
+        level = np.log(np.add.reduceat(power[:, : edge[-1]], edge[:-1], axis=1) + 1e-300)
+        levels.append(level @ _contrasts(level.shape[1]).T)
+        pushed = (stretch.force_N[part], stretch.speed_m_s[part])
+        known.append(np.log([x.reshape(windows, length).mean(axis=1) for x in pushed]).T)
+        places.append((i, start, length))
+    if not places:
+        return [], []
+    level, place = np.concatenate(levels), np.concatenate(known)
+    place = np.hstack([np.ones((len(level), 1)), place - place.mean(axis=0)])
+    level = level - place @ np.linalg.lstsq(place, level, rcond=1e-6)[0]
+    seen = []
+    for y in np.split(level, np.cumsum([len(one) for one in levels])[:-1]):
+        before = np.vstack([y[:1], y[:-1]])
+        recent = np.empty_like(y)
+        recent[0] = y[0]
+        for t in range(1, len(y)):
+            recent[t] = recent[t - 1] + WINDOW_S / RECENT_S * (before[t] - recent[t - 1])
+        seen.append((np.stack([np.ones_like(y), before, recent], axis=2), y))
+    return places, seen
+
+
+def _regressed(seen: Sequence[_Seen], chance: Array | None = None, stay: Sequence[float] = (0.5, 0.5)) -> _Chain:
+    """The regressions of each state for the chances (n, 2) that it is there; without them, twice one of all."""
+    x, y = (np.concatenate([one[i] for one in seen]) for i in (0, 1))
+    chance = np.ones((len(y), 2)) if chance is None else chance
+    weight, root = np.empty((2, *x.shape[1:])), np.empty((2, y.shape[1], y.shape[1]))
+    pooled = np.cov(y.T)
+    for state in (0, 1):
+        share = chance[:, state]
+        for band in range(y.shape[1]):
+            moment = (x[:, band] * share[:, None]).T
+            weight[state, band] = np.linalg.solve(moment @ x[:, band] + np.eye(3), moment @ y[:, band])
+        left = y - np.einsum("nbk,bk->nb", x, weight[state])
+        # a few windows' worth of the whole keeps a state from shrinking to a point
+        spread = ((left * share[:, None]).T @ left + 5.0 * pooled) / (share.sum() + 5.0)
+        root[state] = np.linalg.cholesky(np.linalg.inv(spread))
+    return _Chain(weight, root, np.asarray(stay))
+
+
+def _fitted(seen: Sequence[_Seen]) -> _Chain:
+    """The two states that make what is seen likeliest (expectation–maximisation), from the best of `STARTS`."""
+    shape = np.concatenate([y for _, y in seen])
+    along = shape @ np.linalg.eigh(np.cov(shape.T))[1][:, -1]
+    tried = []
+    for share in STARTS:
+        far = (along > np.quantile(along, share)).astype(np.float64)
+        tried.append(_improved(_regressed(seen, np.stack([1.0 - far, far], axis=1), (0.9, 0.9)), seen, 6))
+    return _improved(max(tried, key=lambda chain: _score(chain, seen)), seen, 20)
+
+
+def _improved(chain: _Chain, seen: Sequence[_Seen], steps: int) -> _Chain:
+    for _ in range(steps):
+        passed = [_passed(chain, *one) for one in seen]
+        kept, left = np.sum([p[1] for p in passed], axis=0)
+        chain = _regressed(seen, np.concatenate([p[0] for p in passed]), (kept + 1.0) / (kept + left + 2.0))
+    return chain
+
+
+def _score(chain: _Chain, seen: Sequence[_Seen]) -> float:
+    """Log-likelihood, but for a constant."""
+    return sum(_passed(chain, *one)[2] for one in seen)
+
+
+def _passed(chain: _Chain, x: Array, y: Array) -> tuple[Array, Array, float]:
+    """Forward and backward through a stretch: the chances (n, 2) of the states, how often each was kept and left
+    (2, 2), and the log-likelihood (Rabiner 1989, Proc. IEEE 77(2))."""
+    left = y[:, None] - np.einsum("nbk,sbk->nsb", x, chain.weight)
+    white = np.einsum("nsb,sbc->nsc", left, chain.root)
+    log = -0.5 * np.sum(white**2, axis=2) + np.log(np.abs(np.diagonal(chain.root, axis1=1, axis2=2))).sum(axis=1)
+    top = log.max(axis=1)
+    seen = np.maximum(np.exp(log - top[:, None]), 1e-100).tolist()
+    (p, q), total = chain.stay.tolist(), 0.0
+    a, b = (1.0 - q) / (2.0 - p - q), (1.0 - p) / (2.0 - p - q)
+    forward, backward = [], [(1.0, 1.0)]
+    for one, two in seen:
+        a, b = a * one, b * two
+        scale = a + b
+        total += np.log(scale)
+        a, b = a / scale, b / scale
+        forward.append((a, b))
+        a, b = a * p + b * (1.0 - q), a * (1.0 - p) + b * q
+    a = b = 1.0
+    for one, two in seen[:0:-1]:
+        one, two = one * a, two * b
+        a, b = p * one + (1.0 - p) * two, (1.0 - q) * one + q * two
+        scale = a + b
+        a, b = a / scale, b / scale
+        backward.append((a, b))
+    ahead, behind, lit = np.array(forward), np.array(backward[::-1]), np.array(seen)
+    chance = ahead * behind
+    chance /= chance.sum(axis=1, keepdims=True)
+    step = np.array([[p, 1.0 - p], [1.0 - q, q]])
+    pair = ahead[:-1, :, None] * step * (lit * behind)[1:, None]
+    pair /= pair.sum(axis=(1, 2), keepdims=True)
+    moved = pair.sum(axis=0)
+    return chance, np.array([np.diag(moved), [moved[0, 1], moved[1, 0]]]), float(total + top.sum())
