@@ -13,8 +13,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hapscene.capture.metric import felt_part
 from hapscene.capture.segment import runs
-from hapscene.capture.streams import Array, Streams, filtered
+from hapscene.capture.streams import Array, Streams
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.life import SPREAD_MAX, Life
 from hapscene.surface.texture import Texture
@@ -132,10 +133,7 @@ def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[A
     """Logarithms of the power (2, n), recorded and the texture's, force and speed (n, `_SUB`), in about `BLOCK_S`."""
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
         stretch = stretches[i]
-        signal = stretch.acceleration_m_s2
-        if stretch.rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
-            signal = filtered(signal, stretch.rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
-        run = slice(start, start + windows * length)
+        signal, run = felt_part(stretch.acceleration_m_s2, stretch.rate_Hz), slice(start, start + windows * length)
         power, force, speed = (x[run].reshape(windows, length) for x in (signal, stretch.force_N, stretch.speed_m_s))
         model = texture.power(force.mean(axis=1), speed.mean(axis=1))
         level = np.log(np.maximum([np.mean(power**2, axis=1), model], np.finfo(np.float64).tiny))

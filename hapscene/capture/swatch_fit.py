@@ -11,10 +11,11 @@ from hapscene.capture.order_search import search_order
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean
+from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean, part_of
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
+from hapscene.capture.two_states import Living, with_life
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
@@ -126,7 +127,8 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture = _texture(parts, order, model_count, interpolation)
+        texture, known, missing = _texture(parts, order, model_count, interpolation)
+        intervals, absent = intervals | known, absent | missing
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
         if wrong or (taps.taps is None and "stiffness_N_m" in absent):
@@ -154,8 +156,8 @@ def _texture(
     order: int | Literal["auto"],
     model_count: int | Literal["auto"],
     interpolation: str,
-) -> Texture:
-    """The texture of all that slides."""
+) -> Living:
+    """The texture of all that slides, and what is known of its life."""
     rate = parts[0][0].rate_Hz
     pieces = _pieces(parts)
     sliding = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
@@ -170,7 +172,12 @@ def _texture(
         model_count = choose_model_count(pieces, rate, order, noise)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
-    return fit_texture(pieces, rate, order, model_count, interpolation, noise)
+
+    def fitted(pieces: Pieces) -> Texture:
+        return fit_texture(pieces, rate, order, model_count, interpolation, noise)
+
+    slid = [(c, run) for c, states in parts for run in states.runs(InteractionState.SLIDING)]
+    return with_life(fitted(pieces), [part_of(channels, slice(*run)) for channels, run in slid], fitted)
 
 
 def _whole(value: Any) -> Any:

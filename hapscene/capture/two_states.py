@@ -9,15 +9,20 @@ each other on the half that they were not fitted to: one state, or two that a Ma
 is no second state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.life_fit import moving_runs
+from hapscene.capture.life_fit import LifeFit, fit_life, moving_runs
 from hapscene.capture.segment import runs
-from hapscene.capture.streams import Array, Streams
+from hapscene.capture.streams import Array, Streams, part_of
+from hapscene.capture.texture_pieces import Pieces, cut, pooled
+from hapscene.errors import CaptureError
+from hapscene.surface.texture import Texture
 
 WINDOW_S: Final = 0.025
 """Length of the windows [s]: short against a squeal, long enough for a spectrum of four bands."""
@@ -61,6 +66,68 @@ class TwoStates(NamedTuple):
     dwell_s: tuple[float, float]
     other: list[NDArray[np.bool_]]
     gain: float
+
+
+class Living(NamedTuple):
+    """A texture with what lives in it.
+
+    Attributes:
+        texture: with its life, and its other state if it has one.
+        intervals: 95 % intervals, by their names in the swatch.
+        absent: why there is no life, by its name in the swatch.
+    """
+
+    texture: Texture
+    intervals: dict[str, tuple[float, float]]
+    absent: dict[str, str]
+
+
+def with_life(texture: Texture, stretches: Sequence[Streams], fitted: Callable[[Pieces], Texture]) -> Living:
+    """The texture of stretches of sliding with its slow gain; or of each of two states, where the data ask for them.
+
+    `fitted` makes a texture of pieces, as `texture` was made of all.
+    """
+    states = find_states(stretches)
+    if states is not None:
+        try:
+            one, two = (_of_state(stretches, masks, fitted) for masks in (_not(states.other), states.other))
+        except CaptureError:  # a state whose stretches are all too short for a texture
+            states = None
+    if states is None:
+        life = fit_life(texture, stretches)
+        return Living(replace(texture, life=life.life), *_told(life, "texture.life"))
+    (texture, life), (other, other_life) = one, two
+    whole = replace(texture, other=other, dwell_s=np.array(states.dwell_s))
+    told = _told(life, "texture.life"), _told(other_life, "texture.other.life")
+    return Living(whole, told[0][0] | told[1][0], told[0][1] | told[1][1])
+
+
+def _not(masks: Iterable[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    return [~mask for mask in masks]
+
+
+def _of_state(
+    stretches: Sequence[Streams], masks: Sequence[NDArray[np.bool_]], fitted: Callable[[Pieces], Texture]
+) -> tuple[Texture, LifeFit]:
+    """The texture of one state, alive, and what is known of its life."""
+    parts = [part_of(s, slice(*run)) for s, mask in zip(stretches, masks, strict=True) for run in runs(mask)]
+    pieces = []
+    for part in parts:
+        with suppress(CaptureError):
+            pieces.append(cut(part))
+    if not pieces:
+        raise CaptureError("no stretch of a state is as long as a piece")
+    texture = fitted(pooled(pieces))
+    life = fit_life(texture, parts)
+    return replace(texture, life=life.life), life
+
+
+def _told(found: LifeFit, name: str) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
+    """Intervals and reasons by their names in the swatch."""
+    if found.life is None:
+        return {}, {name: found.reason}
+    names = [*(f"{name}.spread[{i}]" for i in range(len(found.life.spread))), f"{name}.log_spread"]
+    return dict(zip(names, found.intervals, strict=True)), {}
 
 
 class _Chain(NamedTuple):
