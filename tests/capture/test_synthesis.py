@@ -62,14 +62,14 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
     assert texture is not None
     table = EFFECT.table(swatch, texture.rate_Hz)
     rng = np.random.default_rng(0)
-    k, c = np.zeros(texture.order + 1), np.zeros(texture.order + 1)
+    s = np.zeros(1, EFFECT.state_dtype)[0]
     frequency = np.linspace(20.0, 1000.0, 200)
     spectrum, level = [], []
     for share in rng.uniform(0.3, 1.0, (60, 2)):
         force, slip = share * (texture.force_max_N, texture.speed_max_m_s)
-        power = choose(table, force, slip, k, c)
+        power = choose(table, 0, force, slip, s, 1.0, True)
         a, variance = texture.model(force, slip)
-        looked_up = ar_from_reflection(k[1:])
+        looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
         got = metric.model_spectrum(looked_up, power / power_gain(looked_up), 1e4, frequency)
         want = metric.model_spectrum(a, variance, 1e4, frequency)
         spectrum.append(np.sqrt(np.mean((10 * np.log10(got / want)) ** 2)))
