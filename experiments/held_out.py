@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,18 +59,20 @@ class Score:
     off: Array
 
 
-def scores(recording: SurfaceRecording | Streams, parts: int, seeds: int = SEEDS) -> list[Score]:
-    """Each of so many parts of a recording against each other one."""
+def scores(
+    recording: SurfaceRecording | Streams, parts: int, seeds: int = SEEDS, order: int | Literal["auto"] = "auto"
+) -> list[Score]:
+    """Each of so many parts of a recording, fitted with models of that order, against each other one."""
     r = recording
     whole = clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s, None)
     edges = np.linspace(0, len(whole.force_N), parts + 1).astype(int)
     cut = [part_of(whole, slice(*edge)) for edge in pairwise(edges)]
-    return [_score(own, other, seeds) for own, other in permutations(cut, 2)]
+    return [_score(own, other, seeds, order) for own, other in permutations(cut, 2)]
 
 
-def _score(own: Streams, other: Streams, seeds: int) -> Score:
+def _score(own: Streams, other: Streams, seeds: int, order: int | Literal["auto"]) -> Score:
     rate, real = own.rate_Hz, other.acceleration_m_s2
-    swatch = fit(own.acceleration_m_s2, rate, force_N=own.force_N, speed_m_s=own.speed_m_s)
+    swatch = fit(own.acceleration_m_s2, rate, force_N=own.force_N, speed_m_s=own.speed_m_s, order=order)
     played = [
         [synthesize(swatch, other.force_N, other.speed_m_s, seed=seed, life=life) for seed in range(seeds)]
         for life in (0.0, 1.0)

@@ -51,11 +51,14 @@ MARGIN: Final = 2.0
 SHARE_LEAST: Final = 0.15
 """Least share of the whole spread that a process is kept for [1]: one of less is 2 % of its square."""
 
-DRAWS: Final = 200
+DRAWS: Final = 100
 """Repetitions that the intervals are taken from [count]."""
 
 FLAT: Final = 0.01
 """Share of its mean over which a force or speed must change for the level to depend on it [1]."""
+
+FLOOR: Final = 1e-6
+"""Power, as a share of the mean, below which a window counts as having that [1]: a gap in a recording is no life."""
 
 _SUB: Final = 4  # points of a window that its covariance is the mean over
 
@@ -104,7 +107,8 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
         return LifeFit(None, reason="the level is as steady as that of noise of its spectrum", ahead=ahead)
     chance = np.random.default_rng(0).chisquare(1.0, (DRAWS, len(square)))
-    drawn = 0.5 * np.sqrt(_fitted((expected[0] + power @ expected[1]) * chance, *expected)[0])
+    drawn = _fitted((expected[0] + power @ expected[1]) * chance, *expected, np.maximum(power, 1e-3), 40)[0]
+    drawn = 0.5 * np.sqrt(drawn)
     kept = spread > SHARE_LEAST * whole
     drawn = np.hstack([drawn[:, kept], np.sqrt(np.sum(drawn**2, axis=1, keepdims=True))])
     low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
@@ -136,7 +140,8 @@ def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[A
         signal, run = felt_part(stretch.acceleration_m_s2, stretch.rate_Hz), slice(start, start + windows * length)
         power, force, speed = (x[run].reshape(windows, length) for x in (signal, stretch.force_N, stretch.speed_m_s))
         model = texture.power(force.mean(axis=1), speed.mean(axis=1))
-        level = np.log(np.maximum([np.mean(power**2, axis=1), model], np.finfo(np.float64).tiny))
+        power = np.mean(power**2, axis=1)
+        level = np.log([np.maximum(one, FLOOR * one.mean() + np.finfo(np.float64).tiny) for one in (power, model)])
         at = (np.arange(_SUB) * length + length // 2) // _SUB
         for part in np.array_split(np.arange(windows), max(1, round(windows * WINDOW_S / BLOCK_S))):
             yield level[:, part], force[part][:, at], speed[part][:, at]
@@ -198,15 +203,17 @@ def _diagonals(blocks: Sequence[_Block], kind: str) -> tuple[Array, Array]:
     return np.concatenate([np.diag(block.noise) for block in blocks]), np.concatenate(kernels, axis=1)
 
 
-def _fitted(square: Array, noise: Array, kernels: Array) -> tuple[Array, Array]:
+def _fitted(
+    square: Array, noise: Array, kernels: Array, start: Array | float = 0.1, steps: int = 200
+) -> tuple[Array, Array]:
     """Powers (..., k) of the processes that make the squares (..., m) likeliest, and what they gain over none.
 
     Each step multiplies by the root of the ratio of the two parts of the gradient: none is ever negative, and the
     likelihood never falls (Févotte & Idier 2011, "Algorithms for nonnegative matrix factorization with the
     β-divergence", Neural Computation 23(9)).
     """
-    power = np.full((*square.shape[:-1], len(kernels)), 0.1)
-    for _ in range(200):
+    power = np.full((*square.shape[:-1], len(kernels)), start)
+    for _ in range(steps):
         model = noise + power @ kernels
         power *= np.sqrt(((square / model**2) @ kernels.T) / ((1.0 / model) @ kernels.T))
     model = noise + power @ kernels

@@ -164,13 +164,15 @@ def liveliness(acceleration_m_s2: ArrayLike, rate_Hz: float) -> Liveliness:
     signal = felt_part(acceleration_m_s2, rate_Hz)
     if len(signal) < LIVELINESS_MIN_S * rate_Hz:
         raise CaptureError(f"{len(signal) / rate_Hz:.2f} s are too few for liveliness: {LIVELINESS_MIN_S:g} s or more")
+    edge = round(0.5 * LEVEL_S * rate_Hz)  # where a filter swings in
+    inner = signal[edge:-edge]
     frequency, density = envelope_spectrum(signal, rate_Hz)
     within = (frequency >= MODULATION_HZ[0]) & (frequency <= MODULATION_HZ[1])
     modulation = float(np.sqrt(np.sum(density[within]) * frequency[1]))
     return Liveliness(
         modulation,
         float(np.std(levels_dB(signal, rate_Hz))),
-        float(np.abs(signal).max() / max(float(np.std(signal)), np.finfo(np.float64).tiny)),
+        float(np.abs(inner).max() / max(float(np.std(inner)), np.finfo(np.float64).tiny)),
     )
 
 

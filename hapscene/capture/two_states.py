@@ -140,6 +140,8 @@ class _Chain(NamedTuple):
 
 def find_states(stretches: Sequence[Streams]) -> TwoStates | None:
     """The two states of a surface in stretches of sliding, or None where one state explains them as well."""
+    if min(stretch.rate_Hz for stretch in stretches) < 2.0 * EDGES_HZ[2]:
+        return None  # less than two bands have no shape
     places, seen = _seen(stretches)
     count = np.cumsum([0, *(len(y) for _, y in seen)])
     if count[-1] < WINDOWS[0]:

@@ -93,7 +93,7 @@ def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecord
     assert held.centroid_ratio == pytest.approx(1.0, abs=0.05)
     assert held.goodness_of_fit > 0.95 and abs(held.kurtosis) < 0.2
     assert judgement.spectrogram_error == pytest.approx(0.655, abs=0.05)
-    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 3
+    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 5
     off = replace(judgement, held_out=replace(held, band_dB=np.array([0.0, -4.0, 0.0, 3.5, *np.zeros(8)])))
     (bands,) = (row for row in rows(off) if row.measure.startswith("bands"))
     assert bands.value == "2 of 12" and "−4.0 dB" in bands.held_to
