@@ -13,9 +13,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hapscene.capture.metric import felt_part
 from hapscene.capture.segment import runs
-from hapscene.capture.streams import Array, Streams
+from hapscene.capture.streams import Array, Streams, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.life import SPREAD_MAX, Life
 from hapscene.surface.texture import Texture
@@ -23,9 +22,10 @@ from hapscene.surface.texture import Texture
 WINDOW_S: Final = 0.01
 """Length of the windows that levels are taken in [s]: the shortest in which 20 Hz to 1 kHz have a level."""
 
-FORGETS_S: Final = (0.015, 0.07, 0.3)
+FORGETS_S: Final = (0.015, 0.04, 0.1, 0.25)
 """Times in which the processes forget [s]; those by distance forget in the distance travelled meanwhile, at the mean
-speed. On held-out halves and thirds three did as well as four or six from 0.01 to 0.4 s, and better than two or one."""
+speed. On held-out halves and thirds three, four and five such times did alike; of three, farther apart, spreads of
+surfaces that forget in between came out 14 % too large."""
 
 BLOCK_S: Final = 2.0
 """Length of the blocks that are taken by themselves [s]: six times the slowest process."""
@@ -57,10 +57,13 @@ DRAWS: Final = 100
 FLAT: Final = 0.01
 """Share of its mean over which a force or speed must change for the level to depend on it [1]."""
 
+BETWEEN: Final = 0.1
+"""How far the whole spread may be off where a surface forgets in times between `FORGETS_S` [1]: on simulated ones."""
+
 FLOOR: Final = 1e-6
 """Power, as a share of the mean, below which a window counts as having that [1]: a gap in a recording is no life."""
 
-_SUB: Final = 4  # points of a window that its covariance is the mean over
+_SUB: Final = 3  # points of a window that its covariance is the mean over
 
 
 class LifeFit(NamedTuple):
@@ -84,10 +87,11 @@ class _Block(NamedTuple):
 
     level: Array  # (m,)
     noise: Array  # (m, m) covariance of the chance of short windows
-    kernels: Array  # (6, m, m) of each process at spread 1: three by time, three by distance
+    kernels: Array  # (2 `_COUNT`, m, m) of each process at spread 1: by time, then by distance
 
 
-_KINDS: Final = {"time": slice(0, 3), "distance": slice(3, 6), "both": slice(0, 6)}
+_COUNT: Final = len(FORGETS_S)
+_KINDS: Final = {"time": slice(0, _COUNT), "distance": slice(_COUNT, 2 * _COUNT), "both": slice(0, 2 * _COUNT)}
 
 
 def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
@@ -106,13 +110,15 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
         return LifeFit(None, reason="the level is as steady as that of noise of its spectrum", ahead=ahead)
-    chance = np.random.default_rng(0).chisquare(1.0, (DRAWS, len(square)))
-    drawn = _fitted((expected[0] + power @ expected[1]) * chance, *expected, np.maximum(power, 1e-3), 40)[0]
-    drawn = 0.5 * np.sqrt(drawn)
+    rng = np.random.default_rng(0)
+    levels = [rng.standard_normal((DRAWS, len(b.level))) @ _root(b, power, kind).T for b in blocks]
+    drawn = 0.5 * np.sqrt(_fitted(np.hstack(levels) ** 2, *expected, np.maximum(power, 1e-3), 40)[0])
     kept = spread > SHARE_LEAST * whole
-    drawn = np.hstack([drawn[:, kept], np.sqrt(np.sum(drawn**2, axis=1, keepdims=True))])
-    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
-    rate_1_s, none = 1.0 / np.array(FORGETS_S), np.zeros(3)
+    low, high = np.quantile(drawn[:, kept], (0.025, 0.975), axis=0)
+    chance = float(np.std(0.5 * np.log(np.sum(drawn**2, axis=1))))
+    factor = float(np.exp(1.96 * np.hypot(chance, BETWEEN)))
+    low, high = np.append(low, whole / factor), np.append(high, whole * factor)
+    rate_1_s, none = 1.0 / np.array(FORGETS_S), np.zeros(_COUNT)
     decay_1_s, decay_1_m = np.hstack([rate_1_s, none]), np.hstack([none, rate_1_s / speed])
     kinds = _KINDS[kind]
     spread = spread * (min(whole, SPREAD_MAX) / float(np.sqrt(np.sum(spread[kept] ** 2))))
@@ -137,8 +143,11 @@ def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[A
     """Logarithms of the power (2, n), recorded and the texture's, force and speed (n, `_SUB`), in about `BLOCK_S`."""
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
         stretch = stretches[i]
-        signal, run = felt_part(stretch.acceleration_m_s2, stretch.rate_Hz), slice(start, start + windows * length)
-        power, force, speed = (x[run].reshape(windows, length) for x in (signal, stretch.force_N, stretch.speed_m_s))
+        run = slice(start, start + windows * length)
+        signal, force, speed = stretch.acceleration_m_s2[run], stretch.force_N[run], stretch.speed_m_s[run]
+        if stretch.rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
+            signal = filtered(signal, stretch.rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
+        power, force, speed = (x.reshape(windows, length) for x in (signal, force, speed))
         model = texture.power(force.mean(axis=1), speed.mean(axis=1))
         power = np.mean(power**2, axis=1)
         level = np.log([np.maximum(one, FLOOR * one.mean() + np.finfo(np.float64).tiny) for one in (power, model)])
@@ -243,6 +252,11 @@ def _log_likelihood(block: _Block, power: Array, kind: str) -> float:
     """Gaussian log-likelihood of a block, but for a constant."""
     from scipy.linalg import solve_triangular
 
-    root = np.linalg.cholesky(block.noise + np.tensordot(power, block.kernels[_KINDS[kind]], 1))
+    root = _root(block, power, kind)
     white = solve_triangular(root, block.level, lower=True)
     return float(-0.5 * white @ white - np.sum(np.log(np.diag(root))))
+
+
+def _root(block: _Block, power: Array, kind: str) -> Array:
+    """Lower root (m, m) of the covariance that a block has with processes of these powers."""
+    return np.asarray(np.linalg.cholesky(block.noise + np.tensordot(power, block.kernels[_KINDS[kind]], 1)))

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.capture.streams import Array, filtered
+from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.linear_prediction import autocorrelation
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
@@ -196,9 +196,13 @@ def levels_dB(felt: Array, rate_Hz: float) -> Array:
 
 def felt_part(acceleration_m_s2: ArrayLike, rate_Hz: float) -> Array:
     """What a signal (n,) has within 20 to 1000 Hz, without delay."""
+    from scipy.signal import butter, sosfiltfilt
+
+    signal = np.asarray(acceleration_m_s2, dtype=np.float64)
     low_Hz, high_Hz = ACCELERATION_BAND_HZ
-    signal = filtered(np.asarray(acceleration_m_s2, dtype=np.float64), rate_Hz, low_Hz, "highpass")
-    return filtered(signal, rate_Hz, high_Hz, "lowpass") if rate_Hz > 2.2 * high_Hz else signal
+    sections = butter(4, (low_Hz, min(high_Hz, 0.45 * rate_Hz)), "bandpass", fs=rate_Hz, output="sos")
+    # turned over at the ends for five periods of 20 Hz, or it would ring there
+    return np.asarray(sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(5.0 * rate_Hz / low_Hz))))
 
 
 def _window_power(signal: Array, rate_Hz: float, window_s: float) -> Array:

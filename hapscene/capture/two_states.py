@@ -9,6 +9,7 @@ each other on the half that they were not fitted to: one state, or two that a Ma
 is no second state.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -184,6 +185,8 @@ def _half(count: int, i: int) -> slice:
 
 def _seen(stretches: Sequence[Streams]) -> tuple[list[tuple[int, int, int]], list[_Seen]]:
     """Stretch, first sample and samples a window, and what is seen there, of each run in which the tool slides."""
+    from scipy.signal import lfilter
+
     places, levels, known = [], [], []
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, 4.0 * RECENT_S):
         stretch = stretches[i]
@@ -202,13 +205,10 @@ def _seen(stretches: Sequence[Streams]) -> tuple[list[tuple[int, int, int]], lis
     level, place = np.concatenate(levels), np.concatenate(known)
     place = np.hstack([np.ones((len(level), 1)), place - place.mean(axis=0)])
     level = level - place @ np.linalg.lstsq(place, level, rcond=1e-6)[0]
-    seen = []
+    seen, share = [], WINDOW_S / RECENT_S
     for y in np.split(level, np.cumsum([len(one) for one in levels])[:-1]):
         before = np.vstack([y[:1], y[:-1]])
-        recent = np.empty_like(y)
-        recent[0] = y[0]
-        for t in range(1, len(y)):
-            recent[t] = recent[t - 1] + WINDOW_S / RECENT_S * (before[t] - recent[t - 1])
+        recent, _ = lfilter([share], [1.0, share - 1.0], before, axis=0, zi=(1.0 - share) * y[:1])
         seen.append((np.stack([np.ones_like(y), before, recent], axis=2), y))
     return places, seen
 
@@ -269,7 +269,7 @@ def _passed(chain: _Chain, x: Array, y: Array) -> tuple[Array, Array, float]:
     for one, two in seen:
         a, b = a * one, b * two
         scale = a + b
-        total += np.log(scale)
+        total += math.log(scale)
         a, b = a / scale, b / scale
         forward.append((a, b))
         a, b = a * p + b * (1.0 - q), a * (1.0 - p) + b * q
