@@ -218,7 +218,7 @@ def _regressed(seen: Sequence[_Seen], chance: Array | None = None, stay: Sequenc
     x, y = (np.concatenate([one[i] for one in seen]) for i in (0, 1))
     chance = np.ones((len(y), 2)) if chance is None else chance
     weight, root = np.empty((2, *x.shape[1:])), np.empty((2, y.shape[1], y.shape[1]))
-    pooled = np.cov(y.T)
+    pooled = np.atleast_2d(np.cov(y.T))
     for state in (0, 1):
         share = chance[:, state]
         for band in range(y.shape[1]):
@@ -234,7 +234,7 @@ def _regressed(seen: Sequence[_Seen], chance: Array | None = None, stay: Sequenc
 def _fitted(seen: Sequence[_Seen]) -> _Chain:
     """The two states that make what is seen likeliest (expectation–maximisation), from the best of `STARTS`."""
     shape = np.concatenate([y for _, y in seen])
-    along = shape @ np.linalg.eigh(np.cov(shape.T))[1][:, -1]
+    along = shape @ np.linalg.eigh(np.atleast_2d(np.cov(shape.T)))[1][:, -1]
     tried = []
     for share in STARTS:
         far = (along > np.quantile(along, share)).astype(np.float64)

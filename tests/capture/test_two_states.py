@@ -46,3 +46,8 @@ def test_one_change_of_the_surface_is_no_second_state() -> None:
     tone = np.sin(2.0 * np.pi * 690.0 / 5000.0 * np.arange(half))
     channels.acceleration_m_s2[half:] += 3.0 * channels.acceleration_m_s2.std() * tone
     assert find_states([channels]) is None
+
+
+@pytest.mark.parametrize("rate_Hz", [500.0, 1000.0, 2000.0])
+def test_low_rates_have_fewer_bands_or_none(rate_Hz: float) -> None:
+    assert find_states([simulated("steady", 4.0, rate_Hz=rate_Hz)[0]]) is None

@@ -27,7 +27,7 @@ def test_recordings_come_alive_on_the_half_that_was_not_fitted(shared: Path) -> 
         recording = load_recording(path, 10_000.0, columns=columns, units=UNITS)
         found = held_out.scores(recording, 2, seeds=5, order=20)
         real = np.mean([score.lively[0] for score in found], axis=0)
-        assert real[0] == pytest.approx(modulation, rel=0.06) and real[1] == pytest.approx(spread_dB, rel=0.03)
+        assert real[0] == pytest.approx(modulation, rel=0.08) and real[1] == pytest.approx(spread_dB, rel=0.04)
         off.append(np.mean([score.off for score in found], axis=0))
         assert max(score.shape_dB[1] - score.shape_dB[0] for score in found) < 0.35
         assert find_states([prepare(recording)[0]]) is None
