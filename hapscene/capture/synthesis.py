@@ -61,8 +61,8 @@ def synthesize(
     swatch = swatch if isinstance(swatch, Swatch) else load_swatch(swatch)
     if not isinstance(seed, Integral) or seed < 0:
         raise CaptureError(f"seed must be a whole number, 0 or more, is {seed!r}")
-    if not 0.0 <= life <= 10.0:
-        raise CaptureError(f"life must be a number from 0 to 10, is {life!r}")
+    if not 0.0 <= life <= 2.0:
+        raise CaptureError(f"life must be a number from 0 to 2, is {life!r}")
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to synthesize")
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
@@ -93,7 +93,8 @@ class _Player:
             if of is not None and life > 0.0:
                 row[: 3 * len(of.spread)] = np.column_stack((life * of.spread, of.decay_1_s, of.decay_1_m)).ravel()
         own = [("life", (LIFE_MAX,)), ("state", (2,)), ("fade", ())]
-        self.s = np.zeros(1, [(name, np.float64, shape) for name, shape in [*voice_fields(self.order), *own]])[0]
+        fields = [(name, np.float64, shape) for name, shape in [*voice_fields(self.order), *own]]
+        self.s = np.zeros(1, fields).view(np.recarray)[0]
         self.rng = seeded_state(seed, "synthesize")
         if self.life.any():
             self.s["life"] = [normal(self.rng) for _ in range(LIFE_MAX)]

@@ -57,17 +57,18 @@ def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
     """
     mu = math.sqrt((1.0 - warp) * (1.0 + warp))
     share, below, shared, beta = 1.0, 0.0, 0.0, 0.0  # of f_m in f_0; variance, covariance with β_m, variance of β_m
-    over, under, c, product = 1.0, 1.0, 0.0, 1.0  # α = over/under: chains of products, with few divisions in them
+    over, under, alpha, c, product = 1.0, 1.0, 1.0, 0.0, 1.0  # α = over/under: no division in their chains
     for m in range(1, order + 4 - (order - 1) % 4):
         if m > order:
             k[m] = 0.0
         rows[0, m] = warp * c
         product = -warp * c * (1.0 if m % 4 == 1 else product)
         rows[1, m] = product
-        rows[2, m], rows[3, m] = mu * (over / under), mu * c
+        rows[2, m], rows[3, m] = mu * alpha, mu * c
         before, bent = under, warp * over
         over, under = k[m] * before - bent, before - k[m] * bent
-        r = before / under
+        inverse = 1.0 / under
+        r, alpha = before * inverse, over * inverse
         c, g = math.sqrt((1.0 - k[m]) * (1.0 + k[m])) * r, k[m] * r
         rows[4, m], rows[5, m] = c, g
         into, e = share * g, mu * mu + warp * warp * beta
@@ -75,7 +76,7 @@ def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
         shared = -(c * warp) * shared - c * into * e
         share, beta = share * c, c * c * mu * mu + (c * c * warp * warp) * beta
         if m % 4 == 0:
-            over, under = over / under, 1.0
+            over, under = alpha, 1.0
             rows[6, m] = c
             for i in range(m - 1, m - 4, -1):
                 rows[6, i] = rows[6, i + 1] * rows[4, i]

@@ -233,11 +233,11 @@ def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
     """Root mean squares (n, k) in bands [m/s²] of a swatch's texture at forces and speeds (n,), by its models."""
     texture = swatch.texture
     assert texture is not None
-    a, variance = texture.models(force_N, speed_m_s)
-    density = 2.0 * variance[:, None] / np.abs(np.fft.rfft(a, 2 * LINES, axis=1)) ** 2 / (2 * LINES)
-    total = np.concatenate((np.zeros((len(a), 1)), np.cumsum(density, axis=1)), axis=1)
+    line_Hz = texture.rate_Hz / (2 * LINES)
+    density = texture.density(force_N, speed_m_s, frequency_Hz=line_Hz * np.arange(LINES + 1))
+    total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
-    edges = band_edges_Hz() / (texture.rate_Hz / (2 * LINES))
+    edges = band_edges_Hz() / line_Hz
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
     return np.asarray(gain * np.sqrt(np.diff([np.interp(edges, lines, row) for row in total], axis=1)))
 
