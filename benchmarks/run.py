@@ -20,6 +20,7 @@ from . import (
     order,
     projection,
     ray,
+    surface_fit,
     synthesis,
     tick_time,
     twin_time,
@@ -116,6 +117,8 @@ def measure(quick: bool, zoo: Path | None, recordings: Path, say: Callable[[str]
     deform.measure_deform(sheet, 1.0 if quick else 10.0)
     say("synthesis of textures")
     synthesis.measure_synthesis(sheet)
+    say("fits")
+    surface_fit.measure_fit(sheet, (10.0,) if quick else (10.0, 600.0))
     say("the twin in closed loop; the handle's compensators")
     twin_time.measure_twin(sheet)
     handle.measure_handle(sheet, 12 if quick else handle.PLANTS)

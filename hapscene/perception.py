@@ -71,8 +71,8 @@ def vibration_least_m_s2(frequency_Hz: ArrayLike) -> Array:
     return np.asarray(VIBRATION_LEAST_M_S2 * above**2)
 
 
-def bands_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
-    """How far vibrations (…, k) in k bands are from the true ones (…, k), (…,) [JND]: root mean square over the bands.
+def band_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
+    """How far vibrations (…, k) in k bands are from the true ones (…, k), band by band (…, k) [JND].
 
     Args:
         rms_m_s2, true_m_s2: root mean squares within each band [m/s²].
@@ -83,7 +83,12 @@ def bands_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) ->
     edges = np.asarray(edges_Hz, np.float64)
     least = vibration_least_m_s2(np.sqrt(edges[1:] * edges[:-1]))
     one, two = (np.maximum(np.asarray(levels, np.float64), least) for levels in (rms_m_s2, true_m_s2))
-    return np.asarray(np.sqrt(np.mean((20.0 * np.log10(one / two) / BAND_DB) ** 2, axis=-1)))
+    return np.asarray(np.abs(20.0 * np.log10(one / two)) / BAND_DB)
+
+
+def bands_jnd(rms_m_s2: ArrayLike, true_m_s2: ArrayLike, edges_Hz: ArrayLike) -> Array:
+    """The same over all bands, (…,) [JND]: root mean square."""
+    return np.asarray(np.sqrt(np.mean(band_jnd(rms_m_s2, true_m_s2, edges_Hz) ** 2, axis=-1)))
 
 
 def is_felt(rms_m_s2: ArrayLike, edges_Hz: ArrayLike) -> bool:

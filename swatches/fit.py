@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hapscene.capture import fit, load_recording
-from hapscene.capture.order_search import felt_order
+from hapscene.capture.order_search import felt_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.streams import clean
 from hapscene.surface.swatch import Swatch
@@ -74,6 +74,7 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
     """The swatch of that name from its recording in `folder`."""
     source, recording = SOURCES[name], load_source(name, folder)
     heard = clean(recording.acceleration_m_s2, recording.rate_Hz).acceleration_m_s2
+    order, warp = felt_domain(heard, recording.rate_Hz)
     swatch = fit(
         recording.acceleration_m_s2,
         recording.rate_Hz,
@@ -81,7 +82,8 @@ def fit_shipped(name: str, folder: Path) -> Swatch:
         speed_m_s=recording.speed_m_s,
         tangential_force_N=recording.tangential_force_N,
         name=name,
-        order=felt_order(heard, recording.rate_Hz),
+        order=order,
+        domain="warped" if warp else "plain",
     )
     static, dynamic = source.friction or (swatch.friction_static, swatch.friction_dynamic)
     amplitude = source.tap_1_s * TAP_SPEED_M_S
@@ -105,8 +107,9 @@ def main(folder: Path) -> None:
         assert texture is not None
         save_swatch(swatch, Path(__file__).with_name(f"{name}.swatch"))
         count = int((texture.variance_m2_s4 > 0.0).sum())
+        warped = ", warped" if texture.warp else ""
         print(
-            f"{name}: order {texture.order}, {count} model(s), friction {swatch.friction_static:.3f} static, "
+            f"{name}: order {texture.order}{warped}, {count} model(s), friction {swatch.friction_static:.3f} static, "
             f"{swatch.friction_dynamic:.3f} dynamic"
         )
 

@@ -39,6 +39,9 @@ MARGIN_S: Final = 1.0
 PIECE_MIN_S: Final = 0.1
 """Shortest piece [s]: five periods of what is lowest, and over less the hand changes nothing."""
 
+PART: Final = 4096
+"""Blocks whose sums are taken at once [count], for memory's sake."""
+
 FLOOR: Final = 1e-6
 """White noise beneath every piece, as a share of its power [1]: −60 dB, as the noise of a good accelerometer."""
 
@@ -58,11 +61,11 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     shortest = -(-round(PIECE_MIN_S * rate_Hz / factor) // (COARSE * block))
     if count < 2 * shortest * COARSE or not np.any(low):
         return []
-    sums = _product_sums(low[: count * block], block)
+    coarse = _product_sums(low[: count * block], block * COARSE)
     window, margin = (round(s / BLOCK_S) // COARSE for s in (WINDOW_S, MARGIN_S))
     penalty = 0.5 * (ORDER + 4) * np.log(min(count * block, WINDOW_S * rate_Hz / factor))
     penalty *= 1.0 + 0.5 * _excess_kurtosis(low)
-    coarse, start, places = sums[::COARSE], 0, [0]
+    start, places = 0, [0]
     while True:
         end = min(start + window, len(coarse) - 1)
         found = [start + place for place in _cheapest(coarse[start : end + 1], block * COARSE, shortest, penalty)]
@@ -72,18 +75,21 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
         sure = [place for place in found if place <= end - margin]  # what comes after the window may move the others
         places += sure
         start = sure[-1] if sure else end - margin
-    borders = [COARSE * place for place in places] + [count]
+    borders = [*places, len(coarse) - 1]
     return [
-        _refined(sums, before, at, after, block) * block * factor
+        _refined(low, coarse, before, at, after, block) * block * factor
         for before, at, after in zip(borders, borders[1:], borders[2:], strict=False)
     ]
 
 
-def _refined(sums: Array, before: int, at: int, after: int, block: int) -> int:
-    """Where near the block `at` the two pieces about it meet: the mean of all places, each by its likelihood."""
-    places = np.arange(max(before + COARSE, at - 2 * COARSE), min(after - COARSE, at + 2 * COARSE) + 1)
-    floor = _floor(sums)
-    left, right = sums[places] - sums[before] + floor, sums[after] - sums[places] + floor
+def _refined(signal: Array, coarse: Array, before: int, at: int, after: int, block: int) -> int:
+    """Where near the coarse block `at` the two pieces about it meet, in blocks: the mean of all places, each by its
+    likelihood."""
+    first, last = max(before + 1, at - 2), min(after - 1, at + 2)
+    fine = coarse[first] + _product_sums(signal[: last * COARSE * block], block, first * COARSE * block)
+    floor = _floor(coarse)
+    left, right = fine - coarse[before] + floor, coarse[after] - fine + floor
+    places, before, after = first * COARSE + np.arange(len(fine)), before * COARSE, after * COARSE
     size = (places - before) * block, (after - places) * block
     cost = size[0] * np.log(_residual(left) / size[0]) + size[1] * np.log(_residual(right) / size[1])
     weight = np.exp(-0.5 * (cost - cost.min()))
@@ -95,17 +101,23 @@ def _floor(sums: Array) -> Array:
     return np.asarray((FLOOR**2 * sums[-1, -1, -1] + 1e-300) * np.eye(ORDER + 1))
 
 
-def _product_sums(signal: Array, block: int) -> Array:
-    """Σ x(t−i) x(t−j) over all blocks before each (count+1, ORDER+1, ORDER+1): of any piece by one subtraction.
+def _product_sums(signal: Array, block: int, start: int = 0) -> Array:
+    """Σ x(t−i) x(t−j) over all blocks from sample `start` on before each (count+1, ORDER+1, ORDER+1): of any piece by
+    one subtraction.
 
     The sums of the covariance method. The shorter table of the autocorrelation method would not do: it is off by the
     edges of a piece, which outweigh the residual of a resonant surface. Lag 0 stands last.
     """
-    padded = np.concatenate([np.zeros(ORDER), signal])
-    past = np.stack([padded[ORDER - k : ORDER - k + len(signal)] for k in range(ORDER, -1, -1)])
-    rows = past.reshape(ORDER + 1, -1, block).transpose(1, 0, 2)
-    products = rows @ rows.transpose(0, 2, 1)
-    return np.concatenate([np.zeros((1, ORDER + 1, ORDER + 1)), np.cumsum(products, axis=0)])
+    count = (len(signal) - start) // block
+    sums = np.zeros((count + 1, ORDER + 1, ORDER + 1))
+    for first in range(0, count, PART):
+        here = range(first, min(first + PART, count))
+        end = start + here.stop * block
+        past = signal[max(0, start + first * block - ORDER) : end]
+        past = np.concatenate([np.zeros(ORDER + len(here) * block - len(past)), past])
+        rows = np.lib.stride_tricks.sliding_window_view(past, ORDER + 1).reshape(len(here), block, ORDER + 1)
+        sums[first + 1 : here.stop + 1] = rows.transpose(0, 2, 1) @ rows
+    return np.cumsum(sums, axis=0, out=sums)
 
 
 def _cheapest(sums: Array, block: int, shortest: int, penalty: float) -> list[int]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hapscene.capture.streams import Array
 from hapscene.constants import ACCELERATION_BAND_HZ
+from hapscene.dsp.ar_filter import power_response
 from hapscene.dsp.linear_prediction import autocorrelation
 from hapscene.dsp.spectrogram import spectrogram as spectrogram_of
 from hapscene.dsp.spectrogram import spectrogram_error as error_of_spectrogram
@@ -22,6 +23,9 @@ from hapscene.perception import band_edges_Hz
 WINDOW_S: Final = 0.1024
 """Length of the windows that spectra are estimated with [s]: 512 samples at 5 kHz. Longer ones resolve more and
 scatter more, so every distance grows with it: compare only distances of one length."""
+
+WINDOWS: Final = 1024
+"""Windows of a signal that are transformed at once [count]."""
 
 BAND_COUNT: Final = 12
 """Bands that 20 to 1000 Hz is cut into [count]. Each is then 39 % wide, the widest difference of frequency that no one
@@ -36,16 +40,26 @@ def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array
     from scipy.signal import welch
 
     signal = np.asarray(acceleration_m_s2, dtype=np.float64)
-    frequency, density = welch(signal, rate_Hz, nperseg=min(len(signal), round(WINDOW_S * rate_Hz)))
-    return np.asarray(frequency), np.asarray(density)
+    size = min(len(signal), round(WINDOW_S * rate_Hz))
+    step = size - size // 2
+    count, total = (len(signal) - size // 2) // step, np.zeros(size // 2 + 1)
+    for first in range(0, count, WINDOWS):  # a long signal part by part, for memory's sake
+        windows = min(WINDOWS, count - first)
+        part = signal[first * step : (first + windows) * step + size // 2]
+        frequency, density = welch(part, rate_Hz, nperseg=size)
+        total += windows / count * density
+    return np.asarray(frequency), total
 
 
-def model_spectrum(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, frequency_Hz: ArrayLike) -> Array:
-    """One-sided power spectral density (k,) [(m/s²)²/Hz] of an AR model at those frequencies: 2 σ² / (rate |A|²)."""
-    from scipy.signal import freqz
+def model_spectrum(
+    a: ArrayLike, variance_m2_s4: float, rate_Hz: float, frequency_Hz: ArrayLike, warp: float = 0.0
+) -> Array:
+    """One-sided power spectral density (..., k) [(m/s²)²/Hz] of AR models (..., p+1) at those frequencies (k,).
 
-    _, response = freqz([1.0], np.asarray(a), worN=np.asarray(frequency_Hz), fs=rate_Hz)
-    return np.asarray(2.0 * variance_m2_s4 * np.abs(response) ** 2 / rate_Hz)
+    It is 2 σ² / (rate |A|²), A on the axis that `warp` bends (`hapscene.dsp.warped_prediction`).
+    """
+    omega_rad = 2.0 * np.pi / rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
+    return np.asarray(2.0 * variance_m2_s4 / rate_Hz * power_response(a, omega_rad, warp))
 
 
 def log_spectral_distance(first: ArrayLike, second: ArrayLike, frequency_Hz: ArrayLike, level: bool = False) -> float:
@@ -112,17 +126,20 @@ def spectral_centroid_Hz(density: ArrayLike, frequency_Hz: ArrayLike) -> float:
 
 
 def band_power(density: ArrayLike, frequency_Hz: ArrayLike, edge_Hz: ArrayLike = BAND_EDGES_HZ) -> Array:
-    """Power (b,) [(m/s²)²] of a spectrum between each two of the edges (b+1,) [Hz].
+    """Power (..., b) [(m/s²)²] of spectra (..., k) between each two of the edges (b+1,) [Hz].
 
     P_b = ∫ S(f) df from edge b to edge b+1, by the trapezoidal rule, edges between two frequencies included
     exactly. Frequencies must ascend; beyond the last of them there is nothing.
     """
     frequency, density = np.asarray(frequency_Hz, dtype=np.float64), np.asarray(density, dtype=np.float64)
     edge = np.clip(np.asarray(edge_Hz, dtype=np.float64), frequency[0], frequency[-1])
-    whole = np.union1d(frequency, edge)
-    at = np.interp(whole, frequency, density)
-    running = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(whole))])
-    return np.asarray(np.diff(running[np.searchsorted(whole, edge)]))
+    step = np.diff(frequency)
+    running = np.zeros(density.shape)
+    running[..., 1:] = np.cumsum(0.5 * (density[..., 1:] + density[..., :-1]) * step, axis=-1)
+    i = np.clip(np.searchsorted(frequency, edge, side="right") - 1, 0, len(step) - 1)
+    into = edge - frequency[i]
+    slope = (density[..., i + 1] - density[..., i]) / step[i]
+    return np.asarray(np.diff(running[..., i] + into * (density[..., i] + 0.5 * into * slope)))
 
 
 # How alive a vibration is: how its level comes and goes, which a spectrum does not show.

@@ -30,6 +30,7 @@ from hapscene.capture.report_plots import (
     signed,
 )
 from hapscene.capture.swatch_fit import Part, prepare
+from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
 from hapscene.files import refusing, write_whole
 from hapscene.surface.swatch import Swatch
@@ -58,8 +59,12 @@ class Fact(NamedTuple):
     detail: str
 
 
+MARKS: Final = {"good": "✓ good", "alike": "≈ as the halves", "short": "✗ short", "": ""}
+"""What is written for each verdict: no difference is felt; one is, as between the recording's own halves; more is."""
+
+
 class Row(NamedTuple):
-    """A line of the table: what was measured, what it is, what it is held to, what follows ("good", "short" or "")."""
+    """A line of the table: what was measured, what it is, what it is held to, what follows (one of `MARKS`)."""
 
     measure: str
     value: str
@@ -107,7 +112,7 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
     allowed = DISTANCE_RATIO * max(best_dB, held.floor_dB)
     worst = int(np.argmax(np.abs(held.band_dB)))
     low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
-    felt = np.count_nonzero(np.abs(held.band_dB) > FELT_DB)
+    felt, felt_halves = (int(np.count_nonzero(np.abs(x) > FELT_DB)) for x in (held.band_dB, held.halves_band_dB))
     one, two, own = held.lively
     fitted, other = (metric.spectral_centroid_Hz(d, held.frequency_Hz) for d in (held.fitted, held.held_out))
     return [
@@ -116,7 +121,7 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
             f"{held.distance_dB:.2f} dB",
             f"at most {allowed:.2f} dB: 1.1 times the recording's floor ({held.floor_dB:.2f} dB) or the best order's "
             f"({best_dB:.2f} dB)",
-            _verdict(held.distance_dB <= allowed),
+            _verdict(felt == 0 and held.distance_dB <= allowed, held.distance_dB <= allowed),
         ),
         Row(
             "level on the held-out half",
@@ -135,7 +140,9 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
         Row(
             "bands that differ by more than is felt",
             f"{felt} of {len(held.band_dB)}",
-            f"{FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(held.band_dB[worst], 1)} dB",
+            f"none: {FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(held.band_dB[worst], 1)} dB; "
+            f"the half that was fitted itself differs in {felt_halves}",
+            _verdict(felt == 0, felt <= felt_halves),
         ),
         _lively_row("modulation of the envelope, 2 to 10 Hz", (one.modulation, two.modulation, own.modulation), ""),
         _lively_row("spread of the level, in windows of 50 ms", (one.spread_dB, two.spread_dB, own.spread_dB), " dB"),
@@ -153,7 +160,7 @@ def _lively_row(measure: str, values: tuple[float, float, float], unit: str) -> 
     recorded, played, fitted = values
     off, own = (abs(float(np.log(max(x, 1e-9) / max(recorded, 1e-9)))) for x in (played, fitted))
     said = f"{recorded:.2f}{unit} on the held-out half, within a factor of {LIVELY:g} or as near as the half that was"
-    verdict = _verdict(off <= max(np.log(LIVELY), own))
+    verdict = _verdict(off <= np.log(LIVELY), off <= own)
     return Row(measure, f"{played:.2f}{unit}", f"{said} fitted: {fitted:.2f}{unit}", verdict)
 
 
@@ -164,8 +171,8 @@ def plain(name: str) -> str:
     return name.replace("_", " ").replace(".", ", ")
 
 
-def _verdict(good: bool) -> str:
-    return "good" if good else "short"
+def _verdict(good: bool, alike: bool = False) -> str:
+    return "good" if good else "alike" if alike else "short"
 
 
 def _texture(swatch: Swatch) -> tuple[Fact, Fact]:
@@ -180,7 +187,15 @@ def _texture(swatch: Swatch) -> tuple[Fact, Fact]:
     )
     power = texture.power(np.array([0.5 * texture.force_max_N]), np.array([0.5 * texture.speed_max_m_s]))[0]
     said = f"rms at half force and speed; at most {np.sqrt(texture.model_power_m2_s4.max()):.2g} m/s²"
-    return Fact("Texture", f"order {texture.order}", held), Fact("Vibration", f"{np.sqrt(power):.2g} m/s²", said)
+    if np.any(texture.exponents != 0.0):
+        force, speed = texture.exponents
+        said += (
+            f"; beyond its power goes on as force^{force:.2g} and speed^{speed:.2g}, by {LEVEL_BOUND_DB:g} dB at most"
+        )
+    warped = ", warped" if texture.warp else ""
+    return Fact("Texture", f"order {texture.order}{warped}", held), Fact(
+        "Vibration", f"{np.sqrt(power):.2g} m/s²", said
+    )
 
 
 def _friction(swatch: Swatch) -> Fact:
@@ -256,10 +271,9 @@ def _fact(fact: Fact) -> str:
 
 
 def _row(row: Row) -> str:
-    mark = {"good": "✓ good", "short": "✗ short", "": ""}[row.verdict]
     return (
         f'<tr><th>{escape(row.measure)}</th><td class="value">{escape(row.value)}</td>'
-        f'<td class="to">{escape(row.held_to)}</td><td class="{row.verdict}">{mark}</td></tr>'
+        f'<td class="to">{escape(row.held_to)}</td><td class="{row.verdict}">{MARKS[row.verdict]}</td></tr>'
     )
 
 
@@ -354,11 +368,18 @@ def _lead(judgement: Judgement | None, missing: str) -> str:
     held = judgement.held_out
     if held is None:
         return f"The texture could not be judged on held-out data: {judgement.why_not}"
-    short = [row.measure.split(" (")[0] for row in rows(judgement) if row.verdict == "short"]
+    short, alike = (
+        [row.measure.split(" (")[0] for row in rows(judgement) if row.verdict == verdict]
+        for verdict in ("short", "alike")
+    )
     text = "Judged by the recording: a model of the first half is held against the second, which it has not seen. "
-    if not short:
-        return text + "Spectrum, level and centroid are as near as such a recording allows."
-    return text + f"Short of what is asked: {', '.join(short)}."
+    if short:
+        text += f"Short of what is asked: {', '.join(short)}. "
+    if alike:
+        text += f"Felt to differ, but no more than the halves themselves: {', '.join(alike)}. "
+    return (
+        text.strip() if short or alike else text + "Spectrum, level, centroid and bands differ by nothing that is felt."
+    )
 
 
 def _described(recording: SurfaceRecording | None, source: str) -> str:

@@ -9,10 +9,11 @@ from hapscene.capture import metric
 from hapscene.capture.metric import Liveliness, LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, part_of
+from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import CaptureError
+from hapscene.perception import BAND_DB
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -28,8 +29,8 @@ MOVING: Final = 0.02
 PLAYS: Final = 8
 """How often the model of a half is played to see how lively it is [count]: one time is lively by chance."""
 
-FELT_DB: Final = 2.0
-"""Difference of level, also in one band, that is felt [dB] (derived from Israr et al. 2006)."""
+FELT_DB: Final = BAND_DB
+"""Difference of level, also in one band, that is felt [dB]."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,13 @@ class HeldOut:
         frequency_Hz: (k,) frequencies of the spectra below.
         fitted: (k,) power spectral density of the half that was fitted [(m/s²)²/Hz].
         held_out: (k,) that of the other half.
-        model: (k,) what the model gives along the force and speed of the other half.
+        model: (k,) what the model gives along the force and speed of the other half, as its high-pass would leave it.
         distance_dB: log-spectral distance of model and held-out half, of shape.
         floor_dB: the same between the two real halves.
         level_dB: power of the model over that of the held-out half, 20 to 1000 Hz.
         halves_dB: power of the half that was fitted over that of the held-out half.
-        band_dB: (12,) the same in each band of `metric.BAND_EDGES_HZ`.
+        band_dB: (12,) that of the model in each band of `metric.BAND_EDGES_HZ`.
+        halves_band_dB: (12,) that of the half that was fitted.
         centroid_ratio: spectral centroid of the model over that of the held-out half.
         goodness_of_fit: of the two.
         residual_ratio: power that the model leaves of the held-out half.
@@ -67,6 +69,7 @@ class HeldOut:
     level_dB: float
     halves_dB: float
     band_dB: Array
+    halves_band_dB: Array
     centroid_ratio: float
     goodness_of_fit: float
     residual_ratio: float
@@ -113,7 +116,7 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
     stroke = sliding(channels, states)
     synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
-    search = search_order(stroke.acceleration_m_s2, rate)
+    search = search_order(stroke.acceleration_m_s2, rate, swatch.texture.resampled(rate).warp)
     held_out, why_not = None, ""
     try:
         held_out = _hold_out(swatch, stroke, search)
@@ -156,7 +159,8 @@ def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, A
     for weight in a[kept].T:  # of the signal, then of what the allpass D, for plain models the delay, makes of it
         left += weight[:, None] * past[at]
         past = lfilter([-texture.warp, 1.0], [1.0, -texture.warp], past)
-    return left.ravel(), np.repeat(np.sqrt(variance[kept]), step), y[at].ravel()
+    left /= (first := a[kept] @ (-texture.warp) ** np.arange(order + 1.0))[:, None]  # what is new in each sample
+    return left.ravel(), np.repeat(np.sqrt(variance[kept]) / first, step), y[at].ravel()
 
 
 def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut:
@@ -166,13 +170,15 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     first, second = (part_of(channels, half) for half in (slice(middle), slice(middle, None)))
     order = swatch.texture.order
     chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
-    half = fit(first.acceleration_m_s2, rate, force_N=first.force_N, speed_m_s=first.speed_m_s, order=chosen)
+    domain = "plain" if swatch.texture.warp == 0.0 else "warped"
+    y, force, speed = first.acceleration_m_s2, first.force_N, first.speed_m_s
+    half = fit(y, rate, force_N=force, speed_m_s=speed, order=chosen, domain=domain)
     texture = half.texture
     if texture is None:
         raise CaptureError(f"the first half holds no texture: {half.absent.get('texture', 'it slides too little')}")
     (frequency, fitted), (_, held_out) = (metric.spectrum(half.acceleration_m_s2, rate) for half in (first, second))
     grid, expected = spectrum_along(texture, second.force_N, second.speed_m_s)
-    model = np.interp(frequency, grid, expected)
+    model = np.interp(frequency, grid, expected) * kept_share(frequency)
     distance_dB, floor_dB = (metric.log_spectral_distance(one, held_out, frequency) for one in (model, fitted))
     band, fitted_band, own_band = (metric.band_power(one, frequency) for one in (model, fitted, held_out))
     level_dB, halves_dB = (float(10.0 * np.log10(one.sum() / own_band.sum())) for one in (band, fitted_band))
@@ -187,6 +193,7 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
         *spectra,
         *apart_dB,
         10.0 * np.log10(band / own_band),
+        10.0 * np.log10(fitted_band / own_band),
         metric.spectral_centroid_Hz(model, frequency) / metric.spectral_centroid_Hz(held_out, frequency),
         metric.goodness_of_fit(model, held_out, frequency),
         float(np.mean(left**2) / np.mean(signal**2)),

@@ -131,6 +131,7 @@ def segment(channels: Streams) -> Segmentation:
         _mark_impacts(states, contact, channels.acceleration_m_s2, level, rate)
     elif told:
         _mark_bursts(states, heard, level, rate)
+    del level, heard  # of a long recording they are as large as a stream
     changes = []
     for start, end in runs(states == InteractionState.SLIDING):
         changes += [start + c for c in change_points(channels.acceleration_m_s2[start:end], rate)]
@@ -139,7 +140,7 @@ def segment(channels: Streams) -> Segmentation:
 
 def runs(mask: Mask) -> list[Run]:
     """The stretches in which `mask` (n,) holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=np.int8(0), append=np.int8(0)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
@@ -212,12 +213,16 @@ def _level(acceleration: Array, rate: float) -> Array:
     from scipy.ndimage import uniform_filter1d
 
     power = uniform_filter1d(acceleration**2, max(1, round(LEVEL_S * rate)), mode="nearest")
-    return np.sqrt(np.maximum(power, 0.0))
+    return np.asarray(np.sqrt(np.maximum(power, 0.0, out=power), out=power))
 
 
 def _threshold(stream: Array, rate: float) -> float:
     """Where a low-passed stream is on."""
-    return max(ABOVE_NOISE * noise(stream, rate), SHARE_ON * float(np.quantile(np.abs(stream), 0.95)), 1e-12)
+    return max(
+        ABOVE_NOISE * noise(stream, rate),
+        SHARE_ON * float(np.quantile(np.abs(stream), 0.95, overwrite_input=True)),
+        1e-12,
+    )
 
 
 def noise(stream: Array, rate: float) -> float:
@@ -226,17 +231,19 @@ def noise(stream: Array, rate: float) -> float:
     shaken = filtered(stream, rate, low, "highpass", order=2)
     length = max(1, round(0.05 * rate))
     windows = shaken[: len(shaken) // length * length].reshape(-1, length)
-    return float(np.sqrt(np.quantile(np.mean(windows**2, axis=1), 0.1) * high / (high - low)))
+    power = np.einsum("kn,kn->k", windows, windows) / length
+    return float(np.sqrt(np.quantile(power, 0.1) * high / (high - low)))
 
 
 def _switched(stream: Array, on: float, off: float) -> Mask:
     """A switch with hysteresis (n,): on above `on`, off below `off`, in between as before."""
-    told = np.where(stream > on, 1, np.where(stream < off, 0, -1))
-    known = np.flatnonzero(told >= 0)
-    if not len(known):
+    above, known = stream > on, (stream > on) | (stream < off)
+    if not known.any():
         return np.zeros(len(stream), dtype=np.bool_)
-    last = np.searchsorted(known, np.arange(len(stream)), side="right") - 1
-    return np.asarray(told[known[np.maximum(last, 0)]] == 1)
+    first = int(known.argmax())
+    last = np.arange(len(stream), dtype=np.int32)  # where it was told last
+    last[~known] = first
+    return np.asarray(above[np.maximum.accumulate(last, out=last)])
 
 
 def _without_brief(mask: Mask, shortest: int) -> Mask:

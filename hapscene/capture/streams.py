@@ -69,7 +69,7 @@ def clean(
     if not (np.isfinite(rate_Hz) and rate_Hz > 4.0 * HAND_CUTOFF_HZ):
         raise CaptureError(f"rate_Hz must be above {4.0 * HAND_CUTOFF_HZ:g}, is {rate_Hz}")
     acceleration = _stream("acceleration_m_s2", acceleration_m_s2, None)
-    beyond = np.flatnonzero(np.abs(acceleration) > ACCELERATION_MAX_M_S2)
+    beyond = np.flatnonzero((acceleration > ACCELERATION_MAX_M_S2) | (acceleration < -ACCELERATION_MAX_M_S2))
     if len(beyond):
         raise CaptureError(
             f"acceleration_m_s2: sample {beyond[0]} is {acceleration[beyond[0]]:.3g} m/s², at most "
@@ -84,11 +84,18 @@ def clean(
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}
     tangential, depth = (None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items())
     high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
-    if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
+    if not high.std() > 1e-9 * max(1.0, acceleration.max(), -acceleration.min()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
-    force, speed = _low_passed(force, rate_Hz), np.abs(_low_passed(speed, rate_Hz))
+    force, speed = _low_passed(force, rate_Hz), _low_passed(speed, rate_Hz)
+    np.abs(speed, out=speed)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
     return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed)
+
+
+def kept_share(frequency_Hz: ArrayLike) -> Array:
+    """Share (n,) of a recording's power that its high-pass in `clean` leaves at frequencies (n,) [1]."""
+    ratio = ACCELERATION_BAND_HZ[0] / np.maximum(np.asarray(frequency_Hz, dtype=np.float64), 1e-3)
+    return np.asarray((1.0 + ratio**8) ** -2.0)
 
 
 def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recording:
@@ -134,7 +141,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
         raise CaptureError(f"{name} must be a list of numbers") from None
     if given.dtype.kind not in "iuf":  # as float64 complex numbers would lose a part, and text might pass
         raise CaptureError(f"{name} must be a list of real numbers, is of {given.dtype}")
-    array = given.astype(np.float64)
+    array = given.astype(np.float64, copy=False)
     if array.ndim == 0 and count is not None:
         array = np.full(count, float(array))
     if array.ndim != 1:
@@ -149,7 +156,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
 
 def _low_passed(signal: Array, rate_Hz: float) -> Array:
     """At 100 Hz; a number given for the whole recording stays that number."""
-    return signal if np.ptp(signal) == 0.0 else filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
+    return signal.copy() if np.ptp(signal) == 0.0 else filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
 
 
 def filtered(

@@ -7,16 +7,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.friction import fit_friction
-from hapscene.capture.order_search import search_order
+from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Streams, clean, part_of
+from hapscene.capture.streams import (
+    ASSUMED_FORCE_N,
+    ASSUMED_SPEED_M_S,
+    DURATION_MIN_S,
+    Array,
+    Streams,
+    clean,
+    part_of,
+)
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
-from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
+from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
 from hapscene.capture.two_states import Living, with_life
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
+from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
@@ -45,6 +54,7 @@ def fit(
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
     excitation: object = None,
+    domain: str = "auto",
 ) -> Swatch:
     """The swatch of a recording of a tool on a surface: `fit(load_recording("oak.csv", …))`, or of its streams.
 
@@ -61,6 +71,8 @@ def fit(
         interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
         excitation: has no effect any more: the noise that drives a texture is Gaussian.
+        domain: frequency axis of the AR models: "plain"; "warped", finer where more is felt, at rates above 3 kHz
+            (`hapscene.dsp.warped_prediction`); or "auto": the better one on held-out data, "plain" for an order given.
 
     Returns:
         A swatch with what the recording holds: texture where the tool slides, taps where it strikes, friction,
@@ -80,7 +92,7 @@ def fit(
     else:
         channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
         part = channels, segment(channels)
-    return fit_parts([part], name, order, model_count, interpolation)
+    return fit_parts([part], name, order, model_count, interpolation, domain)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -100,6 +112,7 @@ def fit_parts(
     order: int | Literal["auto"] = "auto",
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
+    domain: str = "auto",
 ) -> Swatch:
     """The swatch of recordings of one surface, pooled; as `fit`.
 
@@ -113,6 +126,8 @@ def fit_parts(
     order, model_count = _whole(order), _whole(model_count)
     if order != "auto" and (type(order) is not int or not 1 <= order <= min(ORDER_MAX, PIECE_S * min(rates) / 2)):
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
+    if domain not in DOMAINS:
+        raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
     friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
     intervals = friction.intervals | taps.intervals
     absent = friction.absent | taps.absent | {"damping_Ns_m": "is not fitted to recordings"}
@@ -127,7 +142,7 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture, known, missing = _texture(parts, order, model_count, interpolation)
+        texture, known, missing = _texture(parts, order, model_count, interpolation, domain)
         intervals, absent = intervals | known, absent | missing
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
@@ -156,28 +171,39 @@ def _texture(
     order: int | Literal["auto"],
     model_count: int | Literal["auto"],
     interpolation: str,
+    domain: str,
 ) -> Living:
-    """The texture of all that slides, and what is known of its life."""
+    """The texture of all that slides, with the 95 % intervals of what is in it, and what it lacks."""
     rate = parts[0][0].rate_Hz
-    pieces = _pieces(parts)
-    sliding = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
-    signal = np.concatenate(sliding)
-    if len(signal) < DURATION_MIN_S * rate:
-        raise _NoTexture(f"the tool slides for {len(signal) / rate:.2f} s: at least {DURATION_MIN_S:g} s are needed")
-    noise = None
+    slid_s = sum(states.seconds(InteractionState.SLIDING) for _, states in parts)
+    if slid_s < DURATION_MIN_S:
+        _pieces(parts)  # where nothing slides at all, it says why
+        raise _NoTexture(f"the tool slides for {slid_s:.2f} s: at least {DURATION_MIN_S:g} s are needed")
+    noise, warp = None, warp_at(rate) if domain == "warped" else 0.0
     if order == "auto":
-        search = search_order(signal, rate)
-        order, noise = search.chosen, search.noise
+        search = search_domain(_slid(parts), rate, domain)
+        order, noise, warp = search.chosen, search.noise, search.warp
+    pieces = _pieces(parts)
     if model_count == "auto":
-        model_count = choose_model_count(pieces, rate, order, noise)
+        model_count = choose_model_count(pieces, rate, order, noise, warp)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
+    law = fit_level(pieces)
+    ends = zip(law.exponents - 1.96 * law.spread, law.exponents + 1.96 * law.spread, strict=True)
+    intervals = {f"texture.exponents[{i}]": (float(low), float(high)) for i, (low, high) in enumerate(ends)}
 
     def fitted(pieces: Pieces) -> Texture:
-        return fit_texture(pieces, rate, order, model_count, interpolation, noise)
+        return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp)
 
     slid = [(c, run) for c, states in parts for run in states.runs(InteractionState.SLIDING)]
-    return with_life(fitted(pieces), [part_of(channels, slice(*run)) for channels, run in slid], fitted)
+    living = with_life(fitted(pieces), [part_of(channels, slice(*run)) for channels, run in slid], fitted)
+    return living._replace(intervals=intervals | living.intervals)
+
+
+def _slid(parts: Sequence[Part]) -> Array:
+    """The acceleration of all that slides."""
+    found = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
+    return found[0] if len(found) == 1 else np.concatenate(found)
 
 
 def _whole(value: Any) -> Any:

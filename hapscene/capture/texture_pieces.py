@@ -1,7 +1,8 @@
 """The pieces of a recording that a texture is fitted to: short, of nearly one force and speed, and none that is odd."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -47,6 +48,12 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.start)
 
+    @cached_property
+    def power_m2_s4(self) -> Array:
+        """(k,) mean square of the acceleration [(m/s²)²]."""
+        rows = self.acceleration_m_s2
+        return np.asarray(np.einsum("kn,kn->k", rows, rows) / rows.shape[1])
+
     def __getitem__(self, chosen: slice | NDArray[np.bool_]) -> "Pieces":
         return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])
 
@@ -61,30 +68,34 @@ def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pie
     Raises:
         CaptureError: there are none.
     """
-    spans = [(0, len(channels.acceleration_m_s2))] if runs is None else list(runs)
+    spans = [(0, len(channels.acceleration_m_s2))] if runs is None else list(runs) or [(0, 0)]
     length = round(PIECE_S * channels.rate_Hz)
     if len(spans) == 1 and spans[0][1] - spans[0][0] >= length:
         size = spans[0][1] - spans[0][0]
         length = size // int(size / (PIECE_S * channels.rate_Hz))  # what is left over is less than one sample a piece
-    streams = np.stack([channels.acceleration_m_s2, channels.force_N, channels.speed_m_s])
-    found, numbers, number = [np.zeros((3, 0, length))], [np.zeros(0, dtype=np.intp)], 0
+    found: list[tuple[Array, Array, Array, NDArray[np.intp]]] = []
+    number = 0
     for first, last in spans:
         count = (last - first) // length
         first += (last - first - count * length) // 2
-        found.append(streams[:, first : first + count * length].reshape(3, count, length))
-        numbers.append(np.arange(number, number + count))
+        rows, force, speed = (
+            stream[first : first + count * length].reshape(count, length)
+            for stream in (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
+        )
+        found.append((rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count)))
         number += count + 1  # so that pieces of two stretches are no neighbours
-    acceleration, force, speed = np.concatenate(found, axis=1)
-    pieces = Pieces(acceleration, force.mean(axis=1), speed.mean(axis=1), np.concatenate(numbers))
+    pieces = Pieces(*found[0]) if len(found) == 1 else Pieces(*map(np.concatenate, zip(*found, strict=True)))
     most_N, most_m_s = pieces.force_N.max(initial=0.0), pieces.speed_m_s.max(initial=0.0)
     sliding = (pieces.force_N > MOVING * most_N) & (pieces.speed_m_s > MOVING * most_m_s)
     if most_N <= 0.0 or most_m_s <= 0.0 or not np.any(sliding):
         raise CaptureError("the tool never slides under a normal force: force_N and speed_m_s must be above 0")
-    return without_outliers(pieces[sliding])
+    return without_outliers(pieces if sliding.all() else pieces[sliding])
 
 
 def pooled(parts: Sequence[Pieces]) -> Pieces:
     """The pieces of several recordings as those of one."""
+    if len(parts) == 1:
+        return parts[0]
     length = min(part.acceleration_m_s2.shape[1] for part in parts)
     shift = np.cumsum([0, *(int(part.start[-1]) + 2 for part in parts[:-1])])
     return Pieces(
@@ -101,7 +112,7 @@ def without_outliers(pieces: Pieces) -> Pieces:
     The level in dB is taken as a robust plane over the logarithms of force and speed (least absolute deviations, by
     reweighted least squares).
     """
-    level = 10.0 * np.log10(np.maximum(np.mean(pieces.acceleration_m_s2**2, axis=1), 1e-300))
+    level = 10.0 * np.log10(np.maximum(pieces.power_m2_s4, 1e-300))
     away = level - np.median(level)
     if len(pieces) >= PLANE_PIECES:
         place = np.stack([np.ones(len(pieces)), np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
@@ -110,7 +121,8 @@ def without_outliers(pieces: Pieces) -> Pieces:
             plane, *_ = np.linalg.lstsq(place * weight[:, None], level * weight, rcond=None)
             away = level - place @ plane
     spread = max(1.4826 * float(np.median(np.abs(away))), SPREAD_MIN_DB)
-    return pieces[np.abs(away) <= OUTLIER_SPREADS * spread]
+    usual = np.abs(away) <= OUTLIER_SPREADS * spread
+    return pieces if usual.all() else pieces[usual]
 
 
 # How loud a surface is, over force and speed: the law that a recording's pieces follow.
@@ -118,19 +130,17 @@ def without_outliers(pieces: Pieces) -> Pieces:
 # Power = c F^α v^β, fitted to the pieces' levels in dB. From one recording the exponents are hardly known: a hand that
 # strokes for a second or two changes force and speed by a tenth or two, while levels scatter by 2 to 4 dB for reasons
 # of the surface's own; exponents of plain least squares were off by 7 dB on the other half of a recording. So they
-# start from what friction gives, and move as far as the pieces say (a Gaussian prior, the posterior mean): a sliding
-# tool turns F v of power per unit of friction into heat and vibration, so that vibration of one efficiency has α = β =
-# 1.
+# start from what other surfaces have, and move as far as the pieces say (a Gaussian prior, the posterior mean). Were
+# all of friction's power, F v, turned into vibration alike, both would be 1; faster is louder than that.
 
 
-EXPONENT: Final = 1.0
-"""Exponent of force and of speed that is expected [1]: power in proportion to that of friction. On halves, thirds and
-quarters of wood, paper and leather, each predicted from each other, the mean square error of the level was 0.6 times
-that of a level that depends on neither."""
+EXPONENTS: Final = (0.47, 1.99)
+"""Exponents of force and of speed that are expected [1]: the mean of 89 surfaces of the Penn Haptic Texture Toolkit
+(Culbertson, López Delgado & Kuchenbecker 2014), each one's own error taken out (`hapscene_experiments.level_prior`). Of
+surfaces left out the slow half told the fast one's level to 3.0 dB rms; exponents of 1 and 1 to 3.6, clamped 7.4."""
 
-EXPONENT_SPREAD: Final = 0.5
-"""Standard deviation of an exponent about that [1]: between a half and one and a half, most likely. Halved or doubled,
-the level on the held-out halves of wood, paper and leather changes by 0.25 dB at most."""
+EXPONENT_SPREADS: Final = (0.47, 0.74)
+"""Standard deviations of the exponents about those [1], of the same surfaces."""
 
 SCATTER_DB: Final = 0.5
 """Least scatter of the levels about the law [dB]: that of a tenth of a second of noise 1 kHz wide."""
@@ -138,22 +148,41 @@ SCATTER_DB: Final = 0.5
 _DB: Final = 10.0 / np.log(10.0)
 
 
-def fit_level(pieces: Pieces) -> Callable[[Array, Array], Array]:
-    """The power [(m/s²)²] that pieces have at forces [N] and speeds [m/s] (n,), their own mean power kept."""
-    power = np.mean(pieces.acceleration_m_s2**2, axis=1)
+@dataclass(frozen=True)
+class LevelLaw:
+    """Power over force and speed, scale (F/F₀)^α (v/v₀)^β.
+
+    Attributes:
+        scale_m2_s4: power at the centre [(m/s²)²].
+        centre: (2,) logarithms of the force [N] and the speed [m/s] of the centre.
+        exponents: (2,) α and β [1].
+        spread: (2,) their standard deviations, of what the pieces leave open [1].
+    """
+
+    scale_m2_s4: float
+    centre: Array
+    exponents: Array
+    spread: Array
+
+    def __call__(self, force_N: Array, speed_m_s: Array) -> Array:
+        """The power (n,) [(m/s²)²] at forces and speeds (n,)."""
+        place = np.stack([np.log(force_N), np.log(speed_m_s)], axis=1)
+        return np.asarray(self.scale_m2_s4 * np.exp((place - self.centre) @ self.exponents))
+
+
+def fit_level(
+    pieces: Pieces, expected: tuple[float, float] = EXPONENTS, spreads: tuple[float, float] = EXPONENT_SPREADS
+) -> LevelLaw:
+    """The law of the pieces' power, their own mean power kept; `expected` and `spreads` as those above."""
+    power = pieces.power_m2_s4
     level = np.log(np.maximum(power, 1e-12 * power.mean() + 1e-300))
     place = np.stack([np.log(pieces.force_N), np.log(pieces.speed_m_s)], axis=1)
     centre = place.mean(axis=0)
-    away, expected = place - centre, np.full(2, EXPONENT)
-    exponent = expected
+    away, known = place - centre, np.diag(np.array(spreads) ** -2.0)
+    exponents = np.array(expected)
     for _ in range(3):
-        scatter = max(float(np.std(level - away @ exponent)), SCATTER_DB / _DB)
-        weight = (EXPONENT_SPREAD / scatter) ** 2
-        information = weight * away.T @ away + np.eye(2)
-        exponent = np.linalg.solve(information, weight * away.T @ (level - level.mean()) + expected)
-    scale = power.sum() / np.exp(away @ exponent).sum()
-
-    def law(force_N: Array, speed_m_s: Array) -> Array:
-        return np.asarray(scale * np.exp((np.stack([np.log(force_N), np.log(speed_m_s)], axis=1) - centre) @ exponent))
-
-    return law
+        scatter = max(float(np.std(level - away @ exponents)), SCATTER_DB / _DB)
+        information = away.T @ away / scatter**2 + known
+        exponents = np.linalg.solve(information, away.T @ (level - level.mean()) / scatter**2 + known @ expected)
+    scale = float(power.sum() / np.exp(away @ exponents).sum())
+    return LevelLaw(scale, centre, exponents, np.sqrt(np.diag(np.linalg.inv(information))))

@@ -42,6 +42,9 @@ STEPS: Final = 40
 GAIN_LEAST: Final = 0.1
 """Gain of the log likelihood at which the search ends: a twentieth of what one useless number brings by chance."""
 
+LONG: Final = 1 << 18
+"""Longest stretch whose periodogram is taken at once [samples]: its lines are much closer than `BIN_HZ`."""
+
 LINES: Final = 1024
 """Lines of a density's even spectrum, less one [count]."""
 
@@ -114,11 +117,13 @@ class NoisyModel:
 
 def density(signals: Sequence[Array], rate_Hz: float) -> Density:
     """The binned periodogram of stretches of one signal, each (n_i,)."""
+    signals = [signal[i : i + LONG] for signal in signals for i in range(0, len(signal), LONG)]
     count = sum(len(signal) for signal in signals)
     size = 1 << (max(len(signal) for signal in signals) - 1).bit_length()
     size = max(size, 2 * LINES)
-    lines = [np.abs(np.fft.rfft(tapered(signal, rate_Hz), size)) ** 2 for signal in signals]
-    periodogram = np.sum(lines, axis=0) / count
+    periodogram = np.zeros(size // 2 + 1)
+    for signal in signals:
+        periodogram += np.abs(np.fft.rfft(tapered(signal, rate_Hz), size)) ** 2 / count
     periodogram += WHITE * periodogram.mean()
     per_Hz = count / rate_Hz
     edge = np.arange(LOW_HZ, 0.5 * rate_Hz, max(BIN_HZ, ORDINATES / per_Hz))

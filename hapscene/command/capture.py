@@ -140,6 +140,7 @@ def _fit_one(options: argparse.Namespace) -> int:
             recording = load_recording(path, **recording_options(options))
             with refusing(CaptureError, path):
                 parts.append(prepare(recording))
+            del recording  # a long one is as large as what is made of it
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
         say(f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n")
     made = []
@@ -213,15 +214,21 @@ def _interval(pair: tuple[float, float] | None, form: str) -> str:
 BATCH_OUT: Final = "out/swatches"
 """Where a swatch of each recording goes unless it is said."""
 
+DOMAINS: Final = ("auto", "plain", "warped")  # as in capture.order_search
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
 EXCITATIONS: Final = ("auto", "gaussian", "measured")  # taken still, without effect
 
 
 def add_fit_options(command: argparse.ArgumentParser) -> None:
-    """Adds --order, --interpolation and --excitation."""
+    """Adds --order, --domain, --interpolation and --excitation."""
     command.add_argument(
         "--order", type=_order, default="auto", metavar="N",
         help="of the texture's models (default: auto, held-out data)",
+    )  # fmt: skip
+    command.add_argument(
+        "--domain", choices=DOMAINS, default="auto",
+        help="frequency axis of the models: plain, or warped, finer where more is felt (default: auto, the better one "
+        "on held-out data)",
     )  # fmt: skip
     command.add_argument(
         "--interpolation", choices=INTERPOLATIONS, default="lsf", help="how the texture blends its models (default lsf)"
@@ -235,7 +242,7 @@ def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
     if options.excitation is not None:
         print("hapscene: --excitation has no effect any more", file=sys.stderr)
-    return {"order": options.order, "interpolation": options.interpolation}
+    return {"order": options.order, "domain": options.domain, "interpolation": options.interpolation}
 
 
 def _order(text: str) -> int | Literal["auto"]:

@@ -76,6 +76,9 @@ def _add_rest(sheet: Sheet) -> None:
         for figure in ("one model", "nine models", "lfilter"):
             sheet.add(f"synthesis, order {order}", f"{figure} for 10 s", 5e-4 * order, "s")
     sheet.add("synthesis, wood", "order", 68, "1")
+    sheet.add("fit, 10 s", "time", 1.5, "s")
+    sheet.add("fit, 600 s", "time", 20.0, "s")
+    sheet.add("fit, 600 s", "memory", 3.0, "times")
     for figure in ("swatch", "lfilter"):
         sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
     sheet.add("twin, Omni, handle", "times real time", 110.0, "1")

@@ -212,3 +212,10 @@ def test_liveliness_of_a_tone_that_comes_and_goes() -> None:
     assert steady.crest < 1.7  # 2 with what is not felt; the ends ring a little
     with pytest.raises(CaptureError, match=r"0\.10 s are too few"):
         metric.liveliness(t[:500], 5000.0)
+
+
+def test_a_long_signals_spectrum_is_taken_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    signal = np.random.default_rng(5).standard_normal(20_000)
+    whole = metric.spectrum(signal, 2000.0)[1]
+    monkeypatch.setattr(metric, "WINDOWS", 7)
+    assert metric.spectrum(signal, 2000.0)[1] == pytest.approx(whole, rel=1e-9)

@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfilt
 
 from hapscene.capture import metric
-from hapscene.capture.order_search import DISTANCE_RATIO, MISFIT_DB, MISFIT_RATIO, _misfit, felt_order, search_order
+from hapscene.capture.order_search import (
+    DISTANCE_RATIO,
+    DOMAIN_JND,
+    MISFIT_DB,
+    MISFIT_RATIO,
+    _misfit,
+    felt_order,
+    search_domain,
+    search_order,
+)
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 
@@ -94,3 +103,27 @@ def test_chance_alone_is_no_misfit():
         raw_dB = 10 / np.log(10) * np.sqrt(2 / count * of_chance.sum())
         found = misfit_dB(count)
         assert found[:, -1].tolist() == [0.0] * 10 and found[:, 0].mean() < 0.5 * raw_dB
+
+
+def falling(count, seed=0):
+    """Noise at 10 kHz that falls off steeply below 60 Hz and slowly above 300 Hz, over a sensor's."""
+    rng = np.random.default_rng(seed)
+    noise = sosfilt(butter(4, 60.0, "highpass", fs=1e4, output="sos"), rng.standard_normal(count + 5000))
+    signal = sosfilt(butter(2, 300.0, fs=1e4, output="sos"), noise)[5000:]
+    return signal + 1e-3 * signal.std() * rng.standard_normal(count)
+
+
+def test_the_axis_is_that_which_a_surface_asks_for():
+    """Two wide resonances are a plain model of order 4; what falls off towards 20 Hz is warped, with fewer taps."""
+    a = np.ones(1)
+    for f in (150.0, 600.0):
+        a = np.convolve(a, [1.0, -1.95 * np.cos(2 * np.pi * f / 1e4), 0.950625])
+    plain = search_domain(lfilter([1.0], a, np.random.default_rng(1).standard_normal(60_000)), 1e4)
+    assert plain.warp == 0.0 and plain.chosen <= 6
+    signal = falling(60_000)
+    found = [search_domain(signal, 1e4, domain) for domain in ("plain", "warped", "auto")]
+    assert [search.warp > 0.0 for search in found] == [False, True, True]
+    assert found[2].chosen < 0.5 * found[0].chosen
+    at = [float(search.band_jnd[search.orders == search.chosen][0]) for search in found]
+    assert at[2] <= at[0] + DOMAIN_JND
+    assert search_domain(signal[::5], 2000.0, "warped").warp == 0.0  # too low a rate for it

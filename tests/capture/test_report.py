@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from hapscene.capture import fit, load_recording, report_plots
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.report import report, rows, write_report
+from hapscene.capture.report import _lead, report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
 from hapscene.capture.report_plots import (
     plot_bands,
@@ -93,10 +93,21 @@ def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecord
     assert held.centroid_ratio == pytest.approx(1.0, abs=0.05)
     assert held.goodness_of_fit > 0.95 and abs(held.kurtosis) < 0.2
     assert judgement.spectrogram_error == pytest.approx(0.655, abs=0.05)
-    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 5
-    off = replace(judgement, held_out=replace(held, band_dB=np.array([0.0, -4.0, 0.0, 3.5, *np.zeros(8)])))
-    (bands,) = (row for row in rows(off) if row.measure.startswith("bands"))
-    assert bands.value == "2 of 12" and "−4.0 dB" in bands.held_to
+    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 6
+
+
+def test_what_is_felt_to_be_off_is_not_called_good(swatch: Swatch, recording: SurfaceRecording) -> None:
+    """Two of twelve bands by 4 and 3.5 dB: short, unless the recording's own halves differ in as many."""
+    channels = clean(recording.acceleration_m_s2, RATE, recording.force_N, recording.speed_m_s)
+    judgement = judge(swatch, channels, segment(channels))
+    held, off_dB = judgement.held_out, np.array([0.0, -4.0, 0.0, 3.5, *np.zeros(8)])
+    assert held is not None
+    for halves_dB, verdict in ((np.zeros(12), "short"), (off_dB, "alike")):
+        off = replace(judgement, held_out=replace(held, band_dB=off_dB, halves_band_dB=halves_dB))
+        spectrum, _, _, bands = (row for row in rows(off) if row.verdict)
+        assert spectrum.verdict == "alike" and bands.verdict == verdict  # near the floor, and yet felt
+        assert bands.value == "2 of 12" and "−4.0 dB" in bands.held_to
+        assert "bands that differ by more than is felt" in _lead(off, "")
 
 
 def test_the_spectrum_along_a_stroke_is_the_mean_of_its_models() -> None:

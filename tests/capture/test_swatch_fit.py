@@ -1,7 +1,10 @@
 """All that a recording holds, in one swatch."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from hapscene.capture import fit
 from hapscene.capture.change_point import change_points
@@ -114,3 +117,27 @@ def test_numbers_of_numpy_and_an_excitation_that_has_no_effect():
     with pytest.warns(DeprecationWarning, match="fit: excitation has no effect any more") as told:
         again = fit(NOISE, 1000, order=3, model_count=1, excitation="measured")
     assert again.texture == swatch.texture and told[0].filename == __file__
+
+
+def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:
+    """What is held at most, the streams that are given counted as one; what a search adds to it does not grow."""
+    rate, count = 10_000.0, 200_000
+    t = np.arange(count) / rate
+    force, speed = 1.0 + 0.5 * np.sin(0.8 * t), 0.12 + 0.05 * np.sin(1.9 * t)
+    acceleration = lfilter([1.0], [1.0, -1.9, 0.92], np.random.default_rng(0).standard_normal(count)) * speed
+    peaks = []
+    for part in (slice(20_000), slice(None)):  # first what is imported
+        tracemalloc.start()
+        fit(acceleration[part], rate, force_N=force[part], speed_m_s=speed[part], order=8, model_count=1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] <= 1.95 * (acceleration.nbytes + force.nbytes + speed.nbytes)
+
+
+@pytest.mark.parametrize(("domain", "warp"), [("plain", 0.0), ("warped", 0.75), ("auto", 0.0)])
+def test_the_axis_can_be_said(domain: str, warp: float) -> None:
+    noise = np.random.default_rng(0).standard_normal(20_000)
+    texture = fit(noise, 10_000.0, order=8, model_count=1, domain=domain).texture
+    assert texture is not None and texture.warp == pytest.approx(warp, abs=1e-4) and texture.order == 8
+    with pytest.raises(CaptureError, match="domain must be one of auto, plain, warped, is 'bark'"):
+        fit(noise, 10_000.0, domain="bark")

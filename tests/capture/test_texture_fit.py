@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfiltic
 
+from hapscene.capture.metric import log_spectral_distance, model_spectrum
 from hapscene.capture.texture_fit import PIECES_PER_MODEL, _cluster, _corners, choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.dsp.ar_filter import power_gain
@@ -110,3 +111,64 @@ def test_no_model_is_silenced_by_the_others():
     texture = fit_texture(pieces(np.ones(40), SLOW_AND_FAST, 300.0, power), RATE_HZ, 2, 2)
     quiet, loud = texture.power(np.ones(2), np.array([0.1, 0.3]))
     assert 1e-7 < quiet < 0.2 * loud and loud == pytest.approx(100.0, rel=0.15)
+
+
+def moving_pieces(count, seed=0):
+    """A long stroke over a wide plane, played in one: a resonance rises with speed, another with force."""
+    rng, order = np.random.default_rng(seed), 4
+    t = np.arange(count * LENGTH) / RATE_HZ
+    force, speed = 1.5 + 1.2 * np.sin(0.71 * t), 0.18 + 0.15 * np.sin(1.13 * t + 1.0)
+    signal, excitation = np.zeros(len(t) + order), rng.standard_normal(len(t))
+    for i in range(0, len(t), 20):
+        a = np.convolve(filter_of(60.0 + 900.0 * speed[i]), filter_of(500.0 + 120.0 * force[i]))
+        past = lfiltic([1.0], a, signal[i : i + order][::-1])
+        gain = np.sqrt(force[i] * speed[i] ** 2 / power_gain(a))
+        signal[i + order : i + order + 20] = lfilter([1.0], a, gain * excitation[i : i + 20], zi=past)[0]
+    rows = (signal[order:].reshape(count, LENGTH), force.reshape(count, LENGTH), speed.reshape(count, LENGTH))
+    return Pieces(rows[0], rows[1].mean(axis=1), rows[2].mean(axis=1), np.arange(count))
+
+
+def shape_error_dB(texture, part):
+    """Mean log-spectral distance from the models that moved, over the places of pieces."""
+    frequency, off = np.arange(30.0, 950.0, 10.0), []
+    density = texture.density(part.force_N, part.speed_m_s, frequency_Hz=frequency)
+    for f, v, found in zip(part.force_N, part.speed_m_s, density, strict=True):
+        a = np.convolve(filter_of(60.0 + 900.0 * v), filter_of(500.0 + 120.0 * f))
+        off.append(log_spectral_distance(found, model_spectrum(a, 1.0, RATE_HZ, frequency), frequency))
+    return np.mean(off)
+
+
+def test_a_long_wide_recording_gets_the_models_that_it_holds():
+    part = moving_pieces(400)
+    chosen = choose_model_count(part, RATE_HZ, 4)
+    off_dB = {
+        count: shape_error_dB(fit_texture(part, RATE_HZ, 4, count), part[::4]) for count in (1, 6, 12, 24, 48, chosen)
+    }
+    assert off_dB[1] > 3.0 * min(off_dB.values()) and off_dB[chosen] <= 1.1 * min(off_dB.values())
+
+
+def test_a_short_stroke_over_one_surface_gets_one_model():
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        force, speed = rng.uniform(1.4, 1.6, 30), rng.uniform(0.14, 0.16, 30)
+        assert choose_model_count(pieces(force, speed, seed=seed), RATE_HZ, 4) == 1
+
+
+def test_the_level_goes_on_beyond_what_was_recorded():
+    """Power as force^0.5 speed^2, recorded up to 1 N and 0.1 m/s: at twice that the level is 7.5 dB higher."""
+    rng = np.random.default_rng(4)
+    force, speed = rng.uniform(0.2, 1.0, 200), rng.uniform(0.02, 0.1, 200)
+    texture = fit_texture(pieces(force, speed, power=force**0.5 * speed**2), RATE_HZ, 2, 1)
+    edge, far = texture.power(np.array([1.0, 2.0]), np.array([0.1, 0.2]))
+    assert 10.0 * np.log10(far / edge) == pytest.approx(7.5, abs=0.5)
+    assert texture.exponents == pytest.approx([0.5, 2.0], abs=0.15)
+
+
+def test_a_warped_texture_has_the_recordings_power_and_spectrum():
+    part = pieces(np.ones(60), np.full(60, 0.1), power=4.0)
+    texture = fit_texture(part, RATE_HZ, 6, 1, warp=0.5)
+    assert texture.warp == 0.5 and texture.power([1.0], [0.1])[0] == pytest.approx(np.mean(part.acceleration_m_s2**2))
+    frequency = np.arange(50.0, 900.0, 10.0)
+    truth = model_spectrum(filter_of(300.0), 1.0, RATE_HZ, frequency)
+    found = texture.density([1.0], [0.1], frequency_Hz=frequency)[0]
+    assert log_spectral_distance(found, truth, frequency) < 1.0

@@ -1,0 +1,42 @@
+"""Time and memory of fitting a swatch to a recording, short and long."""
+
+import time
+import tracemalloc
+from typing import Final
+
+import numpy as np
+
+from hapscene.capture.swatch_fit import fit
+from hapscene.capture.synthesis import synthesize
+from hapscene.surface.library import load_swatch
+
+from .sheet import Sheet
+
+RATE_HZ: Final = 10_000.0
+
+
+def measure_fit(sheet: Sheet, durations_s: tuple[float, ...] = (10.0, 600.0)) -> None:
+    """Fits a stroke over the shipped wood at forces and speeds that change by ten; case "fit, 10 s" and so on.
+
+    "time" is of the whole of `hapscene.capture.fit`, what it imports not counted. "memory" is the most that Python and
+    NumPy held meanwhile, what is given counted, over the three streams as float64; told by tracemalloc in a run of its
+    own, for that takes its time.
+    """
+    wood = load_swatch("wood")
+    for duration_s in (1.0, *durations_s):
+        t = np.arange(round(RATE_HZ * duration_s)) / RATE_HZ
+        force_N = 1.0 + 0.8 * np.sin(0.82 * t) + 0.1 * np.sin(10.7 * t)
+        speed_m_s = 0.12 + 0.1 * np.sin(1.95 * t + 1.0)
+        played = synthesize(wood, force_N, speed_m_s, rate_Hz=RATE_HZ)
+        start_s = time.perf_counter()
+        fit(played, RATE_HZ, force_N=force_N, speed_m_s=speed_m_s)
+        taken_s = time.perf_counter() - start_s
+        if duration_s not in durations_s:
+            continue
+        tracemalloc.start()
+        fit(played, RATE_HZ, force_N=force_N, speed_m_s=speed_m_s)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        case = f"fit, {duration_s:g} s"
+        sheet.add(case, "time", taken_s, "s")
+        sheet.add(case, "memory", 1.0 + most / (3 * played.nbytes), "times")
