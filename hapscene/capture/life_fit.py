@@ -63,7 +63,9 @@ BETWEEN: Final = 0.1
 FLOOR: Final = 1e-6
 """Power, as a share of the mean, below which a window counts as having that [1]: a gap in a recording is no life."""
 
-_SUB: Final = 3  # points of a window that its covariance is the mean over
+
+_COUNT: Final = len(FORGETS_S)
+_KINDS: Final = {"time": slice(0, _COUNT), "distance": slice(_COUNT, 2 * _COUNT), "both": slice(0, 2 * _COUNT)}
 
 
 class LifeFit(NamedTuple):
@@ -83,15 +85,51 @@ class LifeFit(NamedTuple):
 
 
 class _Block(NamedTuple):
-    """A stretch of recording in coordinates in which force and speed explain nothing: m of them."""
+    """A stretch of n windows in coordinates in which force and speed explain nothing: m of them."""
 
     level: Array  # (m,)
-    noise: Array  # (m, m) covariance of the chance of short windows
-    kernels: Array  # (2 `_COUNT`, m, m) of each process at spread 1: by time, then by distance
+    basis: Array  # (n, m)
+    lags: Array  # (n,) covariance of the chance of short windows
+    width: Array  # (2, n): how long a window lasts, and how far it goes at the mean speed [s]
+
+    def covariances(self) -> tuple[Array, Array]:
+        """Of chance (m, m), and of each process at power 1 (2 `_COUNT`, m, m): by time, then by distance.
+
+        Between windows of widths w and w', u apart: exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
+        which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
+        """
+        from scipy.linalg import toeplitz
+
+        kernels = []
+        for width in self.width:
+            place = np.cumsum(width) - 0.5 * width
+            for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
+                within = np.sinh(0.5 * w) / (0.5 * w)
+                kernel = np.exp(-np.abs(u[:, None] - u)) * (within[:, None] * within)
+                np.fill_diagonal(kernel, 2.0 * (w - 1.0 + np.exp(-w)) / w**2)
+                kernels.append(self.basis.T @ kernel @ self.basis)
+        return self.basis.T @ toeplitz(self.lags) @ self.basis, np.array(kernels)
 
 
-_COUNT: Final = len(FORGETS_S)
-_KINDS: Final = {"time": slice(0, _COUNT), "distance": slice(_COUNT, 2 * _COUNT), "both": slice(0, 2 * _COUNT)}
+class _Expected(NamedTuple):
+    """What is expected of the squares of the coordinates, and what they are."""
+
+    square: Array  # (m,)
+    noise: Array  # (m,) by chance
+    kernels: Array  # (2 `_COUNT`, m) of each process at power 1
+
+    def fitted(self, kind: str) -> tuple[Array, Array]:
+        return _fitted(self.square, self.noise, self.kernels[_KINDS[kind]])
+
+
+def _expected(block: _Block) -> _Expected:
+    noise, kernels = block.covariances()
+    return _Expected(block.level**2, np.diag(noise), np.diagonal(kernels, axis1=1, axis2=2))
+
+
+def _together(parts: Sequence[_Expected]) -> _Expected:
+    square, noise, kernels = zip(*parts, strict=True)
+    return _Expected(np.concatenate(square), np.concatenate(noise), np.concatenate(kernels, axis=1))
 
 
 def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
@@ -102,17 +140,18 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     speed = float(np.mean([v.mean() for *_, v in found]))
     noise = _noise(texture, found)
     blocks = [_block(*one, noise, speed) for one in found[:: -(-len(found) // BLOCKS_MAX)]]
-    kind, ahead = _kind(blocks)
-    expected = _diagonals(blocks, kind)
-    square = np.concatenate([block.level**2 for block in blocks])
-    power, gain = _fitted(square, *expected)
+    parts = [_expected(block) for block in blocks]
+    kind, ahead = _kind(blocks, parts)
+    expected = _together(parts)
+    power, gain = expected.fitted(kind)
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
         return LifeFit(None, reason="the level is as steady as that of noise of its spectrum", ahead=ahead)
     rng = np.random.default_rng(0)
-    levels = [rng.standard_normal((DRAWS, len(b.level))) @ _root(b, power, kind).T for b in blocks]
-    drawn = 0.5 * np.sqrt(_fitted(np.hstack(levels) ** 2, *expected, np.maximum(power, 1e-3), 40)[0])
+    noise, kernels = expected.noise, expected.kernels[_KINDS[kind]]
+    square = (noise + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(noise)))
+    drawn = 0.5 * np.sqrt(_fitted(square, noise, kernels, np.maximum(power, 1e-3), 40)[0])
     kept = spread > SHARE_LEAST * whole
     low, high = np.quantile(drawn[:, kept], (0.025, 0.975), axis=0)
     chance = float(np.std(0.5 * np.log(np.sum(drawn**2, axis=1))))
@@ -140,7 +179,7 @@ def moving_runs(
 
 
 def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[Array, Array, Array]]:
-    """Logarithms of the power (2, n), recorded and the texture's, force and speed (n, `_SUB`), in about `BLOCK_S`."""
+    """Logarithms of the power (2, n), recorded and the texture's, force and speed (n,), in about `BLOCK_S`."""
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
         stretch = stretches[i]
         run = slice(start, start + windows * length)
@@ -148,12 +187,12 @@ def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[A
         if stretch.rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
             signal = filtered(signal, stretch.rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
         power, force, speed = (x.reshape(windows, length) for x in (signal, force, speed))
-        model = texture.power(force.mean(axis=1), speed.mean(axis=1))
+        force, speed = force.mean(axis=1), speed.mean(axis=1)
+        model = texture.power(force, speed)
         power = np.mean(power**2, axis=1)
         level = np.log([np.maximum(one, FLOOR * one.mean() + np.finfo(np.float64).tiny) for one in (power, model)])
-        at = (np.arange(_SUB) * length + length // 2) // _SUB
         for part in np.array_split(np.arange(windows), max(1, round(windows * WINDOW_S / BLOCK_S))):
-            yield level[:, part], force[part][:, at], speed[part][:, at]
+            yield level[:, part], force[part], speed[part]
 
 
 def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Array:
@@ -164,9 +203,9 @@ def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Arr
     """
     from scipy.special import polygamma
 
-    size, length = 1 << 14, round(WINDOW_S * texture.rate_Hz)
-    force, speed = (np.concatenate([one[i][:, 0] for one in found]) for i in (1, 2))
-    step = -(-len(force) // 64)
+    size, length = 1 << 13, round(WINDOW_S * texture.rate_Hz)
+    force, speed = (np.concatenate([one[i] for one in found]) for i in (1, 2))
+    step = -(-len(force) // 8)
     frequency = np.fft.rfftfreq(size, 1.0 / texture.rate_Hz)
     density = np.mean(texture.density(force[::step], speed[::step], frequency_Hz=frequency), axis=0)
     low_Hz, high_Hz = ACCELERATION_BAND_HZ
@@ -183,33 +222,19 @@ def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Arr
 def _block(level: Array, force: Array, speed: Array, noise: Array, mean_m_s: float) -> _Block:
     """A stretch of n windows, without what the texture's level and those of force and speed explain."""
     from scipy.fft import idct
-    from scipy.linalg import toeplitz
 
     level, model = level
     count = len(level)
     known = [np.ones(count)]
     if max(np.ptp(x) / x.mean() for x in (force, speed)) > FLAT:
-        known += [model, *(np.log(x.mean(axis=1)) for x in (force, speed) if np.ptp(x) > FLAT * x.mean())]
+        known += [model, *(np.log(x) for x in (force, speed) if np.ptp(x) > FLAT * x.mean())]
     # the explained part first, then cosines: what QR makes of the rest are nearly those, and exactly without that part
     cosines = idct(np.eye(count), axis=0, norm="ortho")[:, 1:]
     basis = np.linalg.qr(np.hstack([np.stack(known, axis=1), cosines]))[0][:, len(known) : count]
     lags = np.zeros(count)
     lags[: len(noise)] = noise[:count]
-    elapsed_s = WINDOW_S / _SUB * np.arange(count * _SUB)
-    travelled_s = np.cumsum(speed.ravel()) * WINDOW_S / (_SUB * mean_m_s)  # in seconds of mean speed
-    kernels = []
-    for along in (elapsed_s, travelled_s):
-        away = np.abs(along[:, None] - along)
-        for forgets_s in FORGETS_S:
-            fine = np.exp(-away / forgets_s).reshape(count, _SUB, count, _SUB).mean(axis=(1, 3))
-            kernels.append(basis.T @ fine @ basis)
-    return _Block(basis.T @ level, basis.T @ toeplitz(lags) @ basis, np.array(kernels))
-
-
-def _diagonals(blocks: Sequence[_Block], kind: str) -> tuple[Array, Array]:
-    """What is expected of the square of each coordinate: of chance (m,), and of each process (k, m) at power 1."""
-    kernels = [np.diagonal(block.kernels[_KINDS[kind]], axis1=1, axis2=2) for block in blocks]
-    return np.concatenate([np.diag(block.noise) for block in blocks]), np.concatenate(kernels, axis=1)
+    width = np.stack([np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s])
+    return _Block(basis.T @ level, basis, lags, width)
 
 
 def _fitted(
@@ -229,34 +254,25 @@ def _fitted(
     return power, -0.5 * np.sum(np.log(model / noise) + square / model - square / noise, axis=-1)
 
 
-def _kind(blocks: Sequence[_Block]) -> tuple[str, tuple[float, float]]:
+def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected]) -> tuple[str, tuple[float, float]]:
     """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
 
     Time is what is kept where the data do not say: then the gain goes on at any speed as it was recorded.
     """
+    from scipy.linalg import solve_triangular
+
     if len(blocks) < 2:
         return "time", (np.nan, np.nan)
+    halves = [_together(parts[i::2]) for i in (0, 1)]
+    powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
-    for own, other in ((blocks[::2], blocks[1::2]), (blocks[1::2], blocks[::2])):
-        square = np.concatenate([block.level**2 for block in own])
-        for kind in _KINDS:
-            power, _ = _fitted(square, *_diagonals(own, kind))
-            score[kind] += sum(_log_likelihood(block, power, kind) for block in other)
+    for number, block in enumerate(blocks):
+        noise, kernels = block.covariances()
+        for kind, chosen in _KINDS.items():
+            root = np.linalg.cholesky(noise + np.tensordot(powers[1 - number % 2, kind], kernels[chosen], 1))
+            white = solve_triangular(root, block.level, lower=True)
+            score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
     ahead = score["distance"] - score["time"], score["both"] - score["time"]
     if ahead[1] > max(ahead[0], 0.0) + MARGIN:
         return "both", ahead
     return ("distance" if ahead[0] > MARGIN else "time"), ahead
-
-
-def _log_likelihood(block: _Block, power: Array, kind: str) -> float:
-    """Gaussian log-likelihood of a block, but for a constant."""
-    from scipy.linalg import solve_triangular
-
-    root = _root(block, power, kind)
-    white = solve_triangular(root, block.level, lower=True)
-    return float(-0.5 * white @ white - np.sum(np.log(np.diag(root))))
-
-
-def _root(block: _Block, power: Array, kind: str) -> Array:
-    """Lower root (m, m) of the covariance that a block has with processes of these powers."""
-    return np.asarray(np.linalg.cholesky(block.noise + np.tensordot(power, block.kernels[_KINDS[kind]], 1)))
