@@ -9,12 +9,13 @@ by Whittle's likelihood, each coordinate with its exact expectation (Sykulski, O
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from hapscene.capture.segment import runs
-from hapscene.capture.streams import Array, Streams, filtered
+from hapscene.capture.streams import Array, Streams, filtered, part_of
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.surface.life import SPREAD_MAX, Life
 from hapscene.surface.texture import Texture
@@ -84,31 +85,7 @@ class LifeFit(NamedTuple):
     ahead: tuple[float, float] = (np.nan, np.nan)
 
 
-class _Block(NamedTuple):
-    """A stretch of n windows in coordinates in which force and speed explain nothing: m of them."""
-
-    level: Array  # (m,)
-    basis: Array  # (n, m)
-    lags: Array  # (n,) covariance of the chance of short windows
-    width: Array  # (2, n): how long a window lasts, and how far it goes at the mean speed [s]
-
-    def covariances(self) -> tuple[Array, Array]:
-        """Of chance (m, m), and of each process at power 1 (2 `_COUNT`, m, m): by time, then by distance.
-
-        Between windows of widths w and w', u apart: exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
-        which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
-        """
-        from scipy.linalg import toeplitz
-
-        kernels = []
-        for width in self.width:
-            place = np.cumsum(width) - 0.5 * width
-            for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
-                within = np.sinh(0.5 * w) / (0.5 * w)
-                kernel = np.exp(-np.abs(u[:, None] - u)) * (within[:, None] * within)
-                np.fill_diagonal(kernel, 2.0 * (w - 1.0 + np.exp(-w)) / w**2)
-                kernels.append(self.basis.T @ kernel @ self.basis)
-        return self.basis.T @ toeplitz(self.lags) @ self.basis, np.array(kernels)
+_Block = tuple[Array, Array, Array]  # levels (2, n), recorded and the texture's, forces (n,), speeds (n,)
 
 
 class _Expected(NamedTuple):
@@ -120,11 +97,6 @@ class _Expected(NamedTuple):
 
     def fitted(self, kind: str) -> tuple[Array, Array]:
         return _fitted(self.square, self.noise, self.kernels[_KINDS[kind]])
-
-
-def _expected(block: _Block) -> _Expected:
-    noise, kernels = block.covariances()
-    return _Expected(block.level**2, np.diag(noise), np.diagonal(kernels, axis1=1, axis2=2))
 
 
 def _together(parts: Sequence[_Expected]) -> _Expected:
@@ -139,23 +111,27 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
         return LifeFit(None, reason=f"no stretch of sliding is {SHORTEST_S:g} s long")
     speed = float(np.mean([v.mean() for *_, v in found]))
     noise = _noise(texture, found)
-    blocks = [_block(*one, noise, speed) for one in found[:: -(-len(found) // BLOCKS_MAX)]]
-    parts = [_expected(block) for block in blocks]
-    kind, ahead = _kind(blocks, parts)
-    expected = _together(parts)
-    power, gain = expected.fitted(kind)
+    blocks = found[:: -(-len(found) // BLOCKS_MAX)]
+    parts = []
+    for block in blocks:
+        basis = _basis(block)
+        expected = np.array([np.diag(one) for one in _covariances(block, basis, noise, speed)])
+        parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
+    kind, ahead = _kind(blocks, parts, noise, speed)
+    seen = _together(parts)
+    power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
     whole = float(np.sqrt(np.sum(spread**2)))
     if 2.0 * gain < SUPPORT or whole < SPREAD_LEAST:
         return LifeFit(None, reason="the level is as steady as that of noise of its spectrum", ahead=ahead)
     rng = np.random.default_rng(0)
-    noise, kernels = expected.noise, expected.kernels[_KINDS[kind]]
-    square = (noise + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(noise)))
-    drawn = 0.5 * np.sqrt(_fitted(square, noise, kernels, np.maximum(power, 1e-3), 40)[0])
+    chance, kernels = seen.noise, seen.kernels[_KINDS[kind]]
+    square = (chance + power @ kernels) * rng.chisquare(1.0, (DRAWS, len(chance)))
+    drawn = 0.5 * np.sqrt(_fitted(square, chance, kernels, np.maximum(power, 1e-3), 40)[0])
     kept = spread > SHARE_LEAST * whole
     low, high = np.quantile(drawn[:, kept], (0.025, 0.975), axis=0)
-    chance = float(np.std(0.5 * np.log(np.sum(drawn**2, axis=1))))
-    factor = float(np.exp(1.96 * np.hypot(chance, BETWEEN)))
+    error = float(np.std(0.5 * np.log(np.sum(drawn**2, axis=1))))
+    factor = float(np.exp(1.96 * np.hypot(error, BETWEEN)))
     low, high = np.append(low, whole / factor), np.append(high, whole * factor)
     rate_1_s, none = 1.0 / np.array(FORGETS_S), np.zeros(_COUNT)
     decay_1_s, decay_1_m = np.hstack([rate_1_s, none]), np.hstack([none, rate_1_s / speed])
@@ -178,24 +154,25 @@ def moving_runs(
                 yield i, start, (end - start) // length, length
 
 
-def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[tuple[Array, Array, Array]]:
+def _windows(texture: Texture, stretches: Sequence[Streams]) -> Iterator[_Block]:
     """Logarithms of the power (2, n), recorded and the texture's, force and speed (n,), in about `BLOCK_S`."""
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, SHORTEST_S):
-        stretch = stretches[i]
-        run = slice(start, start + windows * length)
-        signal, force, speed = stretch.acceleration_m_s2[run], stretch.force_N[run], stretch.speed_m_s[run]
-        if stretch.rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
-            signal = filtered(signal, stretch.rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
-        power, force, speed = (x.reshape(windows, length) for x in (signal, force, speed))
-        force, speed = force.mean(axis=1), speed.mean(axis=1)
-        model = texture.power(force, speed)
-        power = np.mean(power**2, axis=1)
-        level = np.log([np.maximum(one, FLOOR * one.mean() + np.finfo(np.float64).tiny) for one in (power, model)])
-        for part in np.array_split(np.arange(windows), max(1, round(windows * WINDOW_S / BLOCK_S))):
-            yield level[:, part], force[part], speed[part]
+        rate_Hz = stretches[i].rate_Hz
+        edges = np.linspace(0, windows, max(1, round(windows * WINDOW_S / BLOCK_S)) + 1).astype(int)
+        for first, last in pairwise(start + length * edges):
+            part = part_of(stretches[i], slice(first, last))
+            signal = part.acceleration_m_s2
+            if rate_Hz > 2.2 * ACCELERATION_BAND_HZ[1]:
+                signal = filtered(signal, rate_Hz, ACCELERATION_BAND_HZ[1], "lowpass")
+            power, force, speed = (
+                x.reshape(-1, length).mean(axis=1) for x in (signal**2, part.force_N, part.speed_m_s)
+            )
+            levels = power, texture.power(force, speed)
+            floors = [FLOOR * one.mean() + np.finfo(np.float64).tiny for one in levels]
+            yield np.log([np.maximum(one, floor) for one, floor in zip(levels, floors, strict=True)]), force, speed
 
 
-def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Array:
+def _noise(texture: Texture, found: Sequence[_Block]) -> Array:
     """Covariance (lags,) of the logarithms of the powers of windows of the texture's noise, neither alive.
 
     Of the mean of N samples of ρ: cov_j = 2/N² Σ_k (N − |k|) ρ²(jN + k). As a share of the squared mean it is 2/ν,
@@ -219,22 +196,39 @@ def _noise(texture: Texture, found: Sequence[tuple[Array, Array, Array]]) -> Arr
     return np.asarray(share * float(polygamma(1, 1.0 / share[0])) / share[0])
 
 
-def _block(level: Array, force: Array, speed: Array, noise: Array, mean_m_s: float) -> _Block:
-    """A stretch of n windows, without what the texture's level and those of force and speed explain."""
+def _basis(block: _Block) -> Array:
+    """Coordinates (n, m) of a stretch of n windows in which the texture's level, force and speed explain nothing."""
     from scipy.fft import idct
 
-    level, model = level
-    count = len(level)
-    known = [np.ones(count)]
+    (_, model), force, speed = block
+    known = [np.ones(len(model))]
     if max(np.ptp(x) / x.mean() for x in (force, speed)) > FLAT:
         known += [model, *(np.log(x) for x in (force, speed) if np.ptp(x) > FLAT * x.mean())]
     # the explained part first, then cosines: what QR makes of the rest are nearly those, and exactly without that part
-    cosines = idct(np.eye(count), axis=0, norm="ortho")[:, 1:]
-    basis = np.linalg.qr(np.hstack([np.stack(known, axis=1), cosines]))[0][:, len(known) : count]
+    cosines = idct(np.eye(len(model)), axis=0, norm="ortho")[:, 1:]
+    whole = np.linalg.qr(np.hstack([np.stack(known, axis=1), cosines]))[0]
+    return np.asarray(whole[:, len(known) : len(model)])
+
+
+def _covariances(block: _Block, basis: Array, chance: Array, mean_m_s: float) -> Iterator[Array]:
+    """Covariance (m, m) of chance, and of each process at power 1, by time, then by distance: one after the other.
+
+    Between windows of widths w and w', u apart, it is exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
+    which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
+    """
+    from scipy.linalg import toeplitz
+
+    count, speed = len(basis), block[2]
     lags = np.zeros(count)
-    lags[: len(noise)] = noise[:count]
-    width = np.stack([np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s])
-    return _Block(basis.T @ level, basis, lags, width)
+    lags[: len(chance)] = chance[:count]
+    yield basis.T @ toeplitz(lags) @ basis
+    for width in (np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s):
+        place = np.cumsum(width) - 0.5 * width
+        for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
+            within = np.sinh(0.5 * w) / (0.5 * w)
+            kernel = np.exp(-np.abs(u[:, None] - u)) * (within[:, None] * within)
+            np.fill_diagonal(kernel, 2.0 * (w - 1.0 + np.exp(-w)) / w**2)
+            yield basis.T @ kernel @ basis
 
 
 def _fitted(
@@ -254,7 +248,9 @@ def _fitted(
     return power, -0.5 * np.sum(np.log(model / noise) + square / model - square / noise, axis=-1)
 
 
-def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected]) -> tuple[str, tuple[float, float]]:
+def _kind(
+    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
+) -> tuple[str, tuple[float, float]]:
     """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
 
     Time is what is kept where the data do not say: then the gain goes on at any speed as it was recorded.
@@ -267,10 +263,16 @@ def _kind(blocks: Sequence[_Block], parts: Sequence[_Expected]) -> tuple[str, tu
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
     for number, block in enumerate(blocks):
-        noise, kernels = block.covariances()
-        for kind, chosen in _KINDS.items():
-            root = np.linalg.cholesky(noise + np.tensordot(powers[1 - number % 2, kind], kernels[chosen], 1))
-            white = solve_triangular(root, block.level, lower=True)
+        basis = _basis(block)
+        found = _covariances(block, basis, noise, mean_m_s)
+        whole = dict.fromkeys(_KINDS, next(found))
+        for i, kernel in enumerate(found):
+            for kind, chosen in _KINDS.items():
+                if chosen.start <= i < chosen.stop:
+                    whole[kind] = whole[kind] + powers[1 - number % 2, kind][i - chosen.start] * kernel
+        for kind in _KINDS:
+            root = np.linalg.cholesky(whole[kind])
+            white = solve_triangular(root, basis.T @ block[0][0], lower=True)
             score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
     ahead = score["distance"] - score["time"], score["both"] - score["time"]
     if ahead[1] > max(ahead[0], 0.0) + MARGIN:

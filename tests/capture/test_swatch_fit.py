@@ -121,7 +121,7 @@ def test_numbers_of_numpy_and_an_excitation_that_has_no_effect():
 
 def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:
     """What is held at most, the streams that are given counted as one; what a search adds to it does not grow."""
-    rate, count = 10_000.0, 200_000
+    rate, count = 10_000.0, 400_000
     t = np.arange(count) / rate
     force, speed = 1.0 + 0.5 * np.sin(0.8 * t), 0.12 + 0.05 * np.sin(1.9 * t)
     acceleration = lfilter([1.0], [1.0, -1.9, 0.92], np.random.default_rng(0).standard_normal(count)) * speed
