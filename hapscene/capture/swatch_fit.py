@@ -6,7 +6,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.friction import fit_friction
+from hapscene.capture.contact_fit import fit_contact
+from hapscene.capture.friction import fit_friction, no_sliding
 from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
@@ -129,14 +130,19 @@ def fit_parts(
     if domain not in DOMAINS:
         raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
     friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
+    contact = fit_contact(parts)
     intervals = friction.intervals | taps.intervals
-    absent = friction.absent | taps.absent | {"damping_Ns_m": "is not fitted to recordings"}
+    absent = friction.absent | taps.absent | contact.absent
     slope = stiffness.slope_N_m
     if slope is None or slope <= 0.0 or stiffness.interval is None:
         absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
         slope = STIFFNESS_N_M
     else:
         intervals["stiffness_N_m"] = stiffness.interval
+    numbers: dict[str, Any] = {
+        "stiffness_N_m": slope
+    } | contact.numbers  # a spring that is damped is fitted with its damper
+    intervals |= contact.intervals
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
@@ -146,16 +152,20 @@ def fit_parts(
         intervals, absent = intervals | known, absent | missing
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
-        if wrong or (taps.taps is None and "stiffness_N_m" in absent):
+        nothing = taps.taps is None and "stiffness_N_m" in absent and friction.dynamic == 0.0
+        if wrong or nothing:
             raise
         absent["texture"] = str(error)
     return Swatch(
         name,
-        stiffness_N_m=slope,
+        **numbers,
         friction_static=friction.static,
         friction_dynamic=friction.dynamic,
+        friction_stribeck_m_s=friction.stribeck_m_s,
+        friction_viscous_s_m=friction.viscous_s_m,
         texture=texture,
         taps=taps.taps,
+        leaving=contact.leaving,
         provenance=friction.note,
         intervals=intervals,
         absent=absent,
@@ -224,5 +234,5 @@ def _pieces(parts: Sequence[Part]) -> Pieces:
         except CaptureError as error:
             reason = str(error)
     if not found:
-        raise _NoTexture(reason)
+        raise _NoTexture(no_sliding(parts) or reason)
     return pooled(found)
