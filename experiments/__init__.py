@@ -12,6 +12,7 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `moving_case` | walls that move, tools that fly through, pushed bodies, games that stall |
 | `field_case` | guides, magnets and viscosities that are too much for a device |
 | `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
+| `held_out` | swatches of one part of a recording against another part: `python -m hapscene_experiments.held_out` |
 | `delay_study` | position–position and wave variables over a line with delay: `hapscene teleoperate experiment` |
 | `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |
 """

@@ -16,7 +16,9 @@ from hapscene.capture.report_plots import (
     Plot,
     plot_bands,
     plot_distribution,
+    plot_envelope,
     plot_friction,
+    plot_levels,
     plot_models,
     plot_order,
     plot_plane,
@@ -38,6 +40,9 @@ from hapscene.surface.swatch import Swatch
 
 CENTROID: Final = 0.13
 """How far the spectral centroid may be off until it is felt [1]: the least of 13 to 38 % (Israr et al. 2006)."""
+
+LIVELY: Final = 1.6
+"""Factor that the liveliness may be off by [1]: that of halves of one second, whose own chance is 1.3 to 1.5."""
 
 DISTANCE_RATIO: Final = 1.1
 """How much farther off than the best order, or the recording's own floor, the spectrum may be [1]."""
@@ -109,6 +114,7 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
     worst = int(np.argmax(np.abs(held.band_dB)))
     low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
     felt, felt_halves = (int(np.count_nonzero(np.abs(x) > FELT_DB)) for x in (held.band_dB, held.halves_band_dB))
+    one, two, own = held.lively
     fitted, other = (metric.spectral_centroid_Hz(d, held.frequency_Hz) for d in (held.fitted, held.held_out))
     return [
         Row(
@@ -139,6 +145,8 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
             f"the half that was fitted itself differs in {felt_halves}",
             _verdict(felt == 0, felt <= felt_halves),
         ),
+        _lively_row("modulation of the envelope, 2 to 10 Hz", (one.modulation, two.modulation, own.modulation), ""),
+        _lively_row("spread of the level, in windows of 50 ms", (one.spread_dB, two.spread_dB, own.spread_dB), " dB"),
         Row("goodness of fit of the spectra (GFC)", f"{held.goodness_of_fit:.3f}", "1 is one shape"),
         Row(
             "residual on the held-out half",
@@ -146,6 +154,15 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
             "share of the power that the model does not predict; smaller is better",
         ),
     ]
+
+
+def _lively_row(measure: str, values: tuple[float, float, float], unit: str) -> Row:
+    """How lively the model is in one measure, beside the held-out half and the one that was fitted."""
+    recorded, played, fitted = values
+    off, own = (abs(float(np.log(max(x, 1e-9) / max(recorded, 1e-9)))) for x in (played, fitted))
+    said = f"{recorded:.2f}{unit} on the held-out half, within a factor of {LIVELY:g} or as near as the half that was"
+    verdict = _verdict(off <= np.log(LIVELY), off <= own)
+    return Row(measure, f"{played:.2f}{unit}", f"{said} fitted: {fitted:.2f}{unit}", verdict)
 
 
 def plain(name: str) -> str:
@@ -325,13 +342,15 @@ def _plots(swatch: Swatch, part: Part | None, judgement: Judgement | None, missi
         plots.append(plot_models(texture) if held is None else plot_spectra(held))
         plots += [plot_spectrograms(judgement), plot_order(judgement.search, texture)]
         if held is not None:
-            plots += [plot_bands(held), plot_whiteness(held), plot_distribution(held)]
+            plots += [plot_bands(held), plot_envelope(held), plot_levels(held)]
+            plots += [plot_whiteness(held), plot_distribution(held)]
     else:
         plots += [] if texture is None else [plot_models(texture)]
         plots += [Plot("Spectrograms", missing), Plot("Order", missing)]
     if held is None:
-        titles = ("Level, band by band", "Residual: is it white?", "Residual: how is it distributed?")
-        plots += [Plot(title, why_not) for title in titles]
+        titles = "Level, band by band", "Life: how fast", "Life: how much"
+        residual = "Residual: is it white?", "Residual: how is it distributed?"
+        plots += [Plot(title, why_not) for title in titles + residual]
     if texture is not None:
         plots.append(plot_plane(texture, None if part is None else part[0]))
     if part is not None and part[0].tangential_force_N is not None:

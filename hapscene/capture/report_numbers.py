@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 
 from hapscene.capture import metric
-from hapscene.capture.metric import LjungBox, Similarity, st_sim
+from hapscene.capture.metric import Liveliness, LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
 from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
@@ -25,6 +25,9 @@ STRETCH_S: Final = 0.1
 
 MOVING: Final = 0.02
 """Share of the largest force and speed below which the tool does not count as sliding [1]."""
+
+PLAYS: Final = 8
+"""How often the model of a half is played to see how lively it is [count]: one time is lively by chance."""
 
 FELT_DB: Final = BAND_DB
 """Difference of level, also in one band, that is felt [dB]."""
@@ -51,6 +54,10 @@ class HeldOut:
         residual: (n,) what it leaves, each sample over the model's own standard deviation there, scaled to variance 1.
         whiteness: whether that is white.
         kurtosis: excess kurtosis of it.
+        rate_Hz: sample rate of the two below.
+        recorded: (n,) the held-out half [m/s²].
+        played: (`PLAYS`, n) the model played along it, each time with other noise [m/s²].
+        lively: how lively the held-out half, the model (mean) and the half that was fitted are.
     """
 
     frequency_Hz: Array
@@ -69,6 +76,10 @@ class HeldOut:
     residual: Array
     whiteness: LjungBox
     kurtosis: float
+    rate_Hz: float
+    recorded: Array
+    played: Array
+    lively: tuple[Liveliness, Liveliness, Liveliness]
 
 
 @dataclass(frozen=True)
@@ -174,6 +185,9 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     left, sigma, signal = residual_along(texture, second)
     residual = left / sigma
     residual = residual / residual.std()
+    played = np.array([synthesize(half, second.force_N, second.speed_m_s, seed=seed) for seed in range(PLAYS)])
+    signals = second.acceleration_m_s2, played, first.acceleration_m_s2
+    lively = [np.mean([metric.liveliness(y, rate) for y in np.atleast_2d(of)], axis=0) for of in signals]
     spectra, apart_dB = (frequency, fitted, held_out, model), (distance_dB, floor_dB, level_dB, halves_dB)
     return HeldOut(
         *spectra,
@@ -186,6 +200,9 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
         residual,
         metric.ljung_box(residual),
         metric.excess_kurtosis(residual),
+        rate,
+        *signals[:2],
+        (Liveliness(*lively[0]), Liveliness(*lively[1]), Liveliness(*lively[2])),
     )
 
 

@@ -241,6 +241,56 @@ def plot_bands(held_out: HeldOut) -> Plot:
     )
 
 
+def plot_envelope(held_out: HeldOut) -> Plot:
+    """Spectrum of the envelope, held out and played."""
+    one, two, _ = held_out.lively
+
+    def draw(axes: "Axes") -> None:
+        looks = (
+            (held_out.recorded[None], BLUE, "recorded, held out"),
+            (held_out.played, ORANGE, "played, eight times"),
+        )
+        for signals, colour, label in looks:
+            felt = [metric.felt_part(signal, held_out.rate_Hz) for signal in signals]
+            seen = [metric.envelope_spectrum(signal, held_out.rate_Hz) for signal in felt]
+            density = np.mean([d for _, d in seen], axis=0)[1:]  # the mean has been taken out
+            axes.loglog(seen[0][0][1:], density, color=colour, linewidth=1.6, label=label)
+        axes.axvspan(*metric.MODULATION_HZ, **BAND, label="2 to 10 Hz")
+        axes.set(xlabel="frequency of the envelope [Hz]", ylabel="density over its mean² [1/Hz]")
+        axes.set_xticks((1, 2, 5, 10, 20, 50), ["1", "2", "5", "10", "20", "50"])
+        axes.set_xticks([], minor=True)
+
+    return Plot(
+        "Life: how fast",
+        "How fast the level comes and goes. From 2 to 10 Hz the envelope of the recording moves by "
+        f"{100 * one.modulation:.0f} % of its mean, that of the other half's model by {100 * two.modulation:.0f} %.",
+        drawn("envelope", draw, columns=3),
+        "Power spectral density of the envelope of the held-out half and of the model.",
+    )
+
+
+def plot_levels(held_out: HeldOut) -> Plot:
+    """Distribution of the levels, held out and played."""
+    one, two, _ = held_out.lively
+    looks = ((held_out.recorded[None], BLUE, "recorded, held out", "-"), (held_out.played, ORANGE, "played", DASHED))
+
+    def draw(axes: "Axes") -> None:
+        for signals, colour, label, dash in looks:
+            felt = [metric.felt_part(signal, held_out.rate_Hz) for signal in signals]
+            level = np.sort(np.concatenate([metric.levels_dB(signal, held_out.rate_Hz) for signal in felt]))
+            share = 100.0 * (np.arange(len(level)) + 0.5) / len(level)
+            axes.plot(level, share, color=colour, linewidth=1.6, linestyle=dash, label=label)
+        axes.set(xlabel="level of 50 ms [dB re 1 m/s²]", ylabel="softer than that [%]", ylim=(0.0, 100.0))
+
+    return Plot(
+        "Life: how much",
+        f"How often it is how loud. The levels of 50 ms scatter by {one.spread_dB:.1f} dB in the recording, by "
+        f"{two.spread_dB:.1f} dB in what the model of the other half plays.",
+        drawn("levels", draw),
+        "Cumulative distribution of the levels of the held-out half and of the model.",
+    )
+
+
 def plot_distribution(held_out: HeldOut) -> Plot:
     """Distribution of the held-out residual against Gaussian noise."""
     edge = np.linspace(-8.0, 8.0, 65)

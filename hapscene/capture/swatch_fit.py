@@ -12,10 +12,19 @@ from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Array, Streams, clean
+from hapscene.capture.streams import (
+    ASSUMED_FORCE_N,
+    ASSUMED_SPEED_M_S,
+    DURATION_MIN_S,
+    Array,
+    Streams,
+    clean,
+    part_of,
+)
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
+from hapscene.capture.two_states import Living, with_life
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
@@ -139,8 +148,8 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture, known = _texture(parts, order, model_count, interpolation, domain)
-        intervals |= known
+        texture, known, missing = _texture(parts, order, model_count, interpolation, domain)
+        intervals, absent = intervals | known, absent | missing
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
         nothing = taps.taps is None and "stiffness_N_m" in absent and friction.dynamic == 0.0
@@ -173,8 +182,8 @@ def _texture(
     model_count: int | Literal["auto"],
     interpolation: str,
     domain: str,
-) -> tuple[Texture, dict[str, tuple[float, float]]]:
-    """The texture of all that slides, and the 95 % intervals of what is in it."""
+) -> Living:
+    """The texture of all that slides, with the 95 % intervals of what is in it, and what it lacks."""
     rate = parts[0][0].rate_Hz
     slid_s = sum(states.seconds(InteractionState.SLIDING) for _, states in parts)
     if slid_s < DURATION_MIN_S:
@@ -192,7 +201,13 @@ def _texture(
     law = fit_level(pieces)
     ends = zip(law.exponents - 1.96 * law.spread, law.exponents + 1.96 * law.spread, strict=True)
     intervals = {f"texture.exponents[{i}]": (float(low), float(high)) for i, (low, high) in enumerate(ends)}
-    return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp), intervals
+
+    def fitted(pieces: Pieces) -> Texture:
+        return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp)
+
+    slid = [(c, run) for c, states in parts for run in states.runs(InteractionState.SLIDING)]
+    living = with_life(fitted(pieces), [part_of(channels, slice(*run)) for channels, run in slid], fitted)
+    return living._replace(intervals=intervals | living.intervals)
 
 
 def _slid(parts: Sequence[Part]) -> Array:

@@ -171,6 +171,15 @@ def _told(swatch: "Swatch") -> list[str]:
             f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
             f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
         )
+        if texture.life is not None:
+            spread = _interval(swatch.intervals.get("texture.life.log_spread"), ".2f")
+            rates = ((texture.life.decay_1_s, "ms"), (texture.life.decay_1_m, "mm"))
+            after = [f"{1e3 / rate:.3g} {unit}" for of, unit in rates for rate in of if rate > 0.0]
+            said = f"  life: its gain spreads by {texture.life.log_spread:.2f} {spread} (1 is 8.7 dB), forgotten after "
+            lines.append(said + ", ".join(after))
+        if texture.other is not None:
+            here, there = texture.dwell_s
+            lines.append(f"  two states: {here:.2f} s in this one, {there:.2f} s in the other, in the mean")
     if swatch.friction_dynamic > 0.0:
         lines.append(f"  friction: dynamic {_with_interval(swatch, 'friction_dynamic', '.3f')}")
         lines.append(f"            static {_with_interval(swatch, 'friction_static', '.3f')}")

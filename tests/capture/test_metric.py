@@ -198,6 +198,22 @@ def test_signals_that_cannot_be_compared_are_refused() -> None:
         st_sim(TONES[:511], TONES[:511], RATE)
 
 
+def test_liveliness_of_a_tone_that_comes_and_goes() -> None:
+    t = np.arange(40_000) / 5000.0
+    depth = 0.5
+    gain = 1.0 + depth * np.sin(2.0 * np.pi * 5.0 * t)
+    lively = metric.liveliness(3.0 * gain * np.sin(2.0 * np.pi * 200.0 * t), 5000.0)
+    assert lively.modulation == pytest.approx(depth / np.sqrt(2.0), rel=0.02)
+    assert lively.crest == pytest.approx(1.5 * np.sqrt(2.0 / (1.0 + 0.5 * depth**2)), rel=0.02)
+    power = (gain**2).reshape(-1, 250).mean(axis=1)
+    assert lively.spread_dB == pytest.approx(np.std(10.0 * np.log10(power)), rel=0.02)
+    steady = metric.liveliness(np.sin(2.0 * np.pi * 200.0 * t) + np.sin(2.0 * np.pi * 1800.0 * t), 5000.0)
+    assert steady.modulation < 0.01 and steady.spread_dB < 0.1  # what is not felt does not count
+    assert steady.crest < 1.7  # 2 with what is not felt; the ends ring a little
+    with pytest.raises(CaptureError, match=r"0\.10 s are too few"):
+        metric.liveliness(t[:500], 5000.0)
+
+
 def test_a_long_signals_spectrum_is_taken_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
     signal = np.random.default_rng(5).standard_normal(20_000)
     whole = metric.spectrum(signal, 2000.0)[1]
