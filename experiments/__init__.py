@@ -13,5 +13,6 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `field_case` | guides, magnets and viscosities that are too much for a device |
 | `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
 | `delay_study` | position–position and wave variables over a line with delay: `hapscene teleoperate experiment` |
+| `level_prior` | how loud surfaces get with force and speed, learnt from many: `python -m …level_prior FOLDER` |
 | `paper` | the haptography paper, its figures and numbers beside ours: `hapscene reproduce` |
 """
