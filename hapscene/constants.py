@@ -78,12 +78,12 @@ ORDER_MAX: Final = 576
 """Highest order of a texture's AR models [count]: order 120 at 10 kHz (Culbertson, Unwin & Kuchenbecker 2014) resampled
 to 48 kHz. Sets the size of the filter's memory; smaller, what is resampled to an audio rate loses its resonances."""
 
-EXCITATION_SPAN: Final = 4.0
-"""Gaussian deviates that a measured excitation is tabulated over, ± [standard deviations]. One sample in 16,000 lies
-beyond: a recording of a second has none."""
+LIFE_MAX: Final = 8
+"""Most processes of a texture's slow gain [count]. Sets the size of their memory; recordings ask for 1 to 3."""
 
-EXCITATION_KNOTS: Final = 65
-"""Numbers that a measured excitation has [count]: one each eighth of a standard deviation."""
+LEVEL_BOUND_DB: Final = 10.0
+"""How far a texture's level may go beyond that of the largest force and speed recorded, up or down [dB]: twice the
+force at twice the speed, with the mean exponents of the Penn Haptic Texture Toolkit's surfaces, is 8 dB."""
 
 # --- handle ----------------------------------------------------------------------------------------------
 

@@ -5,6 +5,18 @@ import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+
+def without_effect(function: str, name: str, value: object) -> None:
+    """Warns of an argument that is still taken and does nothing any more; `value` None: it was not given.
+
+    Warns:
+        DeprecationWarning: it was given.
+    """
+    if value is not None:
+        said = f"{function}: {name} has no effect any more, leave it out"
+        warnings.warn(said, DeprecationWarning, stacklevel=4)  # past the caller's decorator
+
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

@@ -35,7 +35,6 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "texture-order": "texture_order",
     "texture-domain": "texture_domain",
     "texture-update": "texture_update",
-    "excitation": "excitation",
     "acceleration-rate": "acceleration_rate",
     "tap-model": "tap_model",
     "friction-model": "friction_model",

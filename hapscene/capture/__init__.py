@@ -17,7 +17,7 @@ swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, spee
 | `segment`, `change_point` | what the tool does when; `segment_plot` draws it |
 | `texture_pieces` | what a texture is fitted to, and how loud it is over force and speed |
 | `order_search`, `whittle` | the order of the models, on held-out data; AR models over the sensor's white noise |
-| `texture_fit`, `excitation` | the models over force and speed, and the noise that drives them |
+| `texture_fit` | the models over force and speed |
 | `tap_fit`, `friction`, `stiffness` | the other fits |
 | `swatch_fit` | the above in order: `fit` |
 | `synthesis` | plays a swatch along force and speed: `synthesize` |

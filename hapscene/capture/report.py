@@ -308,8 +308,7 @@ def _plots(swatch: Swatch, part: Part | None, judgement: Judgement | None, missi
         plots.append(plot_models(texture) if held is None else plot_spectra(held))
         plots += [plot_spectrograms(judgement), plot_order(judgement.search, texture)]
         if held is not None:
-            plots += [plot_bands(held), plot_whiteness(held)]
-            plots.append(plot_distribution(held, judgement.excitation, texture))
+            plots += [plot_bands(held), plot_whiteness(held), plot_distribution(held)]
     else:
         plots += [] if texture is None else [plot_models(texture)]
         plots += [Plot("Spectrograms", missing), Plot("Order", missing)]

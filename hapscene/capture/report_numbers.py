@@ -6,14 +6,12 @@ from typing import Final, Literal
 import numpy as np
 
 from hapscene.capture import metric
-from hapscene.capture.excitation import ExcitationChoice, choose_excitation
 from hapscene.capture.metric import LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
 from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
-from hapscene.capture.texture_pieces import cut
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
@@ -80,7 +78,6 @@ class Judgement:
         synthetic: (n,) the swatch played along the recording's force and speed [m/s²].
         spectrogram_error: of `synthetic` [1].
         similarity: ST-SIM of `synthetic`.
-        excitation: whether Gaussian noise or that of the measured residual is nearer to the recording.
         held_out: how a model of one half does on the other, or None: then `why_not` says why.
         why_not: the reason.
     """
@@ -90,7 +87,6 @@ class Judgement:
     synthetic: Array
     spectrogram_error: float
     similarity: Similarity
-    excitation: ExcitationChoice
     held_out: HeldOut | None
     why_not: str = ""
 
@@ -104,7 +100,6 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
     acceleration, rate = channels.acceleration_m_s2, channels.rate_Hz
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
-    texture = swatch.texture.resampled(rate)
     stroke = sliding(channels, states)
     synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
     search = search_order(stroke.acceleration_m_s2, rate)
@@ -114,8 +109,7 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
     except CaptureError as error:
         why_not = str(error)
     apart, similarity = metric.spectrogram_error(acceleration, synthetic, rate), st_sim(synthetic, acceleration, rate)
-    excitation = choose_excitation(texture, cut(stroke))
-    return Judgement(channels, search, synthetic, apart, similarity, excitation, held_out, why_not)
+    return Judgement(channels, search, synthetic, apart, similarity, held_out, why_not)
 
 
 def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from hapscene.capture import metric
-from hapscene.capture.excitation import ExcitationChoice
 from hapscene.capture.order_search import OrderSearch
 from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement
 from hapscene.capture.segment import InteractionState, Segmentation
 from hapscene.capture.streams import Array, Streams
-from hapscene.constants import ACCELERATION_BAND_HZ, EXCITATION_SPAN
+from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import TAP_ROWS, Taps
@@ -242,34 +241,27 @@ def plot_bands(held_out: HeldOut) -> Plot:
     )
 
 
-def plot_distribution(held_out: HeldOut, choice: ExcitationChoice, texture: Texture) -> Plot:
-    """Distribution of the held-out residual against Gaussian noise and the swatch's excitation."""
+def plot_distribution(held_out: HeldOut) -> Plot:
+    """Distribution of the held-out residual against Gaussian noise."""
     edge = np.linspace(-8.0, 8.0, 65)
     middle = 0.5 * (edge[1:] + edge[:-1])
-    knots = texture.excitation
 
     def draw(axes: "Axes") -> None:
         density = _density(held_out.residual, edge)
         axes.stairs(density, edge, color=BLUE, linewidth=1.4, baseline=None, label="held-out residual")
         gaussian = np.exp(-0.5 * middle**2) / np.sqrt(2.0 * np.pi)
         axes.plot(middle, gaussian, color=MUTED, linestyle=DOTTED, label="Gaussian")
-        if knots.size:
-            label, dash = "excitation of the swatch", DASHED
-            axes.plot(middle, _bent(knots, edge), color=ORANGE, linestyle=dash, linewidth=1.6, label=label)
         axes.set_yscale("log")
         axes.set(xlabel="residual [standard deviations]", ylabel="density [1]", ylim=(1e-5, 1.0), xlim=(-8, 8))
         axes.set_yticks([10.0**n for n in range(-5, 1)], ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1", "1"])
         axes.set_yticks([], minor=True)
 
-    nearer = "the measured one" if choice.empirical < choice.gaussian else "Gaussian noise"
     return Plot(
         "Residual: how is it distributed?",
-        f"Excess kurtosis {held_out.kurtosis:.1f}; Gaussian noise has 0, bursts have more. On held-out pieces the "
-        f"vibration is {choice.gaussian:.3f} standard deviations off with Gaussian noise, {choice.empirical:.3f} with "
-        f"the measured one (mean distance of amplitudes): {nearer} is nearer. The swatch has "
-        + ("the measured one." if knots.size else "Gaussian noise."),
+        f"Excess kurtosis {held_out.kurtosis:.1f}; Gaussian noise has 0, bursts have more. What drives the texture is "
+        "Gaussian; bursts come of its slow gain.",
         drawn("distribution", draw),
-        "Density of the held-out residual beside a Gaussian and the swatch's excitation.",
+        "Density of the held-out residual beside a Gaussian.",
     )
 
 
@@ -297,17 +289,6 @@ def _density(values: Array, edge: Array) -> Array:
     """Histogram as density (k,); empty bins are not drawn."""
     count = np.histogram(values, edge)[0]
     return np.where(count > 0, count / (len(values) * np.diff(edge)), np.nan)
-
-
-def _bent(knots: Array, edge: Array) -> Array:
-    """Density (k,) of an excitation between edges (k+1,): where the noise lies below x, its deviate lies below z."""
-    from scipy.special import ndtr
-
-    z = np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, len(knots))
-    slope = np.diff(knots)[[0, -1]] / (z[1] - z[0])  # beyond the last knots it goes on straight
-    low, high = ((edge - knots[end]) / max(slope[end], 1e-9) + z[end] for end in (0, -1))
-    at = np.where(edge < knots[0], low, np.where(edge > knots[-1], high, np.interp(edge, knots, z)))
-    return np.asarray(np.diff(ndtr(at)) / np.diff(edge))
 
 
 def _plain_log(axes: "Axes") -> None:

@@ -1,13 +1,11 @@
 """A swatch from recordings of a tool on a surface: the main entry of `hapscene.capture`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapscene.capture.excitation import fit_excitation, normalised, quantile_knots
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order_search import search_order
 from hapscene.capture.recording_file import SurfaceRecording
@@ -19,15 +17,12 @@ from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, pooled
 from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
 from hapscene.errors import CaptureError
-from hapscene.old_spellings import old_spellings
+from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 Part = tuple[Streams, Segmentation]
 """A recording, cleaned, and its states."""
-
-EXCITATIONS: Final = ("auto", "gaussian", "measured")
-"""Names of the noises that may drive a texture."""
 
 STATIONARY_PIECES: Final = 5.0
 """Median length of the stationary stretches, in pieces of `PIECE_S`, from which the texture's pieces are cut at their
@@ -48,7 +43,7 @@ def fit(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
-    excitation: str = "auto",
+    excitation: object = None,
 ) -> Swatch:
     """The swatch of a recording of a tool on a surface: `fit(load_recording("oak.csv", …))`, or of its streams.
 
@@ -64,8 +59,7 @@ def fit(
         model_count: models over force and speed, or "auto": as many as hold on held-out data.
         interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
-        excitation: the noise that drives the texture: "gaussian", "measured" (distributed as the residual), or "auto":
-            the one that comes nearer on held-out data (`hapscene.capture.excitation`).
+        excitation: has no effect any more: the noise that drives a texture is Gaussian.
 
     Returns:
         A swatch with what the recording holds: texture where the tool slides, taps where it strikes, friction,
@@ -74,6 +68,7 @@ def fit(
     Raises:
         CaptureError: from such streams nothing can be fitted; the text says why.
     """
+    without_effect("fit", "excitation", excitation)
     if isinstance(acceleration_m_s2, SurfaceRecording):
         streams = (force_N, speed_m_s, tangential_force_N, depth_m, rate_Hz)
         if any(stream is not None for stream in streams):
@@ -84,7 +79,7 @@ def fit(
     else:
         channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
         part = channels, segment(channels)
-    return fit_parts([part], name, order, model_count, interpolation, excitation)
+    return fit_parts([part], name, order, model_count, interpolation)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -104,7 +99,6 @@ def fit_parts(
     order: int | Literal["auto"] = "auto",
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
-    excitation: str = "auto",
 ) -> Swatch:
     """The swatch of recordings of one surface, pooled; as `fit`.
 
@@ -115,8 +109,6 @@ def fit_parts(
     if len(rates) != 1:
         said = ", ".join(f"{rate:g}" for rate in sorted(rates)) or "none"
         raise CaptureError(f"recordings of one surface must have one rate, these have {said} Hz: resample them")
-    if excitation not in EXCITATIONS:
-        raise CaptureError(f"excitation must be one of {', '.join(EXCITATIONS)}, is {excitation!r}")
     order, model_count = _whole(order), _whole(model_count)
     if order != "auto" and (type(order) is not int or not 1 <= order <= min(ORDER_MAX, PIECE_S * min(rates) / 2)):
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
@@ -134,7 +126,7 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture = _texture(parts, order, model_count, interpolation, excitation)
+        texture = _texture(parts, order, model_count, interpolation)
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
         if wrong or (taps.taps is None and "stiffness_N_m" in absent):
@@ -162,7 +154,6 @@ def _texture(
     order: int | Literal["auto"],
     model_count: int | Literal["auto"],
     interpolation: str,
-    excitation: str,
 ) -> Texture:
     """The texture of all that slides."""
     rate = parts[0][0].rate_Hz
@@ -179,12 +170,7 @@ def _texture(
         model_count = choose_model_count(pieces, rate, order, noise)
     elif type(model_count) is not int or not 1 <= model_count <= len(pieces):
         raise CaptureError(f'model_count must be "auto" or a whole number from 1 to {len(pieces)}, is {model_count!r}')
-    texture = fit_texture(pieces, rate, order, model_count, interpolation, noise)
-    if excitation == "gaussian":
-        return texture
-    if excitation == "measured":
-        return replace(texture, excitation=quantile_knots(normalised(texture, pieces)[0].ravel()))
-    return fit_excitation(texture, pieces)
+    return fit_texture(pieces, rate, order, model_count, interpolation, noise)
 
 
 def _whole(value: Any) -> Any:

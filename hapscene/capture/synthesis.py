@@ -62,9 +62,9 @@ def synthesize(
         level = np.sqrt(power)
         if start == 0:
             before = np.empty(round(SETTLE_S * texture.rate_Hz))
-            run_lattice(k[:1], np.ones(1), 1.0, len(before), texture.excitation, rng, state, before)
+            run_lattice(k[:1], np.ones(1), 1.0, len(before), rng, state, before)
             last = level[0]
         out = output[start * block : (start + _PART) * block]
-        run_lattice(k, level, last, block, texture.excitation, rng, state, out)
+        run_lattice(k, level, last, block, rng, state, out)
         last = level[-1]
     return output

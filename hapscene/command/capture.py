@@ -198,14 +198,14 @@ def _interval(pair: tuple[float, float] | None, form: str) -> str:
     return "" if pair is None else f"[{pair[0]:{form}}, {pair[1]:{form}}]"
 
 
-# The options that say how a texture is fitted: the order of its models, how they blend, what drives them.
+# The options that say how a texture is fitted: the order of its models, how they blend.
 
 
 BATCH_OUT: Final = "out/swatches"
 """Where a swatch of each recording goes unless it is said."""
 
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
-EXCITATIONS: Final = ("auto", "gaussian", "measured")  # as in capture.swatch_fit
+EXCITATIONS: Final = ("auto", "gaussian", "measured")  # taken still, without effect
 
 
 def add_fit_options(command: argparse.ArgumentParser) -> None:
@@ -218,14 +218,15 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
         "--interpolation", choices=INTERPOLATIONS, default="lsf", help="how the texture blends its models (default lsf)"
     )
     command.add_argument(
-        "--excitation", choices=EXCITATIONS, default="auto",
-        help="the noise that drives the texture (default: auto, the nearer one on held-out data)",
+        "--excitation", choices=EXCITATIONS, help="has no effect any more",
     )  # fmt: skip
 
 
 def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
-    return {"order": options.order, "interpolation": options.interpolation, "excitation": options.excitation}
+    if options.excitation is not None:
+        print("hapscene: --excitation has no effect any more", file=sys.stderr)
+    return {"order": options.order, "interpolation": options.interpolation}
 
 
 def _order(text: str) -> int | Literal["auto"]:

@@ -198,11 +198,29 @@ def ar_from_reflection(k: ArrayLike) -> Array:
     return a
 
 
-def power_gain(a: ArrayLike) -> Array:
+def power_response(a: ArrayLike, omega_rad: ArrayLike, warp: float = 0.0) -> Array:
+    """1/|A|² (..., n) of filters (..., p+1) at frequencies (n,) in radians a sample; with a `warp`, of A(D(z)).
+
+    D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) with λ the warp (Strube 1980; Härmä et al. 2000): an allpass for each unit delay.
+    """
+    a = np.asarray(a, dtype=np.float64)
+    delay = np.exp(-1j * np.asarray(omega_rad, dtype=np.float64))
+    if warp != 0.0:
+        delay = (delay - warp) / (1.0 - warp * delay)
+    return np.asarray(1.0 / np.abs(a @ np.vander(delay, a.shape[-1], increasing=True).T) ** 2)
+
+
+def power_gain(a: ArrayLike, warp: float = 0.0) -> Array:
     """Output variance for white excitation of variance 1, (...) of filters (..., p+1): 1 / Π (1 − k²), exactly.
 
-    Infinite where the filter is unstable.
+    Infinite where the filter is unstable. With a `warp` λ, of 1/A(D(z)) as in `power_response`: over the phase of D
+    its power is that of the AR filter (1 + λ z⁻¹) A(z), (1 − λ²)-fold.
     """
+    if warp != 0.0:
+        a = np.asarray(a, dtype=np.float64)
+        zero = np.zeros((*a.shape[:-1], 1))
+        longer = np.concatenate([a, zero], axis=-1) + warp * np.concatenate([zero, a], axis=-1)
+        return np.asarray((1.0 - warp) * (1.0 + warp) * power_gain(longer))
     k = reflection_from_ar(a)
     rest = np.prod((1.0 - k) * (1.0 + k), axis=-1)
     with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""The texture as a running filter: the normalised lattice, and the noise that drives it. Compiled.
+"""The texture as a running filter: the normalised lattice. Compiled.
 
 A texture is a field of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed. They are run as a
 normalised lattice (Gray & Markel 1975): a chain of rotations by reflection coefficients k_m, with c_m = √(1 − k_m²),
@@ -14,7 +14,6 @@ models. Coefficients and the level √P are apart: the level can be ramped, so t
 import math
 from typing import Any
 
-from hapscene.constants import EXCITATION_SPAN
 from hapscene.dsp.noise import normal
 from hapscene.native import native
 
@@ -33,22 +32,7 @@ def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
 
 
 @native
-def excite(rng: Any, knots: Any, first: int, count: int) -> float:
-    """The next sample of the excitation, of variance 1: Gaussian, or bent by `count` knots from `first` on.
-
-    A Gaussian deviate z is bent to the quantile of a measured residual, x = g(z). g lies in `knots` at `count` even
-    places over ±`EXCITATION_SPAN`; between them it is linear, and beyond them it goes on as its last piece.
-    """
-    z = normal(rng)
-    if count == 0:
-        return z
-    place = (z + EXCITATION_SPAN) * ((count - 1) / (2.0 * EXCITATION_SPAN))
-    i = first + min(max(int(place), 0), count - 2)
-    return float(knots[i] + (place - (i - first)) * (knots[i + 1] - knots[i]))
-
-
-@native
-def run_lattice(k: Any, level: Any, last: float, block: int, knots: Any, rng: Any, state: Any, out: Any) -> None:
+def run_lattice(k: Any, level: Any, last: float, block: int, rng: Any, state: Any, out: Any) -> None:
     """Fill `out` (n,) block by block, block i by reflection coefficients k[i] (p,) at the level level[i], √P [m/s²].
 
     k has one row for all blocks, or one each. The level is ramped over a block, from the one before (`last` before the
@@ -64,5 +48,5 @@ def run_lattice(k: Any, level: Any, last: float, block: int, knots: Any, rng: An
         now = last
         for t in range(i * block, min((i + 1) * block, out.size)):
             now += step
-            out[t] = now * advance(state[0], state[1], state[2], order, excite(rng, knots, 0, knots.size))
+            out[t] = now * advance(state[0], state[1], state[2], order, normal(rng))
         last = level[i]

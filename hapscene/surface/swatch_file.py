@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SwatchError
 from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the format. Raised when a reader of the old one would misread the new one."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
@@ -38,6 +39,7 @@ TEXT_MAX: Final = 100_000
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
+_LIFE_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
 """Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each of its own numbers."""
@@ -77,10 +79,19 @@ def swatch_to_json(swatch: Swatch) -> str:
         if swatch.taps.wave_m_s2 is not None:
             content["taps"] |= {key: getattr(swatch.taps, key) for key in ("wave_rate_Hz", "wave_m_s2")}
     if swatch.texture is not None:
-        texture = swatch.texture
-        content["texture"] = {"rate_Hz": texture.rate_Hz, "interpolation": texture.interpolation}
-        content["texture"] |= {key: getattr(texture, key) for key in (*_TEXTURE_ROWS, "excitation")}
+        content["texture"] = _texture_content(swatch.texture)
     return _layout(content, "") + "\n"
+
+
+def _texture_content(texture: Texture) -> dict[str, Any]:
+    """A texture's section, its other state within it."""
+    content = {key: getattr(texture, key) for key in ("rate_Hz", "interpolation", "warp", "exponents")}
+    life = texture.life
+    content["life"] = life if life is None else {key: getattr(life, key) for key in _LIFE_ROWS}
+    content |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
+    if texture.other is not None:
+        content |= {"dwell_s": texture.dwell_s, "other": _texture_content(texture.other)}
+    return content
 
 
 def _layout(value: Any, indent: str) -> str:
@@ -132,22 +143,39 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
     fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
     fields["taps"] = _taps(content.get("taps"))
-    fields["texture"] = _texture(content.get("texture"))
+    fields["texture"] = _texture("texture", content.get("texture"), content["version"])
     return Swatch(**fields)
 
 
-def _texture(content: Any) -> Texture | None:
+def _texture(where: str, content: Any, version: int) -> Texture | None:
     if content is None:
         return None
     required = ("rate_Hz", *_TEXTURE_ROWS)
-    check_keys("texture", content, (*required, "interpolation", "excitation"), required)
+    known = [*required, "interpolation"]
+    if version == 1:
+        known.append("excitation")  # a distribution of the noise, which nobody heard: passed over
+    else:
+        known += ["warp", "exponents", "life", "dwell_s", "other"]
+    check_keys(where, content, known, required)
     fields: dict[str, Any] = {}
     for key in _TEXTURE_ROWS:
         dimensions = 2 if key in ("triangles", "lsf_rad") else 1
-        fields[key] = _array(f"texture.{key}", content[key], dimensions, whole=key == "triangles")
-    fields["excitation"] = _array("texture.excitation", content.get("excitation", []), 1)
-    rate = _number("texture.rate_Hz", content["rate_Hz"])
-    return Texture(rate, **fields, interpolation=_text("texture.interpolation", content.get("interpolation", "lsf")))
+        fields[key] = _array(f"{where}.{key}", content[key], dimensions, whole=key == "triangles")
+    fields |= {key: _array(f"{where}.{key}", content[key], 1) for key in ("exponents", "dwell_s") if key in content}
+    fields |= {key: _number(f"{where}.{key}", content[key]) for key in ("rate_Hz", "warp") if key in content}
+    fields["life"] = _life(f"{where}.life", content.get("life"))
+    if content.get("other") is not None:
+        if where != "texture":
+            raise SwatchError(f"{where}.other: there are two states at most")
+        fields["other"] = _texture(f"{where}.other", content["other"], version)
+    return Texture(**fields, interpolation=_text(f"{where}.interpolation", content.get("interpolation", "lsf")))
+
+
+def _life(where: str, content: Any) -> Life | None:
+    if content is None:
+        return None
+    check_keys(where, content, _LIFE_ROWS)
+    return Life(**{key: _array(f"{where}.{key}", content[key], 1) for key in _LIFE_ROWS})
 
 
 def _taps(content: Any) -> Taps | None:

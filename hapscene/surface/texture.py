@@ -12,10 +12,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN, ORDER_MAX
-from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
+from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
+from hapscene.dsp.ar_filter import (
+    ar_from_lsf,
+    ar_from_reflection,
+    lsf_from_ar,
+    power_gain,
+    power_response,
+    reflection_from_ar,
+)
 from hapscene.errors import SwatchError
-from hapscene.old_spellings import old_spellings
+from hapscene.old_spellings import old_spellings, without_effect
+from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
 
 # The plane of normal force and slip speed, closed and cut into triangles around a texture's models.
@@ -169,6 +177,18 @@ a stable filter from an unstable one."""
 POWER_MAX: Final = 1e12
 """Largest variance of a model's output [(m/s²)²]. Real surfaces give 1e-2 to 1e3; beyond this it is no vibration."""
 
+WARP_MAX: Final = 0.99
+"""Largest |warp| [1]. 0.75 is in use at 10 kHz, and 0.94 follows of it at 48 kHz."""
+
+EXPONENT_MAX: Final = 8.0
+"""Largest |exponent| of the power over force or speed [1]. Surfaces have 0 to 4."""
+
+DWELL_MIN_S: Final = 0.01
+"""Shortest mean time in a state [s]; what changes faster is the vibration itself."""
+
+DWELL_MAX_S: Final = 3600.0
+"""Longest mean time in a state [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Texture:
@@ -182,8 +202,14 @@ class Texture:
         lsf_rad: (m, p) line spectral frequencies of each model, ascending in (0, π).
         variance_m2_s4: (m,) variance of the white excitation [(m/s²)²]; 0 is silence.
         interpolation: how models are blended, one of `INTERPOLATIONS` (see `hapscene.surface.texture`).
-        excitation: () for Gaussian noise; else (`EXCITATION_KNOTS`,), ascending: the quantiles of the noise, scaled to
-            variance 1, at the levels of Gaussian deviates even over ±`EXCITATION_SPAN`.
+        warp: λ of the allpass D(z) = (z⁻¹ − λ)/(1 − λ z⁻¹) that stands in a model for each unit delay: 0 for plain AR
+            models; above it they see low frequencies finer, below it high ones. |λ| ≤ `WARP_MAX`.
+        exponents: (2,) the power goes on beyond the largest force F and speed V as (force/F)^exponents[0]
+            (speed/V)^exponents[1], by `LEVEL_BOUND_DB` at most; (0, 0) keeps it as it is there.
+        life: its random slow gain, or None: then the level is steady.
+        other: another state that the surface changes to and back by chance, as one that squeals at times, or None. It
+            has the same rate, and no other state itself.
+        dwell_s: (2,) mean time in this state and in the other, each exponentially distributed; (0, 0) without `other`.
 
     Build one from filters with `Texture.from_models`, which adds the silent models and the triangles.
 
@@ -198,17 +224,21 @@ class Texture:
     lsf_rad: Array
     variance_m2_s4: Array
     interpolation: str = "lsf"
-    excitation: Array = field(default_factory=lambda: np.empty(0))
+    warp: float = 0.0
+    exponents: Array = field(default_factory=lambda: np.zeros(2))
+    life: Life | None = None
+    other: "Texture | None" = None
+    dwell_s: Array = field(default_factory=lambda: np.zeros(2))
     _form: Array = field(init=False, repr=False)  # (m, p): what the interpolation blends
     _power: Array = field(init=False, repr=False)  # (m,) variance of each model's output
     _inverse: Array = field(init=False, repr=False)  # (t, 3, 3): (force, speed, 1) to barycentric coordinates
 
     def __post_init__(self) -> None:
-        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "excitation"):
+        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "exponents", "dwell_s"):
             freeze(self, name, getattr(self, name))
         freeze(self, "triangles", self.triangles, np.int32)
         _check_shapes(self)
-        freeze(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad))
+        freeze(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad, self.warp))
         freeze(self, "_form", form(self.interpolation, self.lsf_rad))
         freeze(self, "_inverse", _checked_inverse(self))
 
@@ -229,19 +259,27 @@ class Texture:
         a: ArrayLike,
         variance_m2_s4: ArrayLike,
         interpolation: str = "lsf",
-        excitation: ArrayLike = (),
+        excitation: object = None,
+        warp: float = 0.0,
+        exponents: ArrayLike = (0.0, 0.0),
+        life: Life | None = None,
+        other: "Texture | None" = None,
+        dwell_s: ArrayLike = (0.0, 0.0),
     ) -> "Texture":
         """A texture of filters `a` (m, p+1) at `force_N` (m,), `speed_m_s` (m,), all > 0, closed and triangulated.
 
         The rectangle from zero to the largest force and speed is closed with silent models on its two axes and,
-        where no model stands there, with a copy of the nearest model at its far corner.
+        where no model stands there, with a copy of the nearest model at its far corner. With a `warp`, `a` are
+        polynomials in D. `excitation` has no effect any more.
         """
+        without_effect("Texture.from_models", "excitation", excitation)
         models = np.atleast_2d(np.asarray(a, dtype=np.float64))
         lsf = np.stack([lsf_from_ar(one) for one in models])
         force, speed, source, sounding = close(np.ravel(force_N), np.ravel(speed_m_s))
         variance = np.ravel(np.asarray(variance_m2_s4, dtype=np.float64))[source] * sounding
-        noise = np.asarray(excitation, dtype=np.float64)
-        return cls(rate_Hz, force, speed, triangulate(force, speed), lsf[source], variance, interpolation, noise)
+        edges, dwell = np.asarray(exponents, dtype=np.float64), np.asarray(dwell_s, dtype=np.float64)
+        places = force, speed, triangulate(force, speed)
+        return cls(rate_Hz, *places, lsf[source], variance, interpolation, warp, edges, life, other, dwell)
 
     @property
     def order(self) -> int:
@@ -250,12 +288,12 @@ class Texture:
 
     @property
     def force_max_N(self) -> float:
-        """Largest force there is a model for; more is clamped to it."""
+        """Largest force there is a model for; beyond it the level alone follows, see `beyond`."""
         return float(self.force_N.max())
 
     @property
     def speed_max_m_s(self) -> float:
-        """Largest slip speed there is a model for; more is clamped to it."""
+        """Largest slip speed there is a model for; beyond it the level alone follows, see `beyond`."""
         return float(self.speed_m_s.max())
 
     @property
@@ -267,8 +305,9 @@ class Texture:
     def model(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
         """The filter a (p+1,) and the excitation's variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
 
-        y(t) = e(t) − Σ a_k y(t−k), a[0] = 1. Always stable. Silent (variance 0) at no force or no speed; above the
-        largest force or speed of the models, that of the maximum.
+        y(t) = e(t) − Σ a_k y(t−k), a[0] = 1; with a `warp`, 1/A(D(z)): D^k stands for the k delays. Always stable.
+        Silent (variance 0) at no force or no speed; above the largest force or speed of the models, that of the
+        maximum, louder or softer by `beyond`.
         """
         a, variance = self.models(np.array([force_N]), np.array([speed_m_s]))
         return a[0], float(variance[0])
@@ -284,7 +323,8 @@ class Texture:
         if self.interpolation == "hatt":
             variance = np.einsum("nc,nc->n", weight, self.variance_m2_s4[corner])
         else:
-            variance = np.einsum("nc,nc->n", weight, self._power[corner]) / power_gain(a)
+            variance = np.einsum("nc,nc->n", weight, self._power[corner]) / power_gain(a, self.warp)
+        variance *= self.beyond(force_N, speed_m_s)
         sounding = (np.asarray(force_N) > 0.0) & (np.asarray(speed_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
         return a, np.where(sounding, variance, 0.0)
 
@@ -301,7 +341,29 @@ class Texture:
             return k, np.where(sounding, self.power(force, slip), 0.0)
         a, variance = self.models(force, slip)
         k = reflection_from_ar(a)
-        return k, variance / np.prod((1.0 - k) * (1.0 + k), axis=1)
+        if self.warp == 0.0:
+            return k, variance / np.prod((1.0 - k) * (1.0 + k), axis=1)
+        return k, variance * power_gain(a, self.warp)
+
+    @old_spellings()
+    def density(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike) -> Array:
+        """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
+        a, variance = self.models(force_N, speed_m_s)
+        omega_rad = 2.0 * np.pi / self.rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
+        return np.asarray(2.0 / self.rate_Hz * variance[:, None] * power_response(a, omega_rad, self.warp))
+
+    @old_spellings()
+    def beyond(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
+        """Factor (n,) on the power for forces (n,) and speeds (n,) beyond the largest recorded [1]; 1 within them.
+
+        See `exponents`. At most `LEVEL_BOUND_DB` up or down.
+        """
+        force, speed = (np.nan_to_num(np.asarray(value, dtype=np.float64)) for value in (force_N, speed_m_s))
+        with np.errstate(divide="ignore"):
+            log = self.exponents[0] * np.log(np.maximum(force / self.force_max_N, 1.0))
+            log = log + self.exponents[1] * np.log(np.maximum(speed / self.speed_max_m_s, 1.0))
+        most = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
+        return np.asarray(np.exp(np.clip(log, -most, most)))
 
     @property
     def single(self) -> bool:
@@ -330,7 +392,7 @@ class Texture:
         This is what `models` gives exactly; with the interpolation "hatt", what it should give.
         """
         corner, weight = self.locate(force_N, speed_m_s)
-        return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]))
+        return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]) * self.beyond(force_N, speed_m_s))
 
     def resampled(self, rate_Hz: float) -> "Texture":
         """The same texture for another sample rate, the power in the kept band the same.
@@ -347,11 +409,16 @@ class Texture:
         if ratio == 1.0:
             return self
         order = min(ORDER_MAX, max(self.order, math.ceil(self.order * ratio)))
+        warp = _warp_at(self.warp, ratio)
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
-        refitted = [_refit(a, ratio, order) for a in ar_from_lsf(rows)]
+        if warp == self.warp == 0.0:
+            refitted = [_refit(a, ratio, order) for a in ar_from_lsf(rows)]
+        else:
+            refitted = [_refit_warped(a, ratio, self.order, self.warp, warp) for a in ar_from_lsf(rows)]
         lsf = np.stack([lsf_from_ar(a) for a, _ in refitted])[row]
         variance = self.variance_m2_s4 * np.array([share for _, share in refitted])[row]
-        return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance)
+        other = self.other if self.other is None else self.other.resampled(rate_Hz)
+        return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance, warp=warp, other=other)
 
     def truncated(self, order: int) -> "Texture":
         """The same texture with models of at most that order, each of the power that it has.
@@ -364,19 +431,22 @@ class Texture:
         """
         if not order >= 1 or order % 1 != 0:
             raise SwatchError(f"the order of a texture is a whole number, 1 or more, not {order}")
+        other = self.other if self.other is None else self.other.truncated(order)
         if order >= self.order:
-            return self
+            return self if other is self.other else replace(self, other=other)
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
         shorter = ar_from_reflection(reflection_from_ar(ar_from_lsf(rows))[:, : int(order)])
         lsf = np.stack([lsf_from_ar(a) for a in shorter])[row]
-        return replace(self, lsf_rad=lsf, variance_m2_s4=self._power / power_gain(shorter)[row])
+        variance = self._power / power_gain(shorter, self.warp)[row]
+        return replace(self, lsf_rad=lsf, variance_m2_s4=variance, other=other)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
             return NotImplemented
-        names = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "excitation")
-        same = (self.rate_Hz, self.interpolation) == (other.rate_Hz, other.interpolation)
-        return same and all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
+        single = ("rate_Hz", "interpolation", "warp", "life", "other")
+        rows = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "exponents", "dwell_s")
+        same = all(getattr(self, name) == getattr(other, name) for name in single)
+        return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in rows)
 
     def __hash__(self) -> int:
         return hash((self.rate_Hz, self.interpolation, self.lsf_rad.tobytes()))
@@ -405,42 +475,42 @@ def _check_shapes(texture: Texture) -> None:
         raise SwatchError(f"texture: rate_Hz must be above 0, is {texture.rate_Hz}")
     if texture.interpolation not in INTERPOLATIONS:
         raise SwatchError(f"texture: interpolation {texture.interpolation!r} must be one of {INTERPOLATIONS}")
-    _check_excitation(texture.excitation)
-
-
-def excitation_moments(knots: Array) -> tuple[float, float]:
-    """Mean and variance of the noise that knots (q,) bend a Gaussian deviate to (see `hapscene.dsp.lattice`)."""
-    z = np.linspace(-2.0 * EXCITATION_SPAN, 2.0 * EXCITATION_SPAN, 16 * (EXCITATION_KNOTS - 1) + 1)
-    weight = np.exp(-0.5 * z**2)
-    place = (z + EXCITATION_SPAN) * (len(knots) - 1) / (2.0 * EXCITATION_SPAN)
-    i = np.clip(place.astype(np.intp), 0, len(knots) - 2)
-    x = knots[i] + (place - i) * (knots[i + 1] - knots[i])
-    mean = float(np.sum(weight * x) / weight.sum())
-    return mean, float(np.sum(weight * (x - mean) ** 2) / weight.sum())
-
-
-def _check_excitation(knots: Array) -> None:
-    """The noise has as many knots as it must, ascending, and is of variance 1: the level is the models' affair."""
-    if knots.shape == (0,):
-        return
-    if knots.shape != (EXCITATION_KNOTS,):
+    if not abs(texture.warp) <= WARP_MAX:
+        raise SwatchError(f"texture: warp must be from -{WARP_MAX} to {WARP_MAX}, is {texture.warp}")
+    exponents = texture.exponents
+    if exponents.shape != (2,) or not np.all(np.abs(exponents) <= EXPONENT_MAX):
         raise SwatchError(
-            f"texture: excitation must list {EXCITATION_KNOTS} numbers or none, its shape is {knots.shape}"
+            f"texture: exponents must be two numbers from -{EXPONENT_MAX:g} to {EXPONENT_MAX:g}, of force and of "
+            f"speed, not {exponents.tolist()}"
         )
-    if not (np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0.0) and np.abs(knots).max() < 1e3):
-        raise SwatchError("texture: excitation must be finite and ascend")
-    mean, variance = excitation_moments(knots)
-    if not (abs(mean) < 0.01 and abs(variance - 1.0) < 0.01):
-        raise SwatchError(f"texture: excitation must have mean 0 and variance 1, has {mean:.3g} and {variance:.3g}")
+    _check_states(texture)
 
 
-def _checked_power(variance_m2_s4: Array, lsf_rad: Array) -> Array:
+def _check_states(texture: Texture) -> None:
+    """The other state is one that this one can change to, in a time that is none too short."""
+    other, dwell = texture.other, texture.dwell_s
+    if other is None:
+        if dwell.shape != (2,) or np.any(dwell != 0.0):
+            raise SwatchError(f"texture: dwell_s must be (0, 0) where there is no other state, is {dwell.tolist()}")
+        return
+    if other.other is not None:
+        raise SwatchError("texture: other has an other state itself; there are two at most")
+    if other.rate_Hz != texture.rate_Hz:
+        raise SwatchError(f"texture: other is made for {other.rate_Hz:g} Hz, must be for {texture.rate_Hz:g} Hz")
+    if dwell.shape != (2,) or not np.all((dwell >= DWELL_MIN_S) & (dwell <= DWELL_MAX_S)):
+        raise SwatchError(
+            f"texture: dwell_s must be two times from {DWELL_MIN_S} to {DWELL_MAX_S:g} s, in this state and in the "
+            f"other, not {dwell.tolist()}"
+        )
+
+
+def _checked_power(variance_m2_s4: Array, lsf_rad: Array, warp: float) -> Array:
     """Variance of the output (m,) of models (m, p); refuses what is unstable or absurdly loud."""
     ascending = np.diff(lsf_rad, axis=1, prepend=0.0, append=np.pi) > 0.0  # False for NaN too
     bad = np.flatnonzero(~ascending.all(axis=1))
     if len(bad):
         raise SwatchError(f"texture: model {bad[0]} is unstable: lsf_rad must ascend strictly between 0 and π")
-    gain = power_gain(ar_from_lsf(lsf_rad))
+    gain = power_gain(ar_from_lsf(lsf_rad), warp)
     bad = np.flatnonzero(~(gain < POWER_GAIN_MAX))
     if len(bad):
         raise SwatchError(
@@ -493,3 +563,32 @@ def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
     r = np.fft.irfft(kept)[: order + 1] * ratio  # the same density per Hz is more power per sample at a higher rate
     new = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
     return new, float(r[0] / power_gain(new))
+
+
+def _warp_at(warp: float, ratio: float) -> float:
+    """The warp at `ratio` times the rate whose map of low frequencies is the same; 0 stays 0.
+
+    Near 0 Hz the phase of D runs (1 + λ)/(1 − λ) times as fast as that of a delay.
+    """
+    if warp == 0.0:
+        return 0.0
+    stretch = ratio * (1.0 + warp) / (1.0 - warp)
+    there = (stretch - 1.0) / (stretch + 1.0)
+    return min(max(there, 0.0), WARP_MAX) if warp > 0.0 else max(min(there, 0.0), -WARP_MAX)
+
+
+def _refit_warped(a: Array, ratio: float, order: int, old: float, new: float) -> tuple[Array, float]:
+    """As `_refit`, of a filter warped by `old`, for one warped by `new`: in the phase of D its spectrum is an AR's."""
+    from scipy.linalg import solve_toeplitz
+
+    phase = np.exp(-1j * np.pi / _WARPED_BINS * np.arange(_WARPED_BINS + 1))
+    omega = -np.angle((phase + new) / (1.0 + new * phase)) * ratio  # what D has this phase at, in the old rate's terms
+    density = np.full(len(omega), power_response(a, np.linspace(0.0, np.pi, 4096), old).min())
+    within = omega <= np.pi
+    density[within] = power_response(a, omega[within], old)
+    r = np.fft.irfft(density)[: order + 1] * ratio
+    made = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
+    return made, float(r[0] / power_gain(made))
+
+
+_WARPED_BINS: Final = 1 << 13

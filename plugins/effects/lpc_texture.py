@@ -5,10 +5,10 @@ Kuchenbecker 2014), run as a normalised lattice (`hapscene.dsp.lattice`): whatev
 output is no louder than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
 begins, ends, or crosses into another swatch.
 
-Table of a swatch, on an even grid: highest force F [N], highest speed V [m/s], order p, count q of the excitation's
-knots, after how many ticks the filter follows force and speed (`update_ticks` of the swatch's numbers for this effect,
-1 unless it is there), then for each of GRID forces from 0 to F, for each of GRID speeds from 0 to V: P [m²/s⁴], k_1 …
-k_p; then the q knots. Between nodes it is bilinear; above, clamped.
+Table of a swatch, on an even grid: highest force F [N], highest speed V [m/s], order p, after how many ticks the
+filter follows force and speed (`update_ticks` of the swatch's numbers for this effect, 1 unless it is there), then for
+each of GRID forces from 0 to F, for each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p. Between nodes it is
+bilinear; above, clamped.
 """
 
 import math
@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ORDER_MAX
-from hapscene.dsp.lattice import advance, excite
+from hapscene.dsp.lattice import advance
+from hapscene.dsp.noise import normal
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.swatch import Swatch
@@ -28,7 +29,7 @@ GRID = 33
 (order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
 %) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
 
-HEADER = 5
+HEADER = 4
 """Numbers that stand before the first node of a table [count]."""
 
 FADE_S = 0.2
@@ -84,7 +85,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
             begin_filter(table[2], FADE_S / touch.tick_s if touch.stepped and not new else 0.0, s)
             s.of = of
         if s.wait <= 0.0 or new:
-            s.wait = table[4]
+            s.wait = table[3]
             share = s.wait / s.fade if s.fade > s.wait else 1.0
             s.fade = max(0.0, s.fade - s.wait)
             if share == 1.0:
@@ -103,11 +104,10 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
         return
     step_m_s2 = (target_m_s2 - s.level_m_s2) / touch.block
-    order, knots = int(s.order), int(table[3]) if table.size > 0 else 0
+    order = int(s.order)
     for i in range(touch.block):
         level_m_s2 = s.level_m_s2 + (i + 1) * step_m_s2
-        f = excite(s.rng, table, table.size - knots, knots)
-        out.a_m_s2[i] += level_m_s2 * advance(s.k, s.c, s.b, order, f)
+        out.a_m_s2[i] += level_m_s2 * advance(s.k, s.c, s.b, order, normal(s.rng))
     s.level_m_s2 = target_m_s2
 
 
@@ -154,8 +154,8 @@ def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
     k, power = texture.lattice(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
     nodes = np.column_stack((power, np.broadcast_to(k, (len(power), texture.order))))
     ticks = max(1.0, round(swatch.parameter("lpc_texture", "update_ticks", 1.0)))
-    header = (force_N[-1], speed_m_s[-1], texture.order, len(texture.excitation), ticks)
-    return np.concatenate((header, nodes.ravel(), texture.excitation))
+    header = (force_N[-1], speed_m_s[-1], texture.order, ticks)
+    return np.concatenate((header, nodes.ravel()))
 
 
 EFFECT = Effect(

@@ -35,7 +35,7 @@ LIMIT_S = 60.0
 
 READING = {"rate_Hz": 1000.0, "units": {"acceleration": "m/s2"}}
 FITTING = {"order": 3}
-CHOSEN = {"interpolation": "lsf", "excitation": "auto"}  # by the command, where nothing is said
+CHOSEN = {"interpolation": "lsf"}  # by the command, where nothing is said
 WORDS = ["--rate", "1000", "--units", "acceleration=m/s2", "--order", "3"]
 
 

@@ -17,7 +17,6 @@ from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.report import report, rows, write_report
 from hapscene.capture.report_numbers import judge, residual_along, spectrum_along
 from hapscene.capture.report_plots import (
-    _bent,
     plot_bands,
     plot_friction,
     plot_models,
@@ -28,7 +27,6 @@ from hapscene.capture.report_plots import (
 )
 from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.streams import Streams, clean
-from hapscene.constants import EXCITATION_SPAN
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import PLAIN, Swatch
@@ -218,21 +216,6 @@ def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
     assert time.process_time() - start < 10.0
     assert "✓ good" in text and len(text) < 2_000_000
     Page(text)
-
-
-def test_the_density_of_a_bent_excitation_is_that_of_its_samples() -> None:
-    """Knots of a stretched and skewed normal: against quantiles of many deviates, within the knots and beyond them."""
-    z = np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, 17)
-    knots = 1.5 * z + 0.1 * z**2
-    deviate = np.random.default_rng(0).standard_normal(400_000)
-    slope = np.diff(knots)[[0, -1]] / (z[1] - z[0])
-    beyond = np.where(deviate < 0, knots[0] + slope[0] * (deviate - z[0]), knots[-1] + slope[1] * (deviate - z[-1]))
-    x = np.where(np.abs(deviate) > EXCITATION_SPAN, beyond, np.interp(deviate, z, knots))
-    edge = np.concatenate(
-        [[x.min() - 1.0], np.quantile(x, [1e-4, 0.01, 0.1, 0.4, 0.7, 0.95, 0.999, 0.9999]), [x.max() + 1.0]]
-    )
-    share = np.histogram(x, edge)[0] / len(x)
-    np.testing.assert_allclose(_bent(knots, edge) * np.diff(edge), share, rtol=0.1, atol=2e-5)
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ LOW = [
 def test_all_resonances_below_1_kHz(frequency_Hz, width_Hz, snr_dB):
     """At 10 kHz: plain linear prediction needs orders of 5 to 50 for 2 to 8 under noise of 20 dB."""
     truth = resonant(frequency_Hz, width_Hz)
-    texture = fit(noisy(truth, 60_000, snr_dB, seed=len(frequency_Hz)), RATE, excitation="gaussian").texture
+    texture = fit(noisy(truth, 60_000, snr_dB, seed=len(frequency_Hz)), RATE).texture
     assert abs(texture.order - 2 * len(frequency_Hz)) <= 2
     a, variance = texture.model(10.0, 10.0)
     frequency = np.arange(30.0, 1000.0, 5.0)

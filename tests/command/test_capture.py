@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapscene.capture import swatch_fit
 from hapscene.cli import main
 from hapscene.command import capture
 from hapscene.command.capture import add_fit, add_report
-from hapscene.constants import EXCITATION_KNOTS
 from hapscene.errors import CaptureError, HapsceneError, SwatchError
 from hapscene.surface import texture
 from hapscene.surface.library import load_swatch
@@ -158,13 +156,12 @@ def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
 def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = str(write(tmp_path / "a.csv")), tmp_path / "oak.swatch"
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
-    for excitation, knots in {"gaussian": 0, "measured": EXCITATION_KNOTS}.items():
-        run(path, "-o", str(out), *options, "--interpolation", "direct", "--excitation", excitation)
-        texture = load_swatch(out).texture
-        assert texture is not None
-        assert texture.interpolation == "direct" and len(texture.excitation) == knots
-    said = next(line for line in capsys.readouterr().out.splitlines() if "texture:" in line)
-    assert texture is not None
+    run(path, "-o", str(out), *options, "--interpolation", "direct", "--excitation", "gaussian")
+    texture = load_swatch(out).texture
+    assert texture is not None and texture.interpolation == "direct"
+    told = capsys.readouterr()
+    assert "--excitation has no effect any more" in told.err
+    said = next(line for line in told.out.splitlines() if "texture:" in line)
     count = sounding(texture)
     assert f"{count} model" in said
     assert f"{count} model{'s' if count != 1 else ''} of order 4" in "\n".join(lines(load_swatch(out)))
@@ -172,7 +169,6 @@ def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.
 
 def test_the_choices_are_those_of_the_fit() -> None:
     assert capture.INTERPOLATIONS == texture.INTERPOLATIONS
-    assert capture.EXCITATIONS == swatch_fit.EXCITATIONS
 
 
 # `hapscene capture report`, as typed.

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.constants import EXCITATION_SPAN
 from hapscene.dsp.ar_filter import ar_from_reflection
-from hapscene.dsp.lattice import advance, excite, run_lattice
+from hapscene.dsp.lattice import advance, run_lattice
 from hapscene.dsp.noise import normal, seeded_state
-
-NONE = np.zeros(0)
 
 
 def rows(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +36,7 @@ def test_each_step_keeps_the_sum_of_the_squares_whatever_models_follow_one_anoth
 
 def run(k: np.ndarray, level: np.ndarray, block: int, count: int, last: float = 0.0) -> np.ndarray:
     state, out = np.zeros((3, k.shape[1] + 1)), np.zeros(count)
-    run_lattice(k, level, last, block, NONE, seeded_state(1, "texture"), state, out)
+    run_lattice(k, level, last, block, seeded_state(1, "texture"), state, out)
     return out
 
 
@@ -61,19 +58,5 @@ def test_a_texture_that_is_cut_in_two_runs_is_the_same() -> None:
     k, level = np.array([[0.4, 0.8, -0.2]]), np.array([1.0, 2.0, 0.5, 1.5])
     state, rng, parts = np.zeros((3, 4)), seeded_state(1, "texture"), np.zeros((2, 20))
     for i, last in enumerate((0.0, level[1])):
-        run_lattice(k, level[2 * i : 2 * i + 2], last, 10, NONE, rng, state, parts[i])
+        run_lattice(k, level[2 * i : 2 * i + 2], last, 10, rng, state, parts[i])
     np.testing.assert_array_equal(parts.ravel(), run(k, level, 10, 40))
-
-
-def test_the_excitation_is_bent_by_its_knots_and_goes_on_as_the_last_piece() -> None:
-    places = np.linspace(-EXCITATION_SPAN, EXCITATION_SPAN, 9)
-    knots = np.concatenate([[99.0], places**3, [-99.0]])  # its own begin at 1
-    slope = np.diff(places**3)[-1] / np.diff(places)[-1]
-    one, two = seeded_state(5, "texture"), seeded_state(5, "texture")
-    z = np.array([normal(one) for _ in range(20_000)])
-    bent = np.array([excite(two, knots, 1, 9) for _ in z])
-    beyond = np.sign(z) * (EXCITATION_SPAN**3 + slope * (np.abs(z) - EXCITATION_SPAN))
-    far = np.abs(z) > EXCITATION_SPAN
-    assert far.any()
-    np.testing.assert_allclose(bent, np.where(far, beyond, np.interp(z, places, places**3)), atol=1e-9)
-    assert [excite(two, knots, 0, 0) for _ in range(9)] == [normal(one) for _ in range(9)]

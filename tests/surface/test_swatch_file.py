@@ -12,6 +12,7 @@ from hapscene.dsp.ar_filter import ar_from_reflection
 from hapscene.errors import SwatchError
 from hapscene.surface import swatch_file
 from hapscene.surface.library import load_swatch, shipped_swatches
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
@@ -21,7 +22,14 @@ from hapscene.surface.texture import Texture
 def make_swatch(seed: int = 0) -> Swatch:
     rng = np.random.default_rng(seed)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
-    texture = Texture.from_models(1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a, rng.uniform(0, 1, 3))
+    other = Texture.from_models(
+        1e4 / 3, [1.0], [0.1], a=a[:1], variance_m2_s4=[1 / 3], life=Life([0.1], [1 / 3], [0.0])
+    )
+    texture = Texture.from_models(
+        1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a=a, variance_m2_s4=rng.uniform(0, 1, 3), warp=2 / 3,
+        exponents=rng.uniform(0, 2, 2), life=Life([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]), other=other,
+        dwell_s=rng.uniform(0.1, 1, 2),
+    )  # fmt: skip
     waves = rng.standard_normal((2, 5))
     taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
     return Swatch(
@@ -60,6 +68,20 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest
         save_swatch(make_swatch(), path)
     assert load_swatch(path) == PLAIN
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
+    content = json.loads(swatch_to_json(make_swatch()))
+    for key in ("warp", "exponents", "life", "dwell_s", "other"):
+        del content["texture"][key]
+    plain = swatch_from_json(json.dumps(content))
+    assert plain.texture is not None and plain.texture.life is None and plain.texture.warp == 0.0
+    content["version"], content["texture"]["excitation"] = 1, [-1.0, 0.0, 1.0]
+    assert swatch_from_json(json.dumps(content)) == plain
+    for key, value in {"warp": 0.5, "life": None}.items():
+        later = content | {"texture": content["texture"] | {key: value}}
+        with pytest.raises(SwatchError, match=f"unknown key 'texture.{key}'"):
+            swatch_from_json(json.dumps(later))
 
 
 def test_bad_targets(tmp_path: Path) -> None:
@@ -109,7 +131,11 @@ BAD = {
     "binary": (b"\x80\x04\x95\xff\x00", "not a swatch"),
     "list": ("[1, 2]", "format"),
     "other format": (edit(("format",), "other"), "format"),
-    "later version": (edit(("version",), 2), "format version 2 is later than 1.*update"),
+    "measured noise": (edit(("texture", "excitation"), []), "unknown key 'texture.excitation'"),
+    "warp": (edit(("texture", "warp"), "much"), "texture.warp must be a finite number"),
+    "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
+    "a third state": (edit(("texture", "other", "other"), {}), r"texture\.other\.other: there are two states at most"),
+    "later version": (edit(("version",), 3), "format version 3 is later than 2.*update"),
     "no version": (edit(("version",), None), "version must be"),
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
     "Infinity": (edit(("texture", "lsf_rad", 0, 0), float("inf")), "Infinity"),

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import freqz, lfilter
 
-from hapscene.constants import EXCITATION_KNOTS, EXCITATION_SPAN
+from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.dsp.ar_filter import ar_from_lsf, ar_from_reflection, lsf_from_ar, power_gain, reflection_from_ar
 from hapscene.errors import SwatchError
 from hapscene.surface.library import load_swatch
+from hapscene.surface.life import Life
 from hapscene.surface.texture import GAIN_MAX, INTERPOLATIONS, Texture, filters, form, stabilised
 
 
@@ -120,15 +122,16 @@ def test_what_does_not_fit_is_refused() -> None:
         "name models": {"triangles": [[0, 1, 99]]},
         "interpolation": {"interpolation": "cubic"},
     }
-    bend = np.linspace(-4.0, 4.0, EXCITATION_KNOTS)
+    twice = replace(good, other=good, dwell_s=(1.0, 1.0))
     cases |= {
-        "excitation must list": {"excitation": [1.0, 2.0]},
-        "ascend": {"excitation": bend[::-1]},
-        "variance 1": {"excitation": 2.0 * bend},
-        "mean 0": {"excitation": bend + 0.1},
-        "finite and": {"excitation": np.where(bend > 3.9, np.inf, bend)},
+        "warp must be": {"warp": 1.0},
+        "exponents must be two": {"exponents": [1.0]},
+        "not .nan": {"exponents": [np.nan, 0.0]},
+        "there are two at most": {"other": twice, "dwell_s": (1.0, 1.0)},
+        "made for 5000 Hz": {"other": replace(good, rate_Hz=5000.0), "dwell_s": (1.0, 1.0)},
+        "dwell_s must be two times": {"other": good},
+        "where there is no other": {"dwell_s": (1.0, 1.0)},
     }
-    assert Texture(**(fields | {"excitation": bend})) != good
     for message, change in cases.items():
         with pytest.raises(SwatchError, match=message):
             Texture(**(fields | change))
@@ -251,5 +254,56 @@ def test_textures_are_equal_by_all_that_they_hold() -> None:
     for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4"):
         assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
     assert texture != replace(texture, triangles=texture.triangles[::-1])
-    noise = np.linspace(-1.0, 1.0, EXCITATION_KNOTS) * EXCITATION_SPAN
-    assert texture != replace(texture, excitation=noise)
+    more = {"warp": 0.5, "exponents": (1.0, 0.0), "life": Life([0.3], [20.0], [0.0])}
+    more |= {"dwell_s": (1.0, 2.0), "other": texture}
+    changed = replace(texture, **more)
+    assert changed == replace(texture, **more)
+    for name in ("warp", "exponents", "life", "other"):
+        kept = {key: value for key, value in more.items() if key != name and (name, key) != ("other", "dwell_s")}
+        assert changed != replace(texture, **kept), name
+
+
+def test_a_life_that_cannot_be_is_refused() -> None:
+    good = {"spread": [0.3, 0.2], "decay_1_s": [20.0, 0.0], "decay_1_m": [0.0, 300.0]}
+    assert Life(**good) == Life(**good) and hash(Life(**good)) == hash(Life(**good))
+    assert Life(**good).log_spread == pytest.approx(np.sqrt(0.13))
+    cases = {
+        "1 to 8 processes": {"spread": []},
+        "decay_1_m must have shape": {"decay_1_m": [0.0]},
+        "spread must be from 0": {"spread": [np.nan, 0.1]},
+        "decay_1_s must be from 0": {"decay_1_s": [-1.0, 0.0]},
+        "at most 1.5": {"spread": [1.2, 1.2]},
+        "process 1 never forgets": {"decay_1_m": [0.0, 0.0]},
+    }
+    for message, change in cases.items():
+        assert Life(**good) != 5
+        with pytest.raises(SwatchError, match=message):
+            Life(**(good | change))
+
+
+@pytest.mark.parametrize("warp", [0.75, -0.4])
+def test_a_warped_model_has_the_power_and_the_spectrum_that_it_says(warp: float) -> None:
+    """Against the rational filter of order 3 that A(D(z)) is, worked out by polynomials."""
+    a = np.poly([0.6, 0.7 * np.exp(1j), 0.7 * np.exp(-1j)]).real
+    texture = Texture.from_models(1000.0, [2.0], [0.2], a=a, variance_m2_s4=[3.0], warp=warp)
+    over, under = (-warp, 1.0), (1.0, -warp)  # D = over/under, both in ascending powers of 1/z
+    numerator = polypow(under, 3)
+    whole = sum(a[i] * polymul(polypow(over, i), polypow(under, 3 - i)) for i in range(4))
+    impulse = lfilter(numerator, whole, np.eye(1, 4000)[0])
+    assert texture.power([2.0], [0.2])[0] == pytest.approx(3.0 * np.sum(impulse**2), rel=1e-9)
+    frequency = np.linspace(1.0, 499.0, 50)
+    _, response = freqz(numerator, whole, worN=frequency, fs=1000.0)
+    density = texture.density([2.0], [0.2], frequency_Hz=frequency)[0]
+    np.testing.assert_allclose(density, 2 * 3.0 * np.abs(response) ** 2 / 1000.0, rtol=1e-9)
+
+
+def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
+    texture = replace(make_texture(), exponents=(0.5, 2.0))
+    force, speed = texture.force_max_N, texture.speed_max_m_s
+    factor = texture.beyond([force, 2 * force, 2 * force, 0.0, np.nan], [speed, speed, 1.5 * speed, speed, 99.0])
+    np.testing.assert_allclose(factor, [1.0, 2**0.5, 2**0.5 * 1.5**2, 1.0, 10 ** (0.1 * LEVEL_BOUND_DB)])
+    power = texture.power([force, 2 * force], [speed, 1.5 * speed])
+    assert power[1] == pytest.approx(power[0] * factor[2])
+    np.testing.assert_allclose(texture.lattice([force, 2 * force], [speed, 1.5 * speed])[1], power)
+    clamped = replace(texture, exponents=(0.0, 0.0))
+    assert clamped.power([9 * force], [speed])[0] == power[0]

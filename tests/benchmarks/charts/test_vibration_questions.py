@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import norm, t, wasserstein_distance
 
 from hapscene.perception import band_edges_Hz, band_rms_m_s2
 from hapscene.renderer import Renderer
@@ -11,7 +10,7 @@ from hapscene.stability.rig import sheet
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-from hapscene_benchmarks.charts import acceleration_rate, excitation, tap_model, texture_domain, texture_order
+from hapscene_benchmarks.charts import acceleration_rate, tap_model, texture_domain, texture_order
 from hapscene_benchmarks.charts.measuring import apart_jnd, bands_of, enough, model_bands, stroke_path
 from hapscene_benchmarks.charts.question import Point
 from hapscene_benchmarks.charts.texture_update import followed, held_error
@@ -81,15 +80,6 @@ def test_a_level_that_is_looked_at_each_tick_is_its_own() -> None:
     # a look each four ticks, of what grows by 1 % in power a tick: 3 ticks' growth off in the last tick of each
     least = 3.0 * 10.0 * np.log10(1.01) / 2.0
     assert held_error(texture, force, speed, 4)["median"] == pytest.approx(least, rel=0.02)
-
-
-def test_the_distance_of_a_noise_is_that_of_scipy_and_knots_bring_it_nearer() -> None:
-    scale = np.sqrt(excitation.FREEDOM / (excitation.FREEDOM - 2.0))
-    level = (np.arange(4000) + 0.5) / 4000
-    plain = wasserstein_distance(norm.ppf(level), t.ppf(level, excitation.FREEDOM) / scale)
-    assert excitation.planted_distance(np.empty(0)) == pytest.approx(plain, rel=1e-9)
-    seen = np.random.default_rng(0).standard_t(excitation.FREEDOM, 20_000) / scale
-    assert excitation.planted_distance(excitation.kept(seen, 1)) < 0.2 * plain
 
 
 def test_a_faster_channel_is_nearer_and_the_reference_is_itself() -> None:
