@@ -134,7 +134,9 @@ def read_surfaces(folder: Path) -> dict[str, Places]:
 def report(surfaces: Mapping[str, Places]) -> str:
     """What is learnt, and how well it does on surfaces that were left out, in words and a table."""
     prior, off = learn([law(places) for places in surfaces.values()]), left_out(surfaces)
-    told = [f"{one:.2f} (sd {np.sqrt(var):.2f})" for one, var in zip(*(prior.mean, prior.covariance.diagonal()))]
+    told = [
+        f"{one:.2f} (sd {np.sqrt(var):.2f})" for one, var in zip(prior.mean, prior.covariance.diagonal(), strict=True)
+    ]
     names = list(dict.fromkeys(name for found in off.values() for name in found))
     rows = [(task, *(f"{found[n]:.1f}" if n in found else "–" for n in names)) for task, found in off.items()]
     said = f"{len(surfaces)} surfaces: exponent of force {told[0]}, of speed {told[1]}"

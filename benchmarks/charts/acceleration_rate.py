@@ -37,9 +37,8 @@ def error(rate_Hz: float, output: str) -> dict[str, float]:
     for name in SWATCHES:
         swatch = load_swatch(name)
         if swatch.texture is not None:
-            textures = [swatch.texture.resampled(r) for r in (rate_Hz, REFERENCE_HZ)]
-            bands, true = (texture_bands(t, [FORCE_N], [SPEED_M_S], held=h) for t, h in zip(textures, (held, False)))
-            apart = apart_jnd(bands[0], true[0])
+            bands = texture_bands(swatch.texture.resampled(rate_Hz), [FORCE_N], [SPEED_M_S], held=held)
+            apart = apart_jnd(bands, texture_bands(swatch.texture.resampled(REFERENCE_HZ), [FORCE_N], [SPEED_M_S]))[0]
             parts.setdefault("texture", []).append(float(apart))
         if swatch.taps is not None:
             tap, fine = (swatch.taps.transient(TAP_M_S, r) for r in (rate_Hz, REFERENCE_HZ))

@@ -28,6 +28,7 @@ from hapscene.motion.look_from_above import UNSEEN
 from hapscene.native import INTERPRETED
 from hapscene.parameter_sweep import Piece, sweep
 from hapscene.perception import (
+    FLUCTUATION_DB,
     FORCE,
     FORCE_LEAST_N,
     FRICTION,
@@ -83,7 +84,7 @@ LINES: Final = 4096
 TAP_S: Final = 0.1
 """Over which a tap is felt [s]."""
 
-LEAVING: Final = ("lpc_texture", "tap", "friction")
+LEAVING: Final = ("life", "lpc_texture", "tap", "friction")
 """Effects in the order in which they are given up where time is short: what carries least of the shape first."""
 
 
@@ -233,11 +234,11 @@ def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
     """Root mean squares (n, k) in bands [m/s²] of a swatch's texture at forces and speeds (n,), by its models."""
     texture = swatch.texture
     assert texture is not None
-    a, variance = texture.models(force_N, speed_m_s)
-    density = 2.0 * variance[:, None] / np.abs(np.fft.rfft(a, 2 * LINES, axis=1)) ** 2 / (2 * LINES)
-    total = np.concatenate((np.zeros((len(a), 1)), np.cumsum(density, axis=1)), axis=1)
+    line_Hz = texture.rate_Hz / (2 * LINES)
+    power = line_Hz * texture.density(force_N, speed_m_s, frequency_Hz=line_Hz * np.arange(LINES + 1))
+    total = np.concatenate((np.zeros((len(power), 1)), np.cumsum(power, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
-    edges = band_edges_Hz() / (texture.rate_Hz / (2 * LINES))
+    edges = band_edges_Hz() / line_Hz
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
     return np.asarray(gain * np.sqrt(np.diff([np.interp(edges, lines, row) for row in total], axis=1)))
 
@@ -255,6 +256,12 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
         where = f"at {loudest[0]:.2g} N and {loudest[1]:.2g} m/s it vibrates by {np.sqrt(np.sum(rms**2)):.2g} m/s²"
         why["lpc_texture"] = f"{where}, which {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["lpc_texture"]
+        if texture.life is not None:
+            spread_dB = 20.0 / math.log(10.0) * texture.life.log_spread
+            spread_dB *= swatch.parameter("lpc_texture", "texture_life", 1.0)
+            felt = felt and spread_dB >= FLUCTUATION_DB
+            why["life"] = f"its level varies by {spread_dB:.2g} dB, which {'is felt' if felt else 'nobody feels'}"
+            left_out += [] if felt else ["life"]
     if swatch.taps is not None:
         fastest = min(float(swatch.taps.approach_m_s[-1]), SPEED_M_S)
         count = round(TAP_S * trial.RATE_HZ)
@@ -560,7 +567,8 @@ def _leave_out(scene: "Scene", plan: _Plan) -> bool:
 
 
 def _effects_of(swatch: "Swatch") -> list[str]:
-    has = {"lpc_texture": swatch.texture, "tap": swatch.taps, "friction": swatch.friction_static or None}
+    life = swatch.texture and swatch.texture.life
+    has = {"life": life, "lpc_texture": swatch.texture, "tap": swatch.taps, "friction": swatch.friction_static or None}
     return [effect for effect, what in has.items() if what is not None]
 
 

@@ -194,6 +194,13 @@ SPEED_COUNT: Final = 16
 FORCE_SHARES: Final = (0.25, 0.5, 1.0)
 """Normal forces that are tried, over the texture's highest [1]."""
 
+BEYOND: Final = 3.0
+"""Up to how many times its largest force and speed a texture is tried whose level goes on beyond them [1]: by then the
+level of most is at its bound."""
+
+DEVIATIONS: Final = 2.0
+"""Of the logarithm of a slow gain, up to which it counts [1]: it is above for 2 % of the time."""
+
 BINS: Final = 512
 """Frequencies of the spectrum [count]."""
 
@@ -228,16 +235,19 @@ class Share:
 
 
 def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s: float) -> Share:
-    """The share of a texture that may be folded, by `mass_kg`, into the force of a device."""
+    """The share of a texture that may be folded, by `mass_kg`, into the force of a device: of its louder state, where
+    it has two, and of its loud stretches, where it lives."""
     if mass_kg == 0.0 or math.isinf(own_damping_Ns_m):
         return Share(1.0)
-    top = texture.speed_max_m_s
+    beyond = BEYOND if texture.exponents.any() else 1.0
+    top, spread = beyond * texture.speed_max_m_s, 0.0 if texture.life is None else texture.life.log_spread
+    burst = max(1.0, math.exp((DEVIATIONS - spread) * spread))
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
     worst = Share(1.0)
     for part in FORCE_SHARES:
-        force = np.full(SPEED_COUNT, part * texture.force_max_N)
-        rms_m_s2, frequency_Hz = _in_blocks(*texture.models(force, speed), texture.rate_Hz, tick_s)
-        for N, v, a, f in zip(force, speed, rms_m_s2, frequency_Hz, strict=True):
+        force = np.full(SPEED_COUNT, part * beyond * texture.force_max_N)
+        rms_m_s2, frequency_Hz = _in_blocks(texture, force, speed, tick_s)
+        for N, v, a, f in zip(force, speed, burst * rms_m_s2, frequency_Hz, strict=True):
             if a == 0.0:
                 continue
             l = v / f  # noqa: E741 (the wavelength, as in the formulas)
@@ -250,16 +260,18 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
                 if limit < worst.share * amplitude:
                     first = (amplitude, limit) == grating
                     worst = Share(limit / amplitude, float(N), float(v), float(l), amplitude, limit, first)
+    if texture.other is not None:
+        worst = min(worst, share_of(texture.other, mass_kg, own_damping_Ns_m, tick_s), key=lambda one: one.share)
     return worst
 
 
 def _in_blocks(
-    a: NDArray[np.float64], variance: NDArray[np.float64], rate_Hz: float, tick_s: float
+    texture: "Texture", force_N: NDArray[np.float64], speed_m_s: NDArray[np.float64], tick_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of models' output averaged by ticks."""
-    f = (np.arange(BINS) + 0.5) * rate_Hz / (2.0 * BINS)
-    gain2 = np.abs(np.fft.rfft(a, 4 * BINS, axis=1)[:, 1 : 2 * BINS : 2]) ** -2.0  # at those frequencies
-    power = variance[:, None] * gain2 / BINS * np.sinc(f * tick_s) ** 2
+    """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of a texture averaged by ticks."""
+    width_Hz = texture.rate_Hz / (2.0 * BINS)
+    f = (np.arange(BINS) + 0.5) * width_Hz
+    power = texture.density(force_N, speed_m_s, frequency_Hz=f) * width_Hz * np.sinc(f * tick_s) ** 2
     heard = np.abs(f - np.round(f * tick_s) / tick_s)
     total = power.sum(axis=1)
     frequency = np.sqrt((power * heard**2).sum(axis=1) / np.where(total > 0.0, total, 1.0))

@@ -14,9 +14,10 @@ from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.coarser_mesh import coarser_mesh
-from hapscene.fidelity.fidelity import BodyFidelity, Level
+from hapscene.fidelity.fidelity import BodyFidelity, Level, SwatchFidelity
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
 
@@ -119,6 +120,23 @@ def test_what_nobody_feels_is_left_out(tmp_path):
     left_out, why = tune.unfelt(replace(quiet(wood), friction_static=0.008, friction_dynamic=0.008), "omni", NEVER)
     assert left_out == ["lpc_texture", "tap", "friction"]
     assert "nobody feels" in why["lpc_texture"] and "0.035 N" in why["friction"]
+
+
+def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
+    """A spread of 0.1 in the logarithm is 0.87 dB rms; just felt is what is 2 dB from peak to trough, 0.71 dB."""
+    wood = hapscene.load_swatch("wood")
+
+    def with_life(spread, scale=1.0):
+        texture = replace(wood.texture, life=Life([spread], [10.0], [0.0]))
+        return replace(wood, texture=texture, effects={"lpc_texture": {"texture_life": scale}})
+
+    assert tune.unfelt(with_life(0.1), "omni", NEVER)[0] == []
+    assert tune.unfelt(with_life(0.1, 0.7), "omni", NEVER)[0] == ["life"]
+    left_out, why = tune.unfelt(with_life(0.07), "omni", NEVER)
+    assert left_out == ["life"] and "0.61 dB" in why["life"]
+    scene = scene_of("sphere", with_life(0.07))
+    tuned = apply_level(scene, Level(swatches={"wood": SwatchFidelity(left_out=("life",))})).swatches[-1]
+    assert tuned.parameter("lpc_texture", "texture_life", 1.0) == 0.0 and tuned.texture.life is not None
 
 
 def test_a_tap_counts_from_its_onset_as_loud_as_it_is():

@@ -10,6 +10,8 @@ from hapscene.device.model import Limits
 from hapscene.surface.device_clipping import WALL, _in_blocks, given, share_of
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.library import load_swatch
+from hapscene.surface.life import Life
+from hapscene.surface.texture import Texture
 
 EFFECTS = [load_effect(name) for name in ("wall", "friction")]
 LIMITS = Limits(undamped_N_m=400.0, stiffness_N_m=900.0, damping_time_s=1e-3, damping_Ns_m=0.4)
@@ -70,8 +72,22 @@ def test_the_share_is_what_makes_the_worst_stroke_just_passive():
     assert "motors of the omni hold" in found.message("wood", "omni")
 
 
+def test_the_share_counts_what_is_louder_than_the_models_of_a_texture():
+    """Bursts of its slow gain, another state, and a level that goes on beyond what was recorded."""
+    texture = load_swatch("wood").texture
+    found = share_of(texture, 0.045, 0.1, 1e-3)
+    alive = replace(texture, life=Life([0.3, 0.4], [20.0, 2.0], [0.0, 0.0]))
+    assert share_of(alive, 0.045, 0.1, 1e-3).share == pytest.approx(found.share / math.exp(2 * 0.5 - 0.5**2))
+    squeal = replace(texture, variance_m2_s4=9.0 * texture.variance_m2_s4)
+    two = replace(texture, other=squeal, dwell_s=[0.5, 0.2])
+    assert share_of(two, 0.045, 0.1, 1e-3) == share_of(squeal, 0.045, 0.1, 1e-3)
+    on = share_of(replace(texture, exponents=[1.0, 3.0]), 0.045, 0.1, 1e-3)
+    assert on.share < found.share and (on.force_N > texture.force_max_N or on.slip_m_s > texture.speed_max_m_s)
+
+
 def test_noise_in_blocks_has_the_power_of_its_means():
     """White noise of variance 1 at 10 kHz, averaged by 10: a variance of a tenth, heard up to half the tick's rate."""
-    rms, frequency = _in_blocks(np.array([[1.0, 0.0]]), np.ones(1), 10_000.0, 1e-3)
+    white = Texture.from_models(10_000.0, [1.0], [0.1], a=[[1.0, 0.0]], variance_m2_s4=[1.0])
+    rms, frequency = _in_blocks(white, np.ones(1), np.full(1, 0.1), 1e-3)
     assert rms[0] == pytest.approx(math.sqrt(0.1), rel=0.02)
     assert frequency[0] == pytest.approx(500.0 / math.sqrt(3.0), rel=0.02)
