@@ -165,9 +165,13 @@ def advice(points: Sequence[Point]) -> str:
     """How far the domains are apart, and what a tick pays for them."""
     real, told = measured(points, "recorded"), ""
     if real:
-        low, high = (choose(p.errors["recorded"] for p in real) for choose in (min, max))
-        said = "cannot be told apart" if high - low < 1.0 else "differ"
-        told = f" On recordings, where they were not tested, the domains {said}: {low:.3g} to {high:.3g} JND."
+        (warped,) = (p.errors["recorded"] for p in real if p.method == DOMAINS["warped"])
+        plain = [p.errors["recorded"] for p in real if p.method != DOMAINS["warped"]]
+        said = "cannot be told apart" if max(plain) - min(plain) < 1.0 else "differ"
+        told = (
+            f" On recordings, where they were not tested, all but the warped {said}: {min(plain):.3g} to "
+            f"{max(plain):.3g} JND, and warped models miss {warped:.3g}."
+        )
     least = best(points, "planted")
     blended = [p for p in measured(points, "planted") if p.label == least.label and p.method != DOMAINS["nearest"]]
     most = max(p.errors["planted"] for p in blended)
