@@ -1,0 +1,201 @@
+"""What makes a texture as lively as the surface: a slow gain of how many processes, by time or by distance."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from .measuring import RATE_HZ, STROKES, Array, best, measured, no_recordings, recorded, texture_us
+from .question import Measure, Point, Question, Setting
+from .texture_domain import ORDER, planted_texture
+
+if TYPE_CHECKING:
+    from hapscene.capture.streams import Streams
+    from hapscene.surface.life import Life
+    from hapscene.surface.texture import Texture
+
+FORGETS_S: Final = {1: (0.07,), 2: (0.03, 0.2), 3: (0.015, 0.07, 0.3), 4: (0.01, 0.04, 0.12, 0.4)}
+"""In which times the processes forget, by how many there are [s]."""
+
+OVER: Final = ("time", "distance")
+
+SEEDS: Final = 20
+"""Strokes that are synthesised for each half of a recording [count]."""
+
+PLANTED: Final = ((0.4, 0.04), (0.3, 0.15))
+"""Spread [1] and time of forgetting [s] of the processes of the known surface: none of `FORGETS_S`."""
+
+PLANTED_S: Final = 10.0
+"""How long it is recorded [s]."""
+
+DRAWS: Final = 5
+"""Strokes over the known surface [count]."""
+
+LAGS_S: Final = np.linspace(0.0, 0.5, 51)
+"""Over which the known gain and the found one are compared [s]."""
+
+
+def settings(quick: bool, scene_file: str | None) -> list[Setting]:
+    counts = (3,) if quick else tuple(FORGETS_S)
+    made = [Setting(f"by {over}", _label(n), {"count": n, "over": over}) for over in OVER for n in counts]
+    return [Setting("steady", "no process", {"count": 0, "over": ""}), *made]
+
+
+def _label(count: int) -> str:
+    return f"{count} process{'es' if count > 1 else ''}"
+
+
+def error(count: int, over: str) -> dict[str, float]:
+    """How lively strokes are that a half of a recording gives, against the other half; and a gain that is known."""
+    found = {"planted": _planted(count, over)}
+    if not no_recordings():
+        rows = [_held_out(name, which, count, over) for name in STROKES for which in (0, 1)]
+        found["modulation"], found["levels"] = np.mean(rows, axis=0).tolist()
+    return found
+
+
+def halves(name: str) -> "list[Streams]":
+    """The two halves of a recording."""
+    whole, made = recorded(name), []
+    for which in (0, 1):
+        series = ("acceleration_m_s2", "force_N", "speed_m_s")
+        cut = {each: np.array_split(getattr(whole, each), 2)[which] for each in series}
+        made.append(replace(whole, **cut, tangential_force_N=None))
+    return made
+
+
+@cache
+def _steady(name: str, which: int) -> "Texture":
+    """The texture of a half, without life."""
+    from hapscene.capture.texture_fit import fit_texture
+    from hapscene.capture.texture_pieces import cut
+
+    return fit_texture(cut(halves(name)[which]), RATE_HZ, ORDER, 1)
+
+
+def _life(texture: "Texture", stretch: "Streams", count: int, over: str) -> "Life | None":
+    from hapscene.capture.life_fit import fit_life
+
+    return fit_life(texture, [stretch], FORGETS_S[count], over).life if count else None
+
+
+def _held_out(name: str, which: int, count: int, over: str) -> tuple[float, float]:
+    """|ln ratio| of modulation and of the spread of levels, mean over `SEEDS`, of a half's texture on the other's
+    stroke."""
+    from hapscene.capture.metric import liveliness
+    from hapscene.capture.synthesis import synthesize
+    from hapscene.surface.swatch import Swatch
+
+    parts, texture = halves(name), _steady(name, which)
+    own, other = parts[which], parts[1 - which]
+    swatch, off = Swatch(name, texture=replace(texture, life=_life(texture, own, count, over))), []
+    true = liveliness(other.acceleration_m_s2, RATE_HZ)
+    for seed in range(SEEDS):
+        found = liveliness(synthesize(swatch, other.force_N, other.speed_m_s, seed=seed), RATE_HZ)
+        off.append([abs(np.log(found.modulation / true.modulation)), abs(np.log(found.spread_dB / true.spread_dB))])
+    modulation, levels = np.mean(off, axis=0).tolist()
+    return modulation, levels
+
+
+def _planted(count: int, over: str) -> float:
+    """Largest difference of the covariance of the gain's logarithm from the true one, over the true variance [1]."""
+    true, off = np.sum([spread**2 * np.exp(-LAGS_S / forgets) for spread, forgets in PLANTED], axis=0), []
+    for seed in range(DRAWS):
+        texture, stroke = known_stroke(seed)
+        found = covariance(_life(texture, stroke, count, over), float(stroke.speed_m_s[0]))
+        off.append(float(np.abs(found - true).max() / true[0]))
+    return float(np.mean(off))
+
+
+def covariance(life: "Life | None", speed_m_s: float) -> Array:
+    """Of the logarithm of a gain, over `LAGS_S` at a steady speed."""
+    if life is None:
+        return np.zeros(len(LAGS_S))
+    forgets_1_s = life.decay_1_s + life.decay_1_m * speed_m_s
+    return np.asarray(np.sum(life.spread[:, None] ** 2 * np.exp(-np.outer(forgets_1_s, LAGS_S)), axis=0))
+
+
+def known_stroke(seed: int) -> "tuple[Texture, Streams]":
+    """A steady stroke over the known surface: noise of a texture of ours, times a gain that SciPy's filters make."""
+    from scipy.signal import lfilter
+
+    from hapscene.capture.streams import Streams
+    from hapscene.surface.texture import Texture
+
+    rng, count, warm = np.random.default_rng(seed), round(PLANTED_S * RATE_HZ), round(2.0 * RATE_HZ)
+    logarithm = np.zeros(count)
+    for spread, forgets_s in PLANTED:
+        kept = np.exp(-1.0 / (forgets_s * RATE_HZ))
+        noise = np.sqrt(1.0 - kept**2) * spread * rng.standard_normal(count + warm)
+        logarithm += lfilter([1.0], [1.0, -kept], noise)[warm:]
+    a = np.array([1.0, -1.6, 0.8])
+    heard = lfilter([1.0], a, rng.standard_normal(count + warm))[warm:]
+    gain = np.exp(logarithm - sum(spread**2 for spread, _ in PLANTED))
+    texture = Texture.from_models(RATE_HZ, [1.0], [0.1], a=a[None], variance_m2_s4=[1.0])
+    force, speed = np.ones(count), np.full(count, 0.1)
+    return texture, Streams(RATE_HZ, gain * heard, force, speed, None)
+
+
+def time(count: int, over: str) -> tuple[float, float]:
+    from hapscene.surface.life import Life
+
+    texture: Any = planted_texture("lsf", 2)
+    if count:
+        rates, none = 1.0 / np.array(FORGETS_S[count]), np.zeros(count)
+        by = (rates, none) if over == "time" else (none, 10.0 * rates)
+        texture = replace(texture, life=Life(np.full(count, 0.2), *by))
+    return texture_us(texture)
+
+
+def advice(points: Sequence[Point]) -> str:
+    """What a slow gain buys, what it costs, and whether time or distance is nearer."""
+    steady = next(p for p in points if p.method == "steady")
+    alive = [p for p in points if p.method != "steady"]
+    key = "planted" if no_recordings() else "modulation"
+    least = best(alive, key)
+    dear = float(np.median([p.median_us for p in alive])) - steady.median_us
+    real = {over: best([p for p in measured(alive, key) if p.method == f"by {over}"], key) for over in OVER}
+    apart = abs(real["time"].errors[key] - real["distance"].errors[key])
+    nearer = "Time and distance are alike" if apart < 0.05 else f"{least.method.capitalize()} is nearer"
+    told = ""
+    if not no_recordings():
+        told = (
+            f" on recordings the modulation of the envelope is off by {least.errors[key]:.2g} in its logarithm where a "
+            f"steady texture is by {steady.errors[key]:.2g}, levels by {least.errors['levels']:.2g} and "
+            f"{steady.errors['levels']:.2g};"
+        )
+    return (
+        f"Let a texture live, by {least.label}:{told} it costs {max(dear, 0.0):.2g} µs a block of "
+        f"{steady.median_us:.2g}. {nearer} on strokes of one speed: `fit` takes time unless the recording says "
+        "distance. Not where a level is to be held, as in a measurement: `texture_life` of 0 is steady."
+    )
+
+
+QUESTION: Final = Question(
+    name="life",
+    title="What makes a texture live?",
+    measures=(
+        *(
+            ()
+            if no_recordings()
+            else (
+                Measure("modulation", "modulation at 2 to 10 Hz, held out", "|ln ratio|", log=False),
+                Measure("levels", "spread of levels of 50 ms, held out", "|ln ratio|", log=False),
+            )
+        ),
+        Measure("planted", "covariance of a known gain", "of its variance", log=False),
+    ),
+    settings=settings,
+    error=error,
+    time=time,
+    advice=advice,
+    conditions=(
+        f"Half of wood, paper and leather is fitted at order {ORDER}, and {SEEDS} strokes along the other half's "
+        "forces and speeds are held against that half, both ways. The known gain has "
+        f"{len(PLANTED)} processes that forget in other times, recorded for {PLANTED_S:g} s, {DRAWS} times; a steady "
+        "texture is 1 off."
+    ),
+    per="block",
+)
