@@ -5,18 +5,20 @@ of each is fitted and asked for the other half, at that one's forces and speeds,
 told in closed form, of the mean of its spectra along the stroke: no chance of synthesis is in it.
 """
 
-import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hapscene.capture import metric
 from hapscene.capture.change_point import change_points
+from hapscene.capture.life_fit import fit_life
 from hapscene.capture.segment import segment
 from hapscene.capture.streams import Streams
 from hapscene.capture.swatch_fit import fit_parts
@@ -26,6 +28,7 @@ from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import INTERPOLATIONS, Texture
+from hapscene_benchmarks.charts.life import FORGETS_S
 from hapscene_benchmarks.charts.measuring import RATE_HZ
 from hapscene_benchmarks.charts.texture_domain import FORCE_N, SPEED_M_S, planted_texture
 from hapscene_benchmarks.markdown import table
@@ -47,6 +50,13 @@ MODEL_COUNTS: Final = (1, 3, 6, 12, 24, "auto")
 WIDE_S: Final = 30.0
 """How long the known surface is stroked, at 0.3 to 2 N and 0.04 to 0.25 m/s [s]: recordings of two seconds have a tenth
 of that range and tell nothing of how many models are needed."""
+
+
+WARM: Final = 2000
+"""Samples that a filter is let run in for [count]."""
+
+SEEDS: Final = 20
+"""Strokes that are synthesised for each half [count]."""
 
 
 class Missed(NamedTuple):
@@ -113,7 +123,7 @@ def hatt_pipeline(own: Streams) -> Texture:
     each stretch at its mean force and speed, line spectral frequencies and variance blended, clamped beyond."""
     cuts = [0, *change_points(own.acceleration_m_s2, own.rate_Hz), len(own.force_N)]
     force, speed, a, variance = [], [], [], []
-    for start, end in zip(cuts, cuts[1:], strict=False):
+    for start, end in pairwise(cuts):
         r = autocorrelation(tapered(own.acceleration_m_s2[start:end], own.rate_Hz), HATT_ORDER)
         a.append(solve(r))
         power = float(np.mean(own.acceleration_m_s2[start:end] ** 2))
@@ -189,10 +199,68 @@ def of_hatt(recorded: Halves) -> str:
     return table(("surface", "", *HEAD), rows)
 
 
+def of_excitation(recorded: Halves) -> str:
+    """Noise of a known distribution before and after the filter, and the surface itself."""
+    rows, kinds = [], ("the surface, other half", "its residual, drawn anew", "Gaussian noise")
+    for name, pairs in recorded.items():
+        found: dict[str, list[tuple[float, ...]]] = {kind: [] for kind in kinds}
+        for own, other in pairs:
+            a = solve(autocorrelation(tapered(own.acceleration_m_s2, own.rate_Hz), 2 * HATT_ORDER))
+            left = metric.residual(a, own.acceleration_m_s2)
+            rng = np.random.default_rng(0)
+            count = len(other.acceleration_m_s2) + WARM
+            noises = rng.choice(left, count), rng.normal(0.0, left.std(), count)
+            found[kinds[0]].append(_character(metric.residual(a, other.acceleration_m_s2), other.acceleration_m_s2))
+            for kind, noise in zip(kinds[1:], noises, strict=True):
+                found[kind].append(_character(noise, lfilter([1.0], a, noise)[WARM:]))
+        rows += [(name, kind, *(f"{value:.2g}" for value in np.mean(found[kind], axis=0))) for kind in kinds]
+    head = ("surface", "driven by", "kurtosis before", "and after", "modulation", "levels [dB]", "crest")
+    return table(head, rows)
+
+
+def _character(noise: Array, heard: Array) -> tuple[float, ...]:
+    """Excess kurtosis of a noise and of what is heard of it, and how lively that is."""
+    return metric.excess_kurtosis(noise), metric.excess_kurtosis(heard), *metric.liveliness(heard, RATE_HZ)
+
+
+def of_life(recorded: Halves) -> str:
+    """How lively synthesised strokes are beside the half that they stand for, by what the slow gain is made of."""
+    rows = []
+    ways: dict[str, tuple[tuple[float, ...], str]] = {"no life": ((), "auto")}
+    ways |= {f"{n} by {over}": (times, over) for over in ("time", "distance") for n, times in FORGETS_S.items()}
+    steady = {name: [replace(fitted(own), life=None) for own, _ in pairs] for name, pairs in recorded.items()}
+    for said, (times, over) in ways.items():
+        off = []
+        for name, pairs in recorded.items():
+            for texture, (own, other) in zip(steady[name], pairs, strict=True):
+                life = fit_life(texture, [own], times, over).life if times else None
+                off.append(unlike(replace(texture, life=life), other))
+        rows.append((said, *(f"{value:.2f}" for value in np.mean(off, axis=0))))
+    true = [
+        off_by(metric.liveliness(own.acceleration_m_s2, RATE_HZ), other) for p in recorded.values() for own, other in p
+    ]
+    rows.append(("the recording's other half", *(f"{value:.2f}" for value in np.mean(true, axis=0))))
+    return table(("processes", "modulation", "levels", "crest"), rows)
+
+
+def unlike(texture: Texture, other: Streams) -> Array:
+    """How far strokes of a texture are from a recording in modulation, spread of levels and crest (3,), |ln ratio|."""
+    swatch = Swatch("asked", texture=texture)
+    made = (synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS))
+    return np.asarray(np.mean([off_by(metric.liveliness(one, other.rate_Hz), other) for one in made], axis=0))
+
+
+def off_by(found: metric.Liveliness, other: Streams) -> Array:
+    """|ln ratio| (3,) to a recording's own."""
+    return np.asarray(np.abs(np.log(np.array(found) / metric.liveliness(other.acceleration_m_s2, other.rate_Hz))))
+
+
 TABLES: Final[Mapping[str, Callable[[Halves], str]]] = {
     "models": of_models,
     "domains": of_domains,
     "hatt": of_hatt,
+    "life": of_life,
+    "excitation": of_excitation,
 }
 """By the name that the page has for them."""
 
@@ -206,10 +274,11 @@ def tables(recorded: Halves) -> Iterator[tuple[str, str]]:
 def put_in(page: str, found: Mapping[str, str]) -> str:
     """The page with its tables, each between `<!-- table NAME -->` and `<!-- end -->`, made anew."""
     for name, text in found.items():
-        start, end = f"<!-- table {name} -->", "<!-- end -->"
-        page, count = re.subn(f"{start}\n.*?{end}", lambda _, t=text: f"{start}\n{t}{end}", page, count=1, flags=re.S)
-        if count == 0:
-            raise ValueError(f"the page has no {start}")
+        before, start, rest = page.partition(f"<!-- table {name} -->\n")
+        _, end, after = rest.partition("<!-- end -->")
+        if not end:
+            raise ValueError(f"the page has no place for the table {name!r}")
+        page = before + start + text + end + after
     return page
 
 

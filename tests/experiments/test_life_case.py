@@ -1,4 +1,4 @@
-"""Textures that live, switch and go on, on a stiff wall: they do not feed themselves, and are as loud as they should."""
+"""Textures that live, switch and go on, on a stiff wall: they do not feed themselves, and are as loud as they say."""
 
 import pytest
 
