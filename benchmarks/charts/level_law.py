@@ -101,7 +101,7 @@ def time(law: str) -> tuple[float, float]:
 def advice(points: Sequence[Point]) -> str:
     """What a law buys beyond the recorded, and what it costs."""
     by_label, least = {p.label: p for p in points}, best(points, "planted")
-    clamped, learnt, old = (by_label[one].errors["planted"] for one in list(LAWS)[:3])
+    clamped, old, learnt = (by_label[one].errors["planted"] for one in list(LAWS)[:3])
     real = measured(points, "recorded")
     told = [f"{p.label} {p.errors['recorded']:.2f}" for p in real]
     said = f" On recordings, whose halves differ little, it is off by [dB]: {', '.join(told)}." if real else ""

@@ -11,9 +11,10 @@ from hapscene.perception import band_edges_Hz, band_rms_m_s2
 from hapscene.renderer import Renderer
 from hapscene.stability.rig import sheet
 from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-from hapscene_benchmarks.charts import acceleration_rate, level_law, tap_model, texture_domain, texture_order
+from hapscene_benchmarks.charts import acceleration_rate, level_law, life, tap_model, texture_domain, texture_order
 from hapscene_benchmarks.charts.measuring import apart_jnd, bands_of, enough, model_bands, stroke_path, texture_bands
 from hapscene_benchmarks.charts.question import Point
 from hapscene_benchmarks.charts.texture_update import followed, held_error
@@ -70,6 +71,15 @@ def test_a_level_goes_on_by_its_law_to_its_bound_and_stays_where_it_is_clamped()
     far = level_law.level_dB("exponents 1 and 1", known, np.array([1.0]), np.array([12.0]))
     edge = level_law.level_dB("exponents 1 and 1", known, np.array([1.0]), np.array([0.12]))
     assert far == pytest.approx(edge + LEVEL_BOUND_DB)
+
+
+def test_a_known_gain_is_found_and_a_steady_texture_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(life, "DRAWS", 1)
+    monkeypatch.setattr(life, "PLANTED_S", 4.0)
+    assert life._planted(0, "") == 1.0
+    assert life._planted(2, "time") < 0.5
+    both = life.covariance(Life([0.3, 0.4], [10.0, 0.0], [0.0, 50.0]), 0.2)  # 10 a second, and 50 a metre at 0.2 m/s
+    np.testing.assert_allclose(both, 0.25 * np.exp(-10.0 * life.LAGS_S))
 
 
 def test_warped_models_blend_as_plain_ones_do() -> None:
