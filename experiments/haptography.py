@@ -20,7 +20,7 @@ from hapscene.capture import metric
 from hapscene.capture.change_point import change_points
 from hapscene.capture.life_fit import fit_life
 from hapscene.capture.segment import segment
-from hapscene.capture.streams import Streams
+from hapscene.capture.streams import Streams, part_of
 from hapscene.capture.swatch_fit import fit_parts
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import power_gain
@@ -77,15 +77,10 @@ def halves(folder: Path) -> Halves:
     """The two halves of each recording of a folder, both ways."""
     made = {}
     for name, material in load_materials(folder).items():
-        parts = [_part(material.streams, i) for i in (0, 1)]
-        made[name] = [(parts[0], parts[1]), (parts[1], parts[0])]
+        middle = len(material.streams.force_N) // 2
+        first, second = (part_of(material.streams, half) for half in (slice(middle), slice(middle, None)))
+        made[name] = [(first, second), (second, first)]
     return made
-
-
-def _part(streams: Streams, which: int) -> Streams:
-    series = ("acceleration_m_s2", "force_N", "speed_m_s")
-    cut = {name: np.array_split(getattr(streams, name), 2)[which] for name in series}
-    return replace(streams, **cut, tangential_force_N=None, depth_m=None)
 
 
 def missed(texture: Texture, other: Streams) -> Missed:
@@ -138,6 +133,10 @@ def mean_missed(parts: list[tuple[Streams, Streams]], how: Callable[[Streams, St
     return Missed(*np.mean([how(own, other) for own, other in parts], axis=0).tolist())
 
 
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    return str(table(head, rows))
+
+
 def _row(said: str, found: Missed) -> tuple[str, ...]:
     return (said, *(f"{value:.2f}" for value in found))
 
@@ -159,7 +158,7 @@ def of_models(recorded: Halves) -> str:
         found = fitted(own, model_count=count).density(force_at, speed_at, frequency_Hz=frequency)
         each = [apart(one, right, frequency) for one, right in zip(found, true, strict=True)]
         rows.append(_row(f"{count}", Missed(*np.mean(each, axis=0).tolist())))
-    return table(("models", *HEAD), rows)
+    return _table(("models", *HEAD), rows)
 
 
 def _wide_stroke(which: int) -> tuple[Array, Array]:
@@ -178,10 +177,10 @@ def of_domains(recorded: Halves) -> str:
     words |= {"warped, lsf": {"domain": "warped", **several}, "warped, lsf, models as chosen": {"domain": "warped"}}
     words |= {"all as chosen on held-out data": {}}
     rows = [
-        _row(said, mean_missed(parts, lambda own, other, w=how: missed(fitted(own, **w), other)))
+        _row(said, mean_missed(parts, lambda own, other: missed(fitted(own, **how), other)))  # noqa: B023 (called here)
         for said, how in words.items()
     ]
-    return table(("filters, blended in", *HEAD), rows)
+    return _table(("filters, blended in", *HEAD), rows)
 
 
 def of_hatt(recorded: Halves) -> str:
@@ -196,7 +195,7 @@ def of_hatt(recorded: Halves) -> str:
             ("its other half", chance),
         ):
             rows.append((name, *_row(said, mean_missed(pairs, how))))
-    return table(("surface", "", *HEAD), rows)
+    return _table(("surface", "", *HEAD), rows)
 
 
 def of_excitation(recorded: Halves) -> str:
@@ -215,7 +214,7 @@ def of_excitation(recorded: Halves) -> str:
                 found[kind].append(_character(noise, lfilter([1.0], a, noise)[WARM:]))
         rows += [(name, kind, *(f"{value:.2g}" for value in np.mean(found[kind], axis=0))) for kind in kinds]
     head = ("surface", "driven by", "kurtosis before", "and after", "modulation", "levels [dB]", "crest")
-    return table(head, rows)
+    return _table(head, rows)
 
 
 def _character(noise: Array, heard: Array) -> tuple[float, ...]:
@@ -240,7 +239,7 @@ def of_life(recorded: Halves) -> str:
         off_by(metric.liveliness(own.acceleration_m_s2, RATE_HZ), other) for p in recorded.values() for own, other in p
     ]
     rows.append(("the recording's other half", *(f"{value:.2f}" for value in np.mean(true, axis=0))))
-    return table(("processes", "modulation", "levels", "crest"), rows)
+    return _table(("processes", "modulation", "levels", "crest"), rows)
 
 
 def unlike(texture: Texture, other: Streams) -> Array:

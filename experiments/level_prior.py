@@ -77,7 +77,7 @@ def law(places: Places) -> tuple[Array, Array]:
     row = np.column_stack((np.ones(len(places.power)), places.at))
     found, *_ = np.linalg.lstsq(row, places.power, rcond=None)
     variance = np.sum((places.power - row @ found) ** 2) / (len(row) - 3)
-    return found[1:], (variance * np.linalg.inv(row.T @ row))[1:, 1:]
+    return np.asarray(found[1:]), np.asarray((variance * np.linalg.inv(row.T @ row))[1:, 1:])
 
 
 def learn(laws: Sequence[tuple[Array, Array]], rounds: int = 100) -> Prior:

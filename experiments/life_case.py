@@ -47,10 +47,10 @@ APART: Final = 1e-7
 SETTLE, TICKS = 20, 1500
 """Ticks for which the hand leads the tool, and for which it is then left alone [count]."""
 
-LIFE: Final = Life([0.5, 0.4, 0.3], [100.0, 20.0, 3.0], [0.0, 0.0, 0.0])
+LIFE: Final = Life(np.array([0.5, 0.4, 0.3]), np.array([100.0, 20.0, 3.0]), np.zeros(3))
 """As lively as any recording: a standard deviation of 0.7, 6 dB."""
 
-DWELL_S: Final = (0.06, 0.03)
+DWELL_S: Final = np.array([0.06, 0.03])
 """Mean times in the two states [s]."""
 
 SQUEAL: Final = 10.0
@@ -65,14 +65,14 @@ def textures() -> dict[str, Texture | None]:
     """What the tool slides over, by name."""
     wood = load_swatch("wood").texture
     assert wood is not None
-    steady = replace(wood, life=None, exponents=(0.0, 0.0), other=None, dwell_s=(0.0, 0.0))
+    steady = replace(wood, life=None, exponents=np.zeros(2), other=None, dwell_s=np.zeros(2))
     squeal = replace(steady, variance_m2_s4=SQUEAL * steady.variance_m2_s4)
     return {
         "no texture": None,
         "steady": steady,
         "alive": replace(steady, life=LIFE),
         "two states": replace(steady, other=squeal, dwell_s=DWELL_S),
-        "beyond": replace(steady, exponents=(1.0, 2.0)),
+        "beyond": replace(steady, exponents=np.array([1.0, 2.0])),
     }
 
 

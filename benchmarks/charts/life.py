@@ -58,12 +58,11 @@ def error(count: int, over: str) -> dict[str, float]:
 
 def halves(name: str) -> "list[Streams]":
     """The two halves of a recording."""
-    whole, made = recorded(name), []
-    for which in (0, 1):
-        series = ("acceleration_m_s2", "force_N", "speed_m_s")
-        cut = {each: np.array_split(getattr(whole, each), 2)[which] for each in series}
-        made.append(replace(whole, **cut, tangential_force_N=None))
-    return made
+    from hapscene.capture.streams import part_of
+
+    whole = recorded(name)
+    middle = len(whole.force_N) // 2
+    return [part_of(whole, half) for half in (slice(middle), slice(middle, None))]
 
 
 @cache

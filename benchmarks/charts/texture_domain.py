@@ -148,8 +148,9 @@ def _left_out(domain: str, name: str) -> float:
         for part in np.array_split(order, PARTS)[1:-1]:
             left = np.ones(len(pieces), bool)
             left[part] = False
-            kind = {"interpolation": _blended(domain), "warp": warp_of(domain)}
-            texture = fit_texture(pieces[left], RATE_HZ, ORDER, MODELS, **kind)
+            texture = fit_texture(
+                pieces[left], RATE_HZ, ORDER, MODELS, interpolation=_blended(domain), warp=warp_of(domain)
+            )
             out: Pieces = pieces[~left]
             found = [asked(texture, domain, f, v) for f, v in zip(out.force_N, out.speed_m_s, strict=True)]
             true = [bands_of(*spectrum(signal, RATE_HZ)) for signal in out.acceleration_m_s2]

@@ -22,6 +22,14 @@ SILENT: Final[dict[str, dict[str, Any]]] = {
 }
 """What a swatch has that an effect is silent on. Without its wall, a surface is none. Life is of the texture."""
 
+NUMBERS: Final[dict[str, tuple[str, ...]]] = {
+    "lpc_texture": ("texture_gain",),
+    "tap": (),
+    "friction": ("friction_static", "friction_dynamic"),
+    "life": ("texture_life",),
+}
+"""The numbers by which they are."""
+
 TEXTURE: Final = "lpc_texture"
 """The effect whose filter follows force and speed every `update_ticks` ticks."""
 

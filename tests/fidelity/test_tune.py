@@ -14,7 +14,7 @@ from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.coarser_mesh import coarser_mesh
-from hapscene.fidelity.fidelity import BodyFidelity, Level, SwatchFidelity
+from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
 from hapscene.surface.life import Life
@@ -137,6 +137,11 @@ def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
     scene = scene_of("sphere", with_life(0.07))
     tuned = apply_level(scene, Level(swatches={"wood": SwatchFidelity(left_out=("life",))})).swatches[-1]
     assert tuned.parameter("lpc_texture", "texture_life", 1.0) == 0.0 and tuned.texture.life is not None
+    path = np.linspace([-0.01, 0.0, 0.049], [0.01, 0.0, 0.049], 300)
+    fidelity = Fidelity((Level(swatches={"wood": SwatchFidelity(left_out=("life",))}),))
+    still, again = (hapscene.Renderer(scene, fidelity=fidelity) for _ in range(2))
+    again.tune("wood", texture_life=1.0)  # it stays left out
+    np.testing.assert_array_equal(still.run(path).a_m_s2, again.run(path).a_m_s2)
 
 
 def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
