@@ -235,8 +235,8 @@ def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
-    power = line_Hz * texture.density(force_N, speed_m_s, frequency_Hz=line_Hz * np.arange(LINES + 1))
-    total = np.concatenate((np.zeros((len(power), 1)), np.cumsum(power, axis=1)), axis=1)
+    density = texture.density(force_N, speed_m_s, frequency_Hz=line_Hz * np.arange(LINES + 1))
+    total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
     edges = band_edges_Hz() / line_Hz
     gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)

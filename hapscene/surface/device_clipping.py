@@ -194,12 +194,8 @@ SPEED_COUNT: Final = 16
 FORCE_SHARES: Final = (0.25, 0.5, 1.0)
 """Normal forces that are tried, over the texture's highest [1]."""
 
-BEYOND: Final = 3.0
-"""Up to how many times its largest force and speed a texture is tried whose level goes on beyond them [1]: by then the
-level of most is at its bound."""
-
-DEVIATIONS: Final = 2.0
-"""Of the logarithm of a slow gain, up to which it counts [1]: it is above for 2 % of the time."""
+BEYOND: Final = 2.0
+"""Up to how many times the highest force and speed a texture is tried whose level goes on beyond them [1]."""
 
 BINS: Final = 512
 """Frequencies of the spectrum [count]."""
@@ -235,19 +231,22 @@ class Share:
 
 
 def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s: float) -> Share:
-    """The share of a texture that may be folded, by `mass_kg`, into the force of a device: of its louder state, where
-    it has two, and of its loud stretches, where it lives."""
+    """The share of a texture that may be folded, by `mass_kg`, into the force of a device."""
     if mass_kg == 0.0 or math.isinf(own_damping_Ns_m):
         return Share(1.0)
-    beyond = BEYOND if texture.exponents.any() else 1.0
-    top, spread = beyond * texture.speed_max_m_s, 0.0 if texture.life is None else texture.life.log_spread
-    burst = max(1.0, math.exp((DEVIATIONS - spread) * spread))
+    farther = bool(np.any(texture.exponents != 0.0))
+    shares = (*FORCE_SHARES, BEYOND) if farther else FORCE_SHARES
+    top = (BEYOND if farther else 1.0) * texture.speed_max_m_s
+    spread = 0.0 if texture.life is None else texture.life.log_spread
+    swell = math.exp(spread - spread**2) if spread < 1.0 else 1.0  # its slow gain, a standard deviation up
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
     worst = Share(1.0)
-    for part in FORCE_SHARES:
-        force = np.full(SPEED_COUNT, part * beyond * texture.force_max_N)
+    if texture.other is not None:
+        worst = share_of(texture.other, mass_kg, own_damping_Ns_m, tick_s)
+    for part in shares:
+        force = np.full(SPEED_COUNT, part * texture.force_max_N)
         rms_m_s2, frequency_Hz = _in_blocks(texture, force, speed, tick_s)
-        for N, v, a, f in zip(force, speed, burst * rms_m_s2, frequency_Hz, strict=True):
+        for N, v, a, f in zip(force, speed, swell * rms_m_s2, frequency_Hz, strict=True):
             if a == 0.0:
                 continue
             l = v / f  # noqa: E741 (the wavelength, as in the formulas)
@@ -260,8 +259,6 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
                 if limit < worst.share * amplitude:
                     first = (amplitude, limit) == grating
                     worst = Share(limit / amplitude, float(N), float(v), float(l), amplitude, limit, first)
-    if texture.other is not None:
-        worst = min(worst, share_of(texture.other, mass_kg, own_damping_Ns_m, tick_s), key=lambda one: one.share)
     return worst
 
 
@@ -269,9 +266,9 @@ def _in_blocks(
     texture: "Texture", force_N: NDArray[np.float64], speed_m_s: NDArray[np.float64], tick_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Root mean square [m/s²] and root-mean-square frequency [Hz], each (n,), of a texture averaged by ticks."""
-    width_Hz = texture.rate_Hz / (2.0 * BINS)
-    f = (np.arange(BINS) + 0.5) * width_Hz
-    power = texture.density(force_N, speed_m_s, frequency_Hz=f) * width_Hz * np.sinc(f * tick_s) ** 2
+    bin_Hz = texture.rate_Hz / (2.0 * BINS)
+    f = (np.arange(BINS) + 0.5) * bin_Hz
+    power = bin_Hz * texture.density(force_N, speed_m_s, frequency_Hz=f) * np.sinc(f * tick_s) ** 2
     heard = np.abs(f - np.round(f * tick_s) / tick_s)
     total = power.sum(axis=1)
     frequency = np.sqrt((power * heard**2).sum(axis=1) / np.where(total > 0.0, total, 1.0))
