@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapscene.capture.life_fit import FORGETS_S as OWN_S
+
 from .measuring import RATE_HZ, STROKES, Array, best, measured, no_recordings, recorded, texture_us
 from .question import Measure, Point, Question, Setting
 from .texture_domain import ORDER, planted_texture
@@ -16,8 +18,8 @@ if TYPE_CHECKING:
     from hapscene.surface.life import Life
     from hapscene.surface.texture import Texture
 
-FORGETS_S: Final = {1: (0.07,), 2: (0.03, 0.2), 3: (0.015, 0.07, 0.3), 4: (0.01, 0.04, 0.12, 0.4)}
-"""In which times the processes forget, by how many there are [s]."""
+FORGETS_S: Final = {1: (0.07,), 2: (0.03, 0.2), 3: (0.015, 0.07, 0.3), len(OWN_S): OWN_S}
+"""In which times the processes forget, by how many there are [s]; the last are those of `fit`."""
 
 OVER: Final = ("time", "distance")
 
@@ -38,7 +40,7 @@ LAGS_S: Final = np.linspace(0.0, 0.5, 51)
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    counts = (3,) if quick else tuple(FORGETS_S)
+    counts = (len(OWN_S),) if quick else tuple(FORGETS_S)
     made = [Setting(f"by {over}", _label(n), {"count": n, "over": over}) for over in OVER for n in counts]
     return [Setting("steady", "no process", {"count": 0, "over": ""}), *made]
 
