@@ -2,6 +2,7 @@
 
 import timeit
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.surface.library import load_swatch
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -23,6 +25,7 @@ SHIPPED: Final = ("wood", "paper", "leather", "epoxy")
 
 RATE_HZ: Final = 10_000.0
 DURATION_S: Final = 10.0
+LIFE: Final = Life(np.array([0.3, 0.3]), np.array([20.0, 5.0]), np.array([100.0, 0.0]))
 REPEATS: Final = 7
 
 
@@ -30,9 +33,9 @@ def measure_synthesis(sheet: Sheet) -> None:
     """Times to make `DURATION_S` at `RATE_HZ`, the best of `REPEATS`, for each order and each shipped swatch.
 
     The case "synthesis, order p" has "one model" (one filter for all forces and speeds; the level follows them), "nine
-    models" (all differ, along a stroke through all) and "lfilter": one call of `scipy.signal.lfilter` on noise that is
-    there already, with one fixed filter and level. The case "synthesis, wood" has "swatch" along the same stroke, and
-    "lfilter" at its order.
+    models" (all differ, along a stroke through all), the same "alive", with a slow gain, and "lfilter": one call of
+    `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level. The case "synthesis, wood"
+    has "swatch" along the same stroke, and "lfilter" at its order.
     """
     for order in ORDERS:
         rng = np.random.default_rng(order)
@@ -41,7 +44,8 @@ def measure_synthesis(sheet: Sheet) -> None:
         one = _texture(common[None], np.array([2.0]), np.array([0.2]))
         many = _texture(common + rng.uniform(-0.1, 0.1, (9, order)), force, speed)
         case = f"synthesis, order {order}"
-        for name, texture in (("one model", one), ("nine models", many)):
+        alive = replace(many, life=LIFE)
+        for name, texture in (("one model", one), ("nine models", many), ("nine models, alive", alive)):
             _add(sheet, case, name, _time_played(texture))
         _add(sheet, case, "lfilter", _time_filtered(ar_from_reflection(common)))
     for name in SHIPPED:

@@ -208,14 +208,11 @@ def _bands(texture: Texture, other: Texture) -> Array:
     share = np.array([(f, v) for f in PLACES for v in PLACES])
     force = share[:, 0] * min(texture.force_max_N, other.force_max_N)
     speed = share[:, 1] * min(texture.speed_max_m_s, other.speed_max_m_s)
-    a, variance = texture.models(force, speed)
     frequency = np.arange(metric.BAND_EDGES_HZ[0], metric.BAND_EDGES_HZ[-1] + 1.0)
     nyquist = 0.5 * min(texture.rate_Hz, other.rate_Hz)
     edges = [edge for edge in metric.BAND_EDGES_HZ if edge <= nyquist]
-    return np.stack([
-        metric.band_power(metric.model_spectrum(one, sigma, texture.rate_Hz, frequency), frequency, edges)
-        for one, sigma in zip(a, variance, strict=True)
-    ])  # fmt: skip
+    density = texture.density(force, speed, frequency_Hz=frequency)
+    return np.stack([metric.band_power(one, frequency, edges) for one in density])
 
 
 def _shape(power: Array) -> Array:

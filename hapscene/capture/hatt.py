@@ -164,7 +164,8 @@ def export_hatt(
     """Writes a swatch's texture, and with `taps_xml` its taps, in the toolkit's layout, each file whole or not at all.
 
     A texture that is not in interpolation "hatt" is the same at its models; between them the toolkit blends variance
-    where hapscene blends power. Numbers have as many decimals as they need to come back to the bit.
+    where hapscene blends power. Numbers have as many decimals as they need to come back to the bit. The toolkit knows
+    no warped models: plain ones of higher order are written. `hatt_loses` says what else does not fit.
 
     Args:
         swatch: what is written.
@@ -181,11 +182,26 @@ def export_hatt(
     if taps_xml is not None and swatch.taps is None:
         raise SwatchError(f"swatch {swatch.name!r} has no taps to write")
     texture = swatch.texture if rate_Hz is None else swatch.texture.resampled(rate_Hz)
+    texture = texture.unwarped()
     texts = [(Path(models_xml), _models_text(swatch, texture))]
     if taps_xml is not None and swatch.taps is not None:
         texts.append((Path(taps_xml), _taps_text(play_taps(swatch.taps))))
     for path, text in texts:
         write_whole(path, text.encode(), SwatchError)
+
+
+def hatt_loses(swatch: Swatch) -> list[str]:
+    """What a swatch has and the toolkit's files do not hold, each as "its slow gain"."""
+    texture = swatch.texture
+    if texture is None:
+        return []
+    lost = {
+        "the texture's slow gain": texture.life is not None,
+        "its other state": texture.other is not None,
+        "its level beyond the largest force and speed": bool(np.any(texture.exponents != 0.0)),
+        f"its warp (plain models of order {texture.unwarped().order} are written)": texture.warp != 0.0,
+    }
+    return [what for what, so in lost.items() if so]
 
 
 def _models_text(swatch: Swatch, texture: Texture) -> str:

@@ -2,8 +2,9 @@
 
 The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band:
 a keyframe per sample, straight between them, which is the signal itself (a player that reads it at another rate loses
-0.3 dB at 1 kHz to the straight lines, at 10 kHz). Taps follow as a `Transient` band, one transient each half second,
-slow to fast, with the peak and the frequency of each tap; how a transient dies away is the player's.
+0.3 dB at 1 kHz to the straight lines, at 10 kHz). Its slow gain and its changes of state are in it as the seed has
+them. Taps follow as a `Transient` band, one transient each half second, slow to fast, with the peak and the frequency
+of each tap; how a transient dies away is the player's.
 
 Amplitudes in the format are −1 to 1. What 1 stands for is the reference device's maximum amplitude, in m/s².
 

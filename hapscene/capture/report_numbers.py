@@ -118,19 +118,19 @@ def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[
     The mean of its models' spectra, one each `BLOCK_S`, at the frequencies of `metric.spectrum`.
     """
     step = max(1, round(BLOCK_S * texture.rate_Hz))
-    a, variance = texture.models(force_N[step // 2 :: step], speed_m_s[step // 2 :: step])
-    size = round(metric.WINDOW_S * texture.rate_Hz)
-    total = np.zeros(size // 2 + 1)
-    for part in range(0, len(a), 256):  # a minute's stroke has 6000 filters
-        response = np.abs(np.fft.rfft(a[part : part + 256], size, axis=1)) ** 2
-        total += np.sum(variance[part : part + 256, None] / response, axis=0)
-    frequency = np.asarray(np.fft.rfftfreq(size, 1.0 / texture.rate_Hz), dtype=np.float64)
-    return frequency, 2.0 * total / (texture.rate_Hz * len(a))
+    force, speed = force_N[step // 2 :: step], speed_m_s[step // 2 :: step]
+    frequency = np.asarray(np.fft.rfftfreq(round(metric.WINDOW_S * texture.rate_Hz), 1.0 / texture.rate_Hz))
+    total = np.zeros(len(frequency))
+    for part in (slice(i, i + 256) for i in range(0, len(force), 256)):  # a minute's stroke has 6000 filters
+        total += texture.density(force[part], speed[part], frequency_Hz=frequency).sum(axis=0)
+    return frequency, total / len(force)
 
 
 def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, Array]:
     """What a texture leaves of a recording: residual (n,) [m/s²], the texture's standard deviation for it (n,), and
     the acceleration (n,) [m/s²] of the same samples; those in which the tool does not slide are left out."""
+    from scipy.signal import lfilter
+
     order, step = texture.order, max(1, round(BLOCK_S * texture.rate_Hz))
     y, force, speed = channels.acceleration_m_s2, channels.force_N, channels.speed_m_s
     start = np.arange(order, len(y) - step + 1, step)
@@ -140,11 +140,12 @@ def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, A
     kept = np.flatnonzero(sliding & (variance > 0.0))
     if not len(kept):
         raise CaptureError("the texture is silent all along the recording: it leaves all of it")
-    left, signal = np.empty((len(kept), step)), np.empty((len(kept), step))
-    for row, i in enumerate(kept):
-        past = np.lib.stride_tricks.sliding_window_view(y[start[i] - order : start[i] + step], order + 1)
-        left[row], signal[row] = past @ a[i, ::-1], past[:, -1]
-    return left.ravel(), np.repeat(np.sqrt(variance[kept]), step), signal.ravel()
+    at = start[kept][:, None] + np.arange(step)
+    left, past = np.zeros(at.shape), y
+    for weight in a[kept].T:  # of the signal, then of what the allpass D, for plain models the delay, makes of it
+        left += weight[:, None] * past[at]
+        past = lfilter([-texture.warp, 1.0], [1.0, -texture.warp], past)
+    return left.ravel(), np.repeat(np.sqrt(variance[kept]), step), y[at].ravel()
 
 
 def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut:

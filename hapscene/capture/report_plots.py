@@ -325,8 +325,7 @@ def plot_models(texture: Texture) -> Plot:
         shown = []
         for (force, speed), (colour, dash) in zip(places, looks, strict=True):
             force_N, speed_m_s = force * texture.force_max_N, speed * texture.speed_max_m_s
-            a, variance = texture.model(force_N, speed_m_s)
-            shown.append(decibels(metric.model_spectrum(a, variance, texture.rate_Hz, frequency)))
+            shown.append(decibels(texture.density([force_N], [speed_m_s], frequency_Hz=frequency)[0]))
             label = f"{force_N:.2g} N, {1e3 * speed_m_s:.0f} mm/s"
             axes.plot(frequency, shown[-1], color=colour, linestyle=dash, label=label)
         sounding = [level for level in shown if level.max() > -200.0] or shown

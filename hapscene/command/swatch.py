@@ -288,11 +288,14 @@ def _export_hatt(options: argparse.Namespace) -> int:
     """
     check_swatch(options.swatch)
     options.out = options.out or new_file(f"Models_{base_name(options.swatch)}.xml", "-o")
-    from hapscene.capture.hatt import export_hatt
+    from hapscene.capture.hatt import export_hatt, hatt_loses
     from hapscene.surface.library import load_swatch
 
-    export_hatt(load_swatch(options.swatch), options.out, options.taps, rate_Hz=options.rate)
+    swatch = load_swatch(options.swatch)
+    export_hatt(swatch, options.out, options.taps, rate_Hz=options.rate)
     name_made([Path(file) for file in (options.out, options.taps) if file is not None])
+    if lost := hatt_loses(swatch):
+        print("does not come back from this format: " + "; ".join(lost))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The texture as a running filter: the normalised lattice. Compiled.
+"""The texture as a running filter: the normalised lattice, plain and warped. Compiled.
 
 A texture is a field of models y(t) = e(t) − Σ a_k y(t−k) over normal force and slip speed. They are run as a
 normalised lattice (Gray & Markel 1975): a chain of rotations by reflection coefficients k_m, with c_m = √(1 − k_m²),
@@ -9,12 +9,28 @@ normalised lattice (Gray & Markel 1975): a chain of rotations by reflection coef
 The step from (f_p, b_0 … b_{p−1}) to (b_0 … b_p) is a product of rotations: white noise of variance 1 in all of them
 stays so, whatever models follow one another. So f_0 has variance 1 always, and no change of model is louder than the
 models. Coefficients and the level √P are apart: the level can be ramped, so that nothing clicks.
+
+Where models are warped, an allpass stands for each delay (Strube 1980; Härmä et al. 2000), normalised too: with
+μ = √(1 − λ²) and its memory s_m,
+
+    d_m = −λ b_{m−1} + μ s_m,  s_m ← μ b_{m−1} + λ s_m         and d_m in the place of b_{m−1}(t−1) above.
+
+This is a rotation again, so that all memories are white of variance 1 whatever models follow one another. d_m depends
+on b_{m−1} without delay, and that on f_{m−1}: linearly, b_m = α_m f_m + β_m. With r = 1/(1 − k_m λ α_{m−1}),
+C_m = c_m r and K_m = k_m r the loop is solved upwards and then downwards:
+
+    e_m = μ s_m − λ β_{m−1},  β_m = C_m e_m,  α_m = k_m − c_m² λ r α_{m−1}       β_0 = 0, α_0 = 1
+    f_{m−1} = C_m f_m − K_m e_m
+
+The variance of f_0 is no longer 1, but a function of the model alone, since the memories are white: `solve_loop` finds
+it, and the level is taken over its root. So no change is louder than the models here either.
 """
 
 import math
 from typing import Any
 
 from hapscene.dsp.noise import normal
+from hapscene.dsp.slow_gain import advance_gain, advance_state
 from hapscene.native import native
 
 
@@ -32,21 +48,141 @@ def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
 
 
 @native
-def run_lattice(k: Any, level: Any, last: float, block: int, rng: Any, state: Any, out: Any) -> None:
-    """Fill `out` (n,) block by block, block i by reflection coefficients k[i] (p,) at the level level[i], √P [m/s²].
+def solve_loop(k: Any, order: int, warp: float, rows: Any) -> float:
+    """Fill the `rows` (8, ≥ p+1) that `advance_warped` needs from k (≥ p+1,); the variance of f_0 [1].
 
-    k has one row for all blocks, or one each. The level is ramped over a block, from the one before (`last` before the
-    first) to its own. `state` (3, p+1) is the lattice's k, c and b, `rng` the generator's: both are carried on.
+    p is `order` raised to a multiple of 4: k is made 0 there, which only delays.
+
+    f_0 = share · f_m + what the memories below m give; its variance, and its covariance with β_m, are summed upwards.
     """
-    order = k.shape[1]
-    for i in range(level.size):
-        if i == 0 or k.shape[0] > 1:
-            for m in range(order):
-                state[0, m + 1] = k[i, m]
-                state[1, m + 1] = math.sqrt((1.0 - k[i, m]) * (1.0 + k[i, m]))
-        step = (level[i] - last) / block
-        now = last
-        for t in range(i * block, min((i + 1) * block, out.size)):
-            now += step
-            out[t] = now * advance(state[0], state[1], state[2], order, normal(rng))
-        last = level[i]
+    mu = math.sqrt((1.0 - warp) * (1.0 + warp))
+    share, below, shared, beta = 1.0, 0.0, 0.0, 0.0  # of f_m in f_0; variance, covariance with β_m, variance of β_m
+    over, under, alpha, c, product = 1.0, 1.0, 1.0, 0.0, 1.0  # α = over/under: no division in their chains
+    for m in range(1, order + 4 - (order - 1) % 4):
+        if m > order:
+            k[m] = 0.0
+        rows[0, m] = warp * c
+        product = -warp * c * (1.0 if m % 4 == 1 else product)
+        rows[1, m] = product
+        rows[2, m], rows[3, m] = mu * alpha, mu * c
+        before, bent = under, warp * over
+        over, under = k[m] * before - bent, before - k[m] * bent
+        inverse = 1.0 / under
+        r, alpha = before * inverse, over * inverse
+        c, g = math.sqrt((1.0 - k[m]) * (1.0 + k[m])) * r, k[m] * r
+        rows[4, m], rows[5, m] = c, g
+        into, e = share * g, mu * mu + warp * warp * beta
+        below += into * (2.0 * warp * shared + into * e)
+        shared = -(c * warp) * shared - c * into * e
+        share, beta = share * c, c * c * mu * mu + (c * c * warp * warp) * beta
+        if m % 4 == 0:
+            over, under = alpha, 1.0
+            rows[6, m] = c
+            for i in range(m - 1, m - 4, -1):
+                rows[6, i] = rows[6, i + 1] * rows[4, i]
+    return share * share + below
+
+
+@native
+def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> float:
+    """As `advance`, of a warped lattice as `solve_loop` has filled it; s_m is in b[m−1].
+
+    Both passes are chains of dependent steps, and the second waits for the first. So they go four steps at a time: each
+    four from 0 on, ahead of the chain, and what went in before joins them by the product of their factors.
+    """
+    q, joined, a, d, c, g, into, e = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7]
+    mu = math.sqrt((1.0 - warp) * (1.0 + warp))
+    last = 0.0
+    for m in range(1, order + 1, 4):
+        one = mu * b[m - 1]
+        two = mu * b[m] - q[m + 1] * one
+        three = mu * b[m + 1] - q[m + 2] * two
+        four = mu * b[m + 2] - q[m + 3] * three
+        e[m] = one + joined[m] * last
+        e[m + 1] = two + joined[m + 1] * last
+        e[m + 2] = three + joined[m + 2] * last
+        last = four + joined[m + 3] * last
+        e[m + 3] = last
+    for m in range(4 * ((order + 3) // 4) - 3, 0, -4):
+        four = -g[m + 3] * e[m + 3]
+        three = c[m + 2] * four - g[m + 2] * e[m + 2]
+        two = c[m + 1] * three - g[m + 1] * e[m + 1]
+        one = c[m] * two - g[m] * e[m]
+        b[m + 2] = a[m + 3] * (four + into[m + 3] * f) + d[m + 3] * e[m + 2] + warp * b[m + 2]
+        b[m + 1] = a[m + 2] * (three + into[m + 2] * f) + d[m + 2] * e[m + 1] + warp * b[m + 1]
+        b[m] = a[m + 1] * (two + into[m + 1] * f) + d[m + 1] * e[m] + warp * b[m]
+        f = one + into[m] * f
+        b[m - 1] = a[m] * f + d[m] * e[m - 1] + warp * b[m - 1]
+    return f
+
+
+# What plays a texture: a record `s` with these fields, of an effect's state or of one's own.
+
+
+def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
+    """Names and shapes of what playing a texture remembers, for models up to an order; zero to begin with."""
+    size = 4 * math.ceil(order / 4) + 1
+    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size))]
+    return [*lattice, *((name, ()) for name in ("order", "warp", "scale", "level_m_s2", "gain"))]
+
+
+@native
+def settle(s: Any) -> None:
+    """Fill in what the lattice needs beside its order, its warp and k; `s.scale` is 1 over the deviation of f_0."""
+    order = int(s.order)
+    if s.warp != 0.0:
+        s.scale = 1.0 / math.sqrt(solve_loop(s.k, order, s.warp, s.rows))
+        return
+    s.scale = 1.0
+    for m in range(1, order + 1):
+        s.c[m] = math.sqrt((1.0 - s.k[m]) * (1.0 + s.k[m]))
+
+
+@native
+def play(s: Any, level_m_s2: float, gain: float, rng: Any, out: Any, start: int, stop: int, block: int) -> None:
+    """Add samples to out[start:stop]; in a whole `block` they are ramped to a level √P [m/s²] times a gain."""
+    order, now = int(s.order), s.level_m_s2 * s.gain
+    step = (level_m_s2 * gain - now) / block
+    if s.warp == 0.0:
+        for i in range(start, stop):
+            out[i] += (now + (i + 1 - start) * step) * advance(s.k, s.c, s.b, order, normal(rng))
+    else:
+        for i in range(start, stop):
+            f = advance_warped(s.rows, s.b, order, s.warp, normal(rng))
+            out[i] += (now + (i + 1 - start) * step) * (s.scale * f)
+    s.level_m_s2, s.gain = level_m_s2, gain
+
+
+@native
+def run_texture(
+    s: Any, k: Any, order: Any, level: Any, warp: Any, life: Any, dwell_s: Any, change: float,
+    travel_m: Any, step_s: float, block: int, hold: int, rng: Any, out: Any,
+) -> None:  # fmt: skip
+    """Add to `out` (n,) the next samples of a texture's two states, in blocks of a time `step_s`.
+
+    `s` has `voice_fields`, and besides: `life` (l,), its processes; `state` (2,); `fade`, blocks left of a change, of
+    `change` all in all. Of each of q states: k (q, m, p), of which row 0 holds for all or row i for the blocks from
+    i · `hold` on; order (q,); level (q, blocks), √P at the end of each; warp (q,); life (q, 3l), see `advance_gain`.
+    dwell_s (2,) is 0 where nothing changes. travel_m (blocks,) is the distance in each.
+    """
+    for i in range(level.shape[1]):
+        changed = dwell_s[0] > 0.0 and advance_state(rng, dwell_s[0], dwell_s[1], step_s, s.state)
+        which = int(s.state[0])
+        if changed:
+            s.fade = change
+        share, goal = 1.0, level[which, i]
+        if s.fade > 1.0:
+            share = 1.0 / s.fade
+            goal = s.level_m_s2 + share * (goal - s.level_m_s2)
+        if changed or s.fade > 0.0 or i == 0 or (k.shape[1] > 1 and i % hold == 0):
+            row = i // hold if k.shape[1] > 1 else 0
+            last = order[which] if share == 1.0 else max(order[which], int(s.order))
+            for m in range(1, last + 1):
+                to = k[which, row, m - 1] if m <= order[which] else 0.0
+                s.k[m] = to if share == 1.0 else s.k[m] + share * (to - s.k[m])
+            s.order, s.warp = last, s.warp + share * (warp[which] - s.warp)
+            settle(s)
+        s.fade = max(0.0, s.fade - 1.0)
+        gain = advance_gain(rng, s.life, life[which], 0, s.life.size, step_s, travel_m[i], 1.0)
+        gain = gain if share == 1.0 else s.gain + share * (gain - s.gain)
+        play(s, goal, gain, rng, out, i * block, min((i + 1) * block, out.size), block)

@@ -14,7 +14,6 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.metric import model_spectrum
 from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
 from hapscene.errors import ViewError
 from hapscene.files import whole_file, whole_folder
@@ -180,8 +179,7 @@ def _spectra(swatch: Swatch, frequency_Hz: NDArray[np.float64]) -> list[_Line]:
         shown = f"{at[0]:.2g} N, {1e3 * at[1]:.0f} mm/s"
         if shown in found:
             continue
-        a, variance = texture.model(*at)
-        power = gain**2 * model_spectrum(a, variance, texture.rate_Hz, frequency_Hz)
+        power = gain**2 * texture.density([at[0]], [at[1]], frequency_Hz=frequency_Hz)[0]
         found[shown] = _Line(shown, dash, 10.0 * np.log10(np.maximum(power, 1e-12)))
     return list(found.values())
 

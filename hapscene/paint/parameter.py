@@ -1,7 +1,7 @@
 """The numbers of a swatch that can be turned: names, units, limits of the device, and the swatch with them turned."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, Final
@@ -20,6 +20,7 @@ LABELS: Final = {
     "friction_static": "friction, at rest",
     "friction_dynamic": "friction, sliding",
     "texture_gain": "texture gain",
+    "texture_life": "texture life",
     "tap_gain": "tap gain",
     "tangential_stiffness_N_m": "stiffness while it sticks",
     "tangential_damping_Ns_m": "damping while it sticks",
@@ -39,7 +40,11 @@ ENDS: Final = {
 """Where a slider ends when the device sets no limit: about twice what is called rigid, the friction of rubber on
 rubber, 12 dB of gain. A number that is over its end makes the slider longer."""
 
-_NEEDS: Final = {"texture_gain": "texture", "tap_gain": "taps"}
+_NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
+    "texture_gain": lambda swatch: swatch.texture is not None,
+    "texture_life": lambda swatch: swatch.texture is not None and swatch.texture.living,
+    "tap_gain": lambda swatch: swatch.taps is not None,
+}
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ def parameters_of(
                 maximum=max(end if math.isfinite(end) else 2.0 * abs(value) + 1.0, value),
                 reset=original.stiffness_N_m if e == WALL else original.parameter(effect_name, name, default),
                 meaning=meaning,
-                applies=name not in _NEEDS or getattr(swatch, _NEEDS[name]) is not None,
+                applies=name not in _NEEDS or _NEEDS[name](swatch),
                 note=notes.get(name, ""),
             )
         )

@@ -249,7 +249,9 @@ def swatch_sound(
         ease = np.clip(np.minimum(t_s, seconds - t_s) / EASE_S, 0.0, 1.0)
         slide = 0.5 - 0.5 * np.cos(np.pi * ease)
         gain = swatch.parameter("lpc_texture", "texture_gain", 1.0)
-        a[start:] += gain * synthesize(swatch, np.full(count, force_N), speed_m_s * slide, rate_Hz=rate_Hz)
+        life = swatch.parameter("lpc_texture", "texture_life", 1.0)
+        force, speed = np.full(count, force_N), speed_m_s * slide
+        a[start:] += gain * synthesize(swatch, force, speed, rate_Hz=rate_Hz, life=life)
     if swatch.taps is not None and approach_m_s > 0.0:
         tap = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(approach_m_s, rate_Hz)
         length = min(len(tap), len(a))

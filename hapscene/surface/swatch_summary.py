@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
 from hapscene.surface.texture import Texture
 
@@ -37,7 +38,8 @@ def figures(swatch: Swatch) -> dict[str, float]:
     found = {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
     texture = swatch.texture
     if texture is not None:
-        found["roughness_m_s2"] = float(np.sqrt(texture.power([FORCE_N], [SPEED_M_S])[0]))
+        at = [min(FORCE_N, texture.force_max_N)], [min(SPEED_M_S, texture.speed_max_m_s)]
+        found["roughness_m_s2"] = float(np.sqrt(texture.power(*at)[0]))
         found |= {"rate_Hz": texture.rate_Hz, "order": float(texture.order), "models": float(sounding(texture))}
         found |= {"force_max_N": texture.force_max_N, "speed_max_m_s": texture.speed_max_m_s}
     if swatch.taps is not None:
@@ -75,7 +77,9 @@ def lines(swatch: Swatch) -> list[str]:
         count = sounding(texture)
         size = f"{count} model{'s' if count != 1 else ''} of order {texture.order} at {texture.rate_Hz:g} Hz"
         reach = f"to {texture.force_max_N:.3g} N and {texture.speed_max_m_s:.3g} m/s"
-        told.append(_line("texture", f"{size}, {reach}, blended as {texture.interpolation!r}"))
+        warped = f", warped by {texture.warp:.3g}" if texture.warp else ""
+        told.append(_line("texture", f"{size}, {reach}, blended as {texture.interpolation!r}{warped}"))
+        told += [_line("", sentence) for sentence in _living(texture)]
     if taps is None:
         told.append(_line("taps", "none" + _measured(swatch, "taps")))
     else:
@@ -87,6 +91,24 @@ def lines(swatch: Swatch) -> list[str]:
         told.append(_line(effect, ", ".join(f"{param} {value:g}" for param, value in numbers.items())))
     told += [_line("provenance", " ".join(swatch.provenance.split()) or "not stated")]
     told += [_line("licence", " ".join(swatch.licence.split()) or "not stated")]
+    return told
+
+
+def _living(texture: Texture) -> list[str]:
+    """What is said of its slow gain, its other state, and its level beyond what was recorded."""
+    told = []
+    if texture.life is not None:
+        life = texture.life
+        each = [f"{x:.3g}/s + {y:.3g}/m" for x, y in zip(life.decay_1_s, life.decay_1_m, strict=True)]
+        told.append(f"alive: gain of {20.0 / np.log(10.0) * life.log_spread:.2g} dB spread, forgets {', '.join(each)}")
+    if texture.other is not None:
+        here_s, other_s = texture.dwell_s
+        told.append(f"changes by chance to another state: {here_s:.2g} s in this one, {other_s:.2g} s in the other")
+    if np.any(texture.exponents != 0.0):
+        force, speed = texture.exponents
+        told.append(
+            f"beyond: power as force^{force:.2g} and speed^{speed:.2g}, by {LEVEL_BOUND_DB:g} dB at most (not recorded)"
+        )
     return told
 
 

@@ -5,36 +5,63 @@ Kuchenbecker 2014), run as a normalised lattice (`hapscene.dsp.lattice`): whatev
 output is no louder than they are. The level is ramped over the tick's block, so that nothing clicks when a contact
 begins, ends, or crosses into another swatch.
 
-Table of a swatch, on an even grid: highest force F [N], highest speed V [m/s], order p, after how many ticks the
-filter follows force and speed (`update_ticks` of the swatch's numbers for this effect, 1 unless it is there), then for
-each of GRID forces from 0 to F, for each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p. Between nodes it is
-bilinear; above, clamped.
+A texture with life has a random slow gain (`hapscene.dsp.slow_gain`), advanced each tick by the time and the distance
+travelled. One with another state changes to it and back by chance: filter and level then go over in `CHANGE_S`.
+
+Table of a swatch: a section of its texture, and one of its texture's other state where there is one. A section:
+
+| number | is |
+|---|---|
+| 0, 1 | highest force F [N], highest speed V [m/s] |
+| 2, 3 | order p, warp λ |
+| 4, 5 | exponents of the power over force and speed beyond F and V |
+| 6 | after how many ticks the filter follows force and speed: `update_ticks` of the swatch's numbers for this effect |
+| 7 | 1 where all models have one filter, else 0 |
+| 8 | what tells this section from others |
+| 9 | mean time in this state [s], 0 without another |
+| 10 | where the other state's section begins, 0 without one |
+| 11 | count of processes of its slow gain |
+| then | spread, decay_1_s, decay_1_m of each |
+| then | where all have one filter: k_1 … k_p |
+| then | for each of GRID forces from 0 to F, each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p if they differ |
+
+Between nodes it is bilinear; above, the filter is clamped, and the level goes on by the exponents.
 """
 
 import math
+import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import ORDER_MAX
-from hapscene.dsp.lattice import advance
+from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX
+from hapscene.dsp.lattice import play, settle, voice_fields
 from hapscene.dsp.noise import normal
+from hapscene.dsp.slow_gain import advance_gain, advance_state, draw_state
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
 GRID = 33
 """Nodes of the table along force and along speed [count]. On textures fitted to wood, paper and leather
 (order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
 %) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
 
-HEADER = 4
-"""Numbers that stand before the first node of a table [count]."""
+ORDER, WARP, TICKS, SINGLE, WHICH, DWELL, OTHER, LIVES, HEADER = 2, 3, 6, 7, 8, 9, 10, 11, 12
+"""Places in a section, and how many numbers stand before its processes [count]."""
+
+MOST = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
+"""Logarithm of the largest factor on the power beyond the highest force and speed [1]."""
 
 FADE_S = 0.2
 """Time in which a filter becomes one of another order, where a surface is felt coarser or finer under load [s]: two
 that differ by 10 dB in a band then change it by 1 dB in 20 ms."""
+
+CHANGE_S = 0.02
+"""Time in which the filter and the level become those of the other state [s]: short beside any state, long beside a
+click."""
 
 FADE_DB_S = 50.0
 """How fast the level changes then at most [dB/s], likewise."""
@@ -47,78 +74,119 @@ SILENT_M_S2 = 1e-3
 
 
 @native
-def choose(table: Any, force_N: float, slip_m_s: float, k: Any, c: Any, share: float = 1.0, order: int = 0) -> float:
-    """Fill in the lattice for a force and a speed; the power of its output [m²/s⁴].
+def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: float, fill: bool) -> float:
+    """Power [m²/s⁴] of the section `at` at a force and a speed; with `fill` its model goes into the lattice.
 
-    With a `share` below 1 it goes as much of the way there from where it is; to 0 beyond the table's order, up to
-    `order`.
+    With a `share` below 1 it goes as much of the way there from where it is; to 0 beyond the section's order.
     """
-    row = min(max(force_N / table[0], 0.0), 1.0) * (GRID - 1)
-    column = min(max(slip_m_s / table[1], 0.0), 1.0) * (GRID - 1)
+    row = min(max(force_N / table[at], 0.0), 1.0) * (GRID - 1)
+    column = min(max(slip_m_s / table[at + 1], 0.0), 1.0) * (GRID - 1)
     i, j = min(int(row), GRID - 2), min(int(column), GRID - 2)
     u, v = row - i, column - j
     w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
-    size = 1 + int(table[2])
-    at00 = HEADER + (i * GRID + j) * size
+    order, single = int(table[at + ORDER]), table[at + SINGLE] > 0.0
+    first = at + HEADER + 3 * int(table[at + LIVES])
+    size = 1 if single else 1 + order
+    at00 = (first + order if single else first) + (i * GRID + j) * size
     at01, at10, at11 = at00 + size, at00 + GRID * size, at00 + GRID * size + size
-    if share < 1.0:
-        for m in range(1, max(size, order + 1)):
-            to = 0.0
-            if m < size:
-                to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
-            k[m] += share * (to - k[m])
-            c[m] = math.sqrt((1.0 - k[m]) * (1.0 + k[m]))
-    else:
-        for m in range(1, size):
-            k[m] = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
-            c[m] = math.sqrt((1.0 - k[m]) * (1.0 + k[m]))
-    return float(w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11])
+    if fill:
+        if share < 1.0:
+            for m in range(1, max(order, int(s.order)) + 1):
+                to = 0.0
+                if m <= order and single:
+                    to = table[first + m - 1]
+                elif m <= order:
+                    to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
+                s.k[m] += share * (to - s.k[m])
+            s.warp += share * (table[at + WARP] - s.warp)
+        else:
+            for m in range(1, order + 1):
+                if single:
+                    s.k[m] = table[first + m - 1]
+                else:
+                    to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
+                    s.k[m] = to
+            s.order, s.warp = order, table[at + WARP]
+        settle(s)
+    power = w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11]
+    if force_N > table[at] or slip_m_s > table[at + 1]:
+        log = table[at + 4] * math.log(max(force_N / table[at], 1.0))
+        log += table[at + 5] * math.log(max(slip_m_s / table[at + 1], 1.0))
+        power *= math.exp(min(max(log, -MOST), MOST))
+    return float(power)
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the texture's vibration [m/s²]; silent in the air, at no force and at no speed."""
-    target_m_s2, ticks = 0.0, 1.0
+    target_m_s2, ticks, gain = 0.0, 1.0, s.gain
     if touch.touching and table.size > 0:
         new = touch.began or touch.crossed
-        of = table[2] if p.texture_gain > 0.0 else 0.0
+        changed = table[OTHER] > 0.0 and change_state(touch.tick_s, table, new, s)
+        at = int(table[OTHER]) if table[OTHER] > 0.0 and s.state[0] > 0.0 else 0
+        of = table[at + WHICH] if p.texture_gain > 0.0 else 0.0
         if of != s.of or new:
-            begin_filter(table[2], FADE_S / touch.tick_s if touch.stepped and not new else 0.0, s)
+            stepped = touch.stepped and not new
+            fade_s = FADE_S if stepped else CHANGE_S if changed and not new else 0.0
+            begin_filter(table[at + ORDER], fade_s / touch.tick_s, s)
+            s.loud_m_s2 = max(s.level_m_s2, SILENT_M_S2) if stepped else 0.0
+            s.change = CHANGE_S / touch.tick_s if fade_s == CHANGE_S else 0.0
             s.of = of
         if s.wait <= 0.0 or new:
-            s.wait = table[3]
+            s.wait = table[at + TICKS]
             share = s.wait / s.fade if s.fade > s.wait else 1.0
             s.fade = max(0.0, s.fade - s.wait)
-            if share == 1.0:
-                s.order = table[2]
-            power = choose(table, touch.force_N, touch.slip_m_s, s.k, s.c, share, int(s.order))
+            fill = s.stale > 0.0 or table[at + SINGLE] == 0.0
+            s.stale = 1.0 if share < 1.0 else 0.0
+            power = choose(table, at, touch.force_N, touch.slip_m_s, s, share, fill)
             s.goal_m_s2 = p.texture_gain * math.sqrt(power)
         if not new:
-            ticks = s.wait  # in which the level gets there
+            ticks = max(s.wait, s.change)  # in which the level gets there
         s.wait -= 1.0
+        s.change = max(0.0, s.change - 1.0)
         target_m_s2 = s.goal_m_s2
         if ticks > 1.0:
             target_m_s2 = s.level_m_s2 + (s.goal_m_s2 - s.level_m_s2) / ticks
         if s.loud_m_s2 > 0.0:
             target_m_s2 = slowly(touch, target_m_s2, s)
         s.force_N, s.slip_m_s = touch.force_N, touch.slip_m_s
+        gain = live(touch, p.texture_life, table, at, s)
+        gain = s.gain + (gain - s.gain) / (s.change + 1.0) if s.change > 0.0 else gain
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
         return
-    step_m_s2 = (target_m_s2 - s.level_m_s2) / touch.block
-    order = int(s.order)
-    for i in range(touch.block):
-        level_m_s2 = s.level_m_s2 + (i + 1) * step_m_s2
-        out.a_m_s2[i] += level_m_s2 * advance(s.k, s.c, s.b, order, normal(s.rng))
-    s.level_m_s2 = target_m_s2
+    play(s, target_m_s2, gain, s.rng, out.a_m_s2, 0, touch.block, touch.block)
+
+
+@native
+def change_state(tick_s: float, table: Any, new: bool, s: Any) -> bool:
+    """Whether the texture has changed to its other state or back; a contact begins in either."""
+    here_s, other_s = table[DWELL], table[int(table[OTHER]) + DWELL]
+    if new:
+        draw_state(s.rng, here_s, other_s, s.state)
+        return False
+    return bool(advance_state(s.rng, here_s, other_s, tick_s, s.state))
+
+
+@native
+def live(touch: Any, life: float, table: Any, at: int, s: Any) -> float:
+    """The slow gain [1] of this tick."""
+    count = int(table[at + LIVES])
+    if count == 0 or life == 0.0:
+        return 1.0
+    if s.alive == 0.0:
+        s.alive = 1.0
+        for i in range(s.life.size):
+            s.life[i] = normal(s.rng)
+    travelled_m = touch.slip_m_s * touch.tick_s
+    return advance_gain(s.rng, s.life, table, at + HEADER, count, touch.tick_s, travelled_m, life)
 
 
 @native
 def begin_filter(order: float, fade: float, s: Any) -> None:
-    """Go over to a filter of another order: at once, or, where the same surface is felt coarser or finer, in time."""
+    """Go over to another filter: at once, or in so many ticks."""
     for m in range(int(s.order) + 1, int(order) + 1 if fade > 0.0 else 0):
-        s.k[m], s.c[m] = 0.0, 1.0
+        s.k[m] = 0.0
     s.order = max(order, s.order) if fade > 0.0 else order
-    s.loud_m_s2 = max(s.level_m_s2, SILENT_M_S2) if fade > 0.0 else 0.0
-    s.fade, s.wait = fade, 0.0
+    s.fade, s.wait, s.stale = fade, 0.0, 1.0
 
 
 @native
@@ -141,41 +209,55 @@ def slowly(touch: Any, target_m_s2: float, s: Any) -> float:
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
-    """Powers and reflection coefficients of a swatch's texture at `rate_Hz`; empty where it has none."""
+    """The sections of a swatch's texture at `rate_Hz`; empty where it has none."""
     texture = swatch.texture
     if texture is None:
         return np.empty(0)
     if texture.rate_Hz != rate_Hz:
         texture = texture.resampled(rate_Hz)
-    force_N, speed_m_s = (
-        np.linspace(0.0, texture.force_max_N, GRID),
-        np.linspace(0.0, texture.speed_max_m_s, GRID),
-    )
-    k, power = texture.lattice(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
-    nodes = np.column_stack((power, np.broadcast_to(k, (len(power), texture.order))))
     ticks = max(1.0, round(swatch.parameter("lpc_texture", "update_ticks", 1.0)))
-    header = (force_N[-1], speed_m_s[-1], texture.order, ticks)
-    return np.concatenate((header, nodes.ravel()))
+    numbers = section(texture, texture.dwell_s[0], ticks)
+    if texture.other is None:
+        return numbers
+    numbers[OTHER] = len(numbers)
+    return np.concatenate((numbers, section(texture.other, texture.dwell_s[1], ticks)))
+
+
+def section(texture: Texture, dwell_s: float, ticks: float) -> NDArray[np.float64]:
+    """The numbers of one state of a texture."""
+    force_N, speed_m_s = (np.linspace(0.0, most, GRID) for most in (texture.force_max_N, texture.speed_max_m_s))
+    k, power = texture.lattice(np.repeat(force_N, GRID), np.tile(speed_m_s, GRID))
+    nodes = (k.ravel(), power) if texture.single else (np.column_stack((power, k)).ravel(),)
+    life = texture.life
+    rows = np.empty(0) if life is None else np.column_stack((life.spread, life.decay_1_s, life.decay_1_m)).ravel()
+    numbers = np.concatenate((rows, *nodes))
+    edge = texture.force_max_N, texture.speed_max_m_s, texture.order, texture.warp, *texture.exponents
+    which = 1.0 + zlib.crc32(np.array(edge).tobytes() + numbers.tobytes())
+    return np.array((*edge, ticks, texture.single, which, dwell_s, 0.0, len(rows) // 3, *numbers))
 
 
 EFFECT = Effect(
     "lpc_texture",
     "The vibration of sliding, by force and slip speed.",
     render,
-    params=(Param("texture_gain", 1.0, "1", "factor on the swatch's texture", 0.0, 10.0),),
+    params=(
+        Param("texture_gain", 1.0, "1", "factor on the swatch's texture", 0.0, 10.0),
+        Param("texture_life", 1.0, "1", "factor on the spread of its slow gain; the mean power stays", 0.0, 2.0),
+    ),
     state=(
-        State("k", (ORDER_MAX + 1,)),
-        State("c", (ORDER_MAX + 1,)),
-        State("b", (ORDER_MAX + 1,)),
-        State("order"),  # of the filter that runs
-        State("of"),  # of the table's, 0 where it is silent
-        State("level_m_s2"),
+        *(State(name, shape) for name, shape in voice_fields(ORDER_MAX)),  # of the filter that runs
+        State("of"),  # which section it is of, 0 where it is silent
+        State("stale"),  # 1 where it is still to become that
         State("goal_m_s2"),  # level of the filter that was chosen last
         State("wait"),  # ticks until the next is
         State("fade"),  # ticks until it has become that of the table
+        State("change"),  # ticks until the level is that of another state
         State("loud_m_s2"),
         State("force_N"),
         State("slip_m_s"),
+        State("life", (LIFE_MAX,)),  # its processes, each of variance 1
+        State("alive"),  # 1 once they are drawn
+        State("state", (2,)),  # 0 or 1 in the other, and the time left in it [s]
         State("rng", seeded=True),
     ),
     table=table,

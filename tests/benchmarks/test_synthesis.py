@@ -13,7 +13,7 @@ def test_every_order_and_shipped_swatch_is_timed(monkeypatch: pytest.MonkeyPatch
     synthesis.measure_synthesis(sheet)
     assert sheet.cases("synthesis, order ") == [f"synthesis, order {order}" for order in synthesis.ORDERS]
     for order in synthesis.ORDERS:
-        for name in ("one model", "nine models", "lfilter"):
+        for name in ("one model", "nine models", "nine models, alive", "lfilter"):
             assert sheet.number(f"synthesis, order {order}", f"{name} for 10 s") > 0.0
     for name in synthesis.SHIPPED:
         assert sheet.number(f"synthesis, {name}", "order") >= 8

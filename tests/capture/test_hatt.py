@@ -4,7 +4,7 @@ import random
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from hapscene import cli
-from hapscene.capture.hatt import export_hatt, import_hatt, import_many, import_noted
+from hapscene.capture.hatt import export_hatt, hatt_loses, import_hatt, import_many, import_noted
 from hapscene.capture.hatt_file import read_models, read_taps
 from hapscene.errors import SwatchError
 from hapscene.surface.library import load_swatch
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN
 
 Array = NDArray[np.float64]
@@ -414,3 +415,22 @@ def test_taps_find_their_models(tmp_path: Path, shared: Path) -> None:
     assert a.taps is None and b.taps is not None and b.taps.wave_m_s2 is not None
     twice = import_many([folder / "Models_example.xml", tmp_path / "Models_a.xml", tmp_path], tmp_path / "again")
     assert len(twice.made) == 3  # a file named twice is imported once
+
+
+def test_what_the_toolkit_does_not_know_is_told_and_warped_models_are_written_plain(tmp_path: Path) -> None:
+    wood = load_swatch("wood")
+    assert wood.texture is not None and hatt_loses(wood) == [] == hatt_loses(PLAIN)
+    texture = replace(wood.texture.truncated(6), warp=0.5, life=Life([0.3], [20.0], [0.0]), exponents=(0.5, 2.0))
+    swatch = replace(wood, texture=replace(texture, other=texture, dwell_s=(1.0, 1.0)))
+    told = "; ".join(hatt_loses(swatch))
+    for word in ("slow gain", "other state", "beyond the largest", "plain models of order 18"):
+        assert word in told
+    export_hatt(swatch, tmp_path / "Models_x.xml")
+    again = import_hatt(tmp_path / "Models_x.xml").texture
+    assert again is not None and again.warp == 0.0 and again.life is None
+    places = texture.force_N, texture.speed_m_s
+    np.testing.assert_allclose(again.power(*places), texture.power(*places), rtol=0.02)
+    frequency = np.geomspace(20.0, 1000.0, 50)
+    loud = np.argmax(texture.variance_m2_s4)
+    got, want = (t.density(*(p[[loud]] for p in places), frequency_Hz=frequency) for t in (again, texture))
+    assert np.abs(10 * np.log10(got / want)).max() < 0.5

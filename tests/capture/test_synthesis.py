@@ -1,6 +1,7 @@
 """Synthesis along a stroke: what is heard is what the swatch's models say."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hapscene.capture.synthesis import _PART, BLOCK_S
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import CaptureError
 from hapscene.surface.library import load_swatch, shipped_swatches
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
 from hapscene.surface.texture import INTERPOLATIONS, Texture
@@ -62,14 +64,14 @@ def test_the_effect_s_table_says_what_the_model_says(swatch: Swatch) -> None:
     assert texture is not None
     table = EFFECT.table(swatch, texture.rate_Hz)
     rng = np.random.default_rng(0)
-    k, c = np.zeros(texture.order + 1), np.zeros(texture.order + 1)
+    s = np.zeros(1, EFFECT.state_dtype)[0]
     frequency = np.linspace(20.0, 1000.0, 200)
     spectrum, level = [], []
     for share in rng.uniform(0.3, 1.0, (60, 2)):
         force, slip = share * (texture.force_max_N, texture.speed_max_m_s)
-        power = choose(table, force, slip, k, c)
+        power = choose(table, 0, force, slip, s, 1.0, True)
         a, variance = texture.model(force, slip)
-        looked_up = ar_from_reflection(k[1:])
+        looked_up = ar_from_reflection(s["k"][1 : texture.order + 1])
         got = metric.model_spectrum(looked_up, power / power_gain(looked_up), 1e4, frequency)
         want = metric.model_spectrum(a, variance, 1e4, frequency)
         spectrum.append(np.sqrt(np.mean((10 * np.log10(got / want)) ** 2)))
@@ -155,3 +157,36 @@ def test_silence_and_refusals() -> None:
 def test_a_seed_that_is_none_is_told(seed: object) -> None:
     with pytest.raises(CaptureError, match="seed must be a whole number, 0 or more"):
         synthesize(SWATCHES[0], [1.0], [0.1], seed=seed)  # type: ignore[arg-type]
+
+
+# Alive.
+
+
+def living(**fields) -> Swatch:
+    swatch = unlike("lsf")
+    return replace(swatch, texture=replace(swatch.texture, life=Life([0.3, 0.4], [40.0, 0.0], [0.0, 300.0]), **fields))
+
+
+def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
+    force, speed = np.full(1_000_000, 1.0), np.full(1_000_000, 0.1)
+    steady, made = (synthesize(living(), force, speed, life=life) for life in (0.0, 1.0))
+    np.testing.assert_array_equal(steady, synthesize(unlike("lsf"), force, speed))
+    power = [y.reshape(-1, 500).var(axis=1) for y in (steady, made)]
+    assert np.mean(power[1]) == pytest.approx(np.mean(power[0]), rel=0.08)
+    log = np.log(power[1] / np.mean(power[1])) / 2.0
+    assert np.std(log) == pytest.approx(0.4, abs=0.08)  # both together have 0.5; the fast one is half gone in 50 ms
+    with pytest.raises(CaptureError, match="life must be a number from 0 to 2"):
+        synthesize(living(), force, speed, life=np.nan)
+
+
+@pytest.mark.parametrize("warp", [0.0, 0.5])
+def test_a_living_texture_of_two_states_has_no_seams(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made in one part or in many it is the same; in its other state it is as loud as that."""
+    loud = replace(living().texture, variance_m2_s4=900.0 * living().texture.variance_m2_s4, warp=warp)
+    swatch = living(other=loud, dwell_s=(0.5, 0.5))
+    force = np.linspace(0.5, 2.0, 40_000)
+    whole = synthesize(swatch, force, np.full(40_000, 0.1))
+    monkeypatch.setattr("hapscene.capture.synthesis._PART", 7)
+    np.testing.assert_allclose(synthesize(swatch, force, np.full(40_000, 0.1)), whole, atol=1e-9 * whole.std())
+    level_dB = 20 * np.log10(whole.reshape(-1, 1000).std(axis=1))
+    assert level_dB.max() - level_dB.min() > 15.0

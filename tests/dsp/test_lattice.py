@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import lfilter
 
 from hapscene.dsp.ar_filter import ar_from_reflection
-from hapscene.dsp.lattice import advance, run_lattice
+from hapscene.dsp.lattice import advance, advance_warped, run_texture, solve_loop, voice_fields
 from hapscene.dsp.noise import normal, seeded_state
 
 
@@ -34,10 +35,23 @@ def test_each_step_keeps_the_sum_of_the_squares_whatever_models_follow_one_anoth
         assert np.sum(b**2) == pytest.approx(before, rel=1e-12)
 
 
-def run(k: np.ndarray, level: np.ndarray, block: int, count: int, last: float = 0.0) -> np.ndarray:
-    state, out = np.zeros((3, k.shape[1] + 1)), np.zeros(count)
-    run_lattice(k, level, last, block, seeded_state(1, "texture"), state, out)
+def voice(order: int) -> np.void:
+    fields = [*voice_fields(order), ("life", (1,)), ("state", (2,)), ("fade", ())]
+    return np.zeros(1, [(name, float, shape) for name, shape in fields])[0]
+
+
+def run(k: np.ndarray, level: np.ndarray, block: int, count: int, last: float = 0.0, warp: float = 0.0) -> np.ndarray:
+    s, out = voice(k.shape[1]), np.zeros(count)
+    s["level_m_s2"], s["gain"] = last, 1.0
+    play_on(s, k, level, block, seeded_state(1, "texture"), out, warp)
     return out
+
+
+def play_on(s, k, level, block, rng, out, warp=0.0) -> None:
+    order, still, rest = np.array([k.shape[1]]), np.zeros((1, 3)), np.zeros(level.size)
+    run_texture(
+        s, k[None], order, level[None], np.array([warp]), still, np.zeros(2), 1.0, rest, 1.0, block, 1, rng, out
+    )
 
 
 def test_the_level_is_ramped_over_each_block_to_its_own() -> None:
@@ -54,9 +68,64 @@ def test_each_block_has_its_own_model_and_the_memory_goes_on() -> None:
     np.testing.assert_array_equal(made, step)
 
 
-def test_a_texture_that_is_cut_in_two_runs_is_the_same() -> None:
+@pytest.mark.parametrize("warp", [0.0, 0.6])
+def test_a_texture_that_is_cut_in_two_runs_is_the_same(warp: float) -> None:
     k, level = np.array([[0.4, 0.8, -0.2]]), np.array([1.0, 2.0, 0.5, 1.5])
-    state, rng, parts = np.zeros((3, 4)), seeded_state(1, "texture"), np.zeros((2, 20))
-    for i, last in enumerate((0.0, level[1])):
-        run_lattice(k, level[2 * i : 2 * i + 2], last, 10, rng, state, parts[i])
-    np.testing.assert_array_equal(parts.ravel(), run(k, level, 10, 40))
+    s, rng, parts = voice(3), seeded_state(1, "texture"), np.zeros((2, 20))
+    s["gain"] = 1.0
+    for i in (0, 1):
+        play_on(s, k, level[2 * i : 2 * i + 2], 10, rng, parts[i], warp)
+    np.testing.assert_array_equal(parts.ravel(), run(k, level, 10, 40, warp=warp))
+
+
+# Warped: an allpass for each delay.
+
+
+def warped(reflection: np.ndarray, warp: float) -> tuple[float, np.ndarray]:
+    """The variance of f_0, and the rows that `advance_warped` takes."""
+    size = 4 * -(-len(reflection) // 4) + 1
+    k, made = np.zeros(size), np.zeros((8, size))
+    k[1 : len(reflection) + 1] = reflection
+    return solve_loop(k, len(reflection), warp, made), made
+
+
+@pytest.mark.parametrize("warp", [0.75, -0.5])
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 7])
+def test_a_warped_lattice_is_the_rational_filter_that_it_stands_for(order: int, warp: float) -> None:
+    """A(D(z)) as polynomials in 1/z, by SciPy; the variance from its impulse response."""
+    rng = np.random.default_rng(order)
+    reflection = rng.uniform(-0.7, 0.7, order)
+    over, under = (-warp, 1.0), (1.0, -warp)
+    a, gain = ar_from_reflection(reflection), np.sqrt(np.prod(1.0 - reflection**2))
+    numerator = gain * polypow(under, order)
+    whole = sum(a[i] * polymul(polypow(over, i), polypow(under, order - i)) for i in range(order + 1))
+    variance, made = warped(reflection, warp)
+    assert variance == pytest.approx(np.sum(lfilter(numerator, whole, np.eye(1, 9000)[0]) ** 2), rel=1e-9)
+    f, b = rng.standard_normal(2000), np.zeros(9)
+    played = [advance_warped(made, b, order, warp, x) for x in f]
+    np.testing.assert_allclose(played, lfilter(numerator, whole, f), atol=1e-8)
+
+
+@pytest.mark.parametrize("order", [4, 9, 28])
+def test_whatever_warped_models_follow_one_another_none_is_louder(order: int) -> None:
+    """White memories of variance 1 stay so in each step, and give f_0 the variance that is told: to rounding."""
+    rng, size = np.random.default_rng(order), 4 * -(-order // 4)
+    for warp in rng.uniform(-0.9, 0.9, 20):
+        variance, made = warped(rng.uniform(-0.99, 0.99, order), warp)
+        step, heard = np.zeros((size, size + 1)), np.zeros(size + 1)
+        for i in range(size + 1):
+            b = np.zeros(size + 1)
+            b[i % (size + 1)] = 1.0 if i < size else 0.0
+            heard[i] = advance_warped(made, b, order, warp, float(i == size))
+            step[:, i] = b[:size]
+        np.testing.assert_allclose(step @ step.T, np.eye(size), atol=1e-10)
+        assert np.sum(heard**2) == pytest.approx(variance, rel=1e-9)
+
+
+def test_a_warped_lattice_without_warp_is_the_plain_one() -> None:
+    reflection, f = np.array([0.5, -0.8, 0.3, 0.2, -0.6]), np.random.default_rng(0).standard_normal(300)
+    variance, made = warped(reflection, 0.0)
+    b, plain = np.zeros(9), np.zeros(6)
+    assert variance == pytest.approx(1.0)
+    played = [advance_warped(made, b, 5, 0.0, x) for x in f]
+    np.testing.assert_allclose(played, [advance(*rows(reflection), plain, 5, x) for x in f], atol=1e-12)

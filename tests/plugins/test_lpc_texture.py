@@ -9,11 +9,13 @@ from scipy.signal import lfilter, welch
 
 import hapscene
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain, reflection_from_ar
+from hapscene.dsp.lattice import advance
 from hapscene.dsp.noise import seeded_state
 from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN
 from hapscene.surface.texture import Texture
-from hapscene_plugins.effects.lpc_texture import GRID, HEADER, advance, choose
+from hapscene_plugins.effects.lpc_texture import CHANGE_S, GRID, HEADER, choose
 
 LPC = load_effect("lpc_texture")
 BAND_HZ = np.geomspace(20.0, 1000.0, 200)
@@ -23,6 +25,13 @@ def spectrum_dB(a, variance, rate_Hz=10_000.0):
     """Power spectra (n, 200) of filters a (n, p+1) with excitation of variance (n,), in dB."""
     turn = np.exp(-2j * np.pi * np.outer(np.arange(a.shape[1]), BAND_HZ / rate_Hz))
     return 10.0 * np.log10(variance[:, None] / np.abs(a @ turn) ** 2)
+
+
+def chosen(table, force, speed):
+    """Power and reflection coefficients (p,) that are looked up in a table."""
+    s = np.zeros(1, LPC.state_dtype)[0]
+    power = choose(table, 0, force, speed, s, 1.0, True)
+    return power, s["k"][1 : int(s["order"]) + 1].copy()
 
 
 def lattice(k):
@@ -51,11 +60,8 @@ def test_between_nodes_the_spectrum_is_the_texture_s(texture_of, swatch_of, orde
     assert len(table) == HEADER + GRID * GRID * (order + 1)
     rng = np.random.default_rng(0)
     force, speed = rng.uniform(0.1, 2.0, 300), rng.uniform(0.01, 0.2, 300)
-    k, power = np.zeros((300, order + 1)), np.zeros(300)
-    c = np.zeros(order + 1)
-    for i in range(300):
-        power[i] = choose(table, force[i], speed[i], k[i], c)
-    a = ar_from_reflection(k[:, 1:])
+    power, k = zip(*(chosen(table, *place) for place in zip(force, speed, strict=True)), strict=True)
+    a = ar_from_reflection(k)
     got, want = spectrum_dB(a, power / power_gain(a)), spectrum_dB(*texture.models(force, speed))
     error_dB = np.sqrt(np.mean((got - want) ** 2, axis=1))
     assert np.median(error_dB) < 0.1
@@ -93,7 +99,7 @@ def test_level_ramps_over_the_block(bench, ticks, swatch_of):
     coming, full = bench(LPC, swatch_of()), bench(LPC, swatch_of())
     rows = ticks(1, force_N=1.0, slip_m_s=0.1)
     first = coming.samples(rows)
-    full.s["level_m_s2"] = coming.s["level_m_s2"]
+    full.s["level_m_s2"], full.s["gain"] = coming.s["level_m_s2"], 1.0
     np.testing.assert_allclose(first, full.samples(rows) * np.arange(1, 11) / 10, rtol=1e-12)
 
 
@@ -280,3 +286,113 @@ def test_a_texture_left_out_under_the_same_touch_fades_away_and_comes_again(benc
     assert (np.diff(20 * np.log10(rising)) * 20).max() < 1.0 + 1e-6
     effect.table, effect.p["texture_gain"] = LPC.table(replace(swatch, texture=swatch.texture.truncated(1)), 1e4), 0.0
     assert level(stepping) > 0.0 and level(ticks(1, force_N=1.0, slip_m_s=0.0)) == 0.0
+
+
+# Alive: a slow gain, warped models, another state, a level beyond what was recorded.
+
+LIFE = Life([0.4, 0.3], [30.0, 0.0], [0.0, 800.0])
+
+
+def living(swatch_of, life=LIFE, **fields):
+    swatch = swatch_of()
+    return replace(swatch, texture=replace(swatch.texture, life=life, **fields))
+
+
+def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, swatch_of):
+    """Against the steady one: levels of 50 ms; scaled to 0 it is that one to the bit; twice as lively, more so."""
+    rows = ticks(60_000, force_N=1.0, slip_m_s=0.1)
+    made = {
+        life: bench(LPC, living(swatch_of), params={"texture_life": life}).samples(rows) for life in (0.0, 1.0, 2.0)
+    }
+    np.testing.assert_array_equal(made[0.0], bench(LPC, swatch_of()).samples(rows))
+    power = {life: y.reshape(-1, 500).var(axis=1) for life, y in made.items()}
+    assert np.mean(power[1.0]) == pytest.approx(np.mean(power[0.0]), rel=0.1)
+    spread = [np.std(10 * np.log10(power[life])) for life in (0.0, 1.0, 2.0)]
+    assert spread[1] > spread[0] + 1.0 and spread[2] > spread[1] + 2.0
+    again = bench(LPC, living(swatch_of)).samples(rows)
+    np.testing.assert_array_equal(again, made[1.0])
+    assert not np.array_equal(bench(LPC, living(swatch_of), seed=1).samples(rows), again)
+
+
+def test_a_gain_of_the_way_stands_still_where_the_tool_does(bench, ticks, swatch_of):
+    effect = bench(LPC, living(swatch_of, Life([0.5], [0.0], [300.0])))
+    gains = []
+    for slip in (0.1, 0.1, 0.0, 0.0, 0.1):
+        effect.run(ticks(1, force_N=1.0, slip_m_s=slip))
+        gains.append(float(effect.s["gain"][0]))
+    assert gains[1] == gains[2] == gains[3] and len(set(gains)) == 3
+
+
+def test_a_warped_texture_has_its_spectrum_and_level(bench, ticks, swatch_of):
+    plain = swatch_of(1, 12).texture
+    texture = replace(plain, warp=0.6, variance_m2_s4=plain.variance_m2_s4 / 3.0)
+    y = bench(LPC, swatch_of(texture=texture)).samples(ticks(20_000, force_N=1.37, slip_m_s=0.123))[1000:]
+    assert np.var(y) == pytest.approx(float(texture.power([1.37], [0.123])[0]), rel=0.1)
+    frequency_Hz, density = welch(y, 10_000.0, nperseg=1024)
+    want = texture.density([1.37], [0.123], frequency_Hz=BAND_HZ)[0]
+    off_dB = 10 * np.log10(np.interp(BAND_HZ, frequency_Hz, density) / want)
+    assert np.sqrt(np.mean(off_dB**2)) < 0.8
+
+
+def test_between_textures_of_other_warps_no_one_is_louder(bench, ticks, swatch_of):
+    """Switched each tick, and gone over to under the same touch; of power 1 each."""
+    rng = np.random.default_rng(4)
+    textures = [_unlike(side, order, rng) for side, order in ((0, 9), (1, 12), (0, 20))]
+    warps = (0.75, 0.0, -0.6)
+    unit = [replace(one, warp=warp) for one, warp in zip(textures, warps, strict=True)]
+    unit = [replace(t, variance_m2_s4=t.variance_m2_s4 / t.power([1.0], [0.1])) for t in unit]
+    effect = bench(LPC, swatch_of(texture=unit[0]))
+    tables = [effect.table_of(swatch_of(texture=texture)) for texture in unit]
+    for stepped, held in ((0, 1), (1, 120)):
+        y = []
+        for _ in range(3000 // held):
+            effect.table = tables[rng.integers(3)]
+            steps = [stepped] + [0] * (held - 1)
+            y.append(effect.samples(ticks(held, force_N=1.0, slip_m_s=0.1, stepped=steps)))
+        y = np.concatenate(y)
+        assert np.abs(y).max() < 5.5 and 0.8 < np.std(y) < 1.2
+
+
+def test_it_changes_to_its_other_state_and_back_without_a_click(bench, ticks, swatch_of):
+    quiet = swatch_of().texture
+    loud = replace(_scaled(swatch_of(3).texture, 30.0), life=LIFE)
+    swatch = swatch_of(texture=replace(quiet, other=loud, dwell_s=(0.4, 0.2)))
+    effect = bench(LPC, swatch)
+    which, level = [], []
+    for row in ticks(30_000, force_N=1.0, slip_m_s=0.1, began=[1] + [0] * 29_999):
+        effect.run(np.array([row], row.dtype))
+        which.append(effect.s["state"][0][0])
+        level.append(effect.s["level_m_s2"][0])
+    low, high = (float(np.sqrt(t.power([1.0], [0.1])[0])) for t in (quiet, loud))
+    assert np.mean(which) == pytest.approx(1.0 / 3.0, abs=0.12)
+    assert min(level) == pytest.approx(low, rel=0.02) and max(level) == pytest.approx(high, rel=0.02)
+    assert np.abs(np.diff(level)).max() < 1.01 * (high - low) / (1e3 * CHANGE_S)
+    np.testing.assert_array_equal(
+        bench(LPC, swatch).samples(ticks(900, force_N=1.0, slip_m_s=0.1)),
+        bench(LPC, swatch).samples(ticks(900, force_N=1.0, slip_m_s=0.1)),
+    )
+
+
+def test_beyond_the_largest_recorded_the_level_goes_on(bench, ticks, swatch_of):
+    texture = replace(swatch_of().texture, exponents=(0.7, 1.9))
+    effect, places = (
+        bench(LPC, swatch_of(texture=texture)),
+        [(3.0, 0.1), (2.0, 0.3), (3.0, 0.25), (2.0, 9.0), (9e9, 0.1)],
+    )
+    for force, slip in places:
+        effect.run(ticks(2, force_N=force, slip_m_s=slip))
+        assert effect.s["level_m_s2"][0] ** 2 == pytest.approx(texture.power([force], [slip])[0], rel=1e-3)
+
+
+def test_one_filter_for_all_is_filled_in_once(bench, ticks, swatch_of):
+    """What stands in the lattice stays there, until the table is that of another; the level goes on."""
+    single = _unlike(0, 8, np.random.default_rng(0))
+    effect = bench(LPC, swatch_of(texture=single))
+    effect.run(ticks(3, force_N=1.0, slip_m_s=0.1))
+    effect.s["k"][0, 1] = 0.123
+    effect.run(ticks(3, force_N=0.5, slip_m_s=0.1))
+    assert effect.s["k"][0, 1] == 0.123
+    assert effect.s["level_m_s2"][0] ** 2 == pytest.approx(single.power([0.5], [0.1])[0])
+    effect.table = effect.table_of(swatch_of(texture=_unlike(1, 8, np.random.default_rng(0))))
+    effect.run(ticks(1, force_N=0.5, slip_m_s=0.1))
+    assert effect.s["k"][0, 1] == pytest.approx(0.98)

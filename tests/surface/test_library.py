@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hapscene import cli
@@ -22,9 +23,10 @@ from hapscene.surface.library import (
     shipped_entries,
     shipped_swatches,
 )
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
-from hapscene.surface.swatch_summary import figures, words
+from hapscene.surface.swatch_summary import figures, lines, words
 from hapscene.surface.taps import Taps
 
 OAK = Swatch("oak", 700.0, 0.1, 0.5, 0.4, provenance="a board\x1b[31m", licence="MIT")
@@ -219,3 +221,18 @@ def test_a_swatch_of_any_name_leaves_the_library_readable(monkeypatch, tmp_path,
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
     add(Swatch(name))
     assert [entry.name for entry in own_entries()] == [name]
+
+
+def test_what_lives_in_a_texture_is_told() -> None:
+    wood = load_swatch("wood")
+    assert wood.texture is not None and "alive" not in "\n".join(lines(wood))
+    life = Life(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
+    texture = replace(wood.texture, warp=0.5, life=life, exponents=np.array([0.5, 2.0]))
+    told = "\n".join(lines(replace(wood, texture=replace(texture, other=texture, dwell_s=np.array([1.5, 0.2])))))
+    for words_of_it in (
+        "warped by 0.5",
+        "alive: gain of 4.3 dB spread, forgets 20/s + 0/m, 0/s + 300/m",
+        "1.5 s in this one, 0.2 s in the other",
+        "power as force^0.5 and speed^2, by 10 dB at most (not recorded)",
+    ):
+        assert words_of_it in told

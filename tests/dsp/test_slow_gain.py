@@ -1,0 +1,79 @@
+"""The slow gain and the hidden state against their closed forms."""
+
+import numpy as np
+import pytest
+
+from hapscene.dsp.noise import normal, seeded_state
+from hapscene.dsp.slow_gain import advance_gain, advance_state, draw_state
+
+ROWS = np.array([9.0, 0.3, 40.0, 0.0, 0.4, 0.0, 500.0, 0.2, 20.0, 200.0])  # three processes, from 1 on
+SPREAD, DECAY_1_S, DECAY_1_M = ROWS[1:].reshape(3, 3).T
+
+
+def log_gain(count: int, dt_s: float, dx_m: float, life: float = 1.0, seed: int = 0) -> np.ndarray:
+    rng = seeded_state(seed, "gain")
+    x = np.array([normal(rng) for _ in range(3)])
+    return np.log([advance_gain(rng, x, ROWS, 1, 3, dt_s, dx_m, life) for _ in range(count)])
+
+
+def covariance(log: np.ndarray, lag: int) -> float:
+    off = log + np.sum(SPREAD**2)  # its mean is known
+    return float(np.mean(off[lag:] * off[: len(off) - lag]))
+
+
+@pytest.mark.parametrize(("dt_s", "dx_m"), [(2e-3, 0.0), (0.0, 4e-4), (1e-3, 2e-4)])
+def test_the_gain_forgets_over_time_and_distance_as_it_says(dt_s: float, dx_m: float) -> None:
+    """Σ σ² exp(−t/τ − x/ξ) at lags of 0 to 40 steps; what does not forget is held to its own."""
+    made = [log_gain(40_000, dt_s, dx_m, seed=seed) for seed in range(5)]
+    moving = DECAY_1_S * dt_s + DECAY_1_M * dx_m > 0.0
+    for lag in (0, 3, 10, 40):
+        want = SPREAD**2 * np.exp(-lag * (DECAY_1_S * dt_s + DECAY_1_M * dx_m))
+        if moving.all():
+            assert np.mean([covariance(log, lag) for log in made]) == pytest.approx(want.sum(), abs=0.01)
+        else:
+            got = [np.mean(log[lag:] * log[: len(log) - lag]) - np.mean(log) ** 2 for log in made]
+            assert np.mean(got) == pytest.approx(want[moving].sum(), abs=0.01)
+
+
+def test_the_mean_power_is_kept_whatever_the_spread() -> None:
+    for life in (0.5, 1.0, 1.5):
+        power = [np.exp(2.0 * log_gain(40_000, 5e-3, 1e-3, life, seed)).mean() for seed in range(5)]
+        assert np.mean(power) == pytest.approx(1.0, abs=0.03)
+    assert np.all(log_gain(100, 1e-3, 1e-3, 0.0) == 0.0)
+
+
+def test_two_steps_of_half_the_length_have_the_law_of_one() -> None:
+    """By the number that one unit of x leaves, and the variance that is drawn."""
+    row, half = np.array([1.0, 30.0, 100.0]), np.random.default_rng(0).standard_normal(20_000)
+    for parts in (1, 2, 7):
+        rng, left = seeded_state(3, "gain"), []
+        for x0 in half:
+            x = np.array([x0])
+            for _ in range(parts):
+                advance_gain(rng, x, row, 0, 1, 0.01 / parts, 2e-3 / parts, 1.0)
+            left.append(x[0])
+        assert np.mean(left * half) == pytest.approx(np.exp(-0.5) * np.mean(half**2), abs=0.02)
+        assert np.var(left) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("tick_s", [1e-3, 7e-3])
+def test_states_last_as_long_as_they_should(tick_s: float) -> None:
+    """Exponential, so mean and deviation are one; their shares of time are those of the mean times."""
+    rng, state, here_s, other_s = seeded_state(0, "state"), np.zeros(2), 0.3, 0.1
+    draw_state(rng, here_s, other_s, state)
+    seen, lasted, since = [], ([], []), 0
+    for i in range(300_000):
+        before = int(state[0])
+        if advance_state(rng, here_s, other_s, tick_s, state):
+            lasted[before].append((i - since) * tick_s)
+            since = i
+        seen.append(state[0])
+    assert np.mean(seen) == pytest.approx(0.25, abs=0.03)
+    for times, mean_s in zip(lasted, (here_s, other_s), strict=True):
+        assert np.mean(times) == pytest.approx(mean_s, rel=0.1)
+        assert np.std(times) == pytest.approx(mean_s, rel=0.12)
+    drawn = []
+    for _ in range(4000):
+        draw_state(rng, here_s, other_s, state)
+        drawn.append(state[0])
+    assert np.mean(drawn) == pytest.approx(0.25, abs=0.03)
