@@ -6,7 +6,7 @@ told in closed form, of the mean of its spectra along the stroke: no chance of s
 """
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,6 @@ from scipy.signal import lfilter
 
 from hapscene.capture import metric
 from hapscene.capture.change_point import change_points
-from hapscene.capture.life_fit import fit_life
 from hapscene.capture.segment import segment
 from hapscene.capture.streams import Streams, part_of
 from hapscene.capture.swatch_fit import fit_parts
@@ -28,7 +27,7 @@ from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import INTERPOLATIONS, Texture
-from hapscene_benchmarks.charts.life import FORGETS_S
+from hapscene_benchmarks.charts.life import FORGETS_S, OVER, life_of, off_by, unlike
 from hapscene_benchmarks.charts.measuring import RATE_HZ
 from hapscene_benchmarks.charts.texture_domain import FORCE_N, SPEED_M_S, planted_texture
 from hapscene_benchmarks.markdown import table
@@ -54,9 +53,6 @@ of that range and tell nothing of how many models are needed."""
 
 WARM: Final = 2000
 """Samples that a filter is let run in for [count]."""
-
-SEEDS: Final = 20
-"""Strokes that are synthesised for each half [count]."""
 
 
 class Missed(NamedTuple):
@@ -225,33 +221,19 @@ def _character(noise: Array, heard: Array) -> tuple[float, ...]:
 def of_life(recorded: Halves) -> str:
     """How lively synthesised strokes are beside the half that they stand for, by what the slow gain is made of."""
     rows = []
-    ways: dict[str, tuple[tuple[float, ...], str]] = {"no life": ((), "auto")}
-    ways |= {f"{n} by {over}": (times, over) for over in ("time", "distance") for n, times in FORGETS_S.items()}
+    ways = {"no life": (0, "")} | {f"{n} by {over}": (n, over) for over in OVER for n in FORGETS_S}
     steady = {name: [replace(fitted(own), life=None) for own, _ in pairs] for name, pairs in recorded.items()}
-    for said, (times, over) in ways.items():
+    for said, (count, over) in ways.items():
         off = []
         for name, pairs in recorded.items():
             for texture, (own, other) in zip(steady[name], pairs, strict=True):
-                life = fit_life(texture, [own], times, over).life if times else None
-                off.append(unlike(replace(texture, life=life), other))
+                off.append(unlike(replace(texture, life=life_of(texture, own, count, over)), other))
         rows.append((said, *(f"{value:.2f}" for value in np.mean(off, axis=0))))
     true = [
         off_by(metric.liveliness(own.acceleration_m_s2, RATE_HZ), other) for p in recorded.values() for own, other in p
     ]
     rows.append(("the recording's other half", *(f"{value:.2f}" for value in np.mean(true, axis=0))))
     return _table(("processes", "modulation", "levels", "crest"), rows)
-
-
-def unlike(texture: Texture, other: Streams) -> Array:
-    """How far strokes of a texture are from a recording in modulation, spread of levels and crest (3,), |ln ratio|."""
-    swatch = Swatch("asked", texture=texture)
-    made = (synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS))
-    return np.asarray(np.mean([off_by(metric.liveliness(one, other.rate_Hz), other) for one in made], axis=0))
-
-
-def off_by(found: metric.Liveliness, other: Streams) -> Array:
-    """|ln ratio| (3,) to a recording's own."""
-    return np.asarray(np.abs(np.log(np.array(found) / metric.liveliness(other.acceleration_m_s2, other.rate_Hz))))
 
 
 TABLES: Final[Mapping[str, Callable[[Halves], str]]] = {
@@ -262,12 +244,6 @@ TABLES: Final[Mapping[str, Callable[[Halves], str]]] = {
     "excitation": of_excitation,
 }
 """By the name that the page has for them."""
-
-
-def tables(recorded: Halves) -> Iterator[tuple[str, str]]:
-    """Each table by name."""
-    for name, made in TABLES.items():
-        yield name, made(recorded)
 
 
 def put_in(page: str, found: Mapping[str, str]) -> str:
@@ -283,6 +259,7 @@ def put_in(page: str, found: Mapping[str, str]) -> str:
 
 if __name__ == "__main__":
     page = Path(sys.argv[2])
-    found = dict(tables(halves(Path(sys.argv[1]))))
+    recorded = halves(Path(sys.argv[1]))
+    found = {name: made(recorded) for name, made in TABLES.items()}
     with whole_file(page) as part:
         part.write_text(put_in(page.read_text(encoding="utf-8"), found), encoding="utf-8")

@@ -14,6 +14,7 @@ from .question import Measure, Point, Question, Setting
 from .texture_domain import ORDER, planted_texture
 
 if TYPE_CHECKING:
+    from hapscene.capture.metric import Liveliness
     from hapscene.capture.streams import Streams
     from hapscene.surface.life import Life
     from hapscene.surface.texture import Texture
@@ -54,7 +55,7 @@ def error(count: int, over: str) -> dict[str, float]:
     found = {"planted": _planted(count, over)}
     if not no_recordings():
         rows = [_held_out(name, which, count, over) for name in STROKES for which in (0, 1)]
-        found["modulation"], found["levels"] = np.mean(rows, axis=0).tolist()
+        found["modulation"], found["levels"], _ = np.mean(rows, axis=0).tolist()
     return found
 
 
@@ -76,28 +77,36 @@ def _steady(name: str, which: int) -> "Texture":
     return fit_texture(cut(halves(name)[which]), RATE_HZ, ORDER, 1)
 
 
-def _life(texture: "Texture", stretch: "Streams", count: int, over: str) -> "Life | None":
+def life_of(texture: "Texture", stretch: "Streams", count: int, over: str) -> "Life | None":
+    """The slow gain of a texture in a stretch of sliding, of so many processes; None of none."""
     from hapscene.capture.life_fit import fit_life
 
     return fit_life(texture, [stretch], FORGETS_S[count], over).life if count else None
 
 
-def _held_out(name: str, which: int, count: int, over: str) -> tuple[float, float]:
-    """|ln ratio| of modulation and of the spread of levels, mean over `SEEDS`, of a half's texture on the other's
-    stroke."""
+def _held_out(name: str, which: int, count: int, over: str) -> Array:
+    """How far a half's texture is from the other half, as `unlike` has it."""
+    texture, parts = _steady(name, which), halves(name)
+    return unlike(replace(texture, life=life_of(texture, parts[which], count, over)), parts[1 - which])
+
+
+def unlike(texture: "Texture", other: "Streams") -> Array:
+    """How far strokes of a texture are from a recording in modulation, spread of levels and crest (3,), |ln ratio|:
+    mean over `SEEDS`."""
     from hapscene.capture.metric import liveliness
     from hapscene.capture.synthesis import synthesize
     from hapscene.surface.swatch import Swatch
 
-    parts, texture = halves(name), _steady(name, which)
-    own, other = parts[which], parts[1 - which]
-    swatch, off = Swatch(name, texture=replace(texture, life=_life(texture, own, count, over))), []
-    true = liveliness(other.acceleration_m_s2, RATE_HZ)
-    for seed in range(SEEDS):
-        found = liveliness(synthesize(swatch, other.force_N, other.speed_m_s, seed=seed), RATE_HZ)
-        off.append([abs(np.log(found.modulation / true.modulation)), abs(np.log(found.spread_dB / true.spread_dB))])
-    modulation, levels = np.mean(off, axis=0).tolist()
-    return modulation, levels
+    swatch = Swatch("asked", texture=texture)
+    made = (synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS))
+    return np.asarray(np.mean([off_by(liveliness(one, other.rate_Hz), other) for one in made], axis=0))
+
+
+def off_by(found: "Liveliness", other: "Streams") -> Array:
+    """|ln ratio| (3,) to a recording's own."""
+    from hapscene.capture.metric import liveliness
+
+    return np.asarray(np.abs(np.log(np.array(found) / liveliness(other.acceleration_m_s2, other.rate_Hz))))
 
 
 def _planted(count: int, over: str) -> float:
@@ -105,7 +114,7 @@ def _planted(count: int, over: str) -> float:
     true, off = np.sum([spread**2 * np.exp(-LAGS_S / forgets) for spread, forgets in PLANTED], axis=0), []
     for seed in range(DRAWS):
         texture, stroke = known_stroke(seed)
-        found = covariance(_life(texture, stroke, count, over), float(stroke.speed_m_s[0]))
+        found = covariance(life_of(texture, stroke, count, over), float(stroke.speed_m_s[0]))
         off.append(float(np.abs(found - true).max() / true[0]))
     return float(np.mean(off))
 

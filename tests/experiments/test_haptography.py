@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 from hapscene.capture.metric import Liveliness, liveliness
 from hapscene.capture.streams import Streams
 from hapscene.surface.texture import Texture
-from hapscene_experiments.haptography import TABLES, apart, hatt_pipeline, missed, off_by, put_in
+from hapscene_benchmarks.charts.life import off_by
+from hapscene_experiments.haptography import TABLES, apart, hatt_pipeline, missed, put_in
 
 RATE_HZ = 10_000.0
 A = np.array([1.0, -1.6, 0.8])
