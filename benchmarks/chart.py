@@ -177,7 +177,7 @@ def _draw_texture(sheet: Sheet, ax: "Axes") -> None:
     for time, order in zip(times, orders, strict=True):
         ax.annotate(f"{order}", (time, top), (0, 4), textcoords="offset points", ha="center", fontsize=9)
         ax.axvline(time, color="#D0D0D0", linewidth=0.8, zorder=0)
-    ax.set(xlabel="whole tick with four effects, median [µs]", ylabel="log-spectral distance, held out [dB]")
+    ax.set(xlabel="whole tick with five effects, median [µs]", ylabel="log-spectral distance, held out [dB]")
     ax.set_ylim(bottom=0, top=top)
     ax.set_title("Texture: nearness to a recording against time, by order of the model (above)\n")
     ax.legend(loc="lower left", ncols=2)

@@ -21,9 +21,9 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("contact, 82 k triangles, median", "sphere 82 k", "contact median", 0.8, "µs"),
     ("contact, 1.31 M triangles, median", "sphere 1.31 M", "contact median", 0.9, "µs"),
     ("contact, 1.31 M triangles, p99", "sphere 1.31 M", "contact p99", 2.5, "µs"),
-    ("whole tick, four effects, order 40, median", "tick, order 40", "tick median", 6.0, "µs"),
+    ("whole tick, five effects, order 40, median", "tick, order 40", "tick median", 6.0, "µs"),
     ("harness of the effect calls", "harness", "four idle effects median", 0.3, "µs"),
-    ("`run()` of a 10 s path, four effects, order 40", "tick, order 40", "run for 10 s of path", 0.15, "s"),
+    ("`run()` of a 10 s path, five effects, order 40", "tick, order 40", "run for 10 s of path", 0.15, "s"),
     ("`step()` from Python over the tick", "tick, order 40", "step over the tick median", 5.0, "µs"),
     ("`step()` with 1 body that moves", "moving 1", "step with bound bodies", 6.0, "µs"),
     ("`step()` with 100 bodies that move", "moving 100", "step with bound bodies", 20.0, "µs"),
@@ -31,7 +31,7 @@ AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("another shape of 20 k triangles, median", "shapes 20 k", "deform median", 1e3 / 60, "ms"),
     ("p99 of a tick, shapes at 60 Hz to none", "shapes 20 k", "tick p99, changing to at rest", 1.2, "times"),
     ("synthesis of 10 s at 10 kHz, order 40", "synthesis, order 40", "nine models for 10 s", 0.02, "s"),
-    ("closed loop: hand, Omni, handle, four effects", "twin, Omni, handle", "tick", 20.0, "µs"),
+    ("closed loop: hand, Omni, handle, five effects", "twin, Omni, handle", "tick", 20.0, "µs"),
     ("`import hapscene`", "start", "import hapscene", 0.5, "s"),
     ("load of 82 k triangles to the first tick, warm cache", "start", "sphere 82 k, load to first tick", 3.0, "s"),
     ("load of 1.31 M triangles to the first tick, warm cache", "start", "sphere 1.31 M, load to first tick", 3.0, "s"),
@@ -139,7 +139,7 @@ Wall, friction, texture and tap on 82 k triangles; 10 acceleration samples a tic
 played for 10 s at 1 N and 0.1 m/s and fitted again at each order.
 
 {table(head, rows)}
-A tick without effects takes {bare} µs; calling four effects that do nothing adds {harness} ns.
+A tick without effects takes {bare} µs; calling five effects that do nothing adds {harness} ns.
 """
 
 
@@ -148,7 +148,7 @@ def _cold(sheet: Sheet) -> str:
     imported, ready = (sheet.number("start", n) for n in ("import hapscene", "sphere 82 k, load to first tick"))
     rows = [
         ("contact", _quantiles(sheet, case, "contact")),
-        ("tick, four effects", _quantiles(sheet, case, "tick")),
+        ("tick, five effects", _quantiles(sheet, case, "tick")),
         ("wakes late", _quantiles(sheet, case, "late")),
         ("wakes late, empty loop", _quantiles(sheet, "empty 1 kHz loop", "late")),
     ]
@@ -281,7 +281,7 @@ def _twin(sheet: Sheet) -> str:
     for case in sheet.cases("twin, "):
         times = f"{sheet.number(case, 'times real time'):,.0f}"
         rows.append((case.removeprefix("twin, "), times, shown(sheet.number(case, "tick"))))
-    said = """A hand that scrubs wood, four effects, 1 kHz force and 10 kHz acceleration, the device and the handle
+    said = """A hand that scrubs wood, five effects, 1 kHz force and 10 kHz acceleration, the device and the handle
         (`adaptive`) advanced ten times a tick; the fastest of seven runs, making of the arrays included."""
     return f"""## The twin in closed loop
 {paragraph(said)}

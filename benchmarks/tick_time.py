@@ -84,7 +84,7 @@ def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recordi
 
 
 def measure_tick(sheet: Sheet, case: Case, swatch: Swatch, order: int, repeats: int = REPEATS) -> None:
-    """The whole tick with all four effects and a texture of `order`: by itself, in `run` and by `step`."""
+    """The whole tick with all five effects and a texture of `order`: by itself, in `run` and by `step`."""
     name = f"tick, order {order}"
     renderer = Renderer(case.scene(swatch), effects=EFFECTS)
     found = hot(renderer, case.p_WT_m, repeats)

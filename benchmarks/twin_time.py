@@ -1,4 +1,4 @@
-"""How many times faster than real time the twin's closed loop runs: hand, device, handle and four effects."""
+"""How many times faster than real time the twin's closed loop runs: hand, device, handle and five effects."""
 
 import timeit
 from functools import partial

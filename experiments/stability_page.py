@@ -41,6 +41,7 @@ class Findings:
     stabilisers: list[Row] = field(default_factory=list)
     costs_us: dict[str, float] = field(default_factory=dict)
     friction: list[Answer] = field(default_factory=list)
+    contact: list[Answer] = field(default_factory=list)
     texture: list[Answer] = field(default_factory=list)
     life: list[Answer] = field(default_factory=list)
     handle: list[Answer] = field(default_factory=list)
@@ -64,6 +65,7 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     from hapscene.stability.wall_case import wall_cases
     from hapscene.stability.wall_chart import write_random_chart
 
+    from .contact_case import contact_cases, draw_contact
     from .field_case import draw_fields, field_cases
     from .friction_case import draw_friction, friction_cases
     from .handle_case import draw_handle_limits, handle_cases
@@ -87,6 +89,10 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     say("friction\n")
     found.friction = friction_cases()
     draw_friction(folder / "friction.png")
+    say("contact\n")
+    found.contact = contact_cases()
+    draw_contact(folder / "contact.png")
+    study.write_rows(folder / "contact.csv", Answer, found.contact, ("error", "ok"))
     say("texture\n")
     found.texture = texture_cases()
     draw_texture(found.texture, folder / "texture.png")
@@ -112,6 +118,8 @@ def write_page(path: Path, found: Findings, charts: str) -> None:
     """Write the page; `charts` is the folder of the charts as seen from it."""
     parts = [_head(), _walls(found, charts), _limits(), _z_width(found, charts), _stabilisers(found, charts)]
     parts += [_answers("Friction", found.friction, f"{charts}/friction.png", _FRICTION)]
+    contact = "Damping with depth, adhesion, friction over speed"
+    parts += [_answers(contact, found.contact, f"{charts}/contact.png", _CONTACT)]
     parts += [_answers("Texture", found.texture, f"{charts}/texture.png", _TEXTURE)]
     parts += [_answers("Textures that live, on a stiff wall", found.life, f"{charts}/life.png", _LIFE)]
     parts += [_answers("The handle: sensors and stops", found.handle, f"{charts}/handle.png", _HANDLE)]
@@ -265,6 +273,12 @@ def _zoo(found: Findings, charts: str) -> str:
 _FRICTION: Final = """F1 to F4 are closed forms; the rest is what an Omni with its encoders does when it holds still or
     comes to a stop."""
 
+_CONTACT: Final = """Damping that grows with depth holds what a damper of as much does, at that depth (W5's border); a
+    fall bounces as Hunt and Crossley's equation says. A tool that is torn off loses A e δ; near the surface adhesion is
+    a spring of A e/δ, and W1 is its limit. Friction that falls with speed gives back nothing that was not put in; where
+    it falls faster than the hand damps, a drag squeals, from the border that Routh's criterion gives on, as on the
+    surface itself."""
+
 _TEXTURE: Final = """L1: stable parts interpolated. L2, L3: models switched as adversaries would. T4: a grating is
     sampled like any signal. Then the shipped swatches, switched every tick, and a stiff wall that buzzes, with what
     removes it. Textures go to the handle; where a device has none, the motors' share is limited (T1, T2) with a
@@ -314,6 +328,11 @@ _FAILS: Final = """## Where each method fails
   nobody stated, is outside; the damping they add is felt as a softer onset of contact.
 - **Damping of the wall** has an upper border of its own (W5), which falls fast with delay; over encoder steps it kicks
   with BΔ/T.
+- **Damping that grows with the depth** is none where a wall is hardly touched: the limit there is that of the bare
+  wall, and a device that holds 4000 N/m pressed 4 mm deep holds 210 N/m at 10 µm. Limits do not count it.
+- **Adhesion** of a thin film is stiffer than any device: it is made weaker and wider, at the same work. A tool faster
+  than δ a tick jumps over it.
+- **Falling friction** is felt through the low-pass on the slip speed, 8 ms late: a squeal is at most some 20 Hz fast.
 - **Passivity controller, uncapped**, chatters and can diverge. **Capped**, it only slows what grows at long delays on
   stiff walls; limits must do it there. It watches the normal force alone.
 - **Virtual coupling** is still everywhere it is passive, at a small share of the stiffness.

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from hapscene.constants import SLIP_CUTOFF_HZ, TINY
-from hapscene.contact.triangle import barycentric, to_body_before, to_world, turn_to_world
+from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
 from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.native import native
 
@@ -36,9 +36,16 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         _press(touch, v_rel, was_depth)
         _slide(touch, memory, slip, v_rel, n)
     else:
+        if touch.ended == 1:
+            touch.leaving_m_s = max(0.0, dot(sub(v, _vector(memory.drag_m_s)), _vector(touch.nhat_W)))
+            touch.left_body = was_body
+            body, last = world.bodies[was_body], _vector(memory.p_WP_m)
+            _set(memory.left_B_m, to_body_before(body, last) if body.moved == 1 else to_body(body, last))
         p_WP = p_WT
         _set(memory.drag_m_s, (0.0, 0.0, 0.0))
         _leave(touch)
+    if touch.left_body >= 0:
+        _set(touch.left_W_m, to_world(world.bodies[touch.left_body], _vector(memory.left_B_m)))
     _enter(world, touch)
     touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
@@ -182,6 +189,11 @@ def _leave(touch: Any) -> None:
 def _smoothing(tick_s: float) -> float:
     """Share of the new value that a one-pole low-pass at `SLIP_CUTOFF_HZ` takes in one tick [1]."""
     return 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
+
+
+@native
+def _vector(values: Any) -> Vector:
+    return values[0], values[1], values[2]
 
 
 @native

@@ -25,6 +25,8 @@ def react(world: Any, surface: Any) -> None:
         _give(world, proxy.passed[k], touch, (-g[0], -g[1], -g[2]))
     if touch.touching == 0:
         index = proxy.passed[proxy.passed_count - 1] if proxy.passed_count > 0 else -1
+        if index < 0 and dot(force, force) > 0.0:  # what pulls after a contact
+            index = touch.left_body
     elif touch.depth_m > 0.0:
         normal_N = dot(force, (touch.nhat_W[0], touch.nhat_W[1], touch.nhat_W[2]))
         for i in range(proxy.count):

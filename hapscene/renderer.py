@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
     from hapscene.surface.effect import Effect
 
-EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap")
+EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """The effects a renderer has unless told otherwise."""
 
 OTHER_BODIES: Final = "to repaint, give the bodies that the renderer was made with; for others make a new one"
@@ -217,7 +217,7 @@ class Renderer:
         touch.view(np.uint8)[:] = 0
         for name, value in keep.items():
             touch[name] = value
-        touch["body"] = touch["face"] = touch["swatch"] = -1
+        touch["body"] = touch["face"] = touch["swatch"] = touch["left_body"] = -1
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1

@@ -113,6 +113,16 @@ def test_approach_is_against_the_body(renderer):
     assert rows["approach_m_s"][2] == pytest.approx(3.0)
 
 
+def test_what_was_left_is_a_place_on_its_body_as_that_moves(renderer):
+    """Left at 3 m/s: the place where it was goes on with the body and turns with it."""
+    lift = np.array([0.0, 0.0, 0.0, 0.001, 0.002])
+    poses = moved(np.c_[0 * lift, 0 * lift, lift])
+    poses[4, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    rows = told(renderer, [[0.01, 0, z] for z in (0.001, -0.001, -0.001, 0.002, 0.01)], {"box": poses})
+    assert rows["left_body"].tolist() == [-1, -1, -1, 0, 0] and rows["leaving_m_s"][3] == pytest.approx(3.0)
+    np.testing.assert_allclose(rows["left_W_m"][3:], [[0.01, 0.0, 0.001], [0.0, 0.01, 0.002]], atol=1e-12)
+
+
 def test_barycentric_coordinates_place_the_proxy_on_the_face(renderer):
     rows = told(renderer, [[0, 0, 0.001], *([x, 0.3 * x, -0.001] for x in np.linspace(-0.04, 0.04, 20))])[1:]
     for row in rows:

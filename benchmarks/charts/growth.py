@@ -220,7 +220,7 @@ QUESTION: Final = Question(
     error=error,
     time=no_time,
     advice=advice,
-    conditions="A slide over an icosphere: with the wall alone; with all four effects and a wood of its own for each "
+    conditions="A slide over an icosphere: with the wall alone; with all five effects and a wood of its own for each "
     "slice where swatches grow in number; effects that do nothing; tools that step in turn from Python. Bodies share "
     "one mesh. Recordings of a second and a half, order 3. No servo: what a loop adds by waking late is not in it.",
     growth=True,

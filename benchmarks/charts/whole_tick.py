@@ -103,7 +103,7 @@ def _bands(texture: "Texture", force_N: Array, slip_m_s: Array) -> Array:
 def time(
     scene_file: str | None, body: str, divisor: int, order: int, shaded: bool, every_ms: int
 ) -> tuple[float, float]:
-    """The 99th percentile and the longest tick, with all four effects."""
+    """The 99th percentile and the longest tick, with all five effects."""
     on = touched(scene_file, body)
     scene = on.scene(reduced(scene_file, body, divisor), swatch_of(on, order))
     crease_rad = CREASE_RAD if shaded else 0.0

@@ -1,7 +1,7 @@
 """A fit of its own: friction coefficients from tangential and normal force, with their 95 % intervals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -28,7 +28,10 @@ SPEED_RANGE: Final = 3.0
 """Least ratio of fast to slow sliding at which the Stribeck curve is looked for [1]."""
 
 DROP_MIN: Final = 0.03
-"""Least fall of friction with speed, as a share, that counts as a Stribeck curve [1]; 11 % is felt."""
+"""Least fall or rise of friction with speed, as a share, that counts [1]; 11 % is felt."""
+
+SCALES: Final = 24
+"""Speeds v_s that are tried for a Stribeck curve [count]: 15 % apart where speeds span 30 times."""
 
 BREAKAWAY_S: Final = (0.05, 0.03)
 """How long before and after the beginning of a slide its largest pull is looked for [s]."""
@@ -46,6 +49,19 @@ class Friction:
     intervals: dict[str, tuple[float, float]]
     absent: dict[str, str]
     note: str = ""
+    stribeck_m_s: float = 0.0
+    viscous_s_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class _OverSpeed:
+    """Coefficients as drawn (draws,), empty where there is none, and why friction does not fall."""
+
+    dynamic: Array = field(default_factory=lambda: np.zeros(0))
+    static: Array = field(default_factory=lambda: np.zeros(0))
+    stribeck_m_s: Array = field(default_factory=lambda: np.zeros(0))
+    viscous_s_m: Array = field(default_factory=lambda: np.zeros(0))
+    reason: str = ""
 
 
 def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
@@ -54,9 +70,9 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
     sliding; it is the median of F_t/F_n weighted by F_n, and half of the blocks may be outliers. A free offset is not
     fitted: the forces of a stroke span too little to tell it from the slope.
-    Where the speeds span `SPEED_RANGE` and friction falls by `DROP_MIN`, so surely that the interval excludes 0:
-    μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) (Stribeck; Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); dynamic is
-    then μ_d, and static μ at the slowest speed that was recorded.
+    Where the speeds span `SPEED_RANGE` and friction falls or grows by `DROP_MIN`, so surely that the interval excludes
+    0: μ(v) = μ_d + (μ_s − μ_d) exp(−(v/v_s)²) + μ_v v (Stribeck and viscous; Armstrong-Hélouvry, Dupont & Canudas de
+    Wit 1994), each part only where it is seen; dynamic is then μ_d, and static that at rest.
     Static: the largest pull as the tool breaks away from rest, the median over all such; without any that of the
     Stribeck curve; without that the dynamic one. Never below dynamic.
     The intervals are those of a bootstrap over runs of neighbouring blocks.
@@ -74,15 +90,20 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
     dynamic = _slope(blocks)
     intervals = {"friction_dynamic": interval(np.array([_slope(blocks[:, draw]) for draw in draws]))}
     static, absent, note = dynamic, {}, ""
-    curve = _stribeck(blocks, draws)
-    if isinstance(curve, str):
-        absent["friction_stribeck"] = curve
-    else:
-        dynamic, static = float(np.median(curve[:, 0])), float(np.median(curve[:, 1]))
-        intervals = {"friction_dynamic": interval(curve[:, 0]), "friction_static": interval(curve[:, 1])}
-        slow, fast = 1e3 * np.quantile(blocks[2], [0.02, 0.98])
-        places = f"static is that at {slow:.0f} mm/s, dynamic that at {fast:.0f} mm/s and above"
-        note = f"Friction falls with speed: {places}."
+    law = _over_speed(blocks, draws, dynamic)
+    if law.reason:
+        absent["friction_stribeck"] = law.reason
+    numbers = {"friction_dynamic": law.dynamic, "friction_static": law.static}
+    numbers |= {"friction_stribeck_m_s": law.stribeck_m_s, "friction_viscous_s_m": law.viscous_s_m}
+    intervals |= {name: interval(drawn) for name, drawn in numbers.items() if len(drawn)}
+    if len(law.dynamic):
+        static = dynamic = float(np.median(law.dynamic))
+    if len(law.static):
+        static, fast = float(np.median(law.static)), 1e3 * float(np.quantile(blocks[2], 0.98))
+        note = f"Friction falls with speed, to {fast:.0f} mm/s."
+    stribeck, viscous = (
+        float(np.median(drawn)) if len(drawn) else 0.0 for drawn in (law.stribeck_m_s, law.viscous_s_m)
+    )
     pulls = np.array(_breakaways(parts))
     if len(pulls):
         static = max(dynamic, float(np.median(pulls)))
@@ -91,11 +112,11 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
             chosen = np.random.default_rng(0).integers(0, len(pulls), (DRAWS, len(pulls)))
             intervals["friction_static"] = interval(np.median(pulls[chosen], axis=1))
         note = f"Static friction is that of {len(pulls)} starts from rest."
-    elif isinstance(curve, str):
+    elif law.reason:
         absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
     if max(static, dynamic) > FRICTION_MAX:
         raise CaptureError(f"friction coefficients of {dynamic:.3g} and {static:.3g}: are both forces in newtons?")
-    return Friction(max(static, dynamic), dynamic, intervals, absent, note)
+    return Friction(max(static, dynamic), dynamic, intervals, absent, note, stribeck, viscous)
 
 
 def _none(reason: str) -> Friction:
@@ -139,30 +160,47 @@ def _slope(blocks: Array) -> float:
     return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
 
 
-def _stribeck(blocks: Array, draws: NDArray[np.intp]) -> Array | str:
-    """Dynamic and static coefficient of each draw (DRAWS, 2), or why there is no such curve."""
+def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _OverSpeed:
+    """How friction goes with speed, by a law that is linear but for v_s: for each draw the best of `SCALES`."""
     tangential, normal, speed = blocks
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
-        return "the speed was not recorded, or never changes"
+        return _OverSpeed(reason="the speed was not recorded, or never changes")
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        return f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed"
-    fits = [_curve(blocks, v_s) for v_s in np.geomspace(max(slow, 0.02 * fast), fast / 1.5, 10)]
-    _, scale, weight = min(fits, key=lambda fit: fit[0])
-    shape = np.exp(-((speed / scale) ** 2))
-    matrix = np.stack([np.ones(len(speed)), shape], axis=1)
-    at_slow = float(np.exp(-((slow / scale) ** 2)))
-    ratio = tangential / normal
-    found = []
-    for draw in draws:
-        w = weight[draw, None]
-        level, drop = np.linalg.lstsq(w * matrix[draw], w[:, 0] * ratio[draw], rcond=None)[0]
-        found.append((level, level + at_slow * drop))
-    curve = np.array(found)
-    dynamic, drop = curve[:, 0], curve[:, 1] - curve[:, 0]
-    if np.quantile(drop, 0.025) > 0.0 and np.median(drop) >= DROP_MIN * np.median(dynamic) and dynamic.min() > 0.0:
-        return curve
-    return f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
+        return _OverSpeed(reason=f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed")
+    scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
+    weight = min((_curve(blocks, v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[2]
+    counts = np.stack([np.bincount(draw, minlength=len(speed)) for draw in draws]).astype(np.float64)
+    ratio, one = tangential / normal, np.ones(len(speed))
+
+    def best(*columns: Array) -> tuple[Array, Array]:
+        """Coefficients (k, draws) of columns and of the fall, and each draw's v_s."""
+        falls = np.exp(-((speed / scales[:, None]) ** 2))
+        of_all = [_drawn(counts, weight, ratio, np.stack([*columns, fall])) for fall in falls]
+        at = np.argmin([error for _, error in of_all], axis=0)
+        return np.array([of_all[i][0][k] for k, i in enumerate(at)]).T, scales[at]
+
+    (level, viscous, drop), scale = best(one, speed)
+    if not (np.quantile(viscous, 0.025) > 0.0 and np.median(viscous) * fast >= DROP_MIN * dynamic):
+        (level, drop), scale = best(one)
+        viscous = np.zeros(0)
+    if np.quantile(drop, 0.025) > 0.0 and np.median(drop) >= DROP_MIN * np.median(level) and level.min() > 0.0:
+        return _OverSpeed(level, level + drop, scale, viscous)
+    reason = f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
+    level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
+    if not (np.quantile(viscous, 0.025) > 0.0 and np.median(viscous) * fast >= DROP_MIN * dynamic):
+        return _OverSpeed(reason=reason)
+    return _OverSpeed(level, viscous_s_m=viscous, reason=reason)
+
+
+def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
+    """Coefficients (draws, k) of columns (k, m) for each draw, blocks counted (draws, m), and the squares left."""
+    weighted = counts * weight**2
+    normal = np.einsum("dm,im,jm->dij", weighted, columns, columns, optimize=True)
+    right = np.einsum("dm,im,m->di", weighted, columns, ratio, optimize=True)
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.diag((columns**2).mean(axis=1))
+    found = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    return found, weighted @ ratio**2 - (found * right).sum(axis=1)
 
 
 def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:

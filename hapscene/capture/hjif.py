@@ -3,8 +3,8 @@
 The format holds signals, not surfaces. So the texture is played at one force and speed and written as a `Curve` band:
 a keyframe per sample, straight between them, which is the signal itself (a player that reads it at another rate loses
 0.3 dB at 1 kHz to the straight lines, at 10 kHz). Its slow gain and its changes of state are in it as the seed has
-them. Taps follow as a `Transient` band, one transient each half second, slow to fast, with the peak and the frequency
-of each tap; how a transient dies away is the player's.
+them. Taps follow as a `Transient` band, then leaving, one transient each half second, slow to fast, with the peak and
+the frequency of each tap; how a transient dies away is the player's.
 
 Amplitudes in the format are −1 to 1. What 1 stands for is the reference device's maximum amplitude, in m/s².
 
@@ -98,11 +98,13 @@ def as_hjif(
         said = f"{swatch.name}: texture at {force_N:g} N and {speed_m_s:g} m/s, {seconds:g} s"
         perceptions.append(_perception(0, said, float(np.abs(signal).max()), rate, _curve(signal)))
         first_tap_s = count / rate + TAP_SPACING_S
-    if swatch.taps is not None:
-        speeds = ", ".join(f"{v:g}" for v in swatch.taps.approach_m_s[:20])
-        said = f"{swatch.name}: taps at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
-        peak, band = _transients(swatch.taps, rate, first_tap_s)
-        perceptions.append(_perception(len(perceptions), said, peak, rate, band))
+    for what, taps in (("taps", swatch.taps), ("leaving", swatch.leaving)):
+        if taps is not None:
+            speeds = ", ".join(f"{v:g}" for v in taps.approach_m_s[:20])
+            said = f"{swatch.name}: {what} at {speeds} m/s, one each {TAP_SPACING_S:g} s from {first_tap_s:g} s"
+            peak, band = _transients(taps, rate, first_tap_s)
+            perceptions.append(_perception(len(perceptions), said, peak, rate, band))
+            first_tap_s += len(taps.approach_m_s) * TAP_SPACING_S
     notes = [swatch.name, swatch.provenance, f"Licence: {swatch.licence}" if swatch.licence else ""]
     return {
         "version": "2023",

@@ -64,7 +64,11 @@ class Row(NamedTuple):
 
 def facts(swatch: Swatch) -> list[Fact]:
     """The main numbers of a swatch; one that is absent says so."""
-    return [*_texture(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
+    found = [*_texture(swatch), _friction(swatch), _stiffness(swatch), _taps(swatch)]
+    if swatch.adhesion_N > 0.0:
+        said = f"pull on a tool that leaves, at {1e3 * swatch.adhesion_range_m:.2g} mm"
+        found.append(Fact("Adhesion", f"{swatch.adhesion_N:.2g} N", said))
+    return found
 
 
 def absences(swatch: Swatch) -> list[tuple[str, str]]:
@@ -176,7 +180,9 @@ def _friction(swatch: Swatch) -> Fact:
 
 def _stiffness(swatch: Swatch) -> Fact:
     interval = swatch.intervals.get("stiffness_N_m")
-    known = f"damping {swatch.damping_Ns_m:g} N·s/m"
+    known = f"damping {swatch.damping_Ns_m:.3g} N·s/m"
+    if swatch.hunt_crossley_Ns_m2 > 0.0:
+        known = f"damping {swatch.hunt_crossley_Ns_m2:.3g} N·s/m² times the depth"
     if interval is not None:
         known = f"95 %: {interval[0]:.0f} to {interval[1]:.0f} N/m; " + known
     elif any(name.startswith("stiffness") for name in swatch.absent):

@@ -6,6 +6,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hapscene.capture.contact_fit import fit_contact
 from hapscene.capture.friction import fit_friction
 from hapscene.capture.order_search import search_order
 from hapscene.capture.recording_file import SurfaceRecording
@@ -113,14 +114,19 @@ def fit_parts(
     if order != "auto" and (type(order) is not int or not 1 <= order <= min(ORDER_MAX, PIECE_S * min(rates) / 2)):
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
     friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
+    contact = fit_contact(parts)
     intervals = friction.intervals | taps.intervals
-    absent = friction.absent | taps.absent | {"damping_Ns_m": "is not fitted to recordings"}
+    absent = friction.absent | taps.absent | contact.absent
     slope = stiffness.slope_N_m
     if slope is None or slope <= 0.0 or stiffness.interval is None:
         absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
         slope = STIFFNESS_N_M
     else:
         intervals["stiffness_N_m"] = stiffness.interval
+    numbers: dict[str, Any] = {
+        "stiffness_N_m": slope
+    } | contact.numbers  # a spring that is damped is fitted with its damper
+    intervals |= contact.intervals
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
@@ -134,11 +140,14 @@ def fit_parts(
         absent["texture"] = str(error)
     return Swatch(
         name,
-        stiffness_N_m=slope,
+        **numbers,
         friction_static=friction.static,
         friction_dynamic=friction.dynamic,
+        friction_stribeck_m_s=friction.stribeck_m_s,
+        friction_viscous_s_m=friction.viscous_s_m,
         texture=texture,
         taps=taps.taps,
+        leaving=contact.leaving,
         provenance=friction.note,
         intervals=intervals,
         absent=absent,

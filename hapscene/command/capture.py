@@ -160,7 +160,7 @@ def _fit_one(options: argparse.Namespace) -> int:
 def _told(swatch: "Swatch") -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
     from hapscene.capture.tap_fit import SPEED_RATIO
-    from hapscene.surface.swatch_summary import sounding
+    from hapscene.surface.swatch_summary import MORE, sounding
 
     lines = [f"{swatch.name}:"]
     texture, taps = swatch.texture, swatch.taps
@@ -175,6 +175,11 @@ def _told(swatch: "Swatch") -> list[str]:
         lines.append(f"            static {_with_interval(swatch, 'friction_static', '.3f')}")
     if "stiffness_N_m" in swatch.intervals:
         lines.append(f"  stiffness: {_with_interval(swatch, 'stiffness_N_m', '.0f')} N/m")
+    if "damping_Ns_m" in swatch.intervals:
+        lines.append(f"  damping: {_with_interval(swatch, 'damping_Ns_m', '.3g')} N·s/m")
+    lines += [f"  {name}: {_with_interval(swatch, name, '.3g')}" for name in MORE if name in swatch.intervals]
+    if swatch.leaving is not None:
+        lines.append(f"  leaving: sounds at {len(swatch.leaving.approach_m_s)} speeds")
     for i, speed in enumerate(() if taps is None else taps.approach_m_s):
         assert taps is not None
         frequency, decay = swatch.intervals.get(f"taps.frequency_Hz[{i}]"), swatch.intervals.get(f"taps.decay_1_s[{i}]")

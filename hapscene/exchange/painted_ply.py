@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from hapscene.errors import MeshError, SceneError
 from hapscene.exchange.gltf_read import read_bounded
-from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, numbers_of, restore
+from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, restore
 from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.ply import HEADER_MAX_B, declared
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import BODY_MAX
-from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
+from hapscene.surface.swatch import BASIC_PARAMETERS, Swatch
 
 _MARK: Final = "comment hapscene"
 _END: Final = "end_header"
@@ -77,7 +77,7 @@ def _body_line(index: int, body: Body) -> str:
 
 
 def _swatch_line(index: int, swatch: Swatch) -> str:
-    numbers = " ".join(map(repr, (*numbers_of(swatch).values(), *swatch.albedo_rgb)))
+    numbers = " ".join(map(repr, (*(getattr(swatch, n) for n in BASIC_PARAMETERS), *swatch.albedo_rgb)))
     return f"{_MARK} swatch {index} {numbers} {digest_of(swatch)} {swatch.name}"
 
 
@@ -140,7 +140,7 @@ def _swatch(path: Path, line: str) -> Swatch | str:
     sha256, _, name = rest.partition(" ")
     if not is_digest(sha256):
         raise SceneError(f"{path}: {line[:60]!r}: expected the hash of the swatch")
-    return restore(path, name, dict(zip(OWN_PARAMETERS, numbers, strict=False)), numbers[4:], sha256)
+    return restore(path, name, dict(zip(BASIC_PARAMETERS, numbers, strict=False)), numbers[4:], sha256)
 
 
 def _arrays(path: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[Any], NDArray[Any]]:

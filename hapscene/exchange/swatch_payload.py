@@ -18,7 +18,7 @@ from hapscene.scene.body import Body
 from hapscene.scene.mesh import FACE_MAX
 from hapscene.scene.topology import weld
 from hapscene.surface.library import load_swatch
-from hapscene.surface.swatch import OWN_PARAMETERS, PLAIN, Swatch
+from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swatch
 from hapscene.surface.swatch_file import SUFFIX, is_number, swatch_from_json, swatch_to_json
 
 VERSION: Final = 1
@@ -40,7 +40,7 @@ def lose(message: str) -> None:
 
 def numbers_of(swatch: Swatch) -> dict[str, float]:
     """The swatch's own numbers by name."""
-    return {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
+    return swatch.own_numbers
 
 
 def digest_of(swatch: Swatch) -> str:
@@ -105,7 +105,7 @@ def restore(
 
 
 def _bare(path: Path, name: str, numbers: Mapping[str, Any], albedo_rgb: Any) -> Swatch:
-    values = {key: numbers.get(key) for key in OWN_PARAMETERS}
+    values = {key: numbers.get(key, None if key in BASIC_PARAMETERS else 0.0) for key in OWN_PARAMETERS}
     colour = tuple(albedo_rgb) if isinstance(albedo_rgb, list | tuple) else ()
     for value in (*values.values(), *colour):
         if not is_number(value):

@@ -24,6 +24,14 @@ LABELS: Final = {
     "tap_gain": "tap gain",
     "tangential_stiffness_N_m": "stiffness while it sticks",
     "tangential_damping_Ns_m": "damping while it sticks",
+    "hunt_crossley_Ns_m2": "damping, growing with depth",
+    "friction_stribeck_m_s": "speed of falling friction",
+    "friction_viscous_s_m": "friction, growing with speed",
+    "breakaway_1_kg": "sound of breaking loose",
+    "breakaway_Hz": "frequency of breaking loose",
+    "breakaway_decay_1_s": "decay of breaking loose",
+    "adhesion_N": "adhesion",
+    "adhesion_range_m": "range of adhesion",
 }
 """What the painter calls them; another effect's number is called by its own name."""
 
@@ -36,6 +44,14 @@ ENDS: Final = {
     "tap_gain": 4.0,
     "tangential_stiffness_N_m": 3000.0,
     "tangential_damping_Ns_m": 20.0,
+    "hunt_crossley_Ns_m2": 2000.0,
+    "friction_stribeck_m_s": 0.2,
+    "friction_viscous_s_m": 2.0,
+    "breakaway_1_kg": 100.0,
+    "breakaway_Hz": 1000.0,
+    "breakaway_decay_1_s": 500.0,
+    "adhesion_N": 3.0,
+    "adhesion_range_m": 0.01,
 }
 """Where a slider ends when the device sets no limit: about twice what is called rigid, the friction of rubber on
 rubber, 12 dB of gain. A number that is over its end makes the slider longer."""

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
 STIFFNESS: Final = "stiffness_N_m"
 DAMPING: Final = "damping_Ns_m"
+HUNT_CROSSLEY: Final = "hunt_crossley_Ns_m2"
+VISCOUS: Final = "friction_viscous_s_m"
+ADHESION: Final = "adhesion_N"
+ADHESION_RANGE: Final = "adhesion_range_m"
+
+UNITS: Final = {HUNT_CROSSLEY: "N·s/m²", VISCOUS: "s/m", ADHESION: "N", ADHESION_RANGE: "m"}
+"""Of numbers whose name does not end in `STIFFNESS` or `DAMPING`."""
 
 WALL: Final = -1
 """Stands for the swatch itself where effects stand by their index: it has the stiffness that all press with."""
@@ -53,10 +60,12 @@ class Clip:
     @property
     def reported(self) -> bool:
         """Whether it is felt as another surface, and so worth a warning: what keeps a spring at rest is not."""
+        if self.number in UNITS:
+            return self.given != self.asked
         return self.number in (STIFFNESS, DAMPING) and self.given < self.asked
 
     def __str__(self) -> str:
-        unit = "N·s/m" if self.number.endswith(DAMPING) else "N/m"
+        unit = UNITS.get(self.number, "N·s/m" if self.number.endswith(DAMPING) else "N/m")
         rate = f"{self.rate_Hz / 1000.0:g} kHz"
         if self.given > self.asked:
             needs = f"{self.number} of {self.asked:.3g} {unit} is too little for the {self.device} at {rate}"
@@ -78,7 +87,9 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
 
     A spring beyond what the device holds undamped is given the damping that it needs there: the wall by any effect's
     `damping_Ns_m`, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Where nothing damps it, it is softer.
-    Damping goes as far as the device holds it.
+    Damping goes as far as the device holds it: also that which grows with depth, as deep as the device can be pressed,
+    and that of friction, under as much force as it has. Adhesion is made weaker and wider
+    alike, until it is as soft as what the device holds undamped: tearing it off takes the same work.
     """
     numbers = {
         (e, n): min(value, limits.damping_Ns_m) if n.endswith(DAMPING) else value for (e, n), value in asked.items()
@@ -94,6 +105,16 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
         for key in dampers:
             most = next(param.maximum for param in effects[key[0]].params if param.name == damping)
             numbers[key] = min(max(asked[key], least), limits.damping_Ns_m, most)
+    held_s = limits.damping_Ns_m / max(limits.force_N, 1e-9) if limits.damping_Ns_m < math.inf else math.inf
+    for (effect, name), value in asked.items():
+        if name == HUNT_CROSSLEY and held_s < math.inf:
+            share = 1.0 - numbers.get((effect, DAMPING), 0.0) / limits.damping_Ns_m if held_s > 0.0 else 0.0
+            numbers[effect, name] = min(value, share * held_s * numbers[WALL, STIFFNESS])
+        elif name == VISCOUS:
+            numbers[effect, name] = min(value, held_s)
+        elif name == ADHESION and min(value, range_m := asked[effect, ADHESION_RANGE], limits.undamped_N_m) > 0.0:
+            wide = max(1.0, math.sqrt(math.e * value / (range_m * limits.undamped_N_m)))
+            numbers[effect, name], numbers[effect, ADHESION_RANGE] = value / wide, range_m * wide
     return numbers
 
 

@@ -17,7 +17,14 @@ FRICTION_MAX: Final = 5.0
 NAME_MAX: Final = 200
 """Longest name [characters]."""
 
-OWN_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+BASIC_PARAMETERS: Final = ("stiffness_N_m", "damping_Ns_m", "friction_static", "friction_dynamic")
+"""The numbers that every surface has, and formats of other programs too."""
+
+OWN_PARAMETERS: Final = (
+    *BASIC_PARAMETERS,
+    *("hunt_crossley_Ns_m2", "friction_stribeck_m_s", "friction_viscous_s_m"),
+    *("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s", "adhesion_N", "adhesion_range_m"),
+)
 """The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
 
 
@@ -31,8 +38,16 @@ class Swatch:
         damping_Ns_m: force over speed into the surface, ≥ 0.
         friction_static: Coulomb coefficient that holds the tool, friction_dynamic ≤ friction_static ≤ 5.
         friction_dynamic: Coulomb coefficient while it slips, ≥ 0.
+        hunt_crossley_Ns_m2: damping that grows with the depth, over that depth, ≥ 0 (Hunt & Crossley 1975).
+        friction_stribeck_m_s: speed over which friction falls from static to dynamic, 0 at once.
+        friction_viscous_s_m: what friction's coefficient grows by with the speed, ≥ 0.
+        breakaway_1_kg, breakaway_Hz, breakaway_decay_1_s: vibration when friction breaks loose: its amplitude over the
+            force that is set free, its frequency and its decay; silent where one of them is 0.
+        adhesion_N, adhesion_range_m: largest pull on a tool that leaves, and the distance at which it pulls so; none
+            where one of them is 0.
         texture: vibration while sliding, or None.
         taps: vibration when touched, or None.
+        leaving: vibration when the tool leaves, over the speed at which it does, or None.
         albedo_rgb: colour to paint with, three numbers from 0 to 1.
         provenance: where the numbers come from, for a reader.
         licence: what may be done with them.
@@ -58,6 +73,15 @@ class Swatch:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     absent: Mapping[str, str] = field(default_factory=dict)
+    hunt_crossley_Ns_m2: float = 0.0
+    friction_stribeck_m_s: float = 0.0
+    friction_viscous_s_m: float = 0.0
+    breakaway_1_kg: float = 0.0
+    breakaway_Hz: float = 0.0
+    breakaway_decay_1_s: float = 0.0
+    adhesion_N: float = 0.0
+    adhesion_range_m: float = 0.0
+    leaving: Taps | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
@@ -118,6 +142,12 @@ class Swatch:
                         f"swatch {self.name!r}: {what} has half a character, which UTF-8 cannot hold: "
                         f"leave {text[error.start]!r} out"
                     ) from None
+
+    @property
+    def own_numbers(self) -> dict[str, float]:
+        """Its own numbers by name: those that every surface has, and those beyond them that are not 0."""
+        found = {name: float(getattr(self, name)) for name in OWN_PARAMETERS}
+        return {name: value for name, value in found.items() if value != 0.0 or name in BASIC_PARAMETERS}
 
     def parameter(self, effect: str, param: str, default: float) -> float:
         """The number that the effect named `effect` gets for its parameter `param`.

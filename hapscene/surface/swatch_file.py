@@ -71,16 +71,22 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
 def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
     content: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb", *OWN_PARAMETERS)}
+    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | swatch.own_numbers
     content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
-    content["taps"] = content["texture"] = None
-    if swatch.taps is not None:
-        content["taps"] = {key: getattr(swatch.taps, key) for key in TAP_ROWS}
-        if swatch.taps.wave_m_s2 is not None:
-            content["taps"] |= {key: getattr(swatch.taps, key) for key in ("wave_rate_Hz", "wave_m_s2")}
+    content["taps"] = _taps_content(swatch.taps)
+    if swatch.leaving is not None:
+        content["leaving"] = _taps_content(swatch.leaving)
+    content["texture"] = None
     if swatch.texture is not None:
         content["texture"] = _texture_content(swatch.texture)
     return _layout(content, "") + "\n"
+
+
+def _taps_content(taps: Taps | None) -> dict[str, Any] | None:
+    if taps is None:
+        return None
+    rows = (*TAP_ROWS, *(() if taps.wave_m_s2 is None else ("wave_rate_Hz", "wave_m_s2")))
+    return {key: getattr(taps, key) for key in rows}
 
 
 def _texture_content(texture: Texture) -> dict[str, Any]:
@@ -132,7 +138,7 @@ def swatch_from_json(data: bytes | str) -> Swatch:
 
 
 def _swatch(content: dict[str, Any]) -> Swatch:
-    sections = ("effects", "intervals", "absent", "taps", "texture")
+    sections = ("effects", "intervals", "absent", "taps", "leaving", "texture")
     check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
@@ -142,7 +148,7 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     intervals, absent = (_measured(key, content.get(key, {})) for key in ("intervals", "absent"))
     fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
     fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
-    fields["taps"] = _taps(content.get("taps"))
+    fields |= {key: _taps(key, content.get(key)) for key in ("taps", "leaving")}
     fields["texture"] = _texture("texture", content.get("texture"), content["version"])
     return Swatch(**fields)
 
@@ -178,15 +184,15 @@ def _life(where: str, content: Any) -> Life | None:
     return Life(**{key: _array(f"{where}.{key}", content[key], 1) for key in _LIFE_ROWS})
 
 
-def _taps(content: Any) -> Taps | None:
+def _taps(where: str, content: Any) -> Taps | None:
     if content is None:
         return None
-    check_keys("taps", content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
-    fields: dict[str, Any] = {key: _array(f"taps.{key}", content[key], 1) for key in TAP_ROWS}
+    check_keys(where, content, (*TAP_ROWS, "wave_rate_Hz", "wave_m_s2"), TAP_ROWS)
+    fields: dict[str, Any] = {key: _array(f"{where}.{key}", content[key], 1) for key in TAP_ROWS}
     if "wave_m_s2" in content or "wave_rate_Hz" in content:
-        check_keys("taps", content, content, ("wave_rate_Hz", "wave_m_s2"))
-        fields["wave_rate_Hz"] = _number("taps.wave_rate_Hz", content["wave_rate_Hz"])
-        fields["wave_m_s2"] = _array("taps.wave_m_s2", content["wave_m_s2"], 2)
+        check_keys(where, content, content, ("wave_rate_Hz", "wave_m_s2"))
+        fields["wave_rate_Hz"] = _number(f"{where}.wave_rate_Hz", content["wave_rate_Hz"])
+        fields["wave_m_s2"] = _array(f"{where}.wave_m_s2", content["wave_m_s2"], 2)
     return Taps(**fields)
 
 

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.constants import LEVEL_BOUND_DB
-from hapscene.surface.swatch import OWN_PARAMETERS, Swatch
+from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
 FORCE_N: Final = 1.0
@@ -28,6 +28,18 @@ _WORDS: Final = {
     "friction_dynamic": ((0.15, "slippery"), (0.35, "sliding easily"), (0.7, "grippy"), (np.inf, "very grippy")),
 }
 
+MORE: Final = {
+    "friction_stribeck_m_s": ("", "{:.3g} m/s over which it falls"),
+    "friction_viscous_s_m": ("", "{:.3g} s/m growing with the speed"),
+    "hunt_crossley_Ns_m2": ("damping", "{:.4g} N·s/m² growing with the depth"),
+    "adhesion_N": ("adhesion", "{:.3g} N"),
+    "adhesion_range_m": ("", "{:.3g} m beyond the surface"),
+    "breakaway_1_kg": ("breakaway", "{:.3g} m/s² per newton set free"),
+    "breakaway_Hz": ("", "{:.4g} Hz"),
+    "breakaway_decay_1_s": ("", "{:.4g} 1/s decay"),
+}
+"""How numbers that not every surface has are told: by what, and in which words."""
+
 
 def figures(swatch: Swatch) -> dict[str, float]:
     """What can be said of a swatch in numbers, by name with the unit; what it lacks is left out.
@@ -35,7 +47,7 @@ def figures(swatch: Swatch) -> dict[str, float]:
     `roughness_m_s2` is the root mean square of the acceleration at 1 N and 0.1 m/s (a texture that reaches less far is
     asked at its maximum), `tap_m_s2` and `tap_Hz` the tap at 0.1 m/s.
     """
-    found = {name: float(getattr(swatch, name)) for name in OWN_PARAMETERS}
+    found = swatch.own_numbers
     texture = swatch.texture
     if texture is not None:
         at = [min(FORCE_N, texture.force_max_N)], [min(SPEED_M_S, texture.speed_max_m_s)]
@@ -68,6 +80,11 @@ def lines(swatch: Swatch) -> list[str]:
     static, dynamic = _measured(swatch, "friction_static"), _measured(swatch, "friction_dynamic")
     told += [_line("friction", f"{swatch.friction_static:.3g} static{static}")]
     told += [_line("", f"{swatch.friction_dynamic:.3g} dynamic{dynamic}")]
+    told += [
+        _line(what, text.format(found[name]) + _measured(swatch, name))
+        for name, (what, text) in MORE.items()
+        if name in found
+    ]
     texture, taps = swatch.texture, swatch.taps
     if texture is None:
         told.append(_line("texture", "none" + _measured(swatch, "texture")))
@@ -86,6 +103,9 @@ def lines(swatch: Swatch) -> list[str]:
         speeds = f"{len(taps.approach_m_s)} from {taps.approach_m_s[0]:.3g} to {taps.approach_m_s[-1]:.3g} m/s"
         peak = f"at {TAP_M_S:g} m/s: {found['tap_m_s2']:.3g} m/s², {found['tap_Hz']:.3g} Hz"
         told.append(_line("taps", f"{speeds}; {peak}"))
+    if swatch.leaving is not None:
+        speed_m_s = swatch.leaving.approach_m_s
+        told.append(_line("leaving", f"sounds at {len(speed_m_s)} from {speed_m_s[0]:.3g} to {speed_m_s[-1]:.3g} m/s"))
     told.append(_line("colour", " ".join(f"{c:.2f}" for c in swatch.albedo_rgb) + " (red green blue, 0 to 1)"))
     for effect, numbers in swatch.effects.items():
         told.append(_line(effect, ", ".join(f"{param} {value:g}" for param, value in numbers.items())))

@@ -1,22 +1,23 @@
-"""The transient of a tap at the start of each contact, chosen by the speed of approach.
+"""The transient of a tap at the start of each contact, by the speed of approach, and that of leaving at its end.
 
     a(t) = A e^(−λt) sin(2πft)
 
 with amplitude A [m/s²], frequency f [Hz] and decay λ [1/s] from the swatch's taps at that speed (Okamura,
-Cutkosky & Dennerlein 2001). A resonator makes it: a phasor that turns by 2πf/rate and shrinks by
-e^(−λ/rate) each sample, heard as its imaginary part. A tap adds A to the real part, so that it starts
-without a step, on top of one that still rings, and rings on after the tool has left. Bounces of a light
-hand are real: every contact is a tap.
+Cutkosky & Dennerlein 2001), which a resonator makes (`hapscene.surface.resonator`). It rings on after the
+tool has left. Bounces of a light hand are real: every contact is a tap.
+
+Leaving is played in the same way at the end of each contact, from the swatch's `leaving`, by the speed at which the
+tool leaves.
 
 Where the swatch has measured transients, they are played instead: at its start a tap is added whole to a ring of
 `RING` samples, which is then read off, so taps overlap, and ring on over another swatch.
 
-Table of a swatch: highest speed v_max, samples m of a transient (0: sinusoids), then rows. Sinusoids: A, f, λ
+Table of a swatch: how long that of its taps is, that of its taps, that of leaving; each empty where there is none, else
+highest speed v_max, samples m of a transient (0: sinusoids), then rows. Sinusoids: A, f, λ
 at SPEED_COUNT speeds i·v_max/(SPEED_COUNT − 1). Transients: k, k speeds, k rows of m samples; those of two speeds are
 cross-faded. Below the lowest speed a tap is scaled down to nothing at rest, faster ones are clamped to v_max.
 """
 
-import math
 from typing import Any, Final
 
 import numpy as np
@@ -24,37 +25,36 @@ from numpy.typing import NDArray
 
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
+from hapscene.surface.resonator import RESONATOR, resonate, strike
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
 
 SPEED_COUNT: Final = 257
 """Speeds of approach in the table [count]: the taps between two are straight, to 0.5 % of the amplitude."""
 
-SILENCE_M_S2: Final = 1e-6
-"""Level at which a ringing tap is over [m/s²]: far below what is felt (about 1e-2), far above denormal numbers."""
-
 RING: Final = 4096
 """Longest transient that is played [count]: 0.4 s at 10 kHz. Of a longer one the end is faded out."""
 
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
-    """Add the ringing of the last taps to the acceleration [m/s²]."""
-    if touch.began and table.size > 0:
-        if table[1] > 0.0:
-            strike_wave(touch.approach_m_s, p.tap_gain, table, s)
-        else:
-            strike_sinusoid(touch.approach_m_s, p.tap_gain, table, s)
+    """Add the ringing of the last taps and leavings to the acceleration [m/s²]."""
+    if table.size > 0:
+        split = 1 + int(table[0])
+        if touch.began and split > 1:
+            play(touch.approach_m_s, p.tap_gain, table[1:split], s)
+        if touch.ended and split < table.size:
+            play(touch.leaving_m_s, p.tap_gain, table[split:], s)
     ring(touch, s, out)
-    if abs(s.real_m_s2) + abs(s.imag_m_s2) < SILENCE_M_S2:
-        s.real_m_s2 = s.imag_m_s2 = 0.0
-        return
-    angle, shrink = 2.0 * math.pi * s.frequency_Hz / touch.rate_Hz, math.exp(-s.decay_1_s / touch.rate_Hz)
-    cosine, sine = shrink * math.cos(angle), shrink * math.sin(angle)
-    for i in range(touch.block):
-        out.a_m_s2[i] += s.imag_m_s2
-        real_m_s2 = cosine * s.real_m_s2 - sine * s.imag_m_s2
-        s.imag_m_s2 = sine * s.real_m_s2 + cosine * s.imag_m_s2
-        s.real_m_s2 = real_m_s2
+    resonate(touch, s, out)
+
+
+@native
+def play(speed_m_s: float, gain: float, table: Any, s: Any) -> None:
+    """Begin the transient of a speed."""
+    if table[1] > 0.0:
+        strike_wave(speed_m_s, gain, table, s)
+    else:
+        strike_sinusoid(speed_m_s, gain, table, s)
 
 
 @native
@@ -63,9 +63,12 @@ def strike_sinusoid(approach_m_s: float, gain: float, table: Any, s: Any) -> Non
     position = min(max(approach_m_s / table[0], 0.0), 1.0) * (SPEED_COUNT - 1)
     i = min(int(position), SPEED_COUNT - 2)
     row, share = 2 + 3 * i, position - i
-    s.real_m_s2 += gain * (table[row] + share * (table[row + 3] - table[row]))
-    s.frequency_Hz = table[row + 1] + share * (table[row + 4] - table[row + 1])
-    s.decay_1_s = table[row + 2] + share * (table[row + 5] - table[row + 2])
+    strike(
+        s,
+        gain * (table[row] + share * (table[row + 3] - table[row])),
+        table[row + 1] + share * (table[row + 4] - table[row + 1]),
+        table[row + 2] + share * (table[row + 5] - table[row + 2]),
+    )
 
 
 @native
@@ -99,8 +102,12 @@ def ring(touch: Any, s: Any, out: Any) -> None:
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
-    """The taps of a swatch; empty where it has none."""
-    taps = swatch.taps
+    """The taps and leavings of a swatch; empty where it has neither."""
+    taps, leaving = (_part(taps, rate_Hz) for taps in (swatch.taps, swatch.leaving))
+    return np.concatenate(([len(taps)], taps, leaving)) if len(taps) or len(leaving) else np.empty(0)
+
+
+def _part(taps: Taps | None, rate_Hz: float) -> NDArray[np.float64]:
     if taps is None:
         return np.empty(0)
     v_max = float(taps.approach_m_s[-1])
@@ -125,14 +132,11 @@ def _waves(taps: Taps, rate_Hz: float) -> NDArray[np.float64]:
 
 EFFECT = Effect(
     "tap",
-    "A transient at the start of contact, by speed of approach.",
+    "A transient at the start and the end of contact, by speed.",
     render,
-    params=(Param("tap_gain", 1.0, "1", "factor on the swatch's taps", 0.0, 10.0),),
+    params=(Param("tap_gain", 1.0, "1", "factor on the swatch's taps and leavings", 0.0, 10.0),),
     state=(
-        State("real_m_s2"),
-        State("imag_m_s2"),
-        State("frequency_Hz"),
-        State("decay_1_s"),
+        *RESONATOR,
         State("at"),
         State("left"),
         State("ring_m_s2", (RING,)),

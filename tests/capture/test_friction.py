@@ -60,6 +60,21 @@ def test_stribeck_where_the_speeds_allow(seed):
     assert "falls with speed" in found.note and "friction_stribeck" not in found.absent
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_friction_that_falls_and_grows_again(seed):
+    """All are found within their intervals, to the 0.5 % by which blocks bend a curve; so is growth alone."""
+    found = fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.02) ** 2)) + 0.8 * v, seed, 30.0))
+    truth = {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.02}
+    for name, value in (truth | {"friction_viscous_s_m": 0.8}).items():
+        low, high = found.intervals[name]
+        assert 0.995 * low <= value <= 1.005 * high and high - low < 0.5 * value, name
+    assert found.stribeck_m_s == pytest.approx(0.02, rel=0.2) and found.viscous_s_m == pytest.approx(0.8, rel=0.2)
+    alone = fit_friction(stroke(lambda v: 0.3 + 0.8 * v, seed))
+    assert alone.dynamic == pytest.approx(0.3, rel=0.02) and alone.stribeck_m_s == 0.0
+    low, high = alone.intervals["friction_viscous_s_m"]
+    assert 0.995 * low <= 0.8 <= 1.005 * high and "does not fall" in alone.absent["friction_stribeck"]
+
+
 def test_where_friction_does_not_fall_there_is_no_curve():
     found = fit_friction(stroke(lambda v: 0.3 + 0.0 * v))
     assert found.static == found.dynamic == pytest.approx(0.30, rel=0.02)

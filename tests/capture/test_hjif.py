@@ -177,6 +177,10 @@ def test_taps_as_transients() -> None:
     assert [full * e["keyframes"][0]["amplitude_modulation"] for e in effects] == pytest.approx(peaks, rel=1e-5)
     assert [e["keyframes"][0]["frequency_modulation"] for e in effects] == [90, 120]
     assert [e["position"] for e in effects] == [0, 5000]
+    both = as_hjif(Swatch("steel", taps=taps, leaving=taps), 0.0, 0.0, 1.0)
+    check(both)
+    first = [p["channels"][0]["bands"][0]["effects"][0]["position"] for p in both["perceptions"]]
+    assert first == [0, 10_000] and "leaving at 0.1, 0.2 m/s" in both["perceptions"][1]["description"]
 
 
 def test_the_noise_of_a_texture_is_that_of_its_seed_0_unless_another_is_given() -> None:

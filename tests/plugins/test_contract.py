@@ -40,6 +40,10 @@ UNITS = {
     "m_s2": "m/s²",
     "N_m": "N/m",
     "Ns_m": "N·s/m",
+    "Ns_m2": "N·s/m²",
+    "s_m": "s/m",
+    "1_kg": "1/kg",
+    "1_s": "1/s",
 }
 LARGE = 1e6
 
@@ -71,6 +75,9 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         nhat_W=nhat,
         depth_m=depth,
         depth_rate_m_s=rng.normal(0, 0.1 * large, count) * touching,
+        leaving_m_s=rng.exponential(0.1 * large, count),
+        left_body=np.arange(count) // 40 % 3,
+        left_W_m=rng.normal(0, 1e-3, (count, 3)),
         approach_m_s=rng.exponential(0.1 * large, count),
         slip_W_m=slip,
         slip_m_s=np.linalg.norm(slip, axis=1) / 1e-3,

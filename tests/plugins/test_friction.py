@@ -11,14 +11,14 @@ FRICTION = load_effect("friction")
 K_N_M = 500.0
 
 
-def along_x(bench, ticks, x_m, press_N=1.0, static=0.3, dynamic=0.3, **fields):
+def along_x(bench, ticks, x_m, press_N=1.0, static=0.3, dynamic=0.3, over=(), **fields):
     """Forces (n, 3) on a proxy moved to `x_m` (n,) over a plane, contact beginning at the first."""
     slip = np.zeros((len(x_m), 3))
     slip[1:, 0] = np.diff(x_m)
     rows = ticks(len(x_m), slip_W_m=slip, normal_force_N=press_N, **fields)
     rows["began"][0] = 1
     params = dict(friction_static=static, friction_dynamic=dynamic, tangential_stiffness_N_m=K_N_M)
-    return bench(FRICTION, params=params).run(rows)["f_W_N"]
+    return bench(FRICTION, params=params | dict(over)).run(rows)["f_W_N"]
 
 
 def test_area_of_the_loop(bench, ticks):
@@ -182,3 +182,65 @@ def test_bounded_and_tangential_whatever_happens(bench, ticks, seed):
     size_N = np.linalg.norm(f, axis=1)
     assert np.all(size_N <= 0.8 * press_N * (1 + 1e-12))
     assert np.all(np.abs(np.einsum("ni,ni->n", f, nhat)) <= 1e-9 * (1 + size_N))
+
+
+CURVE = dict(static=0.5, dynamic=0.3, over=dict(friction_stribeck_m_s=0.02, friction_viscous_s_m=0.4))
+
+
+@pytest.mark.parametrize("speed_m_s", [0.002, 0.02, 0.05, 0.3])
+def test_friction_over_speed(bench, ticks, speed_m_s):
+    """µ_d + (µ_s − µ_d) exp(−(v/v_s)²) + µ_v v, also where encoders give steps with rests between."""
+    expected = 0.3 + 0.2 * np.exp(-((speed_m_s / 0.02) ** 2)) + 0.4 * speed_m_s
+    f = along_x(bench, ticks, speed_m_s * 1e-3 * np.arange(3000), slip_m_s=speed_m_s, **CURVE)
+    np.testing.assert_allclose(f[-500:, 0], -expected, rtol=1e-9)
+    if speed_m_s > 0.01:  # below, rests between two counts are longer than what its low-pass bridges
+        counts = 55e-6 * np.floor(speed_m_s * 1e-3 / 55e-6 * np.arange(3000))
+        f = along_x(bench, ticks, counts, slip_m_s=speed_m_s, **CURVE)
+        np.testing.assert_allclose(f[-500:, 0], -expected, rtol=1e-9)
+
+
+def test_falling_friction_neither_creeps_nor_shakes_loose(bench, ticks):
+    """Held between dynamic and static friction and shaken fast, but below what breaks it loose: it stays to the bit."""
+    t_s = np.arange(5000) * 1e-3
+    x = (0.4 + 0.08 * np.sin(2.0 * np.pi * 37.0 * t_s)) / K_N_M
+    x[0] = 0.0
+    f = along_x(bench, ticks, x, slip_m_s=0.05, **CURVE)[:, 0]
+    assert np.abs(x + f / K_N_M).max() < 1e-15
+
+
+def test_a_tool_that_comes_to_rest_must_break_loose_again(bench, ticks):
+    x = np.concatenate([1e-4 * np.arange(100), np.full(300, 9.9e-3), 9.9e-3 + 1e-5 * np.arange(100)])
+    v = np.concatenate([np.full(100, 0.1), 0.1 * np.exp(-np.arange(300) / 8.0), np.zeros(100)])
+    f = -along_x(bench, ticks, x, slip_m_s=v, **CURVE)[:, 0]
+    assert f[99] == pytest.approx(0.34, rel=1e-3) and 0.3 < f[399] < 0.34
+    assert f.max() == f[400:].max() == pytest.approx(0.5)
+
+
+@settings(max_examples=100, deadline=None)
+@given(slides(), st.floats(1e-4, 1.0), st.floats(0.0, 2.0))
+def test_friction_over_speed_is_passive(bench, ticks, slide, stribeck_m_s, viscous_s_m):
+    step, press_N, static, dynamic = slide
+    slip = np.column_stack([step, np.zeros(len(step))])
+    v = np.linalg.norm(slip, axis=1) / 1e-3
+    rows = ticks(len(slip), slip_W_m=slip, slip_m_s=v, normal_force_N=press_N)
+    params = dict(friction_static=static, friction_dynamic=dynamic, tangential_stiffness_N_m=K_N_M)
+    over = dict(friction_stribeck_m_s=stribeck_m_s, friction_viscous_s_m=viscous_s_m)
+    f = bench(FRICTION, params=params | over).run(rows)["f_W_N"]
+    size_N = np.linalg.norm(f, axis=1)
+    assert np.all(size_N <= (static + viscous_s_m * v) * press_N * (1 + 1e-12) + 1e-12)
+    work_J = np.cumsum(-np.einsum("ni,ni->n", f, slip))
+    assert np.all(work_J >= size_N**2 / (2 * K_N_M) - 1e-12)
+
+
+def test_breaking_loose_rings_by_the_force_that_is_set_free(bench, ticks):
+    way = np.linspace(0, 3e-3, 301)
+    rows = ticks(301, slip_W_m=np.column_stack([np.gradient(way), np.zeros((301, 2))]), normal_force_N=2.0)
+    rows["began"][0] = 1
+    params = dict(friction_static=0.5, friction_dynamic=0.3, tangential_stiffness_N_m=K_N_M)
+    rings = dict(breakaway_1_kg=25.0, breakaway_Hz=150.0, breakaway_decay_1_s=60.0)
+    out = bench(FRICTION, params=params | rings).run(rows)
+    broke = int(np.argmin(np.diff(out["f_W_N"][:, 0]) < 0.0)) + 1
+    y, t_s = out["a_m_s2"][broke + 1 :, :10].ravel(), np.arange((300 - broke) * 10) * 1e-4
+    freed_N = K_N_M * (way[broke] - way[0]) - 0.6
+    np.testing.assert_allclose(y, 25.0 * freed_N * np.exp(-60 * t_s) * np.sin(2 * np.pi * 150 * t_s), atol=0.1)
+    assert freed_N == pytest.approx(0.4, abs=0.01) and not out["a_m_s2"][: broke + 1].any()

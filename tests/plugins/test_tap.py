@@ -138,3 +138,14 @@ def test_strikes_of_transients_never_grow_without_bound(bench, ticks, swatch_of)
     wave = taps.transient(0.3, 10_000.0)
     assert np.abs(y).max() <= np.abs(wave).reshape(-1, 10).sum(axis=0).max() + 1e-9
     assert not y[10_600:].any()
+
+
+@pytest.mark.parametrize("taps", [None, TAPS])
+def test_leaving_sounds_by_the_speed_of_leaving(bench, ticks, swatch_of, taps):
+    leaving = transient_taps()
+    rows = ticks(200, leaving_m_s=0.07, approach_m_s=0.1, touching=np.arange(200) < 100)
+    rows["began"][0] = rows["ended"][100] = 1
+    swatch, struck = swatch_of(taps=taps, leaving=leaving), swatch_of(taps=taps)
+    y, without = (bench(TAP, one).samples(rows) for one in (swatch, struck))
+    np.testing.assert_allclose((y - without)[1000:1600], leaving.transient(0.07, 10_000.0), atol=1e-12)
+    np.testing.assert_array_equal(y[:1000], without[:1000])

@@ -40,3 +40,11 @@ def test_air_is_free(bench, ticks):
 def test_never_pulls(bench, ticks, press_N, rate_m_s, damping_Ns_m):
     f = force(bench, ticks, damping_Ns_m, normal_force_N=press_N, depth_rate_m_s=rate_m_s)
     assert f[2] == pytest.approx(max(0.0, press_N + damping_Ns_m * rate_m_s))
+
+
+def test_damping_that_grows_with_the_depth(bench, ticks):
+    """f = K d + (b + χ d) ḋ, and it never pulls either (Hunt & Crossley 1975)."""
+    sponge = Swatch("sponge", damping_Ns_m=1.0, hunt_crossley_Ns_m2=300.0)
+    rate = np.array([0.2, -0.1, -2.0])
+    f = bench(WALL, sponge).run(ticks(3, normal_force_N=1.0, depth_m=2e-3, depth_rate_m_s=rate))["f_W_N"][:, 2]
+    np.testing.assert_allclose(f, np.maximum(0.0, 1.0 + (1.0 + 0.6) * rate), rtol=1e-15)

@@ -34,7 +34,7 @@ def make_swatch(seed: int = 0) -> Swatch:
     taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
     return Swatch(
         "Eiche №1", 1000 / 3, 0.1, 0.3, 0.2, texture, taps, (0.1, 1 / 3, 1.0), "“made up”\n", "MIT", {"x": {"y": 0.1}},
-        {"friction_dynamic": (0.1, 1 / 3)}, {"stiffness_N_m": "no “depth”"},
+        {"friction_dynamic": (0.1, 1 / 3)}, {"stiffness_N_m": "no “depth”"}, *rng.uniform(0, 1, 8), leaving=taps,
     )  # fmt: skip
 
 

@@ -1,0 +1,39 @@
+"""A decaying sinusoid that effects ring with: a phasor in their state, struck and then read off sample by sample.
+
+It turns by 2πf/rate and shrinks by e^(−λ/rate) each sample, and is heard as its imaginary part. A strike of amplitude A
+adds A to the real part, so that it starts without a step, on top of what still rings.
+"""
+
+import math
+from typing import Any, Final
+
+from hapscene.native import native
+from hapscene.surface.effect import State
+
+SILENCE_M_S2: Final = 1e-6
+"""Level at which ringing is over [m/s²]: far below what is felt (about 1e-2), far above denormal numbers."""
+
+RESONATOR: Final = (State("real_m_s2"), State("imag_m_s2"), State("frequency_Hz"), State("decay_1_s"))
+"""The state of an effect that rings."""
+
+
+@native
+def strike(s: Any, amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float) -> None:
+    """Begin to ring, on top of what still does."""
+    s.real_m_s2 += amplitude_m_s2
+    s.frequency_Hz, s.decay_1_s = frequency_Hz, decay_1_s
+
+
+@native
+def resonate(touch: Any, s: Any, out: Any) -> None:
+    """Add the ringing of this tick to the acceleration [m/s²]."""
+    if abs(s.real_m_s2) + abs(s.imag_m_s2) < SILENCE_M_S2:
+        s.real_m_s2 = s.imag_m_s2 = 0.0
+        return
+    angle, shrink = 2.0 * math.pi * s.frequency_Hz / touch.rate_Hz, math.exp(-s.decay_1_s / touch.rate_Hz)
+    cosine, sine = shrink * math.cos(angle), shrink * math.sin(angle)
+    for i in range(touch.block):
+        out.a_m_s2[i] += s.imag_m_s2
+        real_m_s2 = cosine * s.real_m_s2 - sine * s.imag_m_s2
+        s.imag_m_s2 = sine * s.real_m_s2 + cosine * s.imag_m_s2
+        s.real_m_s2 = real_m_s2

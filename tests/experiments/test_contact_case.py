@@ -1,0 +1,20 @@
+"""Contacts beyond a spring and Coulomb friction, in closed loop: the answers of closed forms and of SciPy."""
+
+from pathlib import Path
+
+import pytest
+
+from hapscene_experiments.contact_case import deep_damping, draw_contact, rest_of_omni, squeal, torn_off
+
+
+@pytest.mark.parametrize("cases", [deep_damping, torn_off, squeal, rest_of_omni])
+def test_answers(cases) -> None:
+    answers = cases()
+    assert answers
+    for answer in answers:
+        assert answer.ok, answer
+
+
+def test_chart(tmp_path: Path) -> None:
+    draw_contact(tmp_path / "contact.png")
+    assert (tmp_path / "contact.png").read_bytes().startswith(b"\x89PNG")
