@@ -166,7 +166,7 @@ def advice(points: Sequence[Point]) -> str:
     """How far the domains are apart, and what a tick pays for them."""
     real, told = measured(points, "recorded"), ""
     if real:
-        (warped,) = (p.errors["recorded"] for p in real if p.method == DOMAINS["warped"])
+        warped = min(p.errors["recorded"] for p in real if p.method == DOMAINS["warped"])
         plain = [p.errors["recorded"] for p in real if p.method != DOMAINS["warped"]]
         said = "cannot be told apart" if max(plain) - min(plain) < 1.0 else "differ"
         told = (
