@@ -8,8 +8,9 @@
 | TAP | an impact and its ringing, until it is over |
 
 Thresholds come from the recording. A stream is "on" from `ABOVE_NOISE` times its noise, and at least `SHARE_ON` of its
-95 % quantile; "off" again below half of that. Its noise is measured where it is quietest: the part between 20 and
-100 Hz, which a hand hardly makes, taken as white. A force is expected to be zero in the air: tare it.
+95 % quantile; "off" again below half of that; a speed, above what it reads at rest. Its noise is measured where it is
+quietest: the part between 20 and 100 Hz, which a hand hardly makes, taken as white. A force is expected to be zero in
+the air: tare it.
 
 Without a varying force or speed the vibration has to tell. It does where its level rises by `LEVEL_RATIO` over the
 quietest stretches; where not, all is taken to be one state, sliding. A raster plate of
@@ -38,6 +39,9 @@ ABOVE_NOISE: Final = 6.0
 SHARE_ON: Final = 0.02
 """Where a stream is on at least, as a share of its 95 % quantile [1]."""
 
+MOVING_SHARE: Final = 0.25
+"""Where a speed is on at most, as a share of its 95 % quantile [1], where that is no noise."""
+
 OFF: Final = 0.5
 """Where it is off again, as a share of where it is on [1]."""
 
@@ -55,13 +59,20 @@ TAP_S: Final = 0.2
 """Longest contact that counts as a tap, and longest ringing [s]."""
 
 REST_S: Final = 0.03
-"""Quiet stretches shorter than this do not end a burst of vibration [s]: a low tone has gaps of half a period."""
+"""Quiet stretches shorter than this do not end a burst of vibration [s]: a low tone has gaps of half a period; nor do
+as long ones in the air end a contact."""
 
 IMPACT: Final = 5.0
-"""Peak of an impact over the level before it, and over that of the contact after it [1]."""
+"""Peak of an impact over that of the contact after it, where something vibrates then [1]."""
+
+RISE: Final = 2.5
+"""Peak of an impact over the level before it [1]: of white noise over `LEVEL_S` seldom above 1.5."""
 
 ONSET_SHARE: Final = 0.25
 """Share of its peak at which an impact has begun [1]: above the ripple that the high-pass puts before it."""
+
+ONSET_GAP_S: Final = 0.012
+"""What is loud longer before the rest of an impact is none of it [s]: a faint low tone is so each half period only."""
 
 ONSET_S: Final = (0.03, 0.03)
 """How long before and after the force rises an impact may lie [s]: the force is low-passed, an impact is not."""
@@ -117,9 +128,13 @@ def segment(channels: Streams) -> Segmentation:
     level = _level(channels.acceleration_m_s2, rate)
     by_force, by_speed = np.ptp(channels.force_N) > 0.0, np.ptp(channels.speed_m_s) > 0.0
     force_on = _threshold(channels.force_N, rate) if by_force else None
-    speed_on = _threshold(channels.speed_m_s, rate) if by_speed else None
+    rest = channels.speed_rest_m_s
+    speed_on = rest + _speed_threshold(channels.speed_m_s, rest, rate) if by_speed else None
     contact = channels.force_N > 0.0 if force_on is None else _switched(channels.force_N, force_on, OFF * force_on)
-    moving = channels.speed_m_s > 0.0 if speed_on is None else _switched(channels.speed_m_s, speed_on, OFF * speed_on)
+    contact = ~_without_brief(~contact, round(REST_S * rate))  # what the low-pass rings on after an impact
+    moving = channels.speed_m_s > 0.0
+    if speed_on is not None:
+        moving = _switched(channels.speed_m_s, speed_on, rest + OFF * (speed_on - rest))
     told, heard = _heard(level, rate, ~contact)
     if told and not (by_force and by_speed):
         moving &= heard
@@ -129,8 +144,17 @@ def segment(channels: Streams) -> Segmentation:
     states[sliding] = InteractionState.SLIDING
     if by_force:
         _mark_impacts(states, contact, channels.acceleration_m_s2, level, rate)
-    elif told:
+    if told:
+        if force_on is not None:  # a faint tap that the force's noise hides
+            for start, end in runs(heard):
+                in_air = not np.any(states[start:end])
+                heard[start:end] = in_air and channels.force_N[start:end].max() > OFF * force_on
+        else:
+            _without_ripple(heard, level, rate)
         _mark_bursts(states, heard, level, rate)
+    sliding = states == InteractionState.SLIDING
+    brief = sliding & ~_without_brief(sliding, round(BRIEF_S * rate))  # what a tap has left of it
+    states[brief] = InteractionState.STILL if by_force else InteractionState.AIR
     changes = []
     for start, end in runs(states == InteractionState.SLIDING):
         changes += [start + c for c in change_points(channels.acceleration_m_s2[start:end], rate)]
@@ -157,13 +181,14 @@ def _mark_impacts(states: NDArray[np.int8], contact: Mask, acceleration: Array, 
         peak = float(level[reach].max())
         quiet = float(np.median(calm)) if len(calm) else float(level[first])
         settled = level[start + round(0.1 * rate) : min(end, start + round(0.25 * rate))]
+        after_it = float(np.median(settled)) if len(settled) else 0.0
         brief = end - start <= TAP_S * rate
-        if peak < IMPACT * quiet or (not brief and len(settled) and peak < IMPACT * float(np.median(settled))):
+        if peak < RISE * quiet or (not brief and after_it > 1.5 * quiet and peak < IMPACT * after_it):
             continue
-        onset = first + _onset(acceleration[reach], quiet)
+        begun = first + onset(acceleration[reach], quiet, rate)
         next_touch = touched[i + 1][0] - before if i + 1 < len(touched) else len(level)
-        over = _rung_out(level, onset, quiet, min(next_touch, onset + round(TAP_S * rate)))
-        states[onset : max(over, end) if brief else over] = InteractionState.TAP
+        over = _rung_out(level, begun, quiet, min(next_touch, begun + round(TAP_S * rate)))
+        states[begun : max(over, end) if brief else over] = InteractionState.TAP
 
 
 def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: float) -> None:
@@ -172,14 +197,26 @@ def _mark_bursts(states: NDArray[np.int8], heard: Mask, level: Array, rate: floa
         burst = level[start:end]
         brief = start > 0 and end - start <= TAP_S * rate
         early = int(np.argmax(burst)) <= max(len(burst) // 3, round(LEVEL_S * rate))
-        if brief and early and burst.max() >= IMPACT * np.median(burst[-(len(burst) // 4 + 1) :]):
+        calm, end_level = level[max(0, start - round(0.05 * rate)) : start], np.median(burst[-(len(burst) // 4 + 1) :])
+        if brief and early and (burst.max() >= IMPACT * end_level or end_level <= 2.0 * np.median(calm)):
             states[start:end] = InteractionState.TAP
 
 
-def _onset(acceleration: Array, quiet: float) -> int:
-    """The sample at which an impact begins: the first that is loud before its peak."""
+def _without_ripple(heard: Mask, level: Array, rate: float) -> None:
+    """Takes out of `heard` what the high-pass puts before an impact: half a period of its cut-off."""
+    for start, end in runs(heard):
+        peak = start + int(np.argmax(level[start:end]))
+        if start > 0 and peak - start <= 0.5 / ACCELERATION_BAND_HZ[0] * rate + LEVEL_S * rate:
+            heard[start : max(start, peak - round(LEVEL_S * rate))] = False
+
+
+def onset(acceleration: Array, quiet: float, rate: float) -> int:
+    """The sample at which an impact begins: the first that is loud before its peak, without a gap."""
     size = np.abs(acceleration)
-    return int(np.argmax(size >= max(3.0 * quiet, ONSET_SHARE * float(size.max()))))
+    peak = int(size.argmax())
+    loud = np.flatnonzero(size[: peak + 1] >= min(max(3.5 * quiet, ONSET_SHARE * size[peak]), size[peak]))
+    gaps = np.flatnonzero(np.diff(loud) > ONSET_GAP_S * rate)
+    return int(loud[gaps[-1] + 1 if len(gaps) else 0])
 
 
 def _rung_out(level: Array, onset: int, quiet: float, last: int) -> int:
@@ -196,13 +233,14 @@ def _heard(level: Array, rate: float, air: Mask) -> tuple[bool, Mask]:
     """Whether the vibration tells rest from motion, and where (n,) it does tell motion."""
     quiet = float(np.median(level[air])) if np.count_nonzero(air) > 0.1 * rate else float(np.quantile(level, 0.02))
     loud, usual = float(np.quantile(level, 0.95)), float(np.median(level))
-    if loud < LEVEL_RATIO * quiet and usual < 2.0 * quiet:
+    taps_alone = loud < LEVEL_RATIO * quiet and usual < 2.0 * quiet
+    if taps_alone:
         loud = float(level.max())  # all is quiet but for a few taps
         quiet = usual
     if loud < LEVEL_RATIO * quiet or loud <= 0.0:
         return False, np.ones(len(level), dtype=np.bool_)
     quiet = max(quiet, 1e-4 * loud)
-    on = np.sqrt(quiet * loud)
+    on = RISE * quiet if taps_alone else np.sqrt(quiet * loud)
     heard = _switched(level, on, OFF * on)
     return True, ~_without_brief(~heard, round(REST_S * rate))
 
@@ -218,6 +256,12 @@ def _level(acceleration: Array, rate: float) -> Array:
 def _threshold(stream: Array, rate: float) -> float:
     """Where a low-passed stream is on."""
     return max(ABOVE_NOISE * noise(stream, rate), SHARE_ON * float(np.quantile(np.abs(stream), 0.95)), 1e-12)
+
+
+def _speed_threshold(speed: Array, rest: float, rate: float) -> float:
+    """How far above rest a speed is on; a tool that sticks and slips all the time is no noise."""
+    on, usual = _threshold(speed, rate), float(np.quantile(speed, 0.95))
+    return min(on, MOVING_SHARE * (usual - rest)) if usual > 3.0 * rest else on
 
 
 def noise(stream: Array, rate: float) -> float:

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.friction import DRAWS, interval
 from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
@@ -19,6 +18,12 @@ SETTLE_S: Final = 0.006
 
 LOADINGS_MIN: Final = 4
 """Fewest loadings that are drawn as wholes for the interval [count]; of fewer, pieces are."""
+
+FORCE_RATIO: Final = 4.0
+"""Least largest force of a loading, as a multiple of that which tells contact [1]."""
+
+FALLS: Final = 0.8
+"""Share of its largest force to which a press that may slide falls as its loading is over [1]."""
 
 CORRELATION_MIN: Final = 0.9
 """Least correlation of force and depth at which they are taken for a spring [1]."""
@@ -36,19 +41,30 @@ class Stiffness:
 def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
     """The stiffness of recordings of one surface.
 
-    A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide. Force and
+    A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide; where it
+    always does (it rolls, or nothing tells rest), as long as the force grows all the same. Force and
     depth of each are taken about their means, so that a zero of depth that drifts does no harm. Both are noisy, and a
     line of force over a noisy depth is too flat: so each is divided by its noise, and the line is the one with the
-    least distances square to it (Deming), by Huber's weights. The interval is a bootstrap's over loadings.
+    least distances square to it (Deming), by Huber's weights. The interval is Student's, of the loadings left out one
+    by one (jackknife).
     """
+    from scipy.stats import t
+
     with_depth = [(channels, states) for channels, states in parts if channels.depth_m is not None]
     if not with_depth:
         return Stiffness(None, reason="the recording holds no depth")
     if all(states.force_on_N is None for _, states in with_depth):
         return Stiffness(None, reason="the recording holds no force that changes")
     loadings = [found for channels, states in with_depth for found in _loadings(channels, states)]
+    moving = [part for part in with_depth if part[1].speed_on_m_s is not None or "speed_m_s" in part[0].assumed]
     if not loadings:
-        return Stiffness(None, reason="the tool never presses into the surface without sliding")
+        loadings = [found for channels, states in moving for found in _loadings(channels, states, True)]
+    if not loadings:
+        reason = "the tool never presses into the surface without sliding"
+        if moving:
+            force_on = min(states.force_on_N or np.inf for _, states in with_depth)
+            reason += f": a press out of the air to {FORCE_RATIO * force_on:.2g} N or more is needed"
+        return Stiffness(None, reason=reason)
     depth, force = (np.concatenate([loading[i] for loading in loadings]) for i in (0, 1))
     correlation = float((depth * force).sum() / np.sqrt((depth**2).sum() * (force**2).sum() + 1e-300))
     if correlation < CORRELATION_MIN:
@@ -61,10 +77,13 @@ def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
         ]
     slope = _slope(depth, force, ratio)
     sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings if len(d)])
-    rng = np.random.default_rng(0)
-    drawn = _deming(sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1), ratio)
-    low, high = interval(drawn)
-    return Stiffness(slope, (min(low, slope), max(high, slope)))
+    count = len(sums)
+    without = _deming(sums.sum(axis=0) - sums, ratio)
+    error = np.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
+    weight = _weight(depth, force, slope, ratio)
+    error *= float(weight.mean() / np.mean(weight == 1.0))  # what is left out moves the line, and the weights with it
+    half = float(t.ppf(0.975, count - 1)) * error
+    return Stiffness(slope, (slope - half, slope + half))
 
 
 def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
@@ -78,20 +97,33 @@ def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
     return float(np.median(ratios))
 
 
-def _loadings(channels: Streams, states: Segmentation) -> list[tuple[Array, Array]]:
-    """Depth and force (m,) of each loading about their means, thinned to what the low-pass leaves independent."""
+def _loadings(channels: Streams, states: Segmentation, sliding: bool = False) -> list[tuple[Array, Array]]:
+    """Depth and force (m,) of each loading about their means, thinned to what the low-pass leaves independent.
+
+    Where it may slide, a loading ends as the force falls, and begins in the air.
+    """
     assert channels.depth_m is not None and states.force_on_N is not None
     step = max(1, round(channels.rate_Hz / (4.0 * HAND_CUTOFF_HZ)))
     found = []
-    contact = (channels.force_N > states.force_on_N) & (states.states != InteractionState.SLIDING)
+    contact = channels.force_N > states.force_on_N
+    contact &= sliding | (states.states != InteractionState.SLIDING)
     for start, end in runs(contact):
         force = channels.force_N[start:end]
+        if sliding:
+            falls = np.flatnonzero(force < FALLS * np.maximum.accumulate(force))
+            force = force[: falls[0]] if len(falls) else force
         top = int(np.argmax(force))
-        share = force[: top + 1] / force[top]
-        loading = np.flatnonzero((share >= RANGE[0]) & (share <= RANGE[1]))
+        # a range of time, of force and depth alike: the noise of the force alone would choose, and flatten the line
+        share, deep = force[: top + 1] / force[top], channels.depth_m[start : start + top + 1] - channels.depth_m[start]
+        if deep[-1] > 0.0:
+            share = 0.5 * (share + deep / deep[-1])
+        inside = np.flatnonzero((share >= RANGE[0]) & (share <= RANGE[1]))
+        loading = np.arange(inside[0], inside[-1] + 1) if len(inside) else inside
         loading = loading[loading >= SETTLE_S * channels.rate_Hz]
-        fresh = start == 0 or channels.force_N[start - 1] <= states.force_on_N  # else it slid into rest
-        if not fresh or len(loading) < 3 * step or force[top] < 4.0 * states.force_on_N:
+        fresh = (start == 0 and not sliding) or channels.force_N[
+            start - 1
+        ] <= states.force_on_N  # else it slid into rest
+        if not fresh or len(loading) < 3 * step or force[top] < FORCE_RATIO * states.force_on_N:
             continue
         chosen = start + loading[::step]
         depth, pressed = channels.depth_m[chosen], channels.force_N[chosen]
@@ -109,11 +141,16 @@ def _slope(depth: Array, force: Array, ratio: float) -> float:
 
 
 def _weighted_sums(depth: Array, force: Array, slope: float, ratio: float) -> tuple[float, float, float]:
-    """Σw d², Σw d F, Σw F², by Huber's weights for the distances from the line."""
+    """Σw d², Σw d F, Σw F²."""
+    weight = _weight(depth, force, slope, ratio)
+    return float((weight * depth**2).sum()), float((weight * depth * force).sum()), float((weight * force**2).sum())
+
+
+def _weight(depth: Array, force: Array, slope: float, ratio: float) -> Array:
+    """Huber's weights (m,) for the distances from the line."""
     away = np.abs(force - slope * depth) / np.sqrt(ratio**2 + slope**2)
     bound = 1.345 * 1.4826 * float(np.median(away)) + 1e-15
-    weight = np.minimum(1.0, bound / np.maximum(away, 1e-15))
-    return float((weight * depth**2).sum()), float((weight * depth * force).sum()), float((weight * force**2).sum())
+    return np.asarray(np.minimum(1.0, bound / np.maximum(away, 1e-15)))
 
 
 def _deming(sums: Array, ratio: float) -> Array:

@@ -45,6 +45,8 @@ class Streams:
     depth_m: Array | None = None
     assumed: tuple[str, ...] = ()
     """which streams were not recorded, but assumed"""
+    speed_rest_m_s: float = 0.0
+    """what the speed reads at rest: noise of a speed that is a size, and so never negative, has a mean"""
 
 
 def clean(
@@ -86,9 +88,23 @@ def clean(
     high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     if not high.std() > 1e-9 * max(1.0, np.abs(acceleration).max()):
         raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
-    force, speed = _low_passed(force, rate_Hz), np.abs(_low_passed(speed, rate_Hz))
+    raw, force, speed = speed, _low_passed(force, rate_Hz), np.abs(_low_passed(speed, rate_Hz))
+    rest_m_s = _rest_level(raw, speed, rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
-    return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed)
+    return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed, rest_m_s)
+
+
+def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
+    """What a speed reads at rest: the lower quartile of the means of the 50 ms in which it looks like noise.
+
+    Noise varies as much as its mean, above the low-pass too (half a normal distribution by 0.76 of its mean, the size
+    of three axes by 0.42), which a hand does not; and it is never long near zero, which stick and slip is.
+    """
+    length = max(1, round(0.05 * rate_Hz))
+    raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
+    mean, fast = low.mean(axis=1), (np.abs(raw) - low).std(axis=1)
+    noise = (raw.std(axis=1) > 0.3 * mean) & (mean < 4.5 * fast) & (np.quantile(low, 0.1, axis=1) > 0.3 * mean)
+    return float(np.quantile(mean[noise], 0.25)) if np.count_nonzero(noise) > 1 else 0.0
 
 
 def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recording:

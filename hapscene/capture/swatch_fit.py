@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapscene.capture.contact_fit import fit_contact
-from hapscene.capture.friction import fit_friction
+from hapscene.capture.friction import fit_friction, no_sliding
 from hapscene.capture.order_search import search_order
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Segmentation, segment
@@ -135,7 +135,8 @@ def fit_parts(
         texture = _texture(parts, order, model_count, interpolation)
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
-        if wrong or (taps.taps is None and "stiffness_N_m" in absent):
+        nothing = taps.taps is None and "stiffness_N_m" in absent and friction.dynamic == 0.0
+        if wrong or nothing:
             raise
         absent["texture"] = str(error)
     return Swatch(
@@ -200,5 +201,5 @@ def _pieces(parts: Sequence[Part]) -> Pieces:
         except CaptureError as error:
             reason = str(error)
     if not found:
-        raise _NoTexture(reason)
+        raise _NoTexture(no_sliding(parts) or reason)
     return pooled(found)
