@@ -27,7 +27,7 @@ from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import INTERPOLATIONS, Texture
-from hapscene_benchmarks.charts.life import FORGETS_S, OVER, life_of, off_by, unlike
+from hapscene_benchmarks.charts.life import COUNTS, OVER, life_of, off_by, unlike
 from hapscene_benchmarks.charts.measuring import RATE_HZ
 from hapscene_benchmarks.charts.texture_domain import FORCE_N, SPEED_M_S, planted_texture
 from hapscene_benchmarks.markdown import table
@@ -221,7 +221,7 @@ def _character(noise: Array, heard: Array) -> tuple[float, ...]:
 def of_life(recorded: Halves) -> str:
     """How lively synthesised strokes are beside the half that they stand for, by what the slow gain is made of."""
     rows = []
-    ways = {"no life": (0, "")} | {f"{n} by {over}": (n, over) for over in OVER for n in FORGETS_S}
+    ways = {"no life": (0, "")} | {f"{n} by {over}": (n, over) for over in OVER for n in COUNTS}
     steady = {name: [replace(fitted(own), life=None) for own, _ in pairs] for name, pairs in recorded.items()}
     for said, (count, over) in ways.items():
         off = []

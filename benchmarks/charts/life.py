@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapscene.capture.life_fit import FORGETS_S as OWN_S
-
 from .measuring import RATE_HZ, STROKES, Array, best, measured, no_recordings, recorded, texture_us
 from .question import Measure, Point, Question, Setting
 from .texture_domain import ORDER, planted_texture
@@ -19,8 +17,8 @@ if TYPE_CHECKING:
     from hapscene.surface.life import Life
     from hapscene.surface.texture import Texture
 
-FORGETS_S: Final = {1: (0.07,), 2: (0.03, 0.2), 3: (0.015, 0.07, 0.3), len(OWN_S): OWN_S}
-"""In which times the processes forget, by how many there are [s]; the last are those of `fit`."""
+COUNTS: Final = (1, 2, 4)
+"""To how many processes those that `fit` finds are joined [count]."""
 
 OVER: Final = ("time", "distance")
 
@@ -28,7 +26,7 @@ SEEDS: Final = 20
 """Strokes that are synthesised for each half of a recording [count]."""
 
 PLANTED: Final = ((0.4, 0.04), (0.3, 0.15))
-"""Spread [1] and time of forgetting [s] of the processes of the known surface: none of `FORGETS_S`."""
+"""Spread [1] and time of forgetting [s] of the processes of the known surface: none that `fit` has."""
 
 PLANTED_S: Final = 10.0
 """How long it is recorded [s]."""
@@ -41,7 +39,7 @@ LAGS_S: Final = np.linspace(0.0, 0.5, 51)
 
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
-    counts = (len(OWN_S),) if quick else tuple(FORGETS_S)
+    counts = COUNTS[::2] if quick else COUNTS
     made = [Setting(f"by {over}", _label(n), {"count": n, "over": over}) for over in OVER for n in counts]
     return [Setting("steady", "no process", {"count": 0, "over": ""}), *made]
 
@@ -78,10 +76,24 @@ def _steady(name: str, which: int) -> "Texture":
 
 
 def life_of(texture: "Texture", stretch: "Streams", count: int, over: str) -> "Life | None":
-    """The slow gain of a texture in a stretch of sliding, of so many processes; None of none."""
+    """The slow gain that is found in a stretch of sliding, joined to so many processes; None of none."""
     from hapscene.capture.life_fit import fit_life
 
-    return fit_life(texture, [stretch], FORGETS_S[count], over).life if count else None
+    found = fit_life(texture, [stretch]).life if count else None
+    return None if found is None else joined(found, count, over, float(stretch.speed_m_s.mean()))
+
+
+def joined(life: "Life", count: int, over: str, speed_m_s: float) -> "Life":
+    """A gain of at most so many processes, neighbours in time made one, that forget by time or by the distance that is
+    travelled at a speed. The spread and the area beneath the covariance stay."""
+    from hapscene.surface.life import Life
+
+    power, rate_1_s = life.spread**2, life.decay_1_s + life.decay_1_m * speed_m_s
+    groups = np.array_split(np.argsort(rate_1_s), min(count, len(power)))
+    total = np.array([power[group].sum() for group in groups])
+    rates = total / np.array([np.sum(power[group] / rate_1_s[group]) for group in groups])
+    none = np.zeros(len(groups))
+    return Life(np.sqrt(total), *((rates, none) if over == "time" else (none, rates / speed_m_s)))
 
 
 def _held_out(name: str, which: int, count: int, over: str) -> Array:
@@ -153,9 +165,8 @@ def time(count: int, over: str) -> tuple[float, float]:
 
     texture: Any = planted_texture("lsf", 2)
     if count:
-        rates, none = 1.0 / np.array(FORGETS_S[count]), np.zeros(count)
-        by = (rates, none) if over == "time" else (none, 10.0 * rates)
-        texture = replace(texture, life=Life(np.full(count, 0.2), *by))
+        many = Life(np.full(count, 0.2), np.geomspace(4.0, 60.0, count), np.zeros(count))
+        texture = replace(texture, life=joined(many, count, over, 0.1))
     return texture_us(texture)
 
 

@@ -80,6 +80,12 @@ def test_a_known_gain_is_found_and_a_steady_texture_has_none(monkeypatch: pytest
     assert life._planted(2, "time") < 0.5
     both = life.covariance(Life([0.3, 0.4], [10.0, 0.0], [0.0, 50.0]), 0.2)  # 10 a second, and 50 a metre at 0.2 m/s
     np.testing.assert_allclose(both, 0.25 * np.exp(-10.0 * life.LAGS_S))
+    four = Life([0.1, 0.2, 0.3, 0.4], [60.0, 20.0, 8.0, 3.0], np.zeros(4))
+    for count, over in ((1, "time"), (2, "distance")):
+        less = life.joined(four, count, over, 0.2)
+        rate = less.decay_1_s + 0.2 * less.decay_1_m
+        assert len(rate) == count and less.log_spread == pytest.approx(four.log_spread)
+        assert np.sum(less.spread**2 / rate) == pytest.approx(np.sum(four.spread**2 / four.decay_1_s))
 
 
 def test_warped_models_blend_as_plain_ones_do() -> None:
