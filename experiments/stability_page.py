@@ -43,6 +43,7 @@ class Findings:
     friction: list[Answer] = field(default_factory=list)
     contact: list[Answer] = field(default_factory=list)
     texture: list[Answer] = field(default_factory=list)
+    life: list[Answer] = field(default_factory=list)
     handle: list[Answer] = field(default_factory=list)
     moving: list[Answer] = field(default_factory=list)
     fields: list[Answer] = field(default_factory=list)
@@ -68,6 +69,7 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     from .field_case import draw_fields, field_cases
     from .friction_case import draw_friction, friction_cases
     from .handle_case import draw_handle_limits, handle_cases
+    from .life_case import draw_life, life_cases
     from .moving_case import draw_moving, moving_cases
     from .stabiliser_case import cost_us, draw_stabilisers, run_cases
     from .texture_case import draw_texture, texture_cases
@@ -94,7 +96,10 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
     say("texture\n")
     found.texture = texture_cases()
     draw_texture(found.texture, folder / "texture.png")
-    study.write_rows(folder / "friction_texture.csv", Answer, [*found.friction, *found.texture], ("error", "ok"))
+    found.life = life_cases()
+    draw_life(folder / "life.png")
+    rows = [*found.friction, *found.texture, *found.life]
+    study.write_rows(folder / "friction_texture.csv", Answer, rows, ("error", "ok"))
     say("handle, moving bodies, fields\n")
     found.handle, found.moving, found.fields = handle_cases(), moving_cases(), field_cases()
     draw_handle_limits(folder / "handle.png")
@@ -116,6 +121,7 @@ def write_page(path: Path, found: Findings, charts: str) -> None:
     contact = "Damping with depth, adhesion, friction over speed"
     parts += [_answers(contact, found.contact, f"{charts}/contact.png", _CONTACT)]
     parts += [_answers("Texture", found.texture, f"{charts}/texture.png", _TEXTURE)]
+    parts += [_answers("Textures that live, on a stiff wall", found.life, f"{charts}/life.png", _LIFE)]
     parts += [_answers("The handle: sensors and stops", found.handle, f"{charts}/handle.png", _HANDLE)]
     parts += [_answers("What moves under the tool", found.moving, f"{charts}/moving.png", _MOVING)]
     parts += [_answers("Fields and fixtures", found.fields, f"{charts}/fields.png", _FIELDS)]
@@ -277,6 +283,13 @@ _TEXTURE: Final = """L1: stable parts interpolated. L2, L3: models switched as a
     sampled like any signal. Then the shipped swatches, switched every tick, and a stiff wall that buzzes, with what
     removes it. Textures go to the handle; where a device has none, the motors' share is limited (T1, T2) with a
     warning that names the swatch."""
+
+_LIFE: Final = """How loud a texture is depends on the force and speed of the tool; folded into the force of motors it
+    moves that tool. Two strokes that begin a ten-millionth apart, with the same random numbers, part as fast as small
+    motion grows, noise or no noise. Whether the texture is steady, has a slow gain, switches between two states or goes
+    on beyond what was recorded, they begin to part where the wall alone does: it does not feed itself, all of it folded
+    in. What motors are given is less than all (T1, T2), and counts the loud stretches of a gain, the louder state and
+    the level beyond."""
 
 _HANDLE: Final = """The learning compensator hears the handle through an accelerometer, on handles 30 % off. Later than
     believed by up to 0.3 ms, what a slower pole adds counted, it takes the error to an eighth of that of `flat`, which

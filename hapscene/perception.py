@@ -33,6 +33,12 @@ FRICTION: Final = 0.11
 BAND_DB: Final = 2.0
 """Difference of vibration in a band [dB]: 1.65 to 2.98 (Israr, Tan & Reed 2006)."""
 
+FLUCTUATION_DB: Final = BAND_DB / (2.0 * 2.0**0.5)
+"""Slow rise and fall of a vibration's level that is just felt, root mean square [dB]: of a modulation whose peak and
+trough are `BAND_DB` apart, 0.7 dB and 11 % deep. Weisenberger 1986 had people tell modulated vibration from steady,
+best at some tens of hertz and in tones better than in noise (remembered, to be checked): what is dropped by this is
+hardly felt."""
+
 FREQUENCY: Final = 0.25
 """Weber fraction of a vibration's frequency [1]: 0.13 to 0.38 (Israr et al. 2006), its middle."""
 

@@ -323,10 +323,8 @@ class Renderer:
             return set()
         from hapscene.fidelity.apply import NUMBERS
 
-        out = self.fidelity.levels[level].swatches[swatch].left_out
-        return {
-            (e, name) for e, effect in enumerate(self._effects) if effect.name in out for name in NUMBERS[effect.name]
-        }
+        names = {name for out in self.fidelity.levels[level].swatches[swatch].left_out for name in NUMBERS[out]}
+        return {(e, p.name) for e, effect in enumerate(self._effects) for p in effect.params if p.name in names}
 
     def _refuse_fidelity(self, what: str) -> None:
         """Say what is not done with a fidelity."""

@@ -8,7 +8,7 @@ import numpy as np
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 
-from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, model_bands
+from .measuring import FINE_HZ, ISRAR, Array, apart_jnd, bands_of, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting
 
 RATES_HZ: Final = (2000.0, 3000.0, 4000.0, 5000.0, 8000.0, 10_000.0, 20_000.0)
@@ -37,8 +37,8 @@ def error(rate_Hz: float, output: str) -> dict[str, float]:
     for name in SWATCHES:
         swatch = load_swatch(name)
         if swatch.texture is not None:
-            models = [(*swatch.texture.resampled(r).model(FORCE_N, SPEED_M_S), r) for r in (rate_Hz, REFERENCE_HZ)]
-            apart = apart_jnd(model_bands(*models[0], held=held), model_bands(*models[1]))
+            bands = texture_bands(swatch.texture.resampled(rate_Hz), [FORCE_N], [SPEED_M_S], held=held)
+            apart = apart_jnd(bands, texture_bands(swatch.texture.resampled(REFERENCE_HZ), [FORCE_N], [SPEED_M_S]))[0]
             parts.setdefault("texture", []).append(float(apart))
         if swatch.taps is not None:
             tap, fine = (swatch.taps.transient(TAP_M_S, r) for r in (rate_Hz, REFERENCE_HZ))

@@ -55,19 +55,24 @@ def recorded(name: str) -> "Streams":
     return clean(told.acceleration_m_s2, RATE_HZ, told.force_N, told.speed_m_s, told.tangential_force_N)
 
 
-def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, *, held: bool = False) -> Array:
-    """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral.
+def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, warp: float = 0.0) -> Array:
+    """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral."""
+    from hapscene.capture.metric import model_spectrum
+
+    return bands_of(FINE_HZ, model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ, warp))
+
+
+def texture_bands(texture: "Texture", force_N: ArrayLike, speed_m_s: ArrayLike, *, held: bool = False) -> Array:
+    """Root mean squares (n, k) [m/s²] of a texture in the felt bands at forces and speeds (n,).
 
     `held`: each sample for its whole time, as a converter does, which leaves |sinc(f/rate)|.
     """
-    from hapscene.capture.metric import model_spectrum
-
-    density = model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ)
-    return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / rate_Hz) ** 2 if held else density)
+    density = texture.density(force_N, speed_m_s, frequency_Hz=FINE_HZ)
+    return bands_of(FINE_HZ, density * np.sinc(FINE_HZ / texture.rate_Hz) ** 2 if held else density)
 
 
 def bands_of(frequency_Hz: Array, density: Array) -> Array:
-    """Root mean squares (k,) [m/s²] of a power density (n,) [(m/s²)²/Hz] in the felt bands."""
+    """Root mean squares (..., k) [m/s²] of a power density (..., n) [(m/s²)²/Hz] in the felt bands."""
     from hapscene.capture.metric import band_power
 
     return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz), 0.0)))

@@ -34,6 +34,8 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "bodies": "bodies",
     "texture-order": "texture_order",
     "texture-domain": "texture_domain",
+    "level-law": "level_law",
+    "life": "life",
     "texture-update": "texture_update",
     "acceleration-rate": "acceleration_rate",
     "tap-model": "tap_model",

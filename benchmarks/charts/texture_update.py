@@ -8,7 +8,7 @@ import numpy as np
 
 from hapscene.constants import TICK_S
 
-from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, model_bands
+from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting
 from .texture_domain import planted_texture
 
@@ -62,8 +62,7 @@ def error(every: int) -> dict[str, float]:
 def held_error(texture: "Texture", force_N: Array, speed_m_s: Array, every: int) -> dict[str, float]:
     """How far the bands of each tick are from those at its own force and speed [JND]: median and 95th percentile."""
     last = np.arange(len(force_N)) // every * every
-    a, variance = texture.models(force_N, speed_m_s)
-    true = np.stack([model_bands(*each, texture.rate_Hz) for each in zip(a, variance, strict=True)])
+    true = texture_bands(texture, force_N, speed_m_s)
     level = np.sqrt(texture.power(force_N, speed_m_s))
     share = followed(level, every) / np.maximum(level[last], 1e-12)
     median, late = np.percentile(apart_jnd(true[last] * share[:, None], true), (50, 95))

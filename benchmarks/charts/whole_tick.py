@@ -15,7 +15,7 @@ from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 
 from ..tick_time import hot
-from .measuring import RATE_HZ, apart_jnd, enough, model_bands
+from .measuring import RATE_HZ, apart_jnd, enough, texture_bands
 from .mesh import CREASE_RAD, DEPTH_M, LATE
 from .question import Measure, Point, Question, Setting
 from .touched_surface import Array, Touched, bodies_of, reduced, touched
@@ -97,8 +97,7 @@ def _slip_m_s(on: Touched) -> Array:
 
 def _bands(texture: "Texture", force_N: Array, slip_m_s: Array) -> Array:
     texture = texture.resampled(RATE_HZ)
-    a, variance = texture.models(force_N, slip_m_s)
-    return np.stack([model_bands(*each, RATE_HZ) for each in zip(a, variance, strict=True)])
+    return texture_bands(texture, force_N, slip_m_s)
 
 
 def time(

@@ -18,10 +18,16 @@ SILENT: Final[dict[str, dict[str, Any]]] = {
     "lpc_texture": {"texture": None},
     "tap": {"taps": None},
     "friction": {"friction_static": 0.0, "friction_dynamic": 0.0},
+    "life": {},
 }
-"""What a swatch has that an effect is silent on. Without its wall, a surface is none."""
+"""What a swatch has that an effect is silent on. Without its wall, a surface is none. Life is of the texture."""
 
-NUMBERS: Final = {"lpc_texture": ("texture_gain",), "tap": (), "friction": ("friction_static", "friction_dynamic")}
+NUMBERS: Final[dict[str, tuple[str, ...]]] = {
+    "lpc_texture": ("texture_gain",),
+    "tap": (),
+    "friction": ("friction_static", "friction_dynamic"),
+    "life": ("texture_life",),
+}
 """The numbers by which they are."""
 
 TEXTURE: Final = "lpc_texture"
@@ -82,6 +88,8 @@ def _swatch_at(swatch: "Swatch", fidelity: "SwatchFidelity", stepped: bool) -> "
         effects[TEXTURE] = effects.get(TEXTURE, {}) | {"texture_gain": 0.0}
     if order is not None and texture is not None and (stepped or "texture" not in fields):
         fields["texture"] = texture.truncated(order)
+    if "life" in fidelity.left_out:
+        effects[TEXTURE] = effects.get(TEXTURE, {}) | {"texture_life": 0.0}
     if fidelity.update_ticks != 1:
         effects[TEXTURE] = effects.get(TEXTURE, {}) | {"update_ticks": float(fidelity.update_ticks)}
     return replace(swatch, effects=effects, **fields)

@@ -28,6 +28,7 @@ from hapscene.motion.look_from_above import UNSEEN
 from hapscene.native import INTERPRETED
 from hapscene.parameter_sweep import Piece, sweep
 from hapscene.perception import (
+    FLUCTUATION_DB,
     FORCE,
     FORCE_LEAST_N,
     FRICTION,
@@ -83,7 +84,7 @@ LINES: Final = 4096
 TAP_S: Final = 0.1
 """Over which a tap is felt [s]."""
 
-LEAVING: Final = ("lpc_texture", "tap", "friction")
+LEAVING: Final = ("life", "lpc_texture", "tap", "friction")
 """Effects in the order in which they are given up where time is short: what carries least of the shape first."""
 
 
@@ -255,6 +256,12 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
         where = f"at {loudest[0]:.2g} N and {loudest[1]:.2g} m/s it vibrates by {np.sqrt(np.sum(rms**2)):.2g} m/s²"
         why["lpc_texture"] = f"{where}, which {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["lpc_texture"]
+        if texture.life is not None:
+            spread_dB = 20.0 / math.log(10.0) * texture.life.log_spread
+            spread_dB *= swatch.parameter("lpc_texture", "texture_life", 1.0)
+            felt = felt and spread_dB >= FLUCTUATION_DB
+            why["life"] = f"its level varies by {spread_dB:.2g} dB, which {'is felt' if felt else 'nobody feels'}"
+            left_out += [] if felt else ["life"]
     if swatch.taps is not None:
         fastest = min(float(swatch.taps.approach_m_s[-1]), SPEED_M_S)
         count = round(TAP_S * trial.RATE_HZ)
@@ -560,7 +567,8 @@ def _leave_out(scene: "Scene", plan: _Plan) -> bool:
 
 
 def _effects_of(swatch: "Swatch") -> list[str]:
-    has = {"lpc_texture": swatch.texture, "tap": swatch.taps, "friction": swatch.friction_static or None}
+    life = swatch.texture and swatch.texture.life
+    has = {"life": life, "lpc_texture": swatch.texture, "tap": swatch.taps, "friction": swatch.friction_static or None}
     return [effect for effect, what in has.items() if what is not None]
 
 

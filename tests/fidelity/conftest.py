@@ -31,7 +31,7 @@ def scene_of(kind, swatch="wood"):
 @pytest.fixture(scope="session")
 def fidelity():
     """The fidelity of a kind of scene: ever coarser meshes, ever shorter filters, at last no texture and friction."""
-    swatches = (SwatchFidelity(), SwatchFidelity(order=20), SwatchFidelity(left_out=("lpc_texture", "friction")))
+    swatches = (SwatchFidelity(), SwatchFidelity(order=5), SwatchFidelity(left_out=("lpc_texture", "friction")))
 
     def make(kind, **more):
         levels = zip(meshes(kind), swatches, strict=True)

@@ -41,7 +41,7 @@ def fidelity(scene):
             {"wood": SwatchFidelity(order, 4, ("tap",))},
             TOLD,
         )
-        for count, order in ((2560, 30), (1280, 15))
+        for count, order in ((2560, 5), (1280, 3))
     ]
     return Fidelity((*levels, Level()), MADE)
 

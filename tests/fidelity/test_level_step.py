@@ -145,7 +145,7 @@ def test_a_filter_goes_on_playing_through_a_step(fidelity):
     t = np.arange(800) / 1000.0
     path = np.stack([0.02 * np.sin(4 * t), np.zeros(800), np.maximum(0.0395, 0.041 - 0.1 * t)], axis=1)
     kept = fidelity("box").levels
-    levels = (kept[0], Level(swatches={"wood": SwatchFidelity(order=10)}))
+    levels = (kept[0], Level(swatches={"wood": SwatchFidelity(order=3)}))
     samples = []
     for to in (0, 1):
         renderer = hapscene.Renderer(scene_of("box"), fidelity=Fidelity(levels))

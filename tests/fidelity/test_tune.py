@@ -10,15 +10,18 @@ import trimesh
 
 import hapscene
 from hapscene.cli import main
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
 from hapscene.errors import HapsceneError
 from hapscene.fidelity import trial, tune
 from hapscene.fidelity.apply import apply_level
 from hapscene.fidelity.coarser_mesh import coarser_mesh
-from hapscene.fidelity.fidelity import BodyFidelity, Level
+from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.fidelity_file import load_fidelity
 from hapscene.perception import BAND_DB, band_edges_Hz
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
 
 from .conftest import scene_of
 
@@ -121,6 +124,28 @@ def test_what_nobody_feels_is_left_out(tmp_path):
     assert "nobody feels" in why["lpc_texture"] and "0.035 N" in why["friction"]
 
 
+def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
+    """A spread of 0.1 in the logarithm is 0.87 dB rms; just felt is what is 2 dB from peak to trough, 0.71 dB."""
+    wood = hapscene.load_swatch("wood")
+
+    def with_life(spread, scale=1.0):
+        texture = replace(wood.texture, life=Life([spread], [10.0], [0.0]))
+        return replace(wood, texture=texture, effects={"lpc_texture": {"texture_life": scale}})
+
+    assert tune.unfelt(with_life(0.1), "omni", NEVER)[0] == []
+    assert tune.unfelt(with_life(0.1, 0.7), "omni", NEVER)[0] == ["life"]
+    left_out, why = tune.unfelt(with_life(0.07), "omni", NEVER)
+    assert left_out == ["life"] and "0.61 dB" in why["life"]
+    scene = scene_of("sphere", with_life(0.07))
+    tuned = apply_level(scene, Level(swatches={"wood": SwatchFidelity(left_out=("life",))})).swatches[-1]
+    assert tuned.parameter("lpc_texture", "texture_life", 1.0) == 0.0 and tuned.texture.life is not None
+    path = np.linspace([-0.01, 0.0, 0.049], [0.01, 0.0, 0.049], 300)
+    fidelity = Fidelity((Level(swatches={"wood": SwatchFidelity(left_out=("life",))}),))
+    still, again = (hapscene.Renderer(scene, fidelity=fidelity) for _ in range(2))
+    again.tune("wood", texture_life=1.0)  # it stays left out
+    np.testing.assert_array_equal(still.run(path).a_m_s2, again.run(path).a_m_s2)
+
+
 def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
     """3 m/s² that ring for 5 ms: 0.33 m/s² over a tenth of a second, three times what is felt at 250 Hz."""
     tapped = Swatch("tapped", taps=Taps([0.1, 0.5], [1.0, 3.0], [250.0, 250.0], [200.0, 200.0]))
@@ -130,10 +155,12 @@ def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
 
 
 def test_the_order_is_the_smallest_that_keeps_to_the_error(tmp_path):
-    source = source_of(tmp_path, scene_of("sphere"))
-    found = {j: dict(tune.judge_swatch(vars(source), "wood", "omni", [1e9] * 12, j)["tried"]) for j in (0.3, 0.8)}
+    a = ar_from_reflection(0.6 * 0.93 ** np.arange(30) * np.cos(2.1 * np.arange(30)))
+    rough = Texture.from_models(1e4, [1.0], [0.1], a=a[None], variance_m2_s4=[100.0 / power_gain(a)])
+    source = source_of(tmp_path, scene_of("sphere", Swatch("rough", texture=rough)))
+    found = {j: dict(tune.judge_swatch(vars(source), "rough", "omni", [1e9] * 12, j)["tried"]) for j in (0.3, 0.8)}
     orders = {j: min(order for order, error in tried.items() if error <= j) for j, tried in found.items()}
-    assert orders[0.8] < orders[0.3] < hapscene.load_swatch("wood").texture.order
+    assert orders[0.8] < orders[0.3] < 30
     assert found[0.8][orders[0.8] - 1] > 0.8
 
 

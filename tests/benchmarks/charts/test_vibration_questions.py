@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from hapscene.capture.texture_pieces import Pieces
+from hapscene.constants import LEVEL_BOUND_DB
+from hapscene.dsp.warped_prediction import warp_at
 from hapscene.perception import band_edges_Hz, band_rms_m_s2
 from hapscene.renderer import Renderer
 from hapscene.stability.rig import sheet
 from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.life import Life
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-from hapscene_benchmarks.charts import acceleration_rate, tap_model, texture_domain, texture_order
-from hapscene_benchmarks.charts.measuring import apart_jnd, bands_of, enough, model_bands, stroke_path
+from hapscene_benchmarks.charts import acceleration_rate, level_law, life, tap_model, texture_domain, texture_order
+from hapscene_benchmarks.charts.measuring import apart_jnd, bands_of, enough, model_bands, stroke_path, texture_bands
 from hapscene_benchmarks.charts.question import Point
 from hapscene_benchmarks.charts.texture_update import followed, held_error
 
@@ -20,7 +24,9 @@ EDGES_HZ = band_edges_Hz()
 
 @pytest.mark.parametrize("held", [False, True])
 def test_bands_of_white_noise_are_as_wide_as_they_are_and_droop_where_samples_are_held(held: bool) -> None:
-    found = model_bands([1.0], 3.0, 2000.0, held=held)
+    white = Texture.from_models(2000.0, [1.0], [0.1], a=[[1.0, 0.0]], variance_m2_s4=[3.0])
+    found = texture_bands(white, [1.0], [0.1], held=held)[0]
+    assert held or model_bands([1.0], 3.0, 2000.0) == pytest.approx(found)
     for low, high, rms in zip(EDGES_HZ[:-1], EDGES_HZ[1:], found, strict=True):
         power = quad(lambda f: 2.0 * 3.0 / 2000.0 * (np.sinc(f / 2000.0) ** 2 if held else 1.0), low, high)[0]
         assert rms == pytest.approx(np.sqrt(power), rel=1e-4)
@@ -46,6 +52,47 @@ def test_the_known_surface_has_the_spectrum_that_is_said() -> None:
 def test_more_coefficients_come_nearer_to_a_known_surface() -> None:
     found = [texture_order._planted(order) for order in (2, 30, 160)]
     assert found[0] > 3.0 > found[1] > 1.0 > found[2]
+
+
+def test_a_warped_model_of_few_coefficients_is_as_near_as_a_plain_one_of_many() -> None:
+    warp = warp_at(10_000.0)
+    assert texture_order._planted(12, warp) < 0.6 * texture_order._planted(12)
+    assert texture_order._planted(20, warp) < texture_order._planted(80)
+
+
+def test_a_level_goes_on_by_its_law_to_its_bound_and_stays_where_it_is_clamped() -> None:
+    force, speed = np.linspace(0.9, 1.1, 40), np.tile([0.1, 0.12], 20)
+    known = Pieces(np.sqrt(force * speed)[:, None] * np.ones(2), force, speed, np.arange(40))  # exponents 1 and 1
+    asked = np.array([1.0, 2.2]), np.array([0.1, 0.24])
+    true = 10.0 * np.log10(asked[0] * asked[1])
+    np.testing.assert_allclose(level_law.level_dB("exponents 1 and 1", known, *asked), true, atol=0.02)
+    clamped = level_law.level_dB("clamped", known, *asked)
+    assert clamped[1] == pytest.approx(true[1] - 20.0 * np.log10(2.0), abs=0.3)
+    far = level_law.level_dB("exponents 1 and 1", known, np.array([1.0]), np.array([12.0]))
+    edge = level_law.level_dB("exponents 1 and 1", known, np.array([1.0]), np.array([0.12]))
+    assert far == pytest.approx(edge + LEVEL_BOUND_DB)
+
+
+def test_a_known_gain_is_found_and_a_steady_texture_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(life, "DRAWS", 1)
+    monkeypatch.setattr(life, "PLANTED_S", 4.0)
+    assert life._planted(0, "") == 1.0
+    assert life._planted(2, "time") < 0.5
+    both = life.covariance(Life([0.3, 0.4], [10.0, 0.0], [0.0, 50.0]), 0.2)  # 10 a second, and 50 a metre at 0.2 m/s
+    np.testing.assert_allclose(both, 0.25 * np.exp(-10.0 * life.LAGS_S))
+    four = Life([0.1, 0.2, 0.3, 0.4], [60.0, 20.0, 8.0, 3.0], np.zeros(4))
+    for count, over in ((1, "time"), (2, "distance")):
+        less = life.joined(four, count, over, 0.2)
+        rate = less.decay_1_s + 0.2 * less.decay_1_m
+        assert len(rate) == count and less.log_spread == pytest.approx(four.log_spread)
+        assert np.sum(less.spread**2 / rate) == pytest.approx(np.sum(four.spread**2 / four.decay_1_s))
+
+
+def test_warped_models_blend_as_plain_ones_do() -> None:
+    texture = texture_domain.planted_texture("warped", 2)
+    true = model_bands(*texture_domain.surface_at(0.3, 0.04), 10_000.0)
+    assert apart_jnd(texture_domain.asked(texture, "warped", 0.3, 0.04), true) < 0.1
+    assert texture_domain.error("warped", 3)["planted"] < 0.5 * texture_domain.error("warped", 2)["planted"]
 
 
 @pytest.mark.parametrize("domain", ["lsf", "reflection", "direct", "hatt"])
