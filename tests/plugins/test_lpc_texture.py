@@ -238,11 +238,8 @@ def band_levels_dB(effect, ticks_of, tables, count):
 
 def test_another_order_under_the_same_touch_fades_in_without_a_click(bench, ticks, swatch_of):
     """No band changes by more than 1 dB in 20 ms, and after `FADE_S` it is as loud as that filter alone."""
-    fine, effect = hapscene.load_swatch("wood").texture, bench(LPC, swatch_of())
-    long, short = (
-        LPC.table(swatch_of(texture=fine), 10_000.0),
-        LPC.table(swatch_of(texture=fine.truncated(4)), 10_000.0),
-    )
+    fine, effect = replace(hapscene.load_swatch("wood").texture, life=None), bench(LPC, swatch_of())
+    long, short = (LPC.table(swatch_of(texture=one), 10_000.0) for one in (fine, fine.truncated(4)))
 
     def touching(count, first):
         begins, steps = ([int(one)] + [0] * (count - 1) for one in (first == 0, first > 0))
@@ -314,11 +311,31 @@ def test_a_slow_gain_keeps_the_mean_power_and_spreads_the_levels(bench, ticks, s
     assert not np.array_equal(bench(LPC, living(swatch_of), seed=1).samples(rows), again)
 
 
+def test_life_that_is_left_out_under_the_same_touch_fades_away_and_comes_again(bench, ticks, swatch_of):
+    """A gain that hardly moves of itself goes to 1 and back without a jump; in a new contact at once."""
+    effect = bench(LPC, living(swatch_of, Life([1.0], [1e-9], [0.0])))
+
+    def gains(count, life, began=0):
+        effect.p["texture_life"] = life
+        rows = ticks(count, force_N=1.0, slip_m_s=0.1, began=[began] + [0] * (count - 1))
+        found = []
+        for i in range(count):
+            effect.run(rows[i : i + 1])
+            found.append(float(effect.s["gain"][0]))
+        return found
+
+    there = gains(2, 1.0, began=1)[-1]
+    made = [there, *gains(300, 0.0), *gains(300, 1.0)]
+    assert there != 1.0 and made[300] == 1.0 and made[-1] == pytest.approx(there, rel=1e-3)
+    assert np.abs(np.diff(np.log(made))).max() < 0.03
+    assert gains(1, 0.0, began=1) == [1.0]
+
+
 def test_a_gain_of_the_way_stands_still_where_the_tool_does(bench, ticks, swatch_of):
     effect = bench(LPC, living(swatch_of, Life([0.5], [0.0], [300.0])))
     gains = []
-    for slip in (0.1, 0.1, 0.0, 0.0, 0.1):
-        effect.run(ticks(1, force_N=1.0, slip_m_s=slip))
+    for i, slip in enumerate((0.1, 0.1, 0.0, 0.0, 0.1)):
+        effect.run(ticks(1, force_N=1.0, slip_m_s=slip, began=i == 0))
         gains.append(float(effect.s["gain"][0]))
     assert gains[1] == gains[2] == gains[3] and len(set(gains)) == 3
 

@@ -298,8 +298,11 @@ def test_a_warped_model_has_the_power_and_the_spectrum_that_it_says(warp: float)
 def test_beyond_the_largest_recorded_the_level_goes_on_and_is_bounded() -> None:
     texture = replace(make_texture(), exponents=(0.5, 2.0))
     force, speed = texture.force_max_N, texture.speed_max_m_s
-    factor = texture.beyond([force, 2 * force, 2 * force, 0.0, np.nan], [speed, speed, 1.5 * speed, speed, 99.0])
-    np.testing.assert_allclose(factor, [1.0, 2**0.5, 2**0.5 * 1.5**2, 1.0, 10 ** (0.1 * LEVEL_BOUND_DB)])
+    most = 10 ** (0.1 * LEVEL_BOUND_DB)
+    forces, speeds = np.transpose([(1, 1), (2, 1), (2, 1.5), (0, 1), (np.nan, 99), (np.inf, 1), (1, -np.inf)])
+    factor = texture.beyond(force * forces, speed * speeds)
+    np.testing.assert_allclose(factor, [1.0, 2**0.5, 2**0.5 * 1.5**2, 1.0, most, most, 1.0])
+    assert np.all(replace(texture, exponents=(0.0, 0.0), force_N=0.1 * texture.force_N).beyond([np.inf], [0.1]) == 1.0)
     power = texture.power([force, 2 * force], [speed, 1.5 * speed])
     assert power[1] == pytest.approx(power[0] * factor[2])
     np.testing.assert_allclose(texture.lattice([force, 2 * force], [speed, 1.5 * speed])[1], power)
