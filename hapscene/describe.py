@@ -38,7 +38,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     else:
         if touch.ended == 1:
             touch.leaving_m_s = max(0.0, dot(sub(v, _vector(memory.drag_m_s)), _vector(touch.nhat_W)))
-            touch.left_body = was_body
+            touch.left_body = -1 if memory.jumped == 1 else was_body
             body, last = world.bodies[was_body], _vector(memory.p_WP_m)
             _set(memory.left_B_m, to_body_before(body, last) if body.moved == 1 else to_body(body, last))
         p_WP = p_WT
@@ -51,7 +51,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
-    memory.fresh = 0
+    memory.fresh = memory.jumped = 0
 
 
 @native

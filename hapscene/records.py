@@ -36,7 +36,7 @@ TOUCH: Final = np.dtype(
         ("depth_rate_m_s", "f8"),  # backward difference of depth within a contact, 0 in the first tick
         ("approach_m_s", "f8"),  # speed into the surface when the contact began, ≥ 0
         ("leaving_m_s", "f8"),  # speed out of the surface when the last contact ended, ≥ 0
-        ("left_body", "i8"),  # body that the tool left last, −1 before any contact ended
+        ("left_body", "i8"),  # body that the tool left last; −1 before, and once that body jumped or was removed
         ("left_W_m", "f8", (3,)),  # the place where it left it, on that body as it moves
         ("slip_W_m", "f8", (3,)),  # movement of the proxy over the body in this tick, tangential
         ("slip_m_s", "f8"),  # slip speed, low-passed at SLIP_CUTOFF_HZ, ≥ 0

@@ -15,7 +15,7 @@ from hapscene.capture.streams import Array
 from hapscene.constants import LIFE_MAX
 from hapscene.dsp.lattice import run_texture, voice_fields
 from hapscene.dsp.noise import normal, seeded_state
-from hapscene.dsp.slow_gain import draw_state
+from hapscene.dsp.slow_gain import CHANGE_S, draw_state
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
@@ -28,9 +28,6 @@ ramped over it."""
 
 STEP_S: Final = 0.001
 """How long the slow gain and the state are kept [s], as by the renderer; the gain is ramped over it."""
-
-CHANGE_S: Final = 0.02
-"""Time in which the texture changes to its other state [s], as in the renderer."""
 
 SETTLE_S: Final = 0.1
 """How long the filter has been running when the stroke begins [s]: it is not silent before its first sample."""
@@ -83,7 +80,7 @@ class _Player:
     """A texture that is played on and on, from a running start."""
 
     def __init__(self, texture: Texture, life: float, seed: int) -> None:
-        self.states = [texture] if texture.other is None else [texture, texture.other]
+        self.states = texture.states
         self.step = max(1, round(STEP_S * texture.rate_Hz))
         self.hold = max(1, round(BLOCK_S * texture.rate_Hz / self.step))
         self.block, self.step_s = self.hold * self.step, self.step / texture.rate_Hz

@@ -160,7 +160,11 @@ def _start(world: Any, surface: Any) -> None:
 @native
 def _let_go(world: Any, surface: Any, moving: NDArray[Any], teleported: NDArray[Any]) -> None:
     """Have the bodies that jump hold proxy and shaft no more; where no plane is left, the proxy begins at the tool."""
-    proxy = world.proxy[0]
+    proxy, touch = world.proxy[0], surface.touch[0]
+    if _jumps(touch.left_body, moving, teleported):
+        touch.left_body = -1
+    if _jumps(touch.body, moving, teleported):
+        surface.memory[0].jumped = 1
     for i in range(proxy.passed_count - 1, -1, -1):
         if _jumps(proxy.passed[i], moving, teleported):
             hold_again(world, proxy.passed[i])

@@ -7,10 +7,14 @@ is stationary.
 """
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from hapscene.dsp.noise import normal, uniform
 from hapscene.native import native
+
+CHANGE_S: Final = 0.02
+"""Time in which a texture's filter and level become those of its other state [s]: short beside any state, long beside a
+click."""
 
 
 @native

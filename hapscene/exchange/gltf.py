@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, Piece, cut_alike, digest_of, numbers_of, pieces_of, text_of
+from hapscene.exchange.swatch_payload import VERSION, Piece, cut_alike, digest_of, pieces_of, text_of
 from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
@@ -182,7 +182,7 @@ class _Writer:
     def add_material(self, index: int, swatch: Swatch, two_sided: bool) -> int:
         key = (index, two_sided)
         if key not in self.materials:
-            extras = {"hapscene_swatch": swatch.name, **numbers_of(swatch), "albedo_rgb": list(swatch.albedo_rgb)}
+            extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
             if (text := text_of(swatch)) is not None:
                 extras["swatch_file"] = text

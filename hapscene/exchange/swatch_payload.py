@@ -38,11 +38,6 @@ def lose(message: str) -> None:
     warn(message, ExchangeWarning)
 
 
-def numbers_of(swatch: Swatch) -> dict[str, float]:
-    """The swatch's own numbers by name."""
-    return swatch.own_numbers
-
-
 def digest_of(swatch: Swatch) -> str:
     """SHA-256, in hex, of the text of the swatch's file: the same for the same surface under the same name."""
     return hashlib.sha256(swatch_to_json(swatch).encode()).hexdigest()

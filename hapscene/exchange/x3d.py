@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, cut_alike, digest_of, numbers_of
+from hapscene.exchange.swatch_payload import VERSION, cut_alike, digest_of
 from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
@@ -101,7 +101,7 @@ def _add_appearance(shape: Any, scene: Scene, index: int, seen: dict[Any, str]) 
     look = etree.SubElement(shape, "Appearance", DEF=seen[key])
     _add_metadata(look, SWATCH, String={"name": quoted(swatch.name), "sha256": quoted(digest_of(swatch))})
     etree.SubElement(look, "Material", diffuseColor=_text(np.array(swatch.albedo_rgb)))
-    numbers = numbers_of(swatch)
+    numbers = swatch.own_numbers
     fields = {field: repr(numbers[name]) for field, name in FIELDS.items()}
     kind = "FrictionalSurface"
     if swatch.friction_static == 0.0:

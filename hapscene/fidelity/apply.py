@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 SILENT: Final[dict[str, dict[str, Any]]] = {
     "lpc_texture": {"texture": None},
-    "tap": {"taps": None},
-    "friction": {"friction_static": 0.0, "friction_dynamic": 0.0},
+    "tap": {"taps": None, "leaving": None},
+    "friction": dict.fromkeys(("friction_static", "friction_dynamic", "friction_viscous_s_m", "breakaway_1_kg"), 0.0),
     "life": {},
 }
 """What a swatch has that an effect is silent on. Without its wall, a surface is none. Life is of the texture."""
@@ -25,7 +25,7 @@ SILENT: Final[dict[str, dict[str, Any]]] = {
 NUMBERS: Final[dict[str, tuple[str, ...]]] = {
     "lpc_texture": ("texture_gain",),
     "tap": (),
-    "friction": ("friction_static", "friction_dynamic"),
+    "friction": tuple(SILENT["friction"]),
     "life": ("texture_life",),
 }
 """The numbers by which they are."""

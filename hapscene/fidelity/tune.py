@@ -219,7 +219,7 @@ def judge_swatch(source: dict[str, Any], name: str, device: str, reach_m_s2: lis
                 tried[order] = float(np.percentile(bands_jnd(rms, true, band_edges_Hz()), WITHIN))
             return tried[order]
 
-        low, high = ORDER_MIN - 1, texture.order  # too low, high enough
+        low, high = ORDER_MIN - 1, max(one.order for one in texture.states)  # too low, high enough
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if error(middle) <= most_jnd else (middle, high)
@@ -231,11 +231,12 @@ def _reduced(scene: "Scene", body: "Body", count: int) -> "Mesh | None":
 
 
 def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
-    """Root mean squares (n, k) in bands [m/s²] of a swatch's texture at forces and speeds (n,), by its models."""
+    """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states in turn, at forces and speeds (n,)."""
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
-    density = texture.density(force_N, speed_m_s, frequency_Hz=line_Hz * np.arange(LINES + 1))
+    at_Hz = line_Hz * np.arange(LINES + 1)
+    density = np.concatenate([one.density(force_N, speed_m_s, frequency_Hz=at_Hz) for one in texture.states])
     total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
     edges = band_edges_Hz() / line_Hz
@@ -250,24 +251,29 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
     left_out, why = [], {}
     if swatch.texture is not None:
         texture = swatch.texture
-        loudest = min(force_N, texture.force_max_N), min(SPEED_M_S, texture.speed_max_m_s)
-        rms = np.minimum(texture_rms(swatch, *(np.array([v]) for v in loudest))[0], reach_m_s2)
+        share = math.inf if np.any(texture.exponents > 0.0) else 1.0  # of the largest recorded
+        loudest = min(force_N, share * texture.force_max_N), min(SPEED_M_S, share * texture.speed_max_m_s)
+        rms = np.minimum(texture_rms(swatch, *(np.array([v]) for v in loudest)).max(axis=0), reach_m_s2)
         felt = is_felt(rms, edges)
         where = f"at {loudest[0]:.2g} N and {loudest[1]:.2g} m/s it vibrates by {np.sqrt(np.sum(rms**2)):.2g} m/s²"
         why["lpc_texture"] = f"{where}, which {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["lpc_texture"]
-        if texture.life is not None:
-            spread_dB = 20.0 / math.log(10.0) * texture.life.log_spread
+        if felt and texture.log_spread > 0.0:
+            spread_dB = 20.0 / math.log(10.0) * texture.log_spread
             spread_dB *= swatch.parameter("lpc_texture", "texture_life", 1.0)
-            felt = felt and spread_dB >= FLUCTUATION_DB
+            felt = spread_dB >= FLUCTUATION_DB
             why["life"] = f"its level varies by {spread_dB:.2g} dB, which {'is felt' if felt else 'nobody feels'}"
             left_out += [] if felt else ["life"]
-    if swatch.taps is not None:
-        fastest = min(float(swatch.taps.approach_m_s[-1]), SPEED_M_S)
+    struck = [taps for taps in (swatch.taps, swatch.leaving) if taps is not None]
+    if struck:
+        fastest = min(max(float(taps.approach_m_s[-1]) for taps in struck), SPEED_M_S)
         count = round(TAP_S * trial.RATE_HZ)
-        a_m_s2 = swatch.parameter("tap", "tap_gain", 1.0) * swatch.taps.transient(fastest, trial.RATE_HZ)[:count]
-        a_m_s2 = np.pad(a_m_s2, (0, count - len(a_m_s2)))
-        rms = band_rms_m_s2(a_m_s2, trial.RATE_HZ, edges, window="boxcar")  # no window: a tap is loudest at its start
+        rms = np.zeros(len(edges) - 1)
+        for taps in struck:
+            a_m_s2 = swatch.parameter("tap", "tap_gain", 1.0) * taps.transient(fastest, trial.RATE_HZ)[:count]
+            a_m_s2 = np.pad(a_m_s2, (0, count - len(a_m_s2)))
+            here = band_rms_m_s2(a_m_s2, trial.RATE_HZ, edges, window="boxcar")  # no window: it is loudest at its start
+            rms = np.maximum(rms, here)
         felt = is_felt(np.minimum(rms, reach_m_s2), edges)
         why["tap"] = f"a tap at {fastest:.2g} m/s {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["tap"]
@@ -276,7 +282,8 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
 
         point = device_named(device).point
         own_N = 0.0 if point is None else point.c_N
-        most_N = swatch.friction_static * force_N
+        fast = swatch.friction_dynamic + swatch.friction_viscous_s_m * SPEED_M_S
+        most_N = max(swatch.friction_static, fast) * force_N
         least_N = max(FORCE * FORCE_LEAST_N, FRICTION * own_N)
         told = f"friction of {most_N:.2g} N at most, over {least_N:.2g} N, the JND beside the device's own"
         why["friction"] = told if most_N >= least_N else told.replace("over", "under")
@@ -567,9 +574,13 @@ def _leave_out(scene: "Scene", plan: _Plan) -> bool:
 
 
 def _effects_of(swatch: "Swatch") -> list[str]:
-    life = swatch.texture and swatch.texture.life
-    has = {"life": life, "lpc_texture": swatch.texture, "tap": swatch.taps, "friction": swatch.friction_static or None}
-    return [effect for effect, what in has.items() if what is not None]
+    has = {
+        "life": swatch.texture is not None and swatch.texture.log_spread > 0.0,
+        "lpc_texture": swatch.texture is not None,
+        "tap": swatch.taps is not None or swatch.leaving is not None,
+        "friction": swatch.friction_static > 0.0,
+    }
+    return [effect for effect, there in has.items() if there]
 
 
 def _cost(

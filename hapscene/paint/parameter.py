@@ -58,7 +58,7 @@ rubber, 12 dB of gain. A number that is over its end makes the slider longer."""
 
 _NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
     "texture_gain": lambda swatch: swatch.texture is not None,
-    "texture_life": lambda swatch: swatch.texture is not None and swatch.texture.living,
+    "texture_life": lambda swatch: swatch.texture is not None and swatch.texture.log_spread > 0.0,
     "tap_gain": lambda swatch: swatch.taps is not None,
 }
 

@@ -88,8 +88,8 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
     A spring beyond what the device holds undamped is given the damping that it needs there: the wall by any effect's
     `damping_Ns_m`, an effect's own `…_stiffness_N_m` by its `…_damping_Ns_m`. Where nothing damps it, it is softer.
     Damping goes as far as the device holds it: also that which grows with depth, as deep as the device can be pressed,
-    and that of friction, under as much force as it has. Adhesion is made weaker and wider
-    alike, until it is as soft as what the device holds undamped: tearing it off takes the same work.
+    and that of friction, under as much force as it has. Adhesion is made weaker and wider alike, until it is as soft
+    as what the device holds undamped: tearing it off takes the same work.
     """
     numbers = {
         (e, n): min(value, limits.damping_Ns_m) if n.endswith(DAMPING) else value for (e, n), value in asked.items()
@@ -112,7 +112,10 @@ def given(limits: Limits, effects: Sequence[Effect], asked: Mapping[tuple[int, s
             numbers[effect, name] = min(value, share * held_s * numbers[WALL, STIFFNESS])
         elif name == VISCOUS:
             numbers[effect, name] = min(value, held_s)
-        elif name == ADHESION and min(value, range_m := asked[effect, ADHESION_RANGE], limits.undamped_N_m) > 0.0:
+        elif name == ADHESION:
+            range_m = asked.get((effect, ADHESION_RANGE), 0.0)
+            if min(value, range_m, limits.undamped_N_m) == 0.0:
+                continue
             wide = max(1.0, math.sqrt(math.e * value / (range_m * limits.undamped_N_m)))
             numbers[effect, name], numbers[effect, ADHESION_RANGE] = value / wide, range_m * wide
     return numbers
@@ -259,7 +262,7 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
     shares = (*FORCE_SHARES, BEYOND) if farther else FORCE_SHARES
     top = (BEYOND if farther else 1.0) * texture.speed_max_m_s
     spread = 0.0 if texture.life is None else texture.life.log_spread
-    swell = math.exp(spread - spread**2) if spread < 1.0 else 1.0  # its slow gain, a standard deviation up
+    swell = math.exp(max(0.0, spread - spread**2))  # its slow gain, a standard deviation up
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
     worst = Share(1.0)
     if texture.other is not None:

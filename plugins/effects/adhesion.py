@@ -8,7 +8,7 @@ too weak to be felt. It is the gradient of the potential A e δ (1 − (1 + r/δ
 back was put in, whichever way the tool goes, and a tool that is torn off loses A e δ.
 
 A tool that touches again while it is held is let go within some `FADE_S`. Until the old hold has gone a new one does
-not begin: neither steps.
+not begin: neither steps. Where the body is put elsewhere, removed or painted anew, nothing holds any more.
 
 Near the surface it is a spring of A e/δ, which the device must bear without damping (`hapscene.surface.device_clipping`
 widens δ where it does not).
@@ -31,7 +31,10 @@ GONE: Final = 0.01
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the pull towards where the tool left [N]."""
-    if touch.ended and touch.inside == 0:
+    if touch.left_body < 0 or touch.tick != s.tick + 1.0:
+        s.share = 0.0
+    s.tick = touch.tick
+    if touch.ended and touch.inside == 0 and touch.left_body >= 0:
         if s.share < GONE:
             s.share = 1.0 if p.adhesion_N > 0.0 and p.adhesion_range_m > 0.0 else 0.0
             s.most_N, s.range_m = p.adhesion_N, p.adhesion_range_m
@@ -66,6 +69,7 @@ EFFECT = Effect(
     ),
     state=(
         State("share"),  # of the hold that is left; 0 is none
+        State("tick"),  # in which it was asked last: a surface that is painted anew has none in the air
         State("most_N"),
         State("range_m"),
         State("way_m", (3,)),  # the tool's since it left

@@ -103,7 +103,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         size2 += f_N * f_N
     size_N, kept = math.sqrt(size2), 1.0
     if size_N > (dynamic_N if s.slipping else static_N):
-        if s.slipping == 0.0 and p.breakaway_decay_1_s > 0.0:
+        if s.slipping == 0.0 and p.breakaway_decay_1_s > 0.0 and p.breakaway_Hz < 0.5 * touch.rate_Hz:
             strike(s, p.breakaway_1_kg * (size_N - dynamic_N), p.breakaway_Hz, p.breakaway_decay_1_s)
         s.slipping = 1.0
         kept = dynamic_N / size_N

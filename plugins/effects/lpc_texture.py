@@ -17,7 +17,7 @@ Table of a swatch: a section of its texture, and one of its texture's other stat
 | 4, 5 | exponents of the power over force and speed beyond F and V |
 | 6 | after how many ticks the filter follows force and speed: `update_ticks` of the swatch's numbers for this effect |
 | 7 | 1 where all models have one filter, else 0 |
-| 8 | what tells this section from others |
+| 8 | checksum, which tells this section from others |
 | 9 | mean time in this state [s], 0 without another |
 | 10 | where the other state's section begins, 0 without one |
 | 11 | count of processes of its slow gain |
@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX
 from hapscene.dsp.lattice import play, settle, voice_fields
 from hapscene.dsp.noise import normal
-from hapscene.dsp.slow_gain import advance_gain, advance_state, draw_state
+from hapscene.dsp.slow_gain import CHANGE_S, advance_gain, advance_state, draw_state
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.swatch import Swatch
@@ -49,19 +49,15 @@ GRID = 33
 (order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
 %) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
 
-ORDER, WARP, TICKS, SINGLE, WHICH, DWELL, OTHER, LIVES, HEADER = 2, 3, 6, 7, 8, 9, 10, 11, 12
+ORDER, WARP, TICKS, SINGLE, CHECKSUM, DWELL, OTHER, PROCESSES, HEADER = 2, 3, 6, 7, 8, 9, 10, 11, 12
 """Places in a section, and how many numbers stand before its processes [count]."""
 
-MOST = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
+BOUND = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
 """Logarithm of the largest factor on the power beyond the highest force and speed [1]."""
 
 FADE_S = 0.2
 """Time in which a filter becomes one of another order, where a surface is felt coarser or finer under load [s]: two
 that differ by 10 dB in a band then change it by 1 dB in 20 ms."""
-
-CHANGE_S = 0.02
-"""Time in which the filter and the level become those of the other state [s]: short beside any state, long beside a
-click."""
 
 FADE_DB_S = 50.0
 """How fast the level changes then at most [dB/s], likewise."""
@@ -85,34 +81,27 @@ def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: 
     u, v = row - i, column - j
     w00, w01, w10, w11 = (1.0 - u) * (1.0 - v), (1.0 - u) * v, u * (1.0 - v), u * v
     order, single = int(table[at + ORDER]), table[at + SINGLE] > 0.0
-    first = at + HEADER + 3 * int(table[at + LIVES])
+    first = at + HEADER + 3 * int(table[at + PROCESSES])
     size = 1 if single else 1 + order
     at00 = (first + order if single else first) + (i * GRID + j) * size
     at01, at10, at11 = at00 + size, at00 + GRID * size, at00 + GRID * size + size
     if fill:
-        if share < 1.0:
-            for m in range(1, max(order, int(s.order)) + 1):
-                to = 0.0
-                if m <= order and single:
-                    to = table[first + m - 1]
-                elif m <= order:
-                    to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
-                s.k[m] += share * (to - s.k[m])
-            s.warp += share * (table[at + WARP] - s.warp)
-        else:
-            for m in range(1, order + 1):
-                if single:
-                    s.k[m] = table[first + m - 1]
-                else:
-                    to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
-                    s.k[m] = to
-            s.order, s.warp = order, table[at + WARP]
+        for m in range(1, order + 1):
+            if single:
+                to = table[first + m - 1]
+            else:
+                to = w00 * table[at00 + m] + w01 * table[at01 + m] + w10 * table[at10 + m] + w11 * table[at11 + m]
+            s.k[m] = to if share == 1.0 else s.k[m] + share * (to - s.k[m])
+        for m in range(order + 1, int(s.order) + 1):
+            s.k[m] -= share * s.k[m]
+        s.order = order if share == 1.0 else max(order, int(s.order))
+        s.warp = table[at + WARP] if share == 1.0 else s.warp + share * (table[at + WARP] - s.warp)
         settle(s)
     power = w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11]
     if force_N > table[at] or slip_m_s > table[at + 1]:
         log = table[at + 4] * math.log(max(force_N / table[at], 1.0))
         log += table[at + 5] * math.log(max(slip_m_s / table[at + 1], 1.0))
-        power *= math.exp(min(max(log, -MOST), MOST))
+        power *= math.exp(min(max(log, -BOUND), BOUND))
     return float(power)
 
 
@@ -123,7 +112,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         new = touch.began or touch.crossed
         changed = table[OTHER] > 0.0 and change_state(touch.tick_s, table, new, s)
         at = int(table[OTHER]) if table[OTHER] > 0.0 and s.state[0] > 0.0 else 0
-        of = table[at + WHICH] if p.texture_gain > 0.0 else 0.0
+        of = table[at + CHECKSUM] if p.texture_gain > 0.0 else 0.0
         if of != s.of or new:
             stepped = touch.stepped and not new
             fade_s = FADE_S if stepped else CHANGE_S if changed and not new else 0.0
@@ -149,7 +138,7 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         if s.loud_m_s2 > 0.0:
             target_m_s2 = slowly(touch, target_m_s2, s)
         s.force_N, s.slip_m_s = touch.force_N, touch.slip_m_s
-        gain = live(touch, p.texture_life, table, at, s)
+        gain = live(touch, p.texture_life, new, table, at, s)
         gain = s.gain + (gain - s.gain) / (s.change + 1.0) if s.change > 0.0 else gain
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
         return
@@ -167,17 +156,18 @@ def change_state(tick_s: float, table: Any, new: bool, s: Any) -> bool:
 
 
 @native
-def live(touch: Any, life: float, table: Any, at: int, s: Any) -> float:
-    """The slow gain [1] of this tick."""
-    count = int(table[at + LIVES])
-    if count == 0 or life == 0.0:
+def live(touch: Any, life: float, new: bool, table: Any, at: int, s: Any) -> float:
+    """The slow gain [1] of this tick. How lively it is follows `life` within `FADE_S`, in a new contact at once."""
+    most = touch.tick_s / FADE_S
+    s.lively = life if new else s.lively + min(max(life - s.lively, -most), most)
+    count = int(table[at + PROCESSES])
+    if count == 0 or s.lively == 0.0:
         return 1.0
-    if s.alive == 0.0:
-        s.alive = 1.0
+    if s.life[0] == 0.0:  # not drawn yet
         for i in range(s.life.size):
             s.life[i] = normal(s.rng)
     travelled_m = touch.slip_m_s * touch.tick_s
-    return advance_gain(s.rng, s.life, table, at + HEADER, count, touch.tick_s, travelled_m, life)
+    return advance_gain(s.rng, s.life, table, at + HEADER, count, touch.tick_s, travelled_m, s.lively)
 
 
 @native
@@ -232,8 +222,8 @@ def section(texture: Texture, dwell_s: float, ticks: float) -> NDArray[np.float6
     rows = np.empty(0) if life is None else np.column_stack((life.spread, life.decay_1_s, life.decay_1_m)).ravel()
     numbers = np.concatenate((rows, *nodes))
     edge = texture.force_max_N, texture.speed_max_m_s, texture.order, texture.warp, *texture.exponents
-    which = 1.0 + zlib.crc32(np.array(edge).tobytes() + numbers.tobytes())
-    return np.array((*edge, ticks, texture.single, which, dwell_s, 0.0, len(rows) // 3, *numbers))
+    checksum = 1.0 + zlib.crc32(np.array(edge).tobytes() + numbers.tobytes())
+    return np.array((*edge, ticks, texture.single, checksum, dwell_s, 0.0, len(rows) // 3, *numbers))
 
 
 EFFECT = Effect(
@@ -246,7 +236,7 @@ EFFECT = Effect(
     ),
     state=(
         *(State(name, shape) for name, shape in voice_fields(ORDER_MAX)),  # of the filter that runs
-        State("of"),  # which section it is of, 0 where it is silent
+        State("of"),  # checksum of the section that it is of, 0 where it is silent
         State("stale"),  # 1 where it is still to become that
         State("goal_m_s2"),  # level of the filter that was chosen last
         State("wait"),  # ticks until the next is
@@ -256,7 +246,7 @@ EFFECT = Effect(
         State("force_N"),
         State("slip_m_s"),
         State("life", (LIFE_MAX,)),  # its processes, each of variance 1
-        State("alive"),  # 1 once they are drawn
+        State("lively"),  # factor on their spread
         State("state", (2,)),  # 0 or 1 in the other, and the time left in it [s]
         State("rng", seeded=True),
     ),

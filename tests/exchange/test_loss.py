@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hapscene.exchange import EXPORTS, export_scene, import_scene
-from hapscene.exchange.swatch_payload import numbers_of
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
@@ -52,7 +51,7 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
 
 def of_swatch(swatch: Swatch, after: Scene, where: str) -> dict[str, str]:
     back = next((s for s in after.swatches if s.name == swatch.name), None)
-    same = back is not None and numbers_of(back) == numbers_of(swatch) and back.albedo_rgb == swatch.albedo_rgb
+    same = back is not None and back.own_numbers == swatch.own_numbers and back.albedo_rgb == swatch.albedo_rgb
     whole = back is not None and swatch_to_json(back) == swatch_to_json(swatch)
     return {f"numbers of a swatch {where}": said(same), f"texture of a swatch {where}": said(whole)}
 

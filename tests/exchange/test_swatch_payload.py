@@ -18,7 +18,6 @@ from hapscene.exchange.swatch_payload import (
     is_digest,
     join,
     known_swatch,
-    numbers_of,
     pieces_of,
     restore,
 )
@@ -33,7 +32,7 @@ FILE = Path("desk.x3d")
 
 
 def carry(swatch: Swatch, text: str | None = None) -> Swatch | str:
-    return restore(FILE, swatch.name, numbers_of(swatch), list(swatch.albedo_rgb), digest_of(swatch), text)
+    return restore(FILE, swatch.name, swatch.own_numbers, list(swatch.albedo_rgb), digest_of(swatch), text)
 
 
 @pytest.mark.parametrize("other", [None, 7, "", "a" * 63, "a" * 65, "A" * 64, "g" * 64, "a" * 64 + "\n", b"a" * 64])
@@ -50,7 +49,7 @@ def test_one_put_into_the_library_later_is_found(own_library: Path) -> None:
     mine = replace(load_swatch("wood"), name="mine", stiffness_N_m=321.0)
     with pytest.warns(ExchangeWarning, match="hapscene swatch add"):
         bare = carry(mine)
-    assert isinstance(bare, Swatch) and bare.texture is None and numbers_of(bare) == numbers_of(mine)
+    assert isinstance(bare, Swatch) and bare.texture is None and bare.own_numbers == mine.own_numbers
     library.add(mine)
     assert carry(mine) == "mine"
 
@@ -89,12 +88,12 @@ def test_no_name_opens_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ("numbers", "albedo", "text", "message"),
     [
         ({}, [0, 0, 0], None, "expected numbers"),
-        (numbers_of(PLAIN) | {"stiffness_N_m": "500"}, [0, 0, 0], None, "expected numbers"),
-        (numbers_of(PLAIN) | {"stiffness_N_m": float("nan")}, [0, 0, 0], None, "expected numbers"),
-        (numbers_of(PLAIN) | {"stiffness_N_m": 10**400}, [0, 0, 0], None, "expected numbers"),
-        (numbers_of(PLAIN) | {"stiffness_N_m": -1}, [0, 0, 0], None, "not negative"),
-        (numbers_of(PLAIN), None, None, "three numbers"),
-        (numbers_of(PLAIN), [0, 0], None, "three numbers"),
+        (PLAIN.own_numbers | {"stiffness_N_m": "500"}, [0, 0, 0], None, "expected numbers"),
+        (PLAIN.own_numbers | {"stiffness_N_m": float("nan")}, [0, 0, 0], None, "expected numbers"),
+        (PLAIN.own_numbers | {"stiffness_N_m": 10**400}, [0, 0, 0], None, "expected numbers"),
+        (PLAIN.own_numbers | {"stiffness_N_m": -1}, [0, 0, 0], None, "not negative"),
+        (PLAIN.own_numbers, None, None, "three numbers"),
+        (PLAIN.own_numbers, [0, 0], None, "three numbers"),
         ({}, None, "{}", "desk.x3d: swatch 'odd'"),
         ({}, None, swatch_to_json(PLAIN), "calls itself 'plain'"),
     ],

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from hapscene.exchange import export_scene
-from hapscene.exchange.swatch_payload import numbers_of
 from hapscene.exchange.x3d import FIELDS, axis_angle
 from hapscene.exchange.x3d_read import rotation
 from hapscene.scene.scene import Scene
@@ -30,7 +29,7 @@ def test_each_body_and_swatch_is_a_shape_with_h3ds_surface(scene: Scene, tmp_pat
         assert surface.get("useRelativeValues") == "false"  # so that H3D takes N/m
         for field in FIELDS:
             if surface.get(field) is not None:
-                assert float(surface.get(field)) == numbers_of(swatch)[FIELDS[field]]
+                assert float(surface.get(field)) == swatch.own_numbers[FIELDS[field]]
     # the numbers of the first body's faces, gathered over its shapes
     point = np.array(stone[0].find("IndexedTriangleSet/Coordinate").get("point").split(), float).reshape(-1, 3)
     assert np.array_equal(point, scene.bodies[0].mesh.vertices_m)

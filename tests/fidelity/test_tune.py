@@ -146,6 +146,27 @@ def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
     np.testing.assert_array_equal(still.run(path).a_m_s2, again.run(path).a_m_s2)
 
 
+def test_what_squeals_at_times_is_judged_by_its_squeal_too():
+    wood = hapscene.load_swatch("wood")
+    loud = wood.texture
+    still = replace(loud, variance_m2_s4=1e-9 * loud.variance_m2_s4, life=None)
+    both = replace(wood, taps=None, texture=replace(still, other=loud, dwell_s=(1.0, 1.0)))
+    assert tune.unfelt(replace(both, texture=still), "omni", NEVER)[0] == ["lpc_texture"]
+    assert tune.unfelt(both, "omni", NEVER)[0] == []
+
+
+def test_friction_and_taps_that_are_left_out_are_so_altogether():
+    taps = Taps([0.1], [3.0], [250.0], [200.0])
+    all_of_it = Swatch("tar", friction_static=0.4, friction_dynamic=0.3, friction_viscous_s_m=1.0, breakaway_1_kg=9.0,
+                       breakaway_Hz=90.0, breakaway_decay_1_s=9.0, leaving=taps)  # fmt: skip
+    assert tune.unfelt(all_of_it, "omni", NEVER)[0] == [] and tune.unfelt(all_of_it, "omni", np.zeros(12))[0] == ["tap"]
+    level = Level(swatches={"tar": SwatchFidelity(left_out=("friction", "tap"))})
+    felt = hapscene.Renderer(apply_level(scene_of("box", all_of_it), level), ["friction", "tap"]).run(
+        np.concatenate([np.linspace([-0.01, 0.0, 0.0401], [0.01, 0.0, z], 100) for z in (0.039, 0.0401)])
+    )
+    assert felt.touching.any() and not felt.f_W_N.any() and not felt.a_m_s2.any()
+
+
 def test_a_tap_counts_from_its_onset_as_loud_as_it_is():
     """3 m/s² that ring for 5 ms: 0.33 m/s² over a tenth of a second, three times what is felt at 250 Hz."""
     tapped = Swatch("tapped", taps=Taps([0.1, 0.5], [1.0, 3.0], [250.0, 250.0], [200.0, 200.0]))

@@ -100,3 +100,25 @@ def test_in_the_tick_it_rides_with_the_body_which_is_pulled_in_turn():
     assert np.abs([on_hand, on_body]).max() < 1e-12
     on_body, on_hand = step(1e-6 + RANGE_M + 5e-3, 5e-3)
     assert on_hand == pytest.approx([0.0, 0.0, -PULL_N]) and on_body == pytest.approx([0.0, 0.0, PULL_N])
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("gone", ["removed", "put elsewhere", "painted anew"])
+def test_what_is_no_longer_there_does_not_hold(gone, held):
+    """While it holds the tool that has left, or while it is touched; then nothing is left of it in a new contact."""
+    scene = sheet(TAR)
+    renderer = hapscene.Renderer(scene, ["wall", EFFECT], seed=0)
+    bound = renderer.moving(["sheet"])
+    for z in (5e-4, -1e-4, -1e-4, 1e-6, RANGE_M)[: 5 if held else 3]:
+        command = renderer.step((*AT_M, z), bound)
+    assert bool(command.f_W_N[2] < -0.9 * PULL_N) == held
+    if gone == "removed":
+        renderer.remove("sheet")
+        bound = None
+    elif gone == "put elsewhere":
+        bound.X_WB[0, 0, 3], bound.teleported[:] = 1e-4, 1  # so near that it would still be held to
+    else:
+        renderer.repaint(scene)
+    for z in RANGE_M * np.linspace(1.0, 2.0, 5) if held or gone != "painted anew" else ():
+        assert not renderer.step((*AT_M, z), bound).f_W_N.any()
+    assert renderer.step((*AT_M, -1e-4), bound).f_W_N[2] >= 0.0

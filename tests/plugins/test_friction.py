@@ -244,3 +244,5 @@ def test_breaking_loose_rings_by_the_force_that_is_set_free(bench, ticks):
     freed_N = K_N_M * (way[broke] - way[0]) - 0.6
     np.testing.assert_allclose(y, 25.0 * freed_N * np.exp(-60 * t_s) * np.sin(2 * np.pi * 150 * t_s), atol=0.1)
     assert freed_N == pytest.approx(0.4, abs=0.01) and not out["a_m_s2"][: broke + 1].any()
+    beyond = bench(FRICTION, params=params | rings | {"breakaway_Hz": 6000.0}).run(rows)
+    assert not beyond["a_m_s2"].any()  # this rate cannot carry it

@@ -84,9 +84,13 @@ def test_without_a_mass_or_a_known_damping_there_is_nothing_to_limit():
     assert share_of(wood, 0.0, 0.1, 1e-3).share == 1.0
 
 
+def steady_wood():
+    return replace(load_swatch("wood").texture, life=None, exponents=(0.0, 0.0))
+
+
 def test_the_share_is_what_makes_the_worst_stroke_just_passive():
     """A device twice as damped holds twice as much, and a texture twice as loud gets half of it."""
-    texture = load_swatch("wood").texture
+    texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3)
     assert 0.0 < found.share < 0.5 and found.share == pytest.approx(found.limit / found.amplitude)
     assert 0.0 < found.force_N <= texture.force_max_N and 0.0 < found.slip_m_s <= texture.speed_max_m_s
@@ -97,7 +101,7 @@ def test_the_share_is_what_makes_the_worst_stroke_just_passive():
 
 
 def test_bursts_another_state_and_a_level_beyond_the_recorded_are_held_within_it():
-    texture = load_swatch("wood").texture
+    texture = steady_wood()
     found = share_of(texture, 0.045, 0.1, 1e-3).share
     alive = replace(texture, life=Life([0.5], [20.0], [0.0]))
     assert share_of(alive, 0.045, 0.1, 1e-3).share == pytest.approx(found / np.exp(0.25))

@@ -133,6 +133,7 @@ BAD = {
     "other format": (edit(("format",), "other"), "format"),
     "measured noise": (edit(("texture", "excitation"), []), "unknown key 'texture.excitation'"),
     "warp": (edit(("texture", "warp"), "much"), "texture.warp must be a finite number"),
+    "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), r"not \[1\.5, 1\.5, 1\.5\]$"),
     "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
     "a third state": (edit(("texture", "other", "other"), {}), r"texture\.other\.other: there are two states at most"),
     "later version": (edit(("version",), 3), "format version 3 is later than 2.*update"),
