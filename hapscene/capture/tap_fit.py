@@ -122,10 +122,10 @@ def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
         return TapFit(None, {}, {"taps": reason})
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
     assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
-    return _pooled(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
+    return pooled_taps(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
 
 
-def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
+def pooled_taps(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
     """One row for each group of like approach speeds."""
     taps = sorted(taps, key=lambda tap: tap.approach_m_s)
     groups: list[list[MeasuredTap]] = [[taps[0]]]
@@ -135,7 +135,7 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
         groups[-1].append(tap)
     rows, speeds, intervals = [], [], {}
     for i, group in enumerate(groups):
-        mean, error = _mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
+        mean, error = weighted_mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
         rows.append(mean)
         speed = float(np.mean([tap.approach_m_s for tap in group]))
         speeds.append(speed if np.isfinite(speed) else ASSUMED_APPROACH_M_S)
@@ -146,7 +146,7 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
     return TapFit(Taps(np.array(speeds), amplitude, frequency, decay, waves, rate_Hz), intervals, absent)
 
 
-def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
+def weighted_mean(values: Array, errors: Array) -> tuple[Array, Array]:
     """Mean (3,) of values (m, 3) and its standard error, without outliers.
 
     A value's variance is that of its own error and that of the scatter between taps (by the median); values more than
