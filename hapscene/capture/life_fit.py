@@ -113,11 +113,11 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     noise = _noise(texture, found)
     blocks = found[:: -(-len(found) // BLOCKS_MAX)]
     parts = []
-    for block in blocks:
-        basis = _basis(block)
+    bases = [_basis(block) for block in blocks]
+    for block, basis in zip(blocks, bases, strict=True):
         expected = np.array([np.diag(one) for one in _covariances(block, basis, noise, speed)])
         parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
-    kind, ahead = _kind(blocks, parts, noise, speed)
+    kind, ahead = _kind(blocks, bases, parts, noise, speed)
     seen = _together(parts)
     power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
@@ -249,7 +249,7 @@ def _fitted(
 
 
 def _kind(
-    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
+    blocks: Sequence[_Block], bases: Sequence[Array], parts: Sequence[_Expected], noise: Array, mean_m_s: float
 ) -> tuple[str, tuple[float, float]]:
     """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
 
@@ -262,8 +262,7 @@ def _kind(
     halves = [_together(parts[i::2]) for i in (0, 1)]
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
-    for number, block in enumerate(blocks):
-        basis = _basis(block)
+    for number, (block, basis) in enumerate(zip(blocks, bases, strict=True)):
         found = _covariances(block, basis, noise, mean_m_s)
         whole = dict.fromkeys(_KINDS, next(found))
         for i, kernel in enumerate(found):
