@@ -25,7 +25,7 @@ from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
 from hapscene.capture.two_states import Living, with_life
-from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
+from hapscene.constants import ORDER_MAX
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
@@ -129,20 +129,16 @@ def fit_parts(
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
     if domain not in DOMAINS:
         raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
-    friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
-    contact = fit_contact(parts)
-    intervals = friction.intervals | taps.intervals
+    friction, taps, contact = fit_friction(parts), fit_taps(parts), fit_contact(parts)
+    intervals = friction.intervals | taps.intervals | contact.intervals
     absent = friction.absent | taps.absent | contact.absent
-    slope = stiffness.slope_N_m
-    if slope is None or slope <= 0.0 or stiffness.interval is None:
-        absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
-        slope = STIFFNESS_N_M
-    else:
-        intervals["stiffness_N_m"] = stiffness.interval
-    numbers: dict[str, Any] = {
-        "stiffness_N_m": slope
-    } | contact.numbers  # a spring that is damped is fitted with its damper
-    intervals |= contact.intervals
+    numbers: dict[str, Any] = dict(contact.numbers)
+    if "stiffness_N_m" not in numbers:  # a spring that is damped is fitted with its damper
+        stiffness = fit_stiffness(parts)
+        if stiffness.slope_N_m is not None and stiffness.slope_N_m > 0.0 and stiffness.interval is not None:
+            numbers["stiffness_N_m"], intervals["stiffness_N_m"] = stiffness.slope_N_m, stiffness.interval
+        else:
+            absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
