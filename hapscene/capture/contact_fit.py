@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.segment import IMPACT, InteractionState, Run, Segmentation, noise, runs
+from hapscene.capture.segment import IMPACT, InteractionState, Part, Run, noise, runs
 from hapscene.capture.stiffness import jackknife_half
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.capture.tap_fit import (
@@ -57,8 +57,6 @@ RINGS_S: Final = 0.06
 """How long the vibration of leaving and of breaking loose is looked at [s]."""
 
 STAYS: Final = "the tool does not leave the surface in the recording"
-
-Part = tuple[Streams, Segmentation]
 
 
 @dataclass

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.segment import BRIEF_S, InteractionState, Segmentation, noise, runs
+from hapscene.capture.segment import BRIEF_S, InteractionState, Part, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
@@ -74,7 +74,7 @@ class Friction:
     viscous_s_m: float = 0.0
 
 
-def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
+def fit_friction(parts: Sequence[Part]) -> Friction:
     """Static and dynamic Coulomb coefficients of recordings of one surface.
 
     Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
@@ -140,7 +140,7 @@ def _none(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> Array:
+def _blocks(parts: Sequence[Part]) -> Array:
     """Mean tangential and normal force and speed, as magnitudes, and the speed's variance (4, m), of all blocks of
     sliding that are pressed with a tenth of the largest force or more.
 
@@ -257,7 +257,7 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
     return float((normal * away).sum()), scale_m_s, weight
 
 
-def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float]]:
+def _breakaways(parts: Sequence[Part]) -> list[tuple[float, float]]:
     """The ratio of the forces at each start from rest, and what its time, hardly known, makes of it.
 
     It is the end of the parabola before it: two of them, low-passed as the forces are, are laid through the pull before
@@ -331,7 +331,7 @@ def _pull(channels: Streams, first: int, begun: int) -> tuple[float, float, floa
     return float(end), float(slope), float(np.sqrt(np.mean((ratio - slope * t_s - end) ** 2)))
 
 
-def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float, float, float]]:
+def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
     """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip,
     and the share of rest that may be in it: one that begins early by δ has δ of it, one that begins late has none.
 
@@ -361,7 +361,7 @@ def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, f
     return found
 
 
-def no_sliding(parts: Sequence[tuple[Streams, Segmentation]]) -> str:
+def no_sliding(parts: Sequence[Part]) -> str:
     """Why a tool whose speed was recorded never slides, and what would; else nothing."""
     on = [states.speed_on_m_s for _, states in parts if states.speed_on_m_s is not None]
     if not on:

@@ -29,7 +29,8 @@ from hapscene.capture.report_plots import (
     plot_whiteness,
     signed,
 )
-from hapscene.capture.swatch_fit import Part, prepare
+from hapscene.capture.segment import Part
+from hapscene.capture.swatch_fit import prepare
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
 from hapscene.files import refusing, write_whole

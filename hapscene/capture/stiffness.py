@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
+from hapscene.capture.segment import InteractionState, Part, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
 RANGE: Final = (0.1, 0.9)
@@ -38,7 +38,7 @@ class Stiffness:
     reason: str = ""
 
 
-def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
+def fit_stiffness(parts: Sequence[Part]) -> Stiffness:
     """The stiffness of recordings of one surface.
 
     A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide; where it
@@ -89,7 +89,7 @@ def jackknife_half(without: Array) -> Array:
     return np.asarray(t.ppf(0.975, count - 1) * np.sqrt((count - 1.0) * without.var(axis=0)))
 
 
-def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
+def _noise_ratio(parts: Sequence[Part]) -> float:
     """Noise of the forces over noise of the depths [N/m], bounded so that neither counts as exact."""
     ratios = []
     for channels, _ in parts:

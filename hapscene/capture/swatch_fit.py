@@ -10,14 +10,13 @@ from hapscene.capture.contact_fit import fit_contact
 from hapscene.capture.friction import fit_friction, no_sliding
 from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.segment import InteractionState, Segmentation, segment
+from hapscene.capture.segment import InteractionState, Part, segment
 from hapscene.capture.stiffness import fit_stiffness
 from hapscene.capture.streams import (
     ASSUMED_FORCE_N,
     ASSUMED_SPEED_M_S,
     DURATION_MIN_S,
     Array,
-    Streams,
     clean,
     part_of,
 )
@@ -31,9 +30,6 @@ from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-
-Part = tuple[Streams, Segmentation]
-"""A recording, cleaned, and its states."""
 
 STATIONARY_PIECES: Final = 5.0
 """Median length of the stationary stretches, in pieces of `PIECE_S`, from which the texture's pieces are cut at their

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.segment import InteractionState, Run, Segmentation, onset
+from hapscene.capture.segment import InteractionState, Part, Run, onset
 from hapscene.capture.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
@@ -96,7 +96,7 @@ class TapFit:
     absent: dict[str, str]
 
 
-def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
+def fit_taps(parts: Sequence[Part]) -> TapFit:
     """The taps of recordings of one surface, at one rate.
 
     Taps at approach speeds within `SPEED_RATIO` become one: the mean of each number weighted by its confidence, and the
@@ -274,7 +274,9 @@ class _Impact:
     def loudest_after(self, since_s: float) -> float:
         """Frequency [Hz] of the strongest line from that time on."""
         tail = self.data[min(self.lead + max(0, round(since_s * self.rate)), len(self.data) - 8) :]
-        return float(np.clip(_loudest(tail, self.rate), 12.0, 0.4 * self.rate))
+        size = 1 << (4 * len(tail)).bit_length()
+        line = max(1, int(np.abs(np.fft.rfft(tail, size)).argmax()))
+        return float(np.clip(line * self.rate / size, 12.0, 0.4 * self.rate))
 
     def ring(self, plain: _Fitted, waves: int) -> _Fitted:
         """A ring of any phase after a contact of so many waves; the linear is solved for at each step of the search."""
@@ -330,13 +332,6 @@ def _errors(jacobian: Array, residual: Array) -> Array:
     size = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300  # numbers of seconds and of hertz: else rounding decides
     unit = jacobian / size
     return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(unit.T @ unit)), 0.0)) / size)
-
-
-def _loudest(data: Array, rate: float) -> float:
-    """Frequency [Hz] of the strongest line."""
-    size = 1 << (4 * len(data)).bit_length()
-    density = np.abs(np.fft.rfft(data, size))
-    return float(max(1, int(density.argmax()))) * rate / size
 
 
 def _approach(channels: Streams, onset: int) -> float:

@@ -21,7 +21,7 @@ def dragged(drive_m_s, static, kinetic, seed=0, **tool):
     """Streams of a tool that is pulled, 1.5 N, its speed a size: noise of 20 dB in all."""
     rng = np.random.default_rng(seed)
     normal = 1.5 + 0.2 * np.sin(2.1 * np.arange(len(drive_m_s)) / RATE_HZ)
-    speed, friction, _ = pulled(drive_m_s, normal, static, kinetic, RATE_HZ, **tool)
+    speed, friction = pulled(drive_m_s, normal, static, kinetic, RATE_HZ, **tool)
     return {
         "acceleration_m_s2": rng.standard_normal(len(speed)) * (0.02 + 20.0 * speed),
         "rate_Hz": RATE_HZ,
