@@ -170,17 +170,11 @@ def critical_fall() -> float:
 @cache
 def dragged(fall: float, seconds: float = 4.0) -> tuple[Array, Array]:
     """Times (n,) [s], and how far a hand that drags is ahead (n,) [m], from a steady slide on."""
-    adhesion = {"tangential_stiffness_N_m": RIGID_N_M, "tangential_damping_Ns_m": 2.0 * math.sqrt(RIGID_N_M * DRAG_KG)}
+    rigid = {"tangential_stiffness_N_m": RIGID_N_M, "tangential_damping_Ns_m": 2.0 * math.sqrt(RIGID_N_M * DRAG_KG)}
     twin = _twin(
-        PointMass(DRAG_KG),
-        ("wall", "friction"),
-        FINE_S,
-        damping_Ns_m=5.0,
-        friction_static=DYNAMIC + fall,
-        friction_dynamic=DYNAMIC,
-        friction_stribeck_m_s=STRIBECK_M_S,
-        effects={"friction": adhesion},
-    )
+        PointMass(DRAG_KG), ("wall", "friction"), FINE_S, damping_Ns_m=5.0, friction_static=DYNAMIC + fall,
+        friction_dynamic=DYNAMIC, friction_stribeck_m_s=STRIBECK_M_S, effects={"friction": rigid},
+    )  # fmt: skip
     down = (-0.5 * DRAG_M_S * seconds, AT_M[1], -PRESS_N / 500.0)
     push = (0.0, 0.0, -PRESS_N)
     twin.reset((*down[:2], 1e-4))
@@ -237,17 +231,11 @@ def solved(static: float, cycles: int = 12) -> tuple[float, float]:
 
 def rest_of_omni() -> list[Answer]:
     """An Omni with encoders, pressed on what has all of it: it stands still, and does not drift."""
-    swatch = {
-        "damping_Ns_m": 0.5,
-        "hunt_crossley_Ns_m2": 300.0,
-        "friction_static": 0.5,
-        "friction_dynamic": 0.3,
-        "friction_stribeck_m_s": 0.02,
-        "friction_viscous_s_m": 1.0,
-        "adhesion_N": PULL_N,
-        "adhesion_range_m": RANGE_M,
-    }
-    twin = _twin(Omni(), ("wall", "friction", "adhesion"), X_WD=stand((*AT_M, 0.0)), **swatch)
+    twin = _twin(
+        Omni(), ("wall", "friction", "adhesion"), X_WD=stand((*AT_M, 0.0)), damping_Ns_m=0.5, hunt_crossley_Ns_m2=300.0,
+        friction_static=0.5, friction_dynamic=0.3, friction_stribeck_m_s=0.02, friction_viscous_s_m=1.0,
+        adhesion_N=PULL_N, adhesion_range_m=RANGE_M,
+    )  # fmt: skip
     twin.reset((*AT_M, 1e-4))
     twin.run(Intent.hold((*AT_M, -2e-3), 500, LEAD, push_W_N=(0.0, 0.0, -1.0)))
     felt = twin.run(Intent.hold((*AT_M, 0.0), 10_000, "none", push_W_N=(0.4, 0.0, -1.0)))

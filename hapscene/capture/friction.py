@@ -321,16 +321,6 @@ def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
     return abs(float(likelihood @ found[0])), float(likelihood @ found[1]), float(np.sqrt(left.min()))
 
 
-def _pull(channels: Streams, first: int, begun: int) -> tuple[float, float, float]:
-    """The ratio of the forces where a line through it ends at `begun`, its slope [1/s], what it is off (rms)."""
-    assert channels.tangential_force_N is not None
-    last = max(begun - round(GAP_S * channels.rate_Hz), first + 2)
-    ratio = np.abs(channels.tangential_force_N[first:last]) / np.maximum(channels.force_N[first:last], 1e-12)
-    t_s = (np.arange(first, last) - begun) / channels.rate_Hz
-    slope, end = np.polyfit(t_s, ratio, 1)
-    return float(end), float(slope), float(np.sqrt(np.mean((ratio - slope * t_s - end) ** 2)))
-
-
 def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
     """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip,
     and the share of rest that may be in it: one that begins early by δ has δ of it, one that begins late has none.
@@ -352,7 +342,9 @@ def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
             rested = last_end >= 0 and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
             if rested and end - start <= SLIP_S * rate:
                 first = max(last_end + gap, begun - round((SAWTOOTH_S + GAP_S) * rate))
-                pull, slope, _ = _pull(channels, first, begun)
+                line = slice(first, max(begun - gap, first + 2))
+                ratio = np.abs(channels.tangential_force_N[line]) / np.maximum(channels.force_N[line], 1e-12)
+                slope, pull = np.polyfit((np.arange(line.start, line.stop) - begun) / rate, ratio, 1).tolist()
                 slip = slice(begun, over + 1)
                 drag = np.abs(channels.tangential_force_N[slip]).sum() / channels.force_N[slip].sum()
                 rest = 0.5 * BEGUN_S * rate / (over + 1 - begun)

@@ -12,14 +12,7 @@ from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Part, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import (
-    ASSUMED_FORCE_N,
-    ASSUMED_SPEED_M_S,
-    DURATION_MIN_S,
-    Array,
-    clean,
-    part_of,
-)
+from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Array, clean, part_of
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled

@@ -112,12 +112,7 @@ def test_what_a_speed_reads_at_rest_is_known(axes):
 TAPS = {
     "hertz": ({"force": lambda x, v: 3e6 * x**1.5 * (1.0 + 0.3 * v)}, 180.0, 70.0),
     "soft": (
-        {
-            "force": lambda x, v: 5e3 * x + 6.6 * v,
-            "ring": (1500.0, 800.0),
-            "masses_kg": (0.09, 0.01),
-            "stays_N": 1.0,
-        },
+        {"force": lambda x, v: 5e3 * x + 6.6 * v, "ring": (1500.0, 800.0), "masses_kg": (0.09, 0.01), "stays_N": 1.0},
         np.sqrt(5e3 / 0.1 - 33.0**2) / (2.0 * np.pi),
         33.0,
     ),
