@@ -148,7 +148,7 @@ def of_models(recorded: Halves) -> str:
         found = fitted(own, model_count=count).density(force_at, speed_at, frequency_Hz=frequency)
         each = [apart(one, right, frequency) for one, right in zip(found, true, strict=True)]
         rows.append(_row(f"{count}", Missed(*np.mean(each, axis=0).tolist())))
-    return table(("models", *HEAD), rows)
+    return str(table(("models", *HEAD), rows))
 
 
 def _wide_stroke(which: int) -> tuple[Array, Array]:
@@ -170,7 +170,7 @@ def of_domains(recorded: Halves) -> str:
         _row(said, mean_missed(parts, lambda own, other: missed(fitted(own, **how), other)))  # noqa: B023 (called here)
         for said, how in words.items()
     ]
-    return table(("filters, blended in", *HEAD), rows)
+    return str(table(("filters, blended in", *HEAD), rows))
 
 
 def of_hatt(recorded: Halves) -> str:
@@ -185,7 +185,7 @@ def of_hatt(recorded: Halves) -> str:
             ("its other half", chance),
         ):
             rows.append((name, *_row(said, mean_missed(pairs, how))))
-    return table(("surface", "", *HEAD), rows)
+    return str(table(("surface", "", *HEAD), rows))
 
 
 def of_excitation(recorded: Halves) -> str:
@@ -204,7 +204,7 @@ def of_excitation(recorded: Halves) -> str:
                 found[kind].append(_character(noise, lfilter([1.0], a, noise)[WARM:]))
         rows += [(name, kind, *(f"{value:.2g}" for value in np.mean(found[kind], axis=0))) for kind in kinds]
     head = ("surface", "driven by", "kurtosis before", "and after", "modulation", "levels [dB]", "crest")
-    return table(head, rows)
+    return str(table(head, rows))
 
 
 def _character(noise: Array, heard: Array) -> tuple[float, ...]:
