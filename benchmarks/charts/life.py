@@ -107,7 +107,7 @@ def _held_out(name: str, which: int, count: int, over: str) -> Array:
     other = parts[1 - which]
     made = [synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS)]
     true = liveliness(other.acceleration_m_s2, RATE_HZ)
-    return np.mean([np.abs(np.log(np.array(liveliness(one, RATE_HZ)) / true)) for one in made], axis=0)[:2]
+    return np.asarray(np.mean([np.abs(np.log(np.array(liveliness(one, RATE_HZ)) / true)) for one in made], axis=0)[:2])
 
 
 def _planted(count: int, over: str) -> float:
