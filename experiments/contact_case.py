@@ -109,14 +109,13 @@ def torn_off() -> list[Answer]:
     """A tool that is lifted off loses A e δ, pulled by A at most; beside the surface it rings as a spring of A e/δ."""
     from scipy.optimize import brentq
 
-    twin = _twin(PointMass(MASS_KG), ("wall", "adhesion"), adhesion_N=PULL_N, adhesion_range_m=RANGE_M)
-    height_m, f_N = lifted(twin)
+    sticky = {"adhesion_N": PULL_N, "adhesion_range_m": RANGE_M}
+    height_m, f_N = lifted(_twin(PointMass(MASS_KG), ("wall", "adhesion"), **sticky))
     air = height_m[:-1] > 0.0
     lost_J = -float((f_N[:-1] * np.diff(height_m))[air].sum())
 
     def grows(damping_Ns_m: float) -> float:
-        tool = PointMass(MASS_KG, damping_Ns_m)
-        one = _twin(tool, ("wall", "adhesion"), adhesion_N=PULL_N, adhesion_range_m=RANGE_M)
+        one = _twin(PointMass(MASS_KG, damping_Ns_m), ("wall", "adhesion"), **sticky)
         x, y = AT_M
         one.reset((x, y, 1e-4))
         for place in ((x, y, -1e-4), (x, y, 1e-7), (x + 1e-5 * RANGE_M, y, 1e-7)):  # in, out, aside
@@ -125,16 +124,11 @@ def torn_off() -> list[Answer]:
 
     known = PULL_N * math.e / RANGE_M
     damping = float(brentq(grows, 0.2 * known * TICK_S, known * TICK_S, rtol=1e-6))
+    rings = "least damping at which it does not ring, in stiffness it holds [N/m]"
     return [
         Answer("adhesion-work", "work of tearing off, A e δ [mJ]", 1e3 * PULL_N * math.e * RANGE_M, 1e3 * lost_J, 1e-2),
         Answer("adhesion-pull", "largest pull [N]", PULL_N, float(-f_N.min()), 1e-3),
-        Answer(
-            "adhesion-rings",
-            "least damping at which it does not ring, in stiffness it holds [N/m]",
-            known,
-            limit_without_delay(MASS_KG, damping, TICK_S),
-            1e-3,
-        ),
+        Answer("adhesion-rings", rings, known, limit_without_delay(MASS_KG, damping, TICK_S), 1e-3),
     ]
 
 
@@ -176,17 +170,11 @@ def critical_fall() -> float:
 @cache
 def dragged(fall: float, seconds: float = 4.0) -> tuple[Array, Array]:
     """Times (n,) [s], and how far a hand that drags is ahead (n,) [m], from a steady slide on."""
-    adhesion = {"tangential_stiffness_N_m": RIGID_N_M, "tangential_damping_Ns_m": 2.0 * math.sqrt(RIGID_N_M * DRAG_KG)}
+    rigid = {"tangential_stiffness_N_m": RIGID_N_M, "tangential_damping_Ns_m": 2.0 * math.sqrt(RIGID_N_M * DRAG_KG)}
     twin = _twin(
-        PointMass(DRAG_KG),
-        ("wall", "friction"),
-        FINE_S,
-        damping_Ns_m=5.0,
-        friction_static=DYNAMIC + fall,
-        friction_dynamic=DYNAMIC,
-        friction_stribeck_m_s=STRIBECK_M_S,
-        effects={"friction": adhesion},
-    )
+        PointMass(DRAG_KG), ("wall", "friction"), FINE_S, damping_Ns_m=5.0, friction_static=DYNAMIC + fall,
+        friction_dynamic=DYNAMIC, friction_stribeck_m_s=STRIBECK_M_S, effects={"friction": rigid},
+    )  # fmt: skip
     down = (-0.5 * DRAG_M_S * seconds, AT_M[1], -PRESS_N / 500.0)
     push = (0.0, 0.0, -PRESS_N)
     twin.reset((*down[:2], 1e-4))
@@ -243,17 +231,11 @@ def solved(static: float, cycles: int = 12) -> tuple[float, float]:
 
 def rest_of_omni() -> list[Answer]:
     """An Omni with encoders, pressed on what has all of it: it stands still, and does not drift."""
-    swatch = {
-        "damping_Ns_m": 0.5,
-        "hunt_crossley_Ns_m2": 300.0,
-        "friction_static": 0.5,
-        "friction_dynamic": 0.3,
-        "friction_stribeck_m_s": 0.02,
-        "friction_viscous_s_m": 1.0,
-        "adhesion_N": PULL_N,
-        "adhesion_range_m": RANGE_M,
-    }
-    twin = _twin(Omni(), ("wall", "friction", "adhesion"), X_WD=stand((*AT_M, 0.0)), **swatch)
+    twin = _twin(
+        Omni(), ("wall", "friction", "adhesion"), X_WD=stand((*AT_M, 0.0)), damping_Ns_m=0.5, hunt_crossley_Ns_m2=300.0,
+        friction_static=0.5, friction_dynamic=0.3, friction_stribeck_m_s=0.02, friction_viscous_s_m=1.0,
+        adhesion_N=PULL_N, adhesion_range_m=RANGE_M,
+    )  # fmt: skip
     twin.reset((*AT_M, 1e-4))
     twin.run(Intent.hold((*AT_M, -2e-3), 500, LEAD, push_W_N=(0.0, 0.0, -1.0)))
     felt = twin.run(Intent.hold((*AT_M, 0.0), 10_000, "none", push_W_N=(0.4, 0.0, -1.0)))
@@ -266,12 +248,12 @@ def rest_of_omni() -> list[Answer]:
 
 
 def draw_contact(path: Path) -> None:
-    """Chart: what a wall whose damping grows with depth holds, what tearing off takes, and the squeal's amplitude."""
-    draw_panels(path, 1, 3, (5.2, 4.2), _draw)
+    """Chart: what a wall whose damping grows with depth holds, and the amplitude of the squeal."""
+    draw_panels(path, 1, 2, (5.2, 4.2), _draw)
 
 
 def _draw(_: Any, axes: Any) -> None:
-    deep, tear, squeals = axes[0]
+    deep, squeals = axes[0]
     depth = np.geomspace(1e-6, 2e-2, 60)
     for delay, style in ((0, "-"), (1, "--")):
         known = [limit_of_small_motion(MASS_KG, DAMPING_NS_M, TICK_S, delay, DEEP_NS_M2 * d) for d in depth]
@@ -279,20 +261,11 @@ def _draw(_: Any, axes: Any) -> None:
         rig = DeepRig(PointMass(MASS_KG, DAMPING_NS_M), TICK_S, delay)
         some = depth[5::14]
         found = [limit_of_motion(rig, DEEP_NS_M2 * d) for d in some]
-        deep.plot(
-            1e3 * some, found, "o", color=OKABE_ITO["blue"], fillstyle="none", label=None if delay else "simulated"
-        )
+        label = None if delay else "simulated"
+        deep.plot(1e3 * some, found, "o", color=OKABE_ITO["blue"], fillstyle="none", label=label)
     deep.set(xscale="log", yscale="log", xlabel="depth at which it is pressed [mm]", ylabel="largest stiffness [N/m]")
     deep.set_title(f"Damping of {DEEP_NS_M2:g} N·s/m² times the depth")
     deep.legend(loc="upper left")
-
-    twin = _twin(PointMass(MASS_KG), ("wall", "adhesion"), adhesion_N=PULL_N, adhesion_range_m=RANGE_M)
-    height_m, f_N = lifted(twin)
-    tear.plot(1e3 * height_m, f_N, color=OKABE_ITO["blue"], label="lifted at 20 mm/s")
-    z = np.linspace(0.0, 0.02, 200)
-    tear.plot(1e3 * z, -PULL_N * z / RANGE_M * np.exp(1.0 - z / RANGE_M), ":", color=INK, label="closed form")
-    tear.set(xlabel="height [mm]", ylabel="force [N]", xlim=(-1.0, 20.0), title="Adhesion: a tool torn off")
-    tear.legend(loc="lower right")
 
     border = critical_fall()
     falls = np.array([0.5, 0.9, 1.1, 1.5, 2.0, 3.0])
@@ -301,9 +274,8 @@ def _draw(_: Any, axes: Any) -> None:
     line = np.linspace(1.2, 3.0, 5)
     squeals.plot(line, [1e3 * solved(DYNAMIC + s * border)[1] for s in line], color=INK, label="solved by SciPy")
     squeals.axvspan(0.0, 1.0, color=OKABE_ITO["green"], alpha=0.12, linewidth=0)
-    squeals.set(
-        xlabel="fall of friction over the border [1]", ylabel="amplitude [mm]", title="Friction that falls with speed"
-    )
+    squeals.set(xlabel="fall of friction over the border [1]", ylabel="amplitude [mm]")
+    squeals.set_title("Friction that falls with speed")
     squeals.legend(loc="upper left")
 
 

@@ -7,7 +7,6 @@ told in closed form, of the mean of its spectra along the stroke: no chance of s
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -27,7 +26,6 @@ from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.files import whole_file
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import INTERPOLATIONS, Texture
-from hapscene_benchmarks.charts.life import COUNTS, OVER, life_of, off_by, unlike
 from hapscene_benchmarks.charts.measuring import RATE_HZ
 from hapscene_benchmarks.charts.texture_domain import FORCE_N, SPEED_M_S, planted_texture
 from hapscene_benchmarks.markdown import table
@@ -129,10 +127,6 @@ def mean_missed(parts: list[tuple[Streams, Streams]], how: Callable[[Streams, St
     return Missed(*np.mean([how(own, other) for own, other in parts], axis=0).tolist())
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    return str(table(head, rows))
-
-
 def _row(said: str, found: Missed) -> tuple[str, ...]:
     return (said, *(f"{value:.2f}" for value in found))
 
@@ -154,7 +148,7 @@ def of_models(recorded: Halves) -> str:
         found = fitted(own, model_count=count).density(force_at, speed_at, frequency_Hz=frequency)
         each = [apart(one, right, frequency) for one, right in zip(found, true, strict=True)]
         rows.append(_row(f"{count}", Missed(*np.mean(each, axis=0).tolist())))
-    return _table(("models", *HEAD), rows)
+    return str(table(("models", *HEAD), rows))
 
 
 def _wide_stroke(which: int) -> tuple[Array, Array]:
@@ -176,7 +170,7 @@ def of_domains(recorded: Halves) -> str:
         _row(said, mean_missed(parts, lambda own, other: missed(fitted(own, **how), other)))  # noqa: B023 (called here)
         for said, how in words.items()
     ]
-    return _table(("filters, blended in", *HEAD), rows)
+    return str(table(("filters, blended in", *HEAD), rows))
 
 
 def of_hatt(recorded: Halves) -> str:
@@ -191,7 +185,7 @@ def of_hatt(recorded: Halves) -> str:
             ("its other half", chance),
         ):
             rows.append((name, *_row(said, mean_missed(pairs, how))))
-    return _table(("surface", "", *HEAD), rows)
+    return str(table(("surface", "", *HEAD), rows))
 
 
 def of_excitation(recorded: Halves) -> str:
@@ -210,7 +204,7 @@ def of_excitation(recorded: Halves) -> str:
                 found[kind].append(_character(noise, lfilter([1.0], a, noise)[WARM:]))
         rows += [(name, kind, *(f"{value:.2g}" for value in np.mean(found[kind], axis=0))) for kind in kinds]
     head = ("surface", "driven by", "kurtosis before", "and after", "modulation", "levels [dB]", "crest")
-    return _table(head, rows)
+    return str(table(head, rows))
 
 
 def _character(noise: Array, heard: Array) -> tuple[float, ...]:
@@ -218,29 +212,10 @@ def _character(noise: Array, heard: Array) -> tuple[float, ...]:
     return metric.excess_kurtosis(noise), metric.excess_kurtosis(heard), *metric.liveliness(heard, RATE_HZ)
 
 
-def of_life(recorded: Halves) -> str:
-    """How lively synthesised strokes are beside the half that they stand for, by what the slow gain is made of."""
-    rows = []
-    ways = {"no life": (0, "")} | {f"{n} by {over}": (n, over) for over in OVER for n in COUNTS}
-    steady = {name: [replace(fitted(own), life=None) for own, _ in pairs] for name, pairs in recorded.items()}
-    for said, (count, over) in ways.items():
-        off = []
-        for name, pairs in recorded.items():
-            for texture, (own, other) in zip(steady[name], pairs, strict=True):
-                off.append(unlike(replace(texture, life=life_of(texture, own, count, over)), other))
-        rows.append((said, *(f"{value:.2f}" for value in np.mean(off, axis=0))))
-    true = [
-        off_by(metric.liveliness(own.acceleration_m_s2, RATE_HZ), other) for p in recorded.values() for own, other in p
-    ]
-    rows.append(("the recording's other half", *(f"{value:.2f}" for value in np.mean(true, axis=0))))
-    return _table(("processes", "modulation", "levels", "crest"), rows)
-
-
 TABLES: Final[Mapping[str, Callable[[Halves], str]]] = {
     "models": of_models,
     "domains": of_domains,
     "hatt": of_hatt,
-    "life": of_life,
     "excitation": of_excitation,
 }
 """By the name that the page has for them."""

@@ -11,8 +11,9 @@ part itself and beside the part that was fitted: a swatch that is as near as tha
 import argparse
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, permutations
 from pathlib import Path
 from typing import Final, Literal
@@ -26,7 +27,7 @@ from hapscene.capture.recording_file import SurfaceRecording, load_recording
 from hapscene.capture.streams import Streams, clean, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
-from hapscene.command.options import add_recording_options, recording_options
+from hapscene.command.options import add_recording_options, recording_options, whole
 from hapscene.dsp.linear_prediction import autocorrelation, solve, tapered
 from hapscene.errors import CaptureError
 
@@ -120,13 +121,11 @@ def simulated(
             level[start:end] = 10.0 ** (rng.uniform(*((29.0, 35.0) if loud else (17.0, 25.0))) / 20.0)
             start, loud = end, not loud
     elif surface != "steady":  # a spread of 0.4, forgotten in 70 ms, or in what is travelled in them at 0.15 m/s
-        rate_1_s = speed / (0.07 * 0.15) if surface == "grains" else np.full(count, 1.0 / 0.07)
-        kept = np.exp(-rate_1_s / rate_Hz)
-        x = rng.standard_normal()
-        drawn = rng.standard_normal(count)
-        for i in range(count):
-            x = kept[i] * x + math.sqrt(1.0 - kept[i] ** 2) * drawn[i]
-            level[i] *= math.exp(0.4 * x - 0.16)
+        gone = np.cumsum(speed / (0.07 * 0.15) if surface == "grains" else np.full(count, 1.0 / 0.07)) / rate_Hz
+        kept = math.exp(-(step := 1.0 / (0.07 * rate_Hz)))
+        drawn = math.sqrt(1.0 - kept**2) * rng.standard_normal(math.ceil(gone[-1] / step) + 2000)
+        x = lfilter([1.0], [1.0, -kept], drawn)[1998:]  # even in what it forgets by
+        level *= np.exp(0.4 * np.interp(gone, step * np.arange(len(x)), x) - 0.16)
     voices = []
     for poles_Hz, radius in (((150.0, 500.0), 0.95), ((690.0,), 0.995)):
         poles = radius * np.exp(2j * np.pi * np.array(poles_Hz) / rate_Hz)
@@ -135,12 +134,17 @@ def simulated(
     return Streams(rate_Hz, level * np.where(squeals, voices[1], voices[0]), force, speed, None), squeals
 
 
-def _recordings(options: argparse.Namespace) -> Iterator[tuple[str, SurfaceRecording | Streams]]:
-    for item in gather(options.recordings):
-        yield item.path.stem, load_recording(item.path, **recording_options(options))
-    if options.simulated:
-        for surface in SURFACES:
-            yield f"simulated: {surface}", simulated(surface, 10.0)[0]
+def _recordings(options: argparse.Namespace) -> Iterator[tuple[str, Callable[[], SurfaceRecording | Streams]]]:
+    """Names, and what reads or makes them."""
+    words = recording_options(options)
+    for item in gather(options.recordings) if options.recordings else ():
+        yield item.path.stem, partial(load_recording, item.path, **words)
+    for surface in SURFACES if options.simulated else ():
+        yield f"simulated: {surface}", partial(_made, surface)
+
+
+def _made(surface: str) -> Streams:
+    return simulated(surface, 10.0)[0]
 
 
 def _line(name: str, found: Sequence[Score]) -> str:
@@ -167,20 +171,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table."""
     parser = argparse.ArgumentParser("hapscene_experiments.held_out", description=__doc__.splitlines()[0])
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", type=Path, help="files, and folders of them")
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"of each swatch (default {SEEDS})")
+    parser.add_argument(
+        "--seeds", type=whole("--seeds", 1), default=SEEDS, metavar="N", help=f"of each swatch (default {SEEDS})"
+    )
     parser.add_argument("--simulated", action="store_true", help=f"and surfaces that are made: {', '.join(SURFACES)}")
     parser.add_argument("--quick", action="store_true", help="halves alone, three seeds")
     add_recording_options(parser)
     options = parser.parse_args(arguments)
-    print(HEAD)
+    if not (options.recordings or options.simulated):
+        parser.error("nothing to judge: name recordings, or --simulated")
     seeds, splits = (3, (2,)) if options.quick else (options.seeds, (2, 3))
-    for name, recording in _recordings(options):
-        for parts in splits:
+    done = 0
+    try:
+        given = list(_recordings(options))
+        print(HEAD)
+        for name, read in given:
             try:
-                print(_line(f"{name}, {parts} parts", scores(recording, parts, seeds)), flush=True)
-            except CaptureError as error:
+                recording = read()
+                for parts in splits:
+                    print(_line(f"{name}, {parts} parts", scores(recording, parts, seeds)), flush=True)
+                    done += 1
+            except CaptureError as error:  # the others go on
                 print(f"hapscene: {name}: {error}", file=sys.stderr)
-    return 0
+    except CaptureError as error:
+        print(f"hapscene: {error}", file=sys.stderr)
+    return 0 if done else 2
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ from .question import Measure, Point, Question, Setting
 from .texture_domain import ORDER, planted_texture
 
 if TYPE_CHECKING:
-    from hapscene.capture.metric import Liveliness
     from hapscene.capture.streams import Streams
     from hapscene.surface.life import Life
     from hapscene.surface.texture import Texture
@@ -53,7 +52,7 @@ def error(count: int, over: str) -> dict[str, float]:
     found = {"planted": _planted(count, over)}
     if not no_recordings():
         rows = [_held_out(name, which, count, over) for name in STROKES for which in (0, 1)]
-        found["modulation"], found["levels"], _ = np.mean(rows, axis=0).tolist()
+        found["modulation"], found["levels"] = np.mean(rows, axis=0).tolist()
     return found
 
 
@@ -97,28 +96,18 @@ def joined(life: "Life", count: int, over: str, speed_m_s: float) -> "Life":
 
 
 def _held_out(name: str, which: int, count: int, over: str) -> Array:
-    """How far a half's texture is from the other half, as `unlike` has it."""
-    texture, parts = _steady(name, which), halves(name)
-    return unlike(replace(texture, life=life_of(texture, parts[which], count, over)), parts[1 - which])
-
-
-def unlike(texture: "Texture", other: "Streams") -> Array:
-    """How far strokes of a texture are from a recording in modulation, spread of levels and crest (3,), |ln ratio|:
+    """How far strokes of a half's texture are from the other half in modulation and spread of levels (2,), |ln ratio|:
     mean over `SEEDS`."""
     from hapscene.capture.metric import liveliness
     from hapscene.capture.synthesis import synthesize
     from hapscene.surface.swatch import Swatch
 
-    swatch = Swatch("asked", texture=texture)
-    made = (synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS))
-    return np.asarray(np.mean([off_by(liveliness(one, other.rate_Hz), other) for one in made], axis=0))
-
-
-def off_by(found: "Liveliness", other: "Streams") -> Array:
-    """|ln ratio| (3,) to a recording's own."""
-    from hapscene.capture.metric import liveliness
-
-    return np.asarray(np.abs(np.log(np.array(found) / liveliness(other.acceleration_m_s2, other.rate_Hz))))
+    texture, parts = _steady(name, which), halves(name)
+    swatch = Swatch("asked", texture=replace(texture, life=life_of(texture, parts[which], count, over)))
+    other = parts[1 - which]
+    made = [synthesize(swatch, other.force_N, other.speed_m_s, seed=seed) for seed in range(SEEDS)]
+    true = liveliness(other.acceleration_m_s2, RATE_HZ)
+    return np.asarray(np.mean([np.abs(np.log(np.array(liveliness(one, RATE_HZ)) / true)) for one in made], axis=0)[:2])
 
 
 def _planted(count: int, over: str) -> float:

@@ -18,10 +18,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.friction import DRAWS
-from hapscene.capture.segment import IMPACT, InteractionState, Run, Segmentation, noise, runs
+from hapscene.capture.segment import IMPACT, InteractionState, Part, Run, noise, runs
+from hapscene.capture.stiffness import jackknife_half
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
-from hapscene.capture.tap_fit import EXPLAINED_MIN, FITTED_MAX, NORMAL_95, MeasuredTap, _mean, _pooled, measure_tap
+from hapscene.capture.tap_fit import (
+    EXPLAINED_MIN,
+    FITTED_MAX,
+    NORMAL_95,
+    MeasuredTap,
+    measure_tap,
+    pooled_taps,
+    weighted_mean,
+)
 from hapscene.surface.taps import Taps
 
 WINDOW_S: Final = 0.03
@@ -31,7 +39,7 @@ SETTLE_S: Final = 0.01
 """What is left out at both ends of a contact [s]: the low-pass mixes the air into it."""
 
 CONTACTS_MIN: Final = 4
-"""Fewest contacts that are drawn as wholes for the interval [count]; of fewer, pieces are."""
+"""Fewest contacts that are left out as wholes for the interval [count]; of fewer, pieces are."""
 
 LEAVES_S: Final = (0.03, 0.15)
 """How long before and after the end of a contact its adhesion is looked at [s]."""
@@ -49,8 +57,6 @@ RINGS_S: Final = 0.06
 """How long the vibration of leaving and of breaking loose is looked at [s]."""
 
 STAYS: Final = "the tool does not leave the surface in the recording"
-
-Part = tuple[Streams, Segmentation]
 
 
 @dataclass
@@ -92,8 +98,6 @@ def _contacts(parts: Sequence[Part]) -> list[tuple[Streams, Run]]:
 
 
 def _fit_damping(parts: Sequence[Part], found: ContactFit) -> None:
-    from scipy.stats import t
-
     with_depth = [part for part in parts if part[0].depth_m is not None]
     if not with_depth:
         found.absent["damping_Ns_m"] = "the recording holds no depth"
@@ -105,16 +109,12 @@ def _fit_damping(parts: Sequence[Part], found: ContactFit) -> None:
     if len(contacts) < CONTACTS_MIN:
         contacts = [piece for rows in contacts for piece in np.array_split(rows, 12 // len(contacts)) if len(piece) > 2]
     kinds = {"damping_Ns_m": (0, 1), "hunt_crossley_Ns_m2": (0, 2)}
-    error = {name: _held_out(contacts, columns) for name, columns in kinds.items()}
-    name = min(error, key=lambda name: error[name])
-    value = _solve(contacts, kinds[name])
-    draws = np.random.default_rng(0).integers(0, len(contacts), (DRAWS, len(contacts)))
-    drawn = np.array([_solve([contacts[i] for i in draw], kinds[name]) for draw in draws])
-    # what is drawn of few contacts scatters too little: as Student's t has it
-    count = len(contacts)
-    half = t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0)) * drawn.std(axis=0)
+    found_of = {name: _left_out(contacts, columns) for name, columns in kinds.items()}
+    name = min(found_of, key=lambda name: found_of[name][1])
+    without, error = found_of[name]
+    value, half = _solve(contacts, kinds[name]), jackknife_half(without)
     (_, low), (_, high) = value - half, value + half
-    better = error[name] < _held_out(contacts, (0,))
+    better = error < _left_out(contacts, (0,))[1]
     unit = "N·s/m" if name == "damping_Ns_m" else "N·s/m²"
     said = f"95 % interval {low:.2g} to {high:.2g} {unit}"
     if high < 0.0 and better:
@@ -164,13 +164,14 @@ def _solve(contacts: Sequence[Array], columns: Sequence[int]) -> Array:
     return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0])
 
 
-def _held_out(contacts: Sequence[Array], columns: Sequence[int]) -> float:
-    """Sum of squares left in each contact by what is fitted to the others [N²]."""
+def _left_out(contacts: Sequence[Array], columns: Sequence[int]) -> tuple[Array, float]:
+    """Coefficients (n, k) without each contact, and the sum of squares that they leave in it [N²]."""
+    without = np.array([_solve([*contacts[:i], *contacts[i + 1 :]], columns) for i in range(len(contacts))])
     total = 0.0
-    for i, rows in enumerate(contacts):
+    for rows, found in zip(contacts, without, strict=True):
         x, y = _centred(rows, columns)
-        total += float(((y - x @ _solve([*contacts[:i], *contacts[i + 1 :]], columns)) ** 2).sum())
-    return total
+        total += float(((y - x @ found) ** 2).sum())
+    return without, total
 
 
 def _ends(parts: Sequence[Part]) -> list[tuple[Streams, Run]]:
@@ -206,7 +207,7 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
         reason = "the force pulls as the tool leaves, but not over a way that was recorded and as adhesion does"
         found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves" if ends else STAYS
         return
-    mean, error = _mean(np.array(values), np.array(errors))
+    mean, error = weighted_mean(np.array(values), np.array(errors))
     found.add(("adhesion_N", "adhesion_range_m"), mean, NORMAL_95 * error)
 
 
@@ -276,7 +277,7 @@ def _fit_leaving(parts: Sequence[Part], found: ContactFit) -> None:
         )
         found.absent["leaving"] = reason if bursts else STAYS
         return
-    fitted = _pooled(known, parts[0][0].rate_Hz, {})
+    fitted = pooled_taps(known, parts[0][0].rate_Hz, {})
     found.leaving = fitted.taps
     found.intervals |= {name.replace("taps.", "leaving."): pair for name, pair in fitted.intervals.items()}
 
@@ -328,5 +329,5 @@ def _fit_breakaway(parts: Sequence[Part], found: ContactFit) -> None:
         reason = "no vibration is heard as friction breaks loose"
         found.absent["breakaway_1_kg"] = reason if recorded else "the recording holds no tangential force"
         return
-    mean, error = _mean(np.array(values), np.array(errors))
+    mean, error = weighted_mean(np.array(values), np.array(errors))
     found.add(("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s"), mean, NORMAL_95 * error)

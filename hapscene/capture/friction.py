@@ -1,13 +1,13 @@
 """A fit of its own: friction coefficients from tangential and normal force, with their 95 % intervals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.segment import BRIEF_S, InteractionState, Segmentation, noise, runs
+from hapscene.capture.segment import BRIEF_S, InteractionState, Part, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch import FRICTION_MAX
@@ -20,9 +20,6 @@ CORRELATED: Final = 5
 
 DRAWS: Final = 400
 """Draws of the bootstrap [count]: the interval's ends are then known to a tenth of its width."""
-
-WIDER: Final = 1.35
-"""What a bootstrap's intervals are widened by [1]: as they are, 82 % of those of simulated strokes hold the truth."""
 
 EDGE_S: Final = 0.05
 """What is left out at both ends of a stretch of sliding [s]: the tool breaks away and comes to rest there."""
@@ -60,10 +57,6 @@ BEGUN_S: Final = 0.0015
 SLIP_S: Final = 0.15
 """Longest slip of a tool that sticks and slips [s]: of longer ones a block remains between both edges."""
 
-LEAK: Final = 0.03
-"""Share of the fall from static to dynamic friction that the mean pull over a slip may be off [1]: its ends are not
-known to the sample. As simulated."""
-
 SLIPS_MIN: Final = 5
 """Fewest slips that are taken for sticking and slipping [count]."""
 
@@ -81,18 +74,7 @@ class Friction:
     viscous_s_m: float = 0.0
 
 
-@dataclass(frozen=True)
-class _OverSpeed:
-    """Coefficients as drawn (draws,), empty where there is none, and why friction does not fall."""
-
-    dynamic: Array = field(default_factory=lambda: np.zeros(0))
-    static: Array = field(default_factory=lambda: np.zeros(0))
-    stribeck_m_s: Array = field(default_factory=lambda: np.zeros(0))
-    viscous_s_m: Array = field(default_factory=lambda: np.zeros(0))
-    reason: str = ""
-
-
-def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
+def fit_friction(parts: Sequence[Part]) -> Friction:
     """Static and dynamic Coulomb coefficients of recordings of one surface.
 
     Dynamic: the line through the origin with the least sum of absolute errors, Σ |F_t − μ F_n|, over blocks of
@@ -124,23 +106,17 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
             f"({told} would tell slips too: {SLIPS_MIN} or more are needed, {len(slips)} are found)"
         )
     draws = _draws(blocks.shape[1])
-    dynamic = _slope(blocks)
-    intervals = {"friction_dynamic": interval(np.array([_slope(blocks[:, draw]) for draw in draws]), WIDER)}
-    static, absent, note = dynamic, {}, ""
-    law = _over_speed(blocks, draws, dynamic)
-    if law.reason:
-        absent["friction_stribeck"] = law.reason
-    numbers = {"friction_dynamic": law.dynamic, "friction_static": law.static}
-    numbers |= {"friction_stribeck_m_s": law.stribeck_m_s, "friction_viscous_s_m": law.viscous_s_m}
-    intervals |= {name: interval(drawn, WIDER) for name, drawn in numbers.items() if len(drawn)}
-    if len(law.dynamic):
-        static = dynamic = float(np.median(law.dynamic))
-    if len(law.static):
-        static, fast = float(np.median(law.static)), 1e3 * float(np.quantile(blocks[2], 0.98))
-        note = f"Friction falls with speed, to {fast:.0f} mm/s."
-    stribeck, viscous = (
-        float(np.median(drawn)) if len(drawn) else 0.0 for drawn in (law.stribeck_m_s, law.viscous_s_m)
-    )
+    dynamic, absent, note = _slope(blocks), {}, ""
+    intervals = {"friction_dynamic": _interval(np.array([_slope(blocks[:, draw]) for draw in draws]))}
+    drawn, reason = _over_speed(blocks, draws, dynamic)
+    if reason:
+        absent["friction_stribeck"] = reason
+    intervals |= {name: _interval(values) for name, values in drawn.items()}
+    numbers = {name: float(np.median(values)) for name, values in drawn.items()}
+    dynamic = numbers.get("friction_dynamic", dynamic)
+    static = numbers.get("friction_static", dynamic)
+    if "friction_static" in numbers:
+        note = f"Friction falls with speed, to {1e3 * float(np.quantile(blocks[2], 0.98)):.0f} mm/s."
     pulls = np.array(_breakaways(parts))
     if len(pulls):
         static = float(np.median(pulls[:, 0]))
@@ -152,18 +128,19 @@ def fit_friction(parts: Sequence[tuple[Streams, Segmentation]]) -> Friction:
             static = dynamic
             note += " They give less than sliding does, whose is taken."
             intervals["friction_static"] = intervals["friction_dynamic"]
-    elif law.reason:
+    elif reason:
         absent["friction_static"] = "the tool never starts from rest in the recording: the dynamic coefficient is taken"
     if max(static, dynamic) > FRICTION_MAX:
         raise CaptureError(f"friction coefficients of {dynamic:.3g} and {static:.3g}: are both forces in newtons?")
-    return Friction(max(static, dynamic), dynamic, intervals, absent, note, stribeck, viscous)
+    over_speed = (numbers.get(f"friction_{name}", 0.0) for name in ("stribeck_m_s", "viscous_s_m"))
+    return Friction(max(static, dynamic), dynamic, intervals, absent, note, *over_speed)
 
 
 def _none(reason: str) -> Friction:
     return Friction(0.0, 0.0, {}, {"friction_dynamic": reason, "friction_static": reason})
 
 
-def _blocks(parts: Sequence[tuple[Streams, Segmentation]]) -> Array:
+def _blocks(parts: Sequence[Part]) -> Array:
     """Mean tangential and normal force and speed, as magnitudes, and the speed's variance (4, m), of all blocks of
     sliding that are pressed with a tenth of the largest force or more.
 
@@ -204,17 +181,18 @@ def _slope(blocks: Array) -> float:
     return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])
 
 
-def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _OverSpeed:
-    """How friction goes with speed, by a law that is linear but for v_s: for each draw the best of `SCALES`.
+def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> tuple[dict[str, Array], str]:
+    """Coefficients by name, as drawn (draws,), and why friction does not fall, or "".
 
-    The curve bends within a block in which the speed changes: to second order its mean is taken.
+    The law is linear but for v_s, of which each draw has the best of `SCALES`. The curve bends within a block in
+    which the speed changes: to second order its mean is taken.
     """
     tangential, normal, speed, spread = blocks
     slow, fast = np.quantile(speed, [0.02, 0.98])
     if np.ptp(speed) == 0.0:
-        return _OverSpeed(reason="the speed was not recorded, or never changes")
+        return {}, "the speed was not recorded, or never changes"
     if len(speed) < 20 or fast < SPEED_RANGE * slow:
-        return _OverSpeed(reason=f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed")
+        return {}, f"the speeds span {fast / max(slow, 1e-9):.1f} times, and {SPEED_RANGE:g} are needed"
     scales = np.geomspace(max(slow, 0.02 * fast), fast / 1.5, SCALES)
     near = min((_curve(blocks[:3], v_s) for v_s in scales[::2]), key=lambda fit: fit[0])[1]
     finer = near * np.geomspace(0.75, 1.33, 19)  # weights about a curve that is off would pull to it
@@ -235,17 +213,22 @@ def _over_speed(blocks: Array, draws: NDArray[np.intp], dynamic: float) -> _Over
             tried = np.geomspace(low, high, 2 * SCALES)
         return found
 
+    def counts_for(change: Array, whole: Array) -> bool:
+        """Whether a change as drawn is surely above 0, and large enough."""
+        return bool(np.quantile(change, 0.025) > 0.0 and np.median(change) >= DROP_MIN * np.median(whole))
+
     (level, viscous, drop), scale = best(one, speed)
-    if not (np.quantile(viscous, 0.025) > 0.0 and np.median(viscous) * fast >= DROP_MIN * dynamic):
+    found = {"friction_viscous_s_m": viscous}
+    if not counts_for(viscous * fast, np.array(dynamic)):
         (level, drop), scale = best(one)
-        viscous = np.zeros(0)
-    if np.quantile(drop, 0.025) > 0.0 and np.median(drop) >= DROP_MIN * np.median(level) and level.min() > 0.0:
-        return _OverSpeed(level, level + drop, scale, viscous)
+        found = {}
+    if counts_for(drop, level) and level.min() > 0.0:
+        found |= {"friction_dynamic": level, "friction_static": level + drop, "friction_stribeck_m_s": scale}
+        return found, ""
     reason = f"friction does not fall with speed between {1e3 * slow:.0f} and {1e3 * fast:.0f} mm/s"
     level, viscous = _drawn(counts, weight, ratio, np.stack([one, speed]))[0].T
-    if not (np.quantile(viscous, 0.025) > 0.0 and np.median(viscous) * fast >= DROP_MIN * dynamic):
-        return _OverSpeed(reason=reason)
-    return _OverSpeed(level, viscous_s_m=viscous, reason=reason)
+    grows = counts_for(viscous * fast, np.array(dynamic))
+    return {"friction_dynamic": level, "friction_viscous_s_m": viscous} if grows else {}, reason
 
 
 def _drawn(counts: Array, weight: Array, ratio: Array, columns: Array) -> tuple[Array, Array]:
@@ -274,7 +257,7 @@ def _curve(blocks: Array, scale_m_s: float) -> tuple[float, float, Array]:
     return float((normal * away).sum()), scale_m_s, weight
 
 
-def _breakaways(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float]]:
+def _breakaways(parts: Sequence[Part]) -> list[tuple[float, float]]:
     """The ratio of the forces at each start from rest, and what its time, hardly known, makes of it.
 
     It is the end of the parabola before it: two of them, low-passed as the forces are, are laid through the pull before
@@ -338,18 +321,9 @@ def _broken(channels: Streams, begun: int) -> tuple[float, float, float]:
     return abs(float(likelihood @ found[0])), float(likelihood @ found[1]), float(np.sqrt(left.min()))
 
 
-def _pull(channels: Streams, first: int, begun: int) -> tuple[float, float, float]:
-    """The ratio of the forces where a line through it ends at `begun`, its slope [1/s], what it is off (rms)."""
-    assert channels.tangential_force_N is not None
-    last = max(begun - round(GAP_S * channels.rate_Hz), first + 2)
-    ratio = np.abs(channels.tangential_force_N[first:last]) / np.maximum(channels.force_N[first:last], 1e-12)
-    t_s = (np.arange(first, last) - begun) / channels.rate_Hz
-    slope, end = np.polyfit(t_s, ratio, 1)
-    return float(end), float(slope), float(np.sqrt(np.mean((ratio - slope * t_s - end) ** 2)))
-
-
-def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, float, float]]:
-    """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip.
+def _slips(parts: Sequence[Part]) -> list[tuple[float, float, float, float]]:
+    """Of each slip after a rest: the ratio of the forces as it breaks, what its time makes of it, that over the slip,
+    and the share of rest that may be in it: one that begins early by δ has δ of it, one that begins late has none.
 
     The speed of a slip is about half a sine: its ends are a sixth of it beyond where it has half its peak, which the
     low-pass leaves where they were.
@@ -368,15 +342,18 @@ def _slips(parts: Sequence[tuple[Streams, Segmentation]]) -> list[tuple[float, f
             rested = last_end >= 0 and begun - last_end >= 4 * gap and np.all(pressed[last_end:begun])
             if rested and end - start <= SLIP_S * rate:
                 first = max(last_end + gap, begun - round((SAWTOOTH_S + GAP_S) * rate))
-                pull, slope, _ = _pull(channels, first, begun)
+                line = slice(first, max(begun - gap, first + 2))
+                ratio = np.abs(channels.tangential_force_N[line]) / np.maximum(channels.force_N[line], 1e-12)
+                slope, pull = np.polyfit((np.arange(line.start, line.stop) - begun) / rate, ratio, 1).tolist()
                 slip = slice(begun, over + 1)
                 drag = np.abs(channels.tangential_force_N[slip]).sum() / channels.force_N[slip].sum()
-                found.append((pull, abs(slope) * BEGUN_S, float(drag)))
+                rest = 0.5 * BEGUN_S * rate / (over + 1 - begun)
+                found.append((pull, abs(slope) * BEGUN_S, float(drag), rest))
             last_end = over
     return found
 
 
-def no_sliding(parts: Sequence[tuple[Streams, Segmentation]]) -> str:
+def no_sliding(parts: Sequence[Part]) -> str:
     """Why a tool whose speed was recorded never slides, and what would; else nothing."""
     on = [states.speed_on_m_s for _, states in parts if states.speed_on_m_s is not None]
     if not on:
@@ -391,12 +368,12 @@ def no_sliding(parts: Sequence[tuple[Streams, Segmentation]]) -> str:
     )
 
 
-def _of_slips(slips: list[tuple[float, float, float]]) -> Friction:
+def _of_slips(slips: list[tuple[float, float, float, float]]) -> Friction:
     """Coefficients of a tool that sticks and slips."""
-    pull, off, drag = np.array(slips).T
+    pull, off, drag, rest = np.array(slips).T
     dynamic, static = float(np.median(drag)), float(np.median(pull))
-    leaked = np.full(len(drag), LEAK * max(static - dynamic, 0.0))
-    intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": _of_median(drag, leaked)}
+    rested = _of_median(drag, rest * max(static - dynamic, 0.0))
+    intervals = {"friction_static": _of_median(pull, off), "friction_dynamic": rested}
     note = f"The tool sticks and slips: friction is that of {len(slips)} slips."
     return Friction(max(static, dynamic), dynamic, intervals, {"friction_stribeck": "the tool never slides on"}, note)
 
@@ -411,7 +388,7 @@ def _of_median(values: Array, off: Array) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def interval(values: Array, wider: float = 1.0) -> tuple[float, float]:
-    """Between the quantiles at 2.5 and 97.5 % of a bootstrap's values (m,), their distances from the median widened."""
-    low, middle, high = np.quantile(values, [0.025, 0.5, 0.975])
-    return float(middle - wider * (middle - low)), float(middle + wider * (high - middle))
+def _interval(values: Array) -> tuple[float, float]:
+    """Between the quantiles at 2.5 and 97.5 % of a bootstrap's values (m,)."""
+    low, high = np.quantile(values, [0.025, 0.975])
+    return float(low), float(high)

@@ -113,11 +113,11 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     noise = _noise(texture, found)
     blocks = found[:: -(-len(found) // BLOCKS_MAX)]
     parts = []
-    for block in blocks:
-        basis = _basis(block)
-        expected = np.array([np.diag(one) for one in _covariances(block, basis, noise, speed)])
+    bases = [_basis(block) for block in blocks]
+    for block, basis in zip(blocks, bases, strict=True):
+        expected = np.array([np.sum(basis * (one @ basis), axis=0) for one in _covariances(block[2], noise, speed)])
         parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
-    kind, ahead = _kind(blocks, parts, noise, speed)
+    kind, ahead = _kind(blocks, bases, parts, noise, speed)
     seen = _together(parts)
     power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
@@ -210,25 +210,25 @@ def _basis(block: _Block) -> Array:
     return np.asarray(whole[:, len(known) : len(model)])
 
 
-def _covariances(block: _Block, basis: Array, chance: Array, mean_m_s: float) -> Iterator[Array]:
-    """Covariance (m, m) of chance, and of each process at power 1, by time, then by distance: one after the other.
+def _covariances(speed: Array, chance: Array, mean_m_s: float) -> Iterator[Array]:
+    """Covariance (n, n) of chance, and of each process at power 1, by time, then by distance: one after the other.
 
     Between windows of widths w and w', u apart, it is exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
     which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
     """
     from scipy.linalg import toeplitz
 
-    count, speed = len(basis), block[2]
+    count = len(speed)
     lags = np.zeros(count)
     lags[: len(chance)] = chance[:count]
-    yield basis.T @ toeplitz(lags) @ basis
+    yield np.asarray(toeplitz(lags))
     for width in (np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s):
         place = np.cumsum(width) - 0.5 * width
         for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
             within = np.sinh(0.5 * w) / (0.5 * w)
             kernel = np.exp(-np.abs(u[:, None] - u)) * (within[:, None] * within)
             np.fill_diagonal(kernel, 2.0 * (w - 1.0 + np.exp(-w)) / w**2)
-            yield basis.T @ kernel @ basis
+            yield kernel
 
 
 def _fitted(
@@ -249,7 +249,7 @@ def _fitted(
 
 
 def _kind(
-    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
+    blocks: Sequence[_Block], bases: Sequence[Array], parts: Sequence[_Expected], noise: Array, mean_m_s: float
 ) -> tuple[str, tuple[float, float]]:
     """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
 
@@ -262,16 +262,15 @@ def _kind(
     halves = [_together(parts[i::2]) for i in (0, 1)]
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
-    for number, block in enumerate(blocks):
-        basis = _basis(block)
-        found = _covariances(block, basis, noise, mean_m_s)
+    for number, (block, basis) in enumerate(zip(blocks, bases, strict=True)):
+        found = _covariances(block[2], noise, mean_m_s)
         whole = dict.fromkeys(_KINDS, next(found))
         for i, kernel in enumerate(found):
             for kind, chosen in _KINDS.items():
                 if chosen.start <= i < chosen.stop:
                     whole[kind] = whole[kind] + powers[1 - number % 2, kind][i - chosen.start] * kernel
         for kind in _KINDS:
-            root = np.linalg.cholesky(whole[kind])
+            root = np.linalg.cholesky(basis.T @ whole[kind] @ basis)
             white = solve_triangular(root, basis.T @ block[0][0], lower=True)
             score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
     ahead = score["distance"] - score["time"], score["both"] - score["time"]

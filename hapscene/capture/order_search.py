@@ -107,20 +107,10 @@ class OrderSearch:
         return self.plain if self.noise is None else self.noise.order
 
 
-def felt_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) -> int:
-    """The smallest order that a cleaned recording supports and whose lack a person cannot tell: for swatches to ship.
-
-    That is the smallest whose held-out distance lies within the recording's floor (or `DISTANCE_RATIO` of the best) and
-    which, as all above it, is within `TOLD_JND` of the highest tried and within one JND in every band; and whose bands
-    are within one JND of the recording's, where there is such an order.
-    """
-    return _felt(search_order(acceleration_m_s2, rate_Hz, warp), acceleration_m_s2, rate_Hz)
-
-
 def felt_domain(acceleration_m_s2: Array, rate_Hz: float) -> tuple[int, float]:
     """The order and the warp of a swatch to ship: of the two axes that which `search_domain` takes, at `felt_order`."""
     found = [search_order(acceleration_m_s2, rate_Hz, warp) for warp in sorted({0.0, warp_at(rate_Hz)})]
-    orders = [_felt(search, acceleration_m_s2, rate_Hz) for search in found]
+    orders = [felt_order(search, acceleration_m_s2, rate_Hz) for search in found]
     best = _better(found, orders)
     return orders[best], found[best].warp
 
@@ -150,8 +140,13 @@ def _better(found: list[OrderSearch], orders: list[int]) -> int:
     return int(jnd[1] < jnd[0] - DOMAIN_JND or WARPED_TAP * orders[1] < orders[0])
 
 
-def _felt(found: OrderSearch, acceleration_m_s2: Array, rate_Hz: float) -> int:
-    """`felt_order` of what was found."""
+def felt_order(found: OrderSearch, acceleration_m_s2: Array, rate_Hz: float) -> int:
+    """The smallest order that a cleaned recording supports and whose lack a person cannot tell: for swatches to ship.
+
+    That is the smallest whose held-out distance lies within the recording's floor (or `DISTANCE_RATIO` of the best) and
+    which, as all above it, is within `TOLD_JND` of the highest tried and within one JND in every band; and whose bands
+    are within one JND of the recording's, where there is such an order.
+    """
     frequency, density = metric.spectrum(acceleration_m_s2, rate_Hz)
     models = _models(acceleration_m_s2, rate_Hz, found.orders, found.warp)
     rms, own_rms = _band_rms(metric.model_spectrum(models, 1.0, rate_Hz, frequency, found.warp), density, frequency)
@@ -168,9 +163,8 @@ def search_order(acceleration_m_s2: Array, rate_Hz: float, warp: float = 0.0) ->
     """Fits all orders to a cleaned recording and to its halves, and takes the smallest that misses nothing.
 
     That is the smallest whose misfit is at most `MISFIT_RATIO` of the floor or `MISFIT_DB` (on the warped axis
-    `WARPED_MISFIT_DB`), and whose held-out
-    distance is within the floor or `DISTANCE_RATIO` of the best. Where none has both, the misfit decides. Of plain
-    models, one over white noise that misses nothing at a lower order goes before.
+    `WARPED_MISFIT_DB`), and whose held-out distance is within the floor or `DISTANCE_RATIO` of the best. Where none has
+    both, the misfit decides. Of plain models, one over white noise that misses nothing at a lower order goes before.
     """
     tried = ORDERS if warp == 0.0 else WARPED_ORDERS
     orders = np.array([p for p in tried if p < len(acceleration_m_s2) // 8])

@@ -16,9 +16,8 @@ from hapscene.capture.report_plots import (
     Plot,
     plot_bands,
     plot_distribution,
-    plot_envelope,
     plot_friction,
-    plot_levels,
+    plot_life,
     plot_models,
     plot_order,
     plot_plane,
@@ -29,7 +28,8 @@ from hapscene.capture.report_plots import (
     plot_whiteness,
     signed,
 )
-from hapscene.capture.swatch_fit import Part, prepare
+from hapscene.capture.segment import Part
+from hapscene.capture.swatch_fit import prepare
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
 from hapscene.files import refusing, write_whole
@@ -342,15 +342,13 @@ def _plots(swatch: Swatch, part: Part | None, judgement: Judgement | None, missi
         plots.append(plot_models(texture) if held is None else plot_spectra(held))
         plots += [plot_spectrograms(judgement), plot_order(judgement.search, texture)]
         if held is not None:
-            plots += [plot_bands(held), plot_envelope(held), plot_levels(held)]
-            plots += [plot_whiteness(held), plot_distribution(held)]
+            plots += [plot_bands(held), plot_life(held), plot_whiteness(held), plot_distribution(held)]
     else:
         plots += [] if texture is None else [plot_models(texture)]
         plots += [Plot("Spectrograms", missing), Plot("Order", missing)]
     if held is None:
-        titles = "Level, band by band", "Life: how fast", "Life: how much"
-        residual = "Residual: is it white?", "Residual: how is it distributed?"
-        plots += [Plot(title, why_not) for title in titles + residual]
+        titles = "Level, band by band", "Life", "Residual: is it white?", "Residual: how is it distributed?"
+        plots += [Plot(title, why_not) for title in titles]
     if texture is not None:
         plots.append(plot_plane(texture, None if part is None else part[0]))
     if part is not None and part[0].tangential_force_N is not None:

@@ -241,15 +241,12 @@ def plot_bands(held_out: HeldOut) -> Plot:
     )
 
 
-def plot_envelope(held_out: HeldOut) -> Plot:
+def plot_life(held_out: HeldOut) -> Plot:
     """Spectrum of the envelope, held out and played."""
     one, two, _ = held_out.lively
+    looks = (held_out.recorded[None], BLUE, "recorded, held out"), (held_out.played, ORANGE, "played, eight times")
 
     def draw(axes: "Axes") -> None:
-        looks = (
-            (held_out.recorded[None], BLUE, "recorded, held out"),
-            (held_out.played, ORANGE, "played, eight times"),
-        )
         for signals, colour, label in looks:
             felt = [metric.felt_part(signal, held_out.rate_Hz) for signal in signals]
             seen = [metric.envelope_spectrum(signal, held_out.rate_Hz) for signal in felt]
@@ -261,33 +258,12 @@ def plot_envelope(held_out: HeldOut) -> Plot:
         axes.set_xticks([], minor=True)
 
     return Plot(
-        "Life: how fast",
+        "Life",
         "How fast the level comes and goes. From 2 to 10 Hz the envelope of the recording moves by "
-        f"{100 * one.modulation:.0f} % of its mean, that of the other half's model by {100 * two.modulation:.0f} %.",
+        f"{100 * one.modulation:.0f} % of its mean, that of the other half's model by {100 * two.modulation:.0f} %; "
+        f"levels of 50 ms scatter by {one.spread_dB:.1f} and {two.spread_dB:.1f} dB.",
         drawn("envelope", draw, columns=3),
         "Power spectral density of the envelope of the held-out half and of the model.",
-    )
-
-
-def plot_levels(held_out: HeldOut) -> Plot:
-    """Distribution of the levels, held out and played."""
-    one, two, _ = held_out.lively
-    looks = ((held_out.recorded[None], BLUE, "recorded, held out", "-"), (held_out.played, ORANGE, "played", DASHED))
-
-    def draw(axes: "Axes") -> None:
-        for signals, colour, label, dash in looks:
-            felt = [metric.felt_part(signal, held_out.rate_Hz) for signal in signals]
-            level = np.sort(np.concatenate([metric.levels_dB(signal, held_out.rate_Hz) for signal in felt]))
-            share = 100.0 * (np.arange(len(level)) + 0.5) / len(level)
-            axes.plot(level, share, color=colour, linewidth=1.6, linestyle=dash, label=label)
-        axes.set(xlabel="level of 50 ms [dB re 1 m/s²]", ylabel="softer than that [%]", ylim=(0.0, 100.0))
-
-    return Plot(
-        "Life: how much",
-        f"How often it is how loud. The levels of 50 ms scatter by {one.spread_dB:.1f} dB in the recording, by "
-        f"{two.spread_dB:.1f} dB in what the model of the other half plays.",
-        drawn("levels", draw),
-        "Cumulative distribution of the levels of the held-out half and of the model.",
     )
 
 

@@ -122,6 +122,10 @@ class Segmentation:
         return float(np.count_nonzero(self.states == state)) / self.rate_Hz
 
 
+Part = tuple[Streams, Segmentation]
+"""A recording, cleaned, and its states."""
+
+
 def segment(channels: Streams) -> Segmentation:
     """Cuts a cleaned recording into states, and its sliding where the vibration changes."""
     rate = channels.rate_Hz

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.segment import InteractionState, Segmentation, noise, runs
+from hapscene.capture.segment import InteractionState, Part, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
 
 RANGE: Final = (0.1, 0.9)
@@ -38,7 +38,7 @@ class Stiffness:
     reason: str = ""
 
 
-def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
+def fit_stiffness(parts: Sequence[Part]) -> Stiffness:
     """The stiffness of recordings of one surface.
 
     A loading runs from the beginning of a contact to its largest force, as long as the tool does not slide; where it
@@ -48,8 +48,6 @@ def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
     least distances square to it (Deming), by Huber's weights. The interval is Student's, of the loadings left out one
     by one (jackknife).
     """
-    from scipy.stats import t
-
     with_depth = [(channels, states) for channels, states in parts if channels.depth_m is not None]
     if not with_depth:
         return Stiffness(None, reason="the recording holds no depth")
@@ -77,16 +75,21 @@ def fit_stiffness(parts: Sequence[tuple[Streams, Segmentation]]) -> Stiffness:
         ]
     slope = _slope(depth, force, ratio)
     sums = np.array([_weighted_sums(d, f, slope, ratio) for d, f in loadings if len(d)])
-    count = len(sums)
-    without = _deming(sums.sum(axis=0) - sums, ratio)
-    error = np.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
+    half = float(jackknife_half(_deming(sums.sum(axis=0) - sums, ratio)))
     weight = _weight(depth, force, slope, ratio)
-    error *= float(weight.mean() / np.mean(weight == 1.0))  # what is left out moves the line, and the weights with it
-    half = float(t.ppf(0.975, count - 1)) * error
+    half *= float(weight.mean() / np.mean(weight == 1.0))  # what is left out moves the line, and the weights with it
     return Stiffness(slope, (slope - half, slope + half))
 
 
-def _noise_ratio(parts: Sequence[tuple[Streams, Segmentation]]) -> float:
+def jackknife_half(without: Array) -> Array:
+    """Half the width (...) of the 95 % interval of what comes out without each of some samples (n, ...): Student's."""
+    from scipy.stats import t
+
+    count = len(without)
+    return np.asarray(t.ppf(0.975, count - 1) * np.sqrt((count - 1.0) * without.var(axis=0)))
+
+
+def _noise_ratio(parts: Sequence[Part]) -> float:
     """Noise of the forces over noise of the depths [N/m], bounded so that neither counts as exact."""
     ratios = []
     for channels, _ in parts:

@@ -10,30 +10,19 @@ from hapscene.capture.contact_fit import fit_contact
 from hapscene.capture.friction import fit_friction, no_sliding
 from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
-from hapscene.capture.segment import InteractionState, Segmentation, segment
+from hapscene.capture.segment import InteractionState, Part, segment
 from hapscene.capture.stiffness import fit_stiffness
-from hapscene.capture.streams import (
-    ASSUMED_FORCE_N,
-    ASSUMED_SPEED_M_S,
-    DURATION_MIN_S,
-    Array,
-    Streams,
-    clean,
-    part_of,
-)
+from hapscene.capture.streams import ASSUMED_FORCE_N, ASSUMED_SPEED_M_S, DURATION_MIN_S, Array, clean, part_of
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
 from hapscene.capture.two_states import Living, with_life
-from hapscene.constants import ORDER_MAX, STIFFNESS_N_M
+from hapscene.constants import ORDER_MAX
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
 from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
-
-Part = tuple[Streams, Segmentation]
-"""A recording, cleaned, and its states."""
 
 STATIONARY_PIECES: Final = 5.0
 """Median length of the stationary stretches, in pieces of `PIECE_S`, from which the texture's pieces are cut at their
@@ -129,20 +118,16 @@ def fit_parts(
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
     if domain not in DOMAINS:
         raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
-    friction, stiffness, taps = fit_friction(parts), fit_stiffness(parts), fit_taps(parts)
-    contact = fit_contact(parts)
-    intervals = friction.intervals | taps.intervals
+    friction, taps, contact = fit_friction(parts), fit_taps(parts), fit_contact(parts)
+    intervals = friction.intervals | taps.intervals | contact.intervals
     absent = friction.absent | taps.absent | contact.absent
-    slope = stiffness.slope_N_m
-    if slope is None or slope <= 0.0 or stiffness.interval is None:
-        absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
-        slope = STIFFNESS_N_M
-    else:
-        intervals["stiffness_N_m"] = stiffness.interval
-    numbers: dict[str, Any] = {
-        "stiffness_N_m": slope
-    } | contact.numbers  # a spring that is damped is fitted with its damper
-    intervals |= contact.intervals
+    numbers: dict[str, Any] = dict(contact.numbers)
+    if "stiffness_N_m" not in numbers:  # a spring that is damped is fitted with its damper
+        stiffness = fit_stiffness(parts)
+        if stiffness.slope_N_m is not None and stiffness.slope_N_m > 0.0 and stiffness.interval is not None:
+            numbers["stiffness_N_m"], intervals["stiffness_N_m"] = stiffness.slope_N_m, stiffness.interval
+        else:
+            absent["stiffness_N_m"] = stiffness.reason or "the force does not grow with the depth"
     assumed = {"force_N": f"{ASSUMED_FORCE_N:g} N", "speed_m_s": f"{ASSUMED_SPEED_M_S:g} m/s"}
     for stream in sorted({stream for channels, _ in parts for stream in channels.assumed}):
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"

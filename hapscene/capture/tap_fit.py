@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.segment import InteractionState, Run, Segmentation, onset
+from hapscene.capture.segment import InteractionState, Part, Run, onset
 from hapscene.capture.streams import Array, Streams, high_pass_gain
 from hapscene.surface.taps import TAP_ROWS, Taps
 
@@ -96,7 +96,7 @@ class TapFit:
     absent: dict[str, str]
 
 
-def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
+def fit_taps(parts: Sequence[Part]) -> TapFit:
     """The taps of recordings of one surface, at one rate.
 
     Taps at approach speeds within `SPEED_RATIO` become one: the mean of each number weighted by its confidence, and the
@@ -122,10 +122,10 @@ def fit_taps(parts: Sequence[tuple[Streams, Segmentation]]) -> TapFit:
         return TapFit(None, {}, {"taps": reason})
     known = [tap for tap in good if np.isfinite(tap.approach_m_s)]
     assumed = f"the recording does not say how fast the tool came; {ASSUMED_APPROACH_M_S:g} m/s assumed"
-    return _pooled(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
+    return pooled_taps(known or good, parts[0][0].rate_Hz, {} if known else {"taps.approach_m_s": assumed})
 
 
-def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
+def pooled_taps(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> TapFit:
     """One row for each group of like approach speeds."""
     taps = sorted(taps, key=lambda tap: tap.approach_m_s)
     groups: list[list[MeasuredTap]] = [[taps[0]]]
@@ -135,7 +135,7 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
         groups[-1].append(tap)
     rows, speeds, intervals = [], [], {}
     for i, group in enumerate(groups):
-        mean, error = _mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
+        mean, error = weighted_mean(np.array([tap.value for tap in group]), np.array([tap.error for tap in group]))
         rows.append(mean)
         speed = float(np.mean([tap.approach_m_s for tap in group]))
         speeds.append(speed if np.isfinite(speed) else ASSUMED_APPROACH_M_S)
@@ -146,7 +146,7 @@ def _pooled(taps: list[MeasuredTap], rate_Hz: float, absent: dict[str, str]) -> 
     return TapFit(Taps(np.array(speeds), amplitude, frequency, decay, waves, rate_Hz), intervals, absent)
 
 
-def _mean(values: Array, errors: Array) -> tuple[Array, Array]:
+def weighted_mean(values: Array, errors: Array) -> tuple[Array, Array]:
     """Mean (3,) of values (m, 3) and its standard error, without outliers.
 
     A value's variance is that of its own error and that of the scatter between taps (by the median); values more than
@@ -274,7 +274,9 @@ class _Impact:
     def loudest_after(self, since_s: float) -> float:
         """Frequency [Hz] of the strongest line from that time on."""
         tail = self.data[min(self.lead + max(0, round(since_s * self.rate)), len(self.data) - 8) :]
-        return float(np.clip(_loudest(tail, self.rate), 12.0, 0.4 * self.rate))
+        size = 1 << (4 * len(tail)).bit_length()
+        line = max(1, int(np.abs(np.fft.rfft(tail, size)).argmax()))
+        return float(np.clip(line * self.rate / size, 12.0, 0.4 * self.rate))
 
     def ring(self, plain: _Fitted, waves: int) -> _Fitted:
         """A ring of any phase after a contact of so many waves; the linear is solved for at each step of the search."""
@@ -330,13 +332,6 @@ def _errors(jacobian: Array, residual: Array) -> Array:
     size = np.sqrt((jacobian**2).sum(axis=0)) + 1e-300  # numbers of seconds and of hertz: else rounding decides
     unit = jacobian / size
     return np.asarray(np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(unit.T @ unit)), 0.0)) / size)
-
-
-def _loudest(data: Array, rate: float) -> float:
-    """Frequency [Hz] of the strongest line."""
-    size = 1 << (4 * len(data)).bit_length()
-    density = np.abs(np.fft.rfft(data, size))
-    return float(max(1, int(density.argmax()))) * rate / size
 
 
 def _approach(channels: Streams, onset: int) -> float:

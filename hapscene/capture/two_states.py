@@ -10,7 +10,7 @@ is no second state.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -92,7 +92,8 @@ def with_life(texture: Texture, stretches: Sequence[Streams], fitted: Callable[[
     states = find_states(stretches)
     if states is not None:
         try:
-            one, two = (_of_state(stretches, masks, fitted) for masks in (_not(states.other), states.other))
+            own = [~mask for mask in states.other]
+            one, two = (_of_state(stretches, masks, fitted) for masks in (own, states.other))
         except CaptureError:  # a state whose stretches are all too short for a texture
             states = None
     if states is None:
@@ -102,10 +103,6 @@ def with_life(texture: Texture, stretches: Sequence[Streams], fitted: Callable[[
     whole = replace(texture, other=other, dwell_s=np.array(states.dwell_s))
     told = _told(life, "texture.life"), _told(other_life, "texture.other.life")
     return Living(whole, told[0][0] | told[1][0], told[0][1] | told[1][1])
-
-
-def _not(masks: Iterable[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
-    return [~mask for mask in masks]
 
 
 def _of_state(

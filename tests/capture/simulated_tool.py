@@ -27,14 +27,14 @@ def pulled(
     mass_kg: float = 0.05,
     spring_N_m: float = 1000.0,
     damping_Ns_m: float = 5.0,
-) -> tuple[Array, Array, Array]:
-    """Speed, tangential force at the surface, and pull of the hand (n,) of a mass on a spring and a damper.
+) -> tuple[Array, Array]:
+    """Speed and tangential force at the surface (n,) of a mass on a spring and a damper.
 
     The mass holds until the pull reaches `static` times the normal force, then slips at `kinetic(speed)` times it.
     """
     fine = round(40_000.0 / rate_Hz)
     h = 1.0 / (fine * rate_Hz)
-    streams = np.zeros((3, len(drive_m_s) * fine))
+    streams = np.zeros((2, len(drive_m_s) * fine))
     stretch = v = 0.0
     driven = np.repeat([drive_m_s, normal_N], fine, axis=1).T.tolist()
     for i, (v_d, n) in enumerate(driven):
@@ -46,9 +46,9 @@ def pulled(
             moved = v + h / mass_kg * (pull - friction)
             v = 0.0 if v * moved < 0.0 else moved
         stretch += h * (v_d - v)
-        streams[:, i] = v, friction, pull
-    speed, friction, pull = streams.reshape(3, -1, fine).mean(axis=2)
-    return np.abs(speed), friction, pull
+        streams[:, i] = v, friction
+    speed, friction = streams.reshape(2, -1, fine).mean(axis=2)
+    return np.abs(speed), friction
 
 
 def tapped(

@@ -12,25 +12,14 @@ UP_M = 5e-3
 
 
 def ring(count, at, amplitude, frequency_Hz, decay_1_s, rate_Hz):
-    t_s = np.arange(count) / rate_Hz - at
-    return np.where(t_s > 0.0, amplitude * np.exp(-decay_1_s * np.maximum(t_s, 0.0)), 0.0) * np.sin(
-        2 * np.pi * frequency_Hz * t_s
-    )
+    t_s = np.maximum(np.arange(count) / rate_Hz - at, 0.0)
+    return amplitude * np.exp(-decay_1_s * t_s) * np.sin(2 * np.pi * frequency_Hz * t_s)
 
 
-def presses(  # the truth, and what a hand and sensors make of it
-    seed=0,
-    damping=0.0,
-    hunt_crossley=0.0,
-    adhesion=0.0,
-    reach_m=5e-4,
-    late_s=0.0,
-    noise_N=0.02,
-    noise_m=1e-5,
-    rings=0.0,
-    has_depth=True,
-    rate_Hz=RATE_HZ,
-):
+def presses(
+    seed=0, damping=0.0, hunt_crossley=0.0, adhesion=0.0, reach_m=5e-4,
+    late_s=0.0, noise_N=0.02, noise_m=1e-5, rings=0.0, has_depth=True, rate_Hz=RATE_HZ,
+):  # fmt: skip
     """Eight presses of some 3 mm at 10 to 60 mm/s, from the air and back, of smooth turns."""
     rng = np.random.default_rng(seed)
     depth = []

@@ -11,6 +11,7 @@ from hapscene.capture.streams import clean, speed_of
 from hapscene.capture.tap_fit import fit_taps
 
 from .simulated_tool import noisy, pulled, tapped
+from .test_friction import broken_away, stroke
 
 RATE_HZ = 5000.0
 SPEEDS_M_S = (0.05, 0.08, 0.12, 0.18, 0.27, 0.4)
@@ -20,7 +21,7 @@ def dragged(drive_m_s, static, kinetic, seed=0, **tool):
     """Streams of a tool that is pulled, 1.5 N, its speed a size: noise of 20 dB in all."""
     rng = np.random.default_rng(seed)
     normal = 1.5 + 0.2 * np.sin(2.1 * np.arange(len(drive_m_s)) / RATE_HZ)
-    speed, friction, _ = pulled(drive_m_s, normal, static, kinetic, RATE_HZ, **tool)
+    speed, friction = pulled(drive_m_s, normal, static, kinetic, RATE_HZ, **tool)
     return {
         "acceleration_m_s2": rng.standard_normal(len(speed)) * (0.02 + 20.0 * speed),
         "rate_Hz": RATE_HZ,
@@ -111,12 +112,7 @@ def test_what_a_speed_reads_at_rest_is_known(axes):
 TAPS = {
     "hertz": ({"force": lambda x, v: 3e6 * x**1.5 * (1.0 + 0.3 * v)}, 180.0, 70.0),
     "soft": (
-        {
-            "force": lambda x, v: 5e3 * x + 6.6 * v,
-            "ring": (1500.0, 800.0),
-            "masses_kg": (0.09, 0.01),
-            "stays_N": 1.0,
-        },
+        {"force": lambda x, v: 5e3 * x + 6.6 * v, "ring": (1500.0, 800.0), "masses_kg": (0.09, 0.01), "stays_N": 1.0},
         np.sqrt(5e3 / 0.1 - 33.0**2) / (2.0 * np.pi),
         33.0,
     ),
@@ -170,36 +166,6 @@ def test_intervals_of_taps_hold_what_was_planted(tapping):
     assert six >= 190 and np.all(held / six > 0.92)
 
 
-def stroked(friction, seed):
-    """20 s to and fro, 5 to 155 mm/s, the forces as they would be without inertia."""
-    rng, t = np.random.default_rng(seed), np.arange(40_000) / 2000.0
-    speed, normal = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2, 1.5 + 0.5 * np.sin(2.1 * t)
-    return part(
-        {
-            "acceleration_m_s2": rng.standard_normal(len(t)),
-            "rate_Hz": 2000.0,
-            "force_N": noisy(normal, rng),
-            "speed_m_s": speed,
-            "tangential_force_N": noisy(friction(speed) * normal, rng),
-        }
-    )
-
-
-def broken_away(seed):
-    """Twenty times a pull that grows for a second, until the tool slides."""
-    rng, t = np.random.default_rng(seed), np.arange(80_000) % 4000 / 2000.0
-    normal = 1.5 + 0.1 * np.sin(np.arange(80_000) / 900)
-    return part(
-        {
-            "acceleration_m_s2": np.where(t < 1.0, 0.01, 1.0) * rng.standard_normal(len(t)),
-            "rate_Hz": 2000.0,
-            "force_N": noisy(normal, rng),
-            "speed_m_s": np.where(t < 1.0, 0.0, 0.1),
-            "tangential_force_N": noisy(np.where(t < 1.0, 0.6 * t, 0.4) * normal, rng),
-        }
-    )
-
-
 def fitted_stiffness(seed):
     found = fit_stiffness([part(pressed(lambda d: 500.0 * d, seed=seed))])
     return {"stiffness_N_m": found.interval}
@@ -209,14 +175,14 @@ def fitted_stiffness(seed):
 @pytest.mark.parametrize(
     ("intervals", "planted"),
     [
-        (lambda seed: fit_friction([broken_away(seed)]).intervals, {"friction_static": 0.6, "friction_dynamic": 0.4}),
-        (lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.0 * v, seed)]).intervals, {"friction_dynamic": 0.3}),
+        (lambda seed: fit_friction(broken_away(seed, 20)).intervals, {"friction_static": 0.6, "friction_dynamic": 0.4}),
+        (lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.0 * v, seed)).intervals, {"friction_dynamic": 0.3}),
         (
-            lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.03) ** 2)), seed)]).intervals,
+            lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.15 * np.exp(-((v / 0.03) ** 2)), seed)).intervals,
             {"friction_dynamic": 0.3, "friction_static": 0.45, "friction_stribeck_m_s": 0.03},
         ),
         (
-            lambda seed: fit_friction([stroked(lambda v: 0.3 + 0.7 * v, seed)]).intervals,
+            lambda seed: fit_friction(stroke(lambda v: 0.3 + 0.7 * v, seed)).intervals,
             {"friction_dynamic": 0.3, "friction_viscous_s_m": 0.7},
         ),
         (fitted_stiffness, {"stiffness_N_m": 500.0}),

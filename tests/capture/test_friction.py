@@ -8,6 +8,8 @@ from hapscene.capture.segment import InteractionState, Segmentation, segment
 from hapscene.capture.stiffness import fit_stiffness
 from hapscene.capture.streams import Streams, clean
 
+from .simulated_tool import noisy
+
 
 def part(acceleration, rate_Hz, *streams, **named):
     channels = clean(acceleration, rate_Hz, *streams, **named)
@@ -25,8 +27,8 @@ def stroke(friction, seed=0, seconds=20.0, rate=2000.0):
     t = np.arange(round(seconds * rate)) / rate
     speed, normal = 0.005 + 0.15 * np.sin(np.pi * t / 4) ** 2, 1.5 + 0.5 * np.sin(2.1 * t)
     tangential = friction(speed) * normal
-    noisy = [x + 0.1 * np.sqrt(np.mean(x**2)) * rng.standard_normal(len(t)) for x in (normal, tangential)]
-    return [part(rng.standard_normal(len(t)), rate, noisy[0], speed, noisy[1])]
+    forces = [noisy(x, rng) for x in (normal, tangential)]
+    return [part(rng.standard_normal(len(t)), rate, forces[0], speed, forces[1])]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -38,15 +40,19 @@ def test_dynamic_friction_within_2_percent(seed, handled_recording):
     assert found.dynamic <= found.static < 0.38  # it slides off without a jerk
 
 
-def test_static_friction_is_the_pull_at_which_it_breaks_away():
-    rng, rate = np.random.default_rng(0), 2000.0
-    t = np.arange(16_000) % 4000 / rate  # each 2 s: the pull grows for 1 s, then it slides
-    speed = np.where(t < 1.0, 0.0, 0.1)
-    normal = 1.5 + 0.1 * np.sin(np.arange(16_000) / 900)
+def broken_away(seed=0, times=4):
+    """A pull that grows for a second, until the tool slides for another."""
+    rng, rate = np.random.default_rng(seed), 2000.0
+    t = np.arange(4000 * times) % 4000 / rate
+    normal = 1.5 + 0.1 * np.sin(np.arange(len(t)) / 900)
     pull = np.where(t < 1.0, 0.6 * t, 0.4) * normal
-    vibration = np.where(speed > 0.0, 1.0, 0.01) * rng.standard_normal(len(t))
-    noisy = [x + 0.1 * np.sqrt(np.mean(x**2)) * rng.standard_normal(len(t)) for x in (normal, pull)]
-    found = fit_friction([part(vibration, rate, noisy[0], speed, noisy[1])])
+    vibration = np.where(t < 1.0, 0.01, 1.0) * rng.standard_normal(len(t))
+    forces = [noisy(x, rng) for x in (normal, pull)]
+    return [part(vibration, rate, forces[0], np.where(t < 1.0, 0.0, 0.1), forces[1])]
+
+
+def test_static_friction_is_the_pull_at_which_it_breaks_away():
+    found = fit_friction(broken_away())
     assert found.dynamic == pytest.approx(0.4, rel=0.02)
     assert found.static == pytest.approx(0.6, rel=0.08)
     assert "friction_static" in found.intervals and "starts from rest" in found.note

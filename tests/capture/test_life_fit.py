@@ -51,7 +51,7 @@ def test_where_the_speed_is_always_the_same_it_forgets_by_time() -> None:
 
 @pytest.mark.parametrize("seconds", [1.0, 8.0])
 def test_steady_noise_has_no_life(seconds: float) -> None:
-    for seed in range(20 if seconds < 2.0 else 3):
+    for seed in range(10 if seconds < 2.0 else 3):
         channels, _ = simulated("steady", seconds, seed)
         fit = fit_life(texture_of(channels), [channels])
         assert fit.life is None and "as steady as" in fit.reason

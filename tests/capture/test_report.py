@@ -140,7 +140,7 @@ def test_a_page_is_whole_and_alone(swatch: Swatch, recording: SurfaceRecording) 
             assert value and value.startswith(("data:image/png", "#")), f"{name}={value} would be fetched"
     assert "default-src 'none'" in text and "prefers-color-scheme: dark" in text
     drawings = re.findall(r"<svg role.*?</svg>", text, re.DOTALL)
-    assert len(drawings) == 10
+    assert len(drawings) == 9
     for drawing in drawings:
         ET.fromstring(drawing)
     for title in ("Spectra", "Spectrograms", "Order", "white", "distributed", "Force and speed", "Friction", "Taps"):
@@ -158,7 +158,7 @@ def test_a_page_is_whole_and_alone(swatch: Swatch, recording: SurfaceRecording) 
 def test_without_a_recording_the_plots_say_so() -> None:
     text = report(load_swatch("wood"))
     assert text == report(load_swatch("wood"))  # the same content makes the same page
-    assert text.count("Needs the recording") == 8
+    assert text.count("Needs the recording") == 7
     assert "Spectra of the models" in text and "650 N/m" in text
     Page(text)
 

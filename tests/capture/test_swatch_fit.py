@@ -10,10 +10,13 @@ from hapscene.capture import fit
 from hapscene.capture.change_point import change_points
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import segment
+from hapscene.capture.stiffness import Stiffness
 from hapscene.capture.streams import clean
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
+
+from .test_contact_fit import STIFFNESS_N_M, presses
 
 
 def fitted(truth, part=slice(None), **options):
@@ -91,6 +94,12 @@ def test_changes_are_found_in_a_recording_longer_than_a_window():
     found = np.array(change_points(signal, rate)) / rate
     assert len(found) == len(lengths) - 1
     np.testing.assert_allclose(found, np.cumsum(lengths)[:-1], atol=0.02)
+
+
+def test_a_spring_that_its_damper_was_fitted_with_is_not_absent(monkeypatch):
+    monkeypatch.setattr("hapscene.capture.swatch_fit.fit_stiffness", lambda parts: Stiffness(None, reason="no line"))
+    swatch = fit_parts(presses(damping=3.0))
+    assert swatch.stiffness_N_m == pytest.approx(STIFFNESS_N_M, rel=0.1) and "stiffness_N_m" not in swatch.absent
 
 
 NOISE = np.random.default_rng(0).standard_normal(2000)

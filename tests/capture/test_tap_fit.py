@@ -12,10 +12,10 @@ from hapscene.capture.tap_fit import (
     MeasuredTap,
     _approach,
     _errors,
-    _mean,
-    _pooled,
     fit_taps,
     measure_tap,
+    pooled_taps,
+    weighted_mean,
 )
 
 
@@ -131,7 +131,7 @@ def tap(approach_m_s, decay_1_s, error_1_s=1.0, level=1.0):
 
 def test_taps_at_one_speed_are_one_with_the_error_of_a_mean():
     rng = np.random.default_rng(0)
-    found = _pooled([tap(0.1, 70.0 + rng.standard_normal()) for _ in range(16)], 1000.0, {})
+    found = pooled_taps([tap(0.1, 70.0 + rng.standard_normal()) for _ in range(16)], 1000.0, {})
     assert len(found.taps.approach_m_s) == 1 and found.taps.decay_1_s[0] == pytest.approx(70.0, abs=1.0)
     width = np.ptp(found.intervals["taps.decay_1_s[0]"]) / (2 * 1.96)
     assert width == pytest.approx(np.sqrt(2.0) / np.sqrt(16.0), rel=0.3)  # its own error, and as much of scatter
@@ -139,23 +139,23 @@ def test_taps_at_one_speed_are_one_with_the_error_of_a_mean():
 
 def test_an_odd_tap_in_a_group_is_left_out():
     values = np.column_stack([np.full(9, 20.0), np.full(9, 180.0), [70, 71, 69, 70.5, 69.5, 70, 71, 69, 400.0]])
-    mean, error = _mean(values, np.ones((9, 3)))
+    mean, error = weighted_mean(values, np.ones((9, 3)))
     assert mean == pytest.approx([20.0, 180.0, 70.0], abs=0.1)
-    alone, of_eight = _mean(values[:8], np.ones((8, 3)))
+    alone, of_eight = weighted_mean(values[:8], np.ones((8, 3)))
     assert mean[2] == pytest.approx(alone[2], abs=0.1) and error[2] == pytest.approx(of_eight[2], rel=0.2)
     assert error[0] == pytest.approx(1.0 / 3.0)  # its amplitude is as that of the others: it counts
 
 
 def test_what_is_measured_well_counts_more_and_the_border_is_known():
-    mean, error = _mean(np.array([[1.0], [2.0], [1.0]]), np.array([[0.01], [1.0], [0.01]]))
+    mean, error = weighted_mean(np.array([[1.0], [2.0], [1.0]]), np.array([[0.01], [1.0], [0.01]]))
     assert mean == pytest.approx(1.0, abs=1e-3) and error == pytest.approx(0.01 / np.sqrt(2.0), rel=1e-3)
     near, far = (np.array([[0.0], [0.0], [(OUTLIER + by) * 0.5]]) for by in (-0.01, 0.01))
-    assert _mean(near, np.full((3, 1), 0.5))[0] == pytest.approx(near.mean(), rel=1e-6)
-    assert _mean(far, np.full((3, 1), 0.5))[0] == 0.0
+    assert weighted_mean(near, np.full((3, 1), 0.5))[0] == pytest.approx(near.mean(), rel=1e-6)
+    assert weighted_mean(far, np.full((3, 1), 0.5))[0] == 0.0
 
 
 def test_transients_of_a_group_are_averaged():
-    found = _pooled([tap(0.1, 70.0, level=1.0), tap(0.1, 70.0, level=3.0), tap(0.5, 70.0, level=9.0)], 1000.0, {})
+    found = pooled_taps([tap(0.1, 70.0, level=1.0), tap(0.1, 70.0, level=3.0), tap(0.5, 70.0, level=9.0)], 1000.0, {})
     assert found.taps.wave_m_s2.tolist() == [[2.0] * 10, [9.0] * 10]
     assert found.taps.approach_m_s.tolist() == [0.1, 0.5]
 

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hapscene.capture.metric import Liveliness, liveliness
 from hapscene.capture.streams import Streams
 from hapscene.surface.texture import Texture
-from hapscene_benchmarks.charts.life import off_by
 from hapscene_experiments.haptography import TABLES, apart, hatt_pipeline, missed, put_in
 
 RATE_HZ = 10_000.0
@@ -48,11 +46,6 @@ def test_the_pipeline_of_hatt_finds_the_stretches_and_the_power_of_each(stroke: 
         assert missed(texture, half).level_dB < 0.5 and missed(texture, half).shape_dB < 1.5
     quiet = Texture.from_models(RATE_HZ, [2.0], [0.1], a=A[None], variance_m2_s4=[1.0])
     assert missed(quiet, half).level_dB == pytest.approx(20.0 * np.log10(4.0), abs=0.5)
-
-
-def test_liveliness_is_off_by_the_logarithm_of_its_ratio(stroke: Streams) -> None:
-    true = liveliness(stroke.acceleration_m_s2, RATE_HZ)
-    assert off_by(Liveliness(*(np.e * value for value in true)), stroke) == pytest.approx(np.ones(3))
 
 
 def test_tables_are_put_where_the_page_has_a_place_for_them() -> None:

@@ -50,6 +50,14 @@ def test_the_command_prints_a_line_for_each_recording(
     streams = np.stack([channels.acceleration_m_s2, channels.force_N, channels.speed_m_s], axis=1)
     np.savetxt(tmp_path / "oak.csv", streams, delimiter=",", header="acceleration,force,speed", comments="")
     units = "acceleration=m/s2,force=N,speed=m/s"
-    assert held_out.main([str(tmp_path), "--quick", "--rate", "5000", "--units", units]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    (tmp_path / "ash.csv").write_text("a,b\n1,2\n")
+    assert held_out.main([str(tmp_path), "--quick", "--rate", "5000", "--units", units]) == 0  # the other goes on
+    told = capsys.readouterr()
+    lines = told.out.splitlines()
+    assert told.err.count("\n") == 1 and "ash.csv" in told.err
+    (tmp_path / "oak.csv").unlink()
+    for folder in (tmp_path, tmp_path / "none"):
+        assert held_out.main([str(folder), "--rate", "5000", "--units", units]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1 and str(folder) in told
     assert lines[-1].startswith("| oak, 2 parts | ") and lines[-1].count("|") == lines[-2].count("|")
