@@ -19,7 +19,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from numba import config, njit
+from numba import config, njit, types
 from numba.core import caching
 from platformdirs import user_cache_path
 
@@ -36,6 +36,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = njit  # numba types its options by name, not as a dictionary
 _NumbaFile: Any = caching.IndexDataCacheFile
+_Record: Any = types.Record
+
+# Numba names what it compiles for a record by the order in which the process met that type. Code that two processes
+# kept then has one name for two layouts: a third, which loads both, runs the one on the other's memory.
+_Record.mangling_args = property(lambda self: ("Record", (hashlib.sha256(self.name.encode()).hexdigest()[:32],)))
+
 _KEPT_S: Final = 30 * 24 * 3600.0
 """Caches of other versions are removed when unused for this long [s]."""
 

@@ -6,11 +6,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from copy import copy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from numba import config
+from numba import config, from_dtype
+from numba.core.itanium_mangler import mangle_type
 
 from hapscene import native as module
 from hapscene.native import INTERPRETED, compiling_told, native
@@ -142,3 +145,10 @@ def test_compiling_is_told_once(twice: Callable[[], Any], monkeypatch: pytest.Mo
         twice()
         module._tell_compiling()
     assert said == ["compiling, once; half a minute to two … "]
+
+
+def test_code_for_a_record_is_named_by_its_layout_whatever_was_compiled_before() -> None:
+    long, short = (from_dtype(np.dtype([("k", np.float64, (n,)), ("gain", np.float64)])) for n in (45, 29))
+    elsewhere = copy(short)
+    elsewhere._code = long._code  # as in a process that met the short one at that place
+    assert mangle_type(elsewhere) == mangle_type(short) != mangle_type(long)

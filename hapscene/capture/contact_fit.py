@@ -204,7 +204,7 @@ def _fit_adhesion(parts: Sequence[Part], found: ContactFit) -> None:
             values.append(fitted[0])
             errors.append(fitted[1])
     if len(values) < max(1, 0.5 * len(ends)):
-        reason = "the force pulls as the tool leaves, but not over a way that was recorded and as adhesion does"
+        reason = "the force is below zero as the tool leaves, but not over a way that was recorded and as adhesion is"
         found.absent["adhesion_N"] = reason if told else "the force does not pull as the tool leaves" if ends else STAYS
         return
     mean, error = weighted_mean(np.array(values), np.array(errors))

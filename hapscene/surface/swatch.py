@@ -8,6 +8,7 @@ from typing import Final
 
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.errors import SwatchError
+from hapscene.files import short
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 
@@ -86,6 +87,10 @@ class Swatch:
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
             raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
+        for part, kind in (("texture", Texture), ("taps", Taps), ("leaving", Taps)):
+            value = getattr(self, part)
+            if not isinstance(value, kind | None):
+                raise SwatchError(f"swatch {self.name!r}: {part} must be {kind.__name__} or None, is {short(value)}")
         for parameter in OWN_PARAMETERS:
             object.__setattr__(self, parameter, self._checked(parameter, getattr(self, parameter)))
         if not self.friction_dynamic <= self.friction_static <= FRICTION_MAX:

@@ -22,6 +22,7 @@ from hapscene.dsp.ar_filter import (
     reflection_from_ar,
 )
 from hapscene.errors import SwatchError
+from hapscene.files import short
 from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
@@ -516,6 +517,10 @@ def _check_shapes(texture: Texture) -> None:
 def _check_states(texture: Texture) -> None:
     """The other state is one that this one can change to, in a time that is none too short."""
     other, dwell = texture.other, texture.dwell_s
+    for name, kind in (("life", Life), ("other", Texture)):
+        value = getattr(texture, name)
+        if not isinstance(value, kind | None):
+            raise SwatchError(f"texture: {name} must be a {kind.__name__} or None, is {short(value)}")
     if other is None:
         if dwell.shape != (2,) or np.any(dwell != 0.0):
             said = dwell.ravel()[:3].tolist()

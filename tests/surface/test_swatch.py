@@ -65,3 +65,9 @@ def test_equality_hash_and_pickle_go_by_content() -> None:
 def test_bad_numbers_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(SwatchError, match=message):
         Swatch(**({"name": "oak"} | change))
+
+
+@pytest.mark.parametrize(("part", "kind"), [("texture", "Texture"), ("taps", "Taps"), ("leaving", "Taps")])
+def test_a_part_of_another_type_is_refused(part: str, kind: str) -> None:
+    with pytest.raises(SwatchError, match=f"{part} must be {kind} or None, is dict"):
+        Swatch("oak", **{part: {"approach_m_s": [0.1]}})

@@ -131,6 +131,8 @@ def test_what_does_not_fit_is_refused() -> None:
         "made for 5000 Hz": {"other": replace(good, rate_Hz=5000.0), "dwell_s": (1.0, 1.0)},
         "dwell_s must be two times": {"other": good},
         "where there is no other": {"dwell_s": (1.0, 1.0)},
+        "life must be a Life or None, is dict": {"life": {"spread": [0.3]}},
+        "other must be a Texture or None, is 'squeal'": {"other": "squeal", "dwell_s": (1.0, 1.0)},
     }
     for message, change in cases.items():
         with pytest.raises(SwatchError, match=message):
