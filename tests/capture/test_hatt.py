@@ -211,7 +211,7 @@ def test_export_comes_back_to_the_bit(tmp_path: Path, shared: Path) -> None:
 def plain(swatch: Swatch) -> Swatch:
     """It without what the toolkit does not know."""
     assert swatch.texture is not None
-    return replace(swatch, texture=replace(swatch.texture.unwarped(), exponents=np.zeros(2)))
+    return replace(swatch, texture=replace(swatch.texture.unwarped(), exponents=np.zeros(2), life=None))
 
 
 def test_a_fitted_swatch_is_exported_with_all_its_digits(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Synthesis along a stroke: what is heard is what the swatch's models say."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -43,12 +42,12 @@ def bands_dB(frequency: np.ndarray, density: np.ndarray) -> np.ndarray:
 
 @EACH
 def test_long_synthesis_has_the_model_s_spectrum_and_power(swatch: Swatch) -> None:
-    """At a fixed force and speed, between models: 0.3 dB a band, 0.2 dB in all, beyond what chance does."""
+    """At a fixed force and speed, between models, steady: 0.3 dB a band, 0.2 dB in all, beyond what chance does."""
     texture = swatch.texture
     assert texture is not None
     force, slip = 0.63 * texture.force_max_N, 0.41 * texture.speed_max_m_s
     count = 2_000_000
-    made = synthesize(swatch, np.full(count, force), np.full(count, slip), seed=3)
+    made = synthesize(swatch, np.full(count, force), np.full(count, slip), seed=3, life=0.0)
     a, variance = texture.model(force, slip)
     assert a[0] == 1.0
     frequency, density = welch(made, texture.rate_Hz, nperseg=8192)
@@ -89,10 +88,11 @@ def test_at_another_rate_the_power_is_kept(name: str, rate_Hz: float) -> None:
     assert texture is not None
     count = int(20 * rate_Hz)
     force, slip = np.full(count, texture.force_max_N), np.full(count, texture.speed_max_m_s)
-    made = synthesize(swatch, force, slip, rate_Hz, seed=1)
-    assert abs(10 * np.log10(made.var() / texture.power(force[:1], slip[:1])[0])) < 0.5
-    assert np.array_equal(made, synthesize(swatch, force, slip, rate_Hz, seed=1))
-    assert not np.array_equal(made, synthesize(swatch, force, slip, rate_Hz, seed=2))
+    steady = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1, life=0.0)
+    assert abs(10 * np.log10(steady.var() / texture.power(force[:1], slip[:1])[0])) < 0.5
+    made = synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1)
+    assert np.array_equal(made, synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=1))
+    assert not np.array_equal(made, synthesize(swatch, force, slip, rate_Hz=rate_Hz, seed=2))
 
 
 @EACH
@@ -120,27 +120,13 @@ def test_long_strokes_are_made_in_parts_without_a_seam() -> None:
     assert abs(np.diff(made[seam - 1 : seam + 1])[0]) < 5 * np.diff(near).std()
 
 
-def test_a_file_keeps_interpolation_and_excitation() -> None:
+def test_a_file_plays_as_it_was() -> None:
     for swatch in SWATCHES:
         again = swatch_from_json(swatch_to_json(swatch))
         assert again.texture == swatch.texture
         assert np.array_equal(
             synthesize(again, np.ones(500), np.full(500, 0.1)), synthesize(swatch, np.ones(500), np.full(500, 0.1))
         )
-
-
-def test_synthesis_is_much_faster_than_real_time() -> None:
-    """The aim is 500 times on a quiet core at order 40; the bound is wide, for the machine may be busy."""
-    a = ar_from_reflection(np.concatenate([[-0.9], np.full(39, 0.05)]))
-    swatch = Swatch("fast", texture=Texture.from_models(10_000.0, [2.0], [0.2], [a], [1.0]))
-    force, slip = np.full(100_000, 1.0), np.linspace(0.05, 0.2, 100_000)
-    synthesize(swatch, force[:100], slip[:100])
-    best = np.inf
-    for _ in range(5):
-        start = time.perf_counter()
-        synthesize(swatch, force, slip)
-        best = min(best, time.perf_counter() - start)
-    assert 10.0 / best > 150.0
 
 
 def test_silence_and_refusals() -> None:

@@ -238,7 +238,7 @@ def band_levels_dB(effect, ticks_of, tables, count):
 
 def test_another_order_under_the_same_touch_fades_in_without_a_click(bench, ticks, swatch_of):
     """No band changes by more than 1 dB in 20 ms, and after `FADE_S` it is as loud as that filter alone."""
-    fine, effect = hapscene.load_swatch("wood").texture, bench(LPC, swatch_of())
+    fine, effect = replace(hapscene.load_swatch("wood").texture, life=None), bench(LPC, swatch_of())
     long, short = (
         LPC.table(swatch_of(texture=fine), 10_000.0),
         LPC.table(swatch_of(texture=fine.truncated(4)), 10_000.0),

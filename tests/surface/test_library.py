@@ -225,7 +225,9 @@ def test_a_swatch_of_any_name_leaves_the_library_readable(monkeypatch, tmp_path,
 
 def test_what_lives_in_a_texture_is_told() -> None:
     wood = load_swatch("wood")
-    assert wood.texture is not None and "alive" not in "\n".join(lines(wood))
+    assert wood.texture is not None
+    steady = replace(wood, texture=replace(wood.texture, life=None))
+    assert "alive" not in "\n".join(lines(steady))
     life = Life(np.array([0.3, 0.4]), np.array([20.0, 0.0]), np.array([0.0, 300.0]))
     texture = replace(wood.texture, warp=0.5, life=life, exponents=np.array([0.5, 2.0]))
     told = "\n".join(lines(replace(wood, texture=replace(texture, other=texture, dwell_s=np.array([1.5, 0.2])))))
