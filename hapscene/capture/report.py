@@ -29,6 +29,7 @@ from hapscene.capture.report_plots import (
     signed,
 )
 from hapscene.capture.segment import Part
+from hapscene.capture.streams import Array
 from hapscene.capture.swatch_fit import prepare
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
@@ -96,6 +97,7 @@ def rows(judgement: Judgement) -> list[Row]:
     similarity = judgement.similarity
     return [
         *([] if held is None else _held_out_rows(held, best)),
+        _bands_row("bands in which the swatch is felt to differ from the recording", judgement.band_dB, held),
         Row(
             "likeness as felt, spectral part of ST-SIM",
             f"{similarity.spectral:.3f}",
@@ -111,9 +113,7 @@ def rows(judgement: Judgement) -> list[Row]:
 
 def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
     allowed = DISTANCE_RATIO * max(best_dB, held.floor_dB)
-    worst = int(np.argmax(np.abs(held.band_dB)))
-    low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
-    felt, felt_halves = (int(np.count_nonzero(np.abs(x) > FELT_DB)) for x in (held.band_dB, held.halves_band_dB))
+    felt = int(np.count_nonzero(np.abs(held.band_dB) > FELT_DB))
     one, two, own = held.lively
     fitted, other = (metric.spectral_centroid_Hz(d, held.frequency_Hz) for d in (held.fitted, held.held_out))
     return [
@@ -138,13 +138,7 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
             f"{signed(100 * (fitted / other - 1), 0)} % from the held-out one",
             _verdict(abs(held.centroid_ratio - 1) <= CENTROID, abs(held.centroid_ratio - 1) <= abs(fitted / other - 1)),
         ),
-        Row(
-            "bands that differ by more than is felt",
-            f"{felt} of {len(held.band_dB)}",
-            f"none: {FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(held.band_dB[worst], 1)} dB; "
-            f"the half that was fitted itself differs in {felt_halves}",
-            _verdict(felt == 0, felt <= felt_halves),
-        ),
+        _bands_row("bands that differ by more than is felt", held.band_dB, held),
         _lively_row("modulation of the envelope, 2 to 10 Hz", (one.modulation, two.modulation, own.modulation), ""),
         _lively_row("spread of the level, in windows of 50 ms", (one.spread_dB, two.spread_dB, own.spread_dB), " dB"),
         Row("goodness of fit of the spectra (GFC)", f"{held.goodness_of_fit:.3f}", "1 is one shape"),
@@ -154,6 +148,18 @@ def _held_out_rows(held: HeldOut, best_dB: float) -> list[Row]:
             "share of the power that the model does not predict; smaller is better",
         ),
     ]
+
+
+def _bands_row(measure: str, band_dB: Array, held: HeldOut | None) -> Row:
+    """In how many bands a level is felt to differ, beside how the halves of the recording do."""
+    worst = int(np.argmax(np.abs(band_dB)))
+    low, high = metric.BAND_EDGES_HZ[worst], metric.BAND_EDGES_HZ[worst + 1]
+    felt = int(np.count_nonzero(np.abs(band_dB) > FELT_DB))
+    said = f"none: {FELT_DB:g} dB a band; most at {low:.0f} to {high:.0f} Hz, {signed(band_dB[worst], 1)} dB"
+    halves = 0 if held is None else int(np.count_nonzero(np.abs(held.halves_band_dB) > FELT_DB))
+    if held is not None:
+        said += f"; the half that was fitted itself differs in {halves}"
+    return Row(measure, f"{felt} of {len(band_dB)}", said, _verdict(felt == 0, felt <= halves))
 
 
 def _lively_row(measure: str, values: tuple[float, float, float], unit: str) -> Row:

@@ -90,6 +90,7 @@ class Judgement:
         channels: the cleaned recording, of which only what slides is held against the texture.
         search: what was found for each order.
         synthetic: (n,) the swatch played along the recording's force and speed [m/s²].
+        band_dB: (b,) level of the swatch over the recording in bands.
         spectrogram_error: of `synthetic` [1].
         similarity: ST-SIM of `synthetic`.
         held_out: how a model of one half does on the other, or None: then `why_not` says why.
@@ -99,6 +100,7 @@ class Judgement:
     channels: Streams
     search: OrderSearch
     synthetic: Array
+    band_dB: Array
     spectrogram_error: float
     similarity: Similarity
     held_out: HeldOut | None
@@ -116,14 +118,18 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
     stroke = sliding(channels, states)
     synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
-    search = search_order(stroke.acceleration_m_s2, rate, swatch.texture.resampled(rate).warp)
+    texture = swatch.texture.resampled(rate)
+    search = search_order(stroke.acceleration_m_s2, rate, texture.warp)
+    frequency, density = metric.spectrum(stroke.acceleration_m_s2, rate)
+    expected = np.interp(frequency, *spectrum_along(texture, stroke.force_N, stroke.speed_m_s)) * kept_share(frequency)
+    band_dB = 10.0 * np.log10(metric.band_power(expected, frequency) / metric.band_power(density, frequency))
     held_out, why_not = None, ""
     try:
         held_out = _hold_out(swatch, stroke, search)
     except CaptureError as error:
         why_not = str(error)
     apart, similarity = metric.spectrogram_error(acceleration, synthetic, rate), st_sim(synthetic, acceleration, rate)
-    return Judgement(channels, search, synthetic, apart, similarity, held_out, why_not)
+    return Judgement(channels, search, synthetic, band_dB, apart, similarity, held_out, why_not)
 
 
 def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:

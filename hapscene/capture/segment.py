@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
-from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams, filtered
+from hapscene.capture.streams import BLOCK, HAND_CUTOFF_HZ, Array, Streams, blocks, filtered
 from hapscene.constants import ACCELERATION_BAND_HZ
 
 Mask = NDArray[np.bool_]
@@ -254,7 +254,12 @@ def _level(acceleration: Array, rate: float) -> Array:
     """Root of the mean square (n,) over `LEVEL_S`."""
     from scipy.ndimage import uniform_filter1d
 
-    power = uniform_filter1d(acceleration**2, max(1, round(LEVEL_S * rate)), mode="nearest")
+    length = max(1, round(LEVEL_S * rate))
+    power = np.empty_like(acceleration)
+    for block in blocks(len(power), BLOCK):
+        first = max(0, block.start - length)
+        near = uniform_filter1d(acceleration[first : block.stop + length] ** 2, length, mode="nearest")
+        power[block] = near[block.start - first :][:BLOCK]
     return np.asarray(np.sqrt(np.maximum(power, 0.0, out=power), out=power))
 
 

@@ -1,6 +1,6 @@
 """The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force, depth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, TypeVar
 
@@ -60,7 +60,8 @@ def clean(
     """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it.
+    Depth grows into the surface; it is negative above it. Streams that the caller does not hold are let go once they
+    are used: of a long recording each is as large as all that is done with it.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
@@ -85,13 +86,19 @@ def clean(
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}
     tangential, depth = (None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items())
-    high = filtered(acceleration - acceleration.mean(), rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
-    if not high.std() > 1e-9 * max(1.0, acceleration.max(), -acceleration.min()):
-        raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
-    raw, force, speed = speed, _low_passed(force, rate_Hz), _low_passed(speed, rate_Hz)
-    np.abs(speed, out=speed)
-    rest_m_s = _rest_level(raw, speed, rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
+    largest = max(1.0, acceleration.max(), -acceleration.min())
+    acceleration = acceleration - acceleration.mean()
+    del acceleration_m_s2, force_N, speed_m_s, tangential_force_N, depth_m, others
+    high = filtered(acceleration, rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
+    del acceleration
+    if not high.std() > 1e-9 * largest:
+        raise CaptureError(f"the acceleration is silent above {ACCELERATION_BAND_HZ[0]:g} Hz: nothing can be fitted")
+    force = _low_passed(force, rate_Hz)
+    raw, speed = speed, _low_passed(speed, rate_Hz)
+    speed = np.broadcast_to(np.abs(speed[0]), count) if np.ptp(speed) == 0.0 else np.abs(speed, out=speed)
+    rest_m_s = _rest_level(raw, speed, rate_Hz)
+    del raw
     return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed, rest_m_s)
 
 
@@ -103,11 +110,19 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
     """
     length = max(1, round(0.05 * rate_Hz))
     raw, low = (stream[: len(stream) // length * length].reshape(-1, length) for stream in (raw, low))
-    mean, fast = low.mean(axis=1), np.abs(raw)
-    fast -= low
-    fast = fast.std(axis=1)
-    noise = (raw.std(axis=1) > 0.3 * mean) & (mean < 4.5 * fast) & (np.quantile(low, 0.1, axis=1) > 0.3 * mean)
-    return float(np.quantile(mean[noise], 0.25)) if np.count_nonzero(noise) > 1 else 0.0
+    found = []
+    for part in blocks(len(raw), max(1, BLOCK // length)):
+        own, slow = raw[part], low[part]
+        mean, fast = slow.mean(axis=1), (np.abs(own) - slow).std(axis=1)
+        noise = (own.std(axis=1) > 0.3 * mean) & (mean < 4.5 * fast) & (np.quantile(slow, 0.1, axis=1) > 0.3 * mean)
+        found.append(mean[noise])
+    means = np.concatenate(found)
+    return float(np.quantile(means, 0.25)) if len(means) > 1 else 0.0
+
+
+def blocks(count: int, size: int) -> Iterator[slice]:
+    """The blocks of so many samples, the last one shorter."""
+    return (slice(start, start + size) for start in range(0, count, size))
 
 
 def kept_share(frequency_Hz: ArrayLike) -> Array:
@@ -161,7 +176,7 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
         raise CaptureError(f"{name} must be a list of real numbers, is of {given.dtype}")
     array = given.astype(np.float64, copy=False)
     if array.ndim == 0 and count is not None:
-        array = np.full(count, float(array))
+        array = np.broadcast_to(float(array), count)
     if array.ndim != 1:
         raise CaptureError(f"{name} must have one axis, its shape is {array.shape}")
     if count is not None and len(array) != count:
@@ -173,8 +188,10 @@ def _stream(name: str, values: ArrayLike, count: int | None) -> Array:
 
 
 def _low_passed(signal: Array, rate_Hz: float) -> Array:
-    """At 100 Hz; a number given for the whole recording stays that number."""
-    return signal.copy() if np.ptp(signal) == 0.0 else filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
+    """At 100 Hz; a number given for the whole recording stays that number, and is held once."""
+    if np.ptp(signal) == 0.0:
+        return np.broadcast_to(signal[0], signal.shape)
+    return filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
 
 
 def filtered(
@@ -194,7 +211,6 @@ def filtered(
     made = np.concatenate(turned)
     for way in (made, made[::-1]):
         state = sosfilt_zi(sections) * way[0]
-        for start in range(0, len(way), BLOCK):
-            part = slice(start, start + BLOCK)
+        for part in blocks(len(way), BLOCK):
             way[part], state = sosfilt(sections, way[part], zi=state)
     return made[edge:-edge]

@@ -91,8 +91,12 @@ def prepare(recording: SurfaceRecording) -> Part:
     Raises:
         CaptureError: too short, silent, not finite, or streams of different length.
     """
-    r = recording
-    channels = clean(r.acceleration_m_s2, r.rate_Hz, r.force_N, r.speed_m_s, r.tangential_force_N, r.depth_m)
+    r = dict(vars(recording))
+    del recording  # what the caller does not hold either is let go by `clean`
+    channels = clean(
+        r.pop("acceleration_m_s2"), r["rate_Hz"], r.pop("force_N"), r.pop("speed_m_s"), r.pop("tangential_force_N"),
+        r.pop("depth_m"),
+    )  # fmt: skip
     return channels, segment(channels)
 
 
@@ -197,7 +201,8 @@ def _texture(
 
 def _slid(parts: Sequence[Part]) -> Array:
     """The acceleration of all that slides."""
-    found = [channels.acceleration_m_s2[states.states == InteractionState.SLIDING] for channels, states in parts]
+    slid = [(c.acceleration_m_s2, run) for c, states in parts for run in states.runs(InteractionState.SLIDING)]
+    found = [acceleration[slice(*run)] for acceleration, run in slid]
     return found[0] if len(found) == 1 else np.concatenate(found)
 
 

@@ -137,10 +137,9 @@ def _fit_one(options: argparse.Namespace) -> int:
     parts = []
     for path in options.recordings:
         with step(say, f"reading {path}"):
-            recording = load_recording(path, **recording_options(options))
+            recording = [load_recording(path, **recording_options(options))]
             with refusing(CaptureError, path):
-                parts.append(prepare(recording))
-            del recording  # a long one is as large as what is made of it
+                parts.append(prepare(recording.pop()))  # a long one is as large as what is made of it
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
         say(f"  {', '.join(f'{WORDS[state]} {length_s:.1f} s' for state, length_s in lengths_s.items() if length_s)}\n")
     made = []

@@ -32,8 +32,9 @@ _ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 class Life:
     """A random slow gain: its logarithm is the sum of k independent Ornstein–Uhlenbeck processes.
 
-    gain = exp(X − Σ spread²): its mean square is 1, so the mean power stays what the texture says. X has covariance
-    Σ spread² exp(−decay_1_s |t| − decay_1_m |x|) over a time t and a distance x.
+    gain = exp(X)/√E[exp(2X)]: its mean square is 1, so the mean power stays what the texture says. X has covariance
+    Σ spread² exp(−decay_1_s |t| − decay_1_m |x|) over a time t and a distance x; it is held to 2.5 of its standard
+    deviations (`hapscene.dsp.slow_gain`).
 
     Attributes:
         spread: (k,) standard deviation of each process [1], ≥ 0; k is 1 to `LIFE_MAX`.

@@ -93,7 +93,17 @@ def test_a_known_surface_is_judged_good(swatch: Swatch, recording: SurfaceRecord
     assert held.centroid_ratio == pytest.approx(1.0, abs=0.05)
     assert held.goodness_of_fit > 0.95 and abs(held.kurtosis) < 0.2
     assert judgement.spectrogram_error == pytest.approx(0.655, abs=0.05)
-    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 6
+    assert [row.verdict for row in rows(judgement) if row.verdict] == ["good"] * 7
+
+
+def test_a_swatch_of_another_surface_is_not_called_good(swatch: Swatch, recording: SurfaceRecording) -> None:
+    """Its texture 12 dB softer than the recording in all bands, though the recording's own halves agree."""
+    channels = clean(recording.acceleration_m_s2, RATE, recording.force_N, recording.speed_m_s)
+    assert swatch.texture is not None
+    texture = replace(swatch.texture, variance_m2_s4=swatch.texture.variance_m2_s4 / 16.0)
+    judged = rows(judge(replace(swatch, texture=texture), channels, segment(channels)))
+    whole = [row for row in judged if "the swatch is felt" in row.measure]
+    assert [(row.value, row.verdict) for row in whole] == [("12 of 12", "short")]
 
 
 def test_what_is_felt_to_be_off_is_not_called_good(swatch: Swatch, recording: SurfaceRecording) -> None:

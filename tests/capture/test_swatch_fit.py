@@ -144,6 +144,24 @@ def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:
     assert peaks[1] <= 1.95 * (acceleration.nbytes + force.nbytes + speed.nbytes)
 
 
+def test_a_recording_that_nobody_else_holds_is_let_go_while_it_is_prepared() -> None:
+    """Of a long one all that is held at most, itself counted."""
+    count = 400_000
+    peaks = []
+    for part in (20_000, count):  # first what is imported
+        tracemalloc.start()
+        t = np.arange(part) / 10_000.0
+        noise = np.random.default_rng(0).standard_normal(part)
+        given = [SurfaceRecording(10_000.0, noise, 1.0 + 0.5 * np.sin(t), 0.1 + 0.05 * np.sin(2.0 * t), None)]
+        del t, noise
+        tracemalloc.reset_peak()
+        part_of_it = prepare(given.pop())
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        del part_of_it
+    assert peaks[1] <= 2.2 * 3 * 8 * count
+
+
 @pytest.mark.parametrize(("domain", "warp"), [("plain", 0.0), ("warped", 0.75), ("auto", 0.0)])
 def test_the_axis_can_be_said(domain: str, warp: float) -> None:
     noise = np.random.default_rng(0).standard_normal(20_000)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
 
 from hapscene.dsp.noise import normal, seeded_state
-from hapscene.dsp.slow_gain import advance_gain, advance_state, draw_state
+from hapscene.dsp.slow_gain import BOUND, advance_gain, advance_state, draw_state, log_power
 
 ROWS = np.array([9.0, 0.3, 40.0, 0.0, 0.4, 0.0, 500.0, 0.2, 20.0, 200.0])  # three processes, from 1 on
 SPREAD, DECAY_1_S, DECAY_1_M = ROWS[1:].reshape(3, 3).T
@@ -12,18 +14,18 @@ SPREAD, DECAY_1_S, DECAY_1_M = ROWS[1:].reshape(3, 3).T
 
 def log_gain(count: int, dt_s: float, dx_m: float, life: float = 1.0, seed: int = 0) -> np.ndarray:
     rng = seeded_state(seed, "gain")
-    x = np.array([normal(rng) for _ in range(3)])
-    return np.log([advance_gain(rng, x, ROWS, 1, 3, dt_s, dx_m, life) for _ in range(count)])
+    x, mean = np.array([normal(rng) for _ in range(3)]), np.zeros(2)
+    return np.log([advance_gain(rng, x, ROWS, 1, 3, dt_s, dx_m, life, mean) for _ in range(count)])
 
 
 def covariance(log: np.ndarray, lag: int) -> float:
-    off = log + np.sum(SPREAD**2)  # its mean is known
+    off = log + log_power(np.sqrt(np.sum(SPREAD**2)))  # its mean is known
     return float(np.mean(off[lag:] * off[: len(off) - lag]))
 
 
 @pytest.mark.parametrize(("dt_s", "dx_m"), [(2e-3, 0.0), (0.0, 4e-4), (1e-3, 2e-4)])
 def test_the_gain_forgets_over_time_and_distance_as_it_says(dt_s: float, dx_m: float) -> None:
-    """Σ σ² exp(−t/τ − x/ξ) at lags of 0 to 40 steps; what does not forget is held to its own."""
+    """Σ σ² exp(−t/τ − x/ξ) at lags of 0 to 40 steps; what does not forget is held to its own. The bound takes 2 %."""
     made = [log_gain(40_000, dt_s, dx_m, seed=seed) for seed in range(5)]
     moving = DECAY_1_S * dt_s + DECAY_1_M * dx_m > 0.0
     for lag in (0, 3, 10, 40):
@@ -42,6 +44,17 @@ def test_the_mean_power_is_kept_whatever_the_spread() -> None:
     assert np.all(log_gain(100, 1e-3, 1e-3, 0.0) == 0.0)
 
 
+@pytest.mark.parametrize("spread", [0.05, 0.3, 0.8, 1.5])
+def test_what_recordings_never_reach_is_not_played(spread: float) -> None:
+    """The mean square of a bounded gain against numerical integration; it comes to its bounds, and no further."""
+    far = min(BOUND, 2.0 / spread)
+    inside = quad(lambda z: np.exp(2.0 * spread * z) * norm.pdf(z), -far, far)[0]
+    square = inside + 2.0 * np.cosh(2.0 * spread * far) * norm.sf(far)
+    assert 2.0 * log_power(spread) == pytest.approx(np.log(square), abs=1e-9)
+    log = log_gain(40_000, 5e-3, 1e-3, spread / np.sqrt(np.sum(SPREAD**2))) + log_power(spread)
+    assert log.max() == pytest.approx(far * spread) == -log.min()
+
+
 def test_two_steps_of_half_the_length_have_the_law_of_one() -> None:
     """By the number that one unit of x leaves, and the variance that is drawn."""
     row, half = np.array([1.0, 30.0, 100.0]), np.random.default_rng(0).standard_normal(20_000)
@@ -50,7 +63,7 @@ def test_two_steps_of_half_the_length_have_the_law_of_one() -> None:
         for x0 in half:
             x = np.array([x0])
             for _ in range(parts):
-                advance_gain(rng, x, row, 0, 1, 0.01 / parts, 2e-3 / parts, 1.0)
+                advance_gain(rng, x, row, 0, 1, 0.01 / parts, 2e-3 / parts, 1.0, np.zeros(2))
             left.append(x[0])
         assert np.mean(left * half) == pytest.approx(np.exp(-0.5) * np.mean(half**2), abs=0.02)
         assert np.var(left) == pytest.approx(1.0, abs=0.03)
