@@ -89,7 +89,7 @@ class _Player:
         for row, of in zip(self.life, (one.life for one in self.states), strict=True):
             if of is not None and life > 0.0:
                 row[: 3 * len(of.spread)] = np.column_stack((life * of.spread, of.decay_1_s, of.decay_1_m)).ravel()
-        own = [("life", (LIFE_MAX,)), ("mean", (2,)), ("state", (2,)), ("fade", ())]
+        own = [("life", (LIFE_MAX,)), ("norm", (2,)), ("state", (2,)), ("fade", ())]
         fields = [(name, np.float64, shape) for name, shape in [*voice_fields(self.order), *own]]
         self.s = np.zeros(1, fields).view(np.recarray)[0]
         self.rng = seeded_state(seed, "synthesize")

@@ -183,6 +183,6 @@ def run_texture(
             s.order, s.warp = last, s.warp + share * (warp[which] - s.warp)
             settle(s)
         s.fade = max(0.0, s.fade - 1.0)
-        gain = advance_gain(rng, s.life, life[which], 0, s.life.size, step_s, travel_m[i], 1.0, s.mean)
+        gain = advance_gain(rng, s.life, life[which], 0, s.life.size, step_s, travel_m[i], 1.0, s.norm)
         gain = gain if share == 1.0 else s.gain + share * (gain - s.gain)
         play(s, goal, gain, rng, out, i * block, min((i + 1) * block, out.size), block)

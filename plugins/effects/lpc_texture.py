@@ -167,7 +167,7 @@ def live(touch: Any, life: float, new: bool, table: Any, at: int, s: Any) -> flo
         for i in range(s.life.size):
             s.life[i] = normal(s.rng)
     travelled_m = touch.slip_m_s * touch.tick_s
-    return advance_gain(s.rng, s.life, table, at + HEADER, count, touch.tick_s, travelled_m, s.lively, s.mean)
+    return advance_gain(s.rng, s.life, table, at + HEADER, count, touch.tick_s, travelled_m, s.lively, s.norm)
 
 
 @native
@@ -247,7 +247,7 @@ EFFECT = Effect(
         State("slip_m_s"),
         State("life", (LIFE_MAX,)),  # its processes, each of variance 1
         State("lively"),  # factor on their spread
-        State("mean", (2,)),  # see `advance_gain`
+        State("norm", (2,)),  # see `advance_gain`
         State("state", (2,)),  # 0 or 1 in the other, and the time left in it [s]
         State("rng", seeded=True),
     ),

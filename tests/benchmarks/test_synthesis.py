@@ -16,5 +16,5 @@ def test_every_order_and_shipped_swatch_is_timed(monkeypatch: pytest.MonkeyPatch
         for name in ("one model", "nine models", "nine models, alive", "lfilter"):
             assert sheet.number(f"synthesis, order {order}", f"{name} for 10 s") > 0.0
     for name in synthesis.SHIPPED:
-        assert sheet.number(f"synthesis, {name}", "order") >= 8
+        assert sheet.number(f"synthesis, {name}", "order") >= 4
         assert sheet.number(f"synthesis, {name}", "swatch for 10 s") > 0.0

@@ -36,7 +36,7 @@ def test_each_step_keeps_the_sum_of_the_squares_whatever_models_follow_one_anoth
 
 
 def voice(order: int) -> np.void:
-    fields = [*voice_fields(order), ("life", (1,)), ("mean", (2,)), ("state", (2,)), ("fade", ())]
+    fields = [*voice_fields(order), ("life", (1,)), ("norm", (2,)), ("state", (2,)), ("fade", ())]
     return np.zeros(1, [(name, float, shape) for name, shape in fields])[0]
 
 
