@@ -70,7 +70,7 @@ class Board:
         return max((at - t_s for at, force in self.force if at > t_s and abs(force) > 1e-3), default=0.0)
 
     def wait_for_force(self) -> None:
-        until_s = time.monotonic() + 120.0  # the first time it compiles
+        until_s = time.monotonic() + 300.0  # the first time it compiles
         while not (self.force and abs(self.force[-1][1]) > 0.1):
             assert time.monotonic() < until_s, "no force comes"
             time.sleep(1e-3)
