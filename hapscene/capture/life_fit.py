@@ -113,11 +113,11 @@ def fit_life(texture: Texture, stretches: Sequence[Streams]) -> LifeFit:
     noise = _noise(texture, found)
     blocks = found[:: -(-len(found) // BLOCKS_MAX)]
     parts = []
-    bases = [_basis(block) for block in blocks]
-    for block, basis in zip(blocks, bases, strict=True):
+    for block in blocks:
+        basis = _basis(block)
         expected = np.array([np.sum(basis * (one @ basis), axis=0) for one in _covariances(block[2], noise, speed)])
         parts.append(_Expected((basis.T @ block[0][0]) ** 2, expected[0], expected[1:]))
-    kind, ahead = _kind(blocks, bases, parts, noise, speed)
+    kind, ahead = _kind(blocks, parts, noise, speed)
     seen = _together(parts)
     power, gain = seen.fitted(kind)
     spread = 0.5 * np.sqrt(power)
@@ -249,7 +249,7 @@ def _fitted(
 
 
 def _kind(
-    blocks: Sequence[_Block], bases: Sequence[Array], parts: Sequence[_Expected], noise: Array, mean_m_s: float
+    blocks: Sequence[_Block], parts: Sequence[_Expected], noise: Array, mean_m_s: float
 ) -> tuple[str, tuple[float, float]]:
     """Whether the gain forgets by time, by distance or by both, as the other half of the blocks has it.
 
@@ -262,7 +262,8 @@ def _kind(
     halves = [_together(parts[i::2]) for i in (0, 1)]
     powers = {(i, kind): halves[i].fitted(kind)[0] for i in (0, 1) for kind in _KINDS}
     score = dict.fromkeys(_KINDS, 0.0)
-    for number, (block, basis) in enumerate(zip(blocks, bases, strict=True)):
+    for number, block in enumerate(blocks):
+        basis = _basis(block)  # again: all of them would be as large as a minute's streams
         found = _covariances(block[2], noise, mean_m_s)
         whole = dict.fromkeys(_KINDS, next(found))
         for i, kernel in enumerate(found):

@@ -2,11 +2,10 @@
 
 What is seen is the shape of the spectrum, window by window: the levels in bands against their mean, without what force
 and speed explain. A slow gain moves all bands together and leaves the shape; states of one shape and two levels are a
-slow gain. Two models are held against
-each other on the half that they were not fitted to: one state, or two that a Markov chain switches between (Hamilton
-1989, "A new approach to the economic analysis of nonstationary time series and the business cycle", Econometrica
-57(2)). In either each coordinate of the shape goes on from its last value and from its recent mean: one that wanders
-is no second state.
+slow gain. Two models are held against each other on the half that they were not fitted to: one state, or two that a
+Markov chain switches between (Hamilton 1989, "A new approach to the economic analysis of nonstationary time series and
+the business cycle", Econometrica 57(2)). In either each coordinate of the shape goes on from its last value and from
+its recent mean: one that wanders is no second state.
 """
 
 import math

@@ -129,8 +129,8 @@ def test_numbers_of_numpy_and_an_excitation_that_has_no_effect():
     assert again.texture == swatch.texture and told[0].filename == __file__
 
 
-def test_a_long_recording_is_fitted_in_few_copies_of_it() -> None:
-    """What is held at most, beside the streams that are given: with them not four times their size."""
+def test_a_long_recording_is_fitted_within_three_times_its_size() -> None:
+    """What is held at most, the streams that are given counted as one; what a search adds to it does not grow."""
     rate, count = 10_000.0, 400_000
     t = np.arange(count) / rate
     force, speed = 1.0 + 0.5 * np.sin(0.8 * t), 0.12 + 0.05 * np.sin(1.9 * t)
@@ -141,7 +141,7 @@ def test_a_long_recording_is_fitted_in_few_copies_of_it() -> None:
         fit(acceleration[part], rate, force_N=force[part], speed_m_s=speed[part], order=8, model_count=1)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] <= 2.6 * (acceleration.nbytes + force.nbytes + speed.nbytes)
+    assert peaks[1] <= 1.95 * (acceleration.nbytes + force.nbytes + speed.nbytes)
 
 
 def test_a_recording_that_nobody_else_holds_is_let_go_while_it_is_prepared() -> None:
