@@ -48,6 +48,7 @@ docs: $(READY)
 # System packages for scene.png, where they are missing and may be installed; harmless elsewhere.
 system:
 	@sh .ci/system-packages
+	@sh .ci/node-packages
 
 $(READY): pyproject.toml setup.py requirements.lock
 	@echo "making the environment $(ENV), once; this takes a minute or two"

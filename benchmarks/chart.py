@@ -47,7 +47,7 @@ def write_charts(sheet: Sheet, folder: Path) -> list[Path]:
 
 
 def _write(path: Path, panels: int, sheet: Sheet, draw: Callable[..., None]) -> list[Path]:
-    with new_chart(6.8 * panels, 4.8, style={"axes.titlesize": 11.5}) as figure:
+    with new_chart(min(6.8 * panels, 10.0), 4.8, style={"axes.titlesize": 11.5}) as figure:
         draw(sheet, *figure.subplots(1, panels, squeeze=False)[0])
         return save_both(figure, path)
 
@@ -133,7 +133,7 @@ def _draw_groove(sheet: Sheet, ax: "Axes") -> None:
         ax.plot(times, errors, color=colour, marker=marker, markersize=4, label=label)
         error = max(sheet.number(name, "active set error"), ROUNDING_M) * 1e6
         ax.plot(sheet.number(name, "active set time"), error, color=OURS, marker=marker, markersize=9, linestyle="")
-    ax.plot([], [], color=OURS, marker="o", markersize=8, linestyle="", label="active set (hapscene), each angle")
+    ax.plot([], [], color=OURS, marker="^", markersize=8, linestyle="", label="active set (hapscene), same marks")
     ax.axhline(1.0, color=INK, linewidth=0.8, linestyle="--")
     ax.annotate("1 µm", (1.0, 1.0), (-2, 3), xycoords=("axes fraction", "data"), textcoords="offset points", ha="right")
     ax.set(xscale="log", yscale="log", xlabel="time [ns]", ylabel="distance from the right point [µm]")

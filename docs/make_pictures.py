@@ -1,9 +1,10 @@
 """Makes the pictures of README, tutorial and architecture anew: `python docs/make_pictures.py`, some minutes.
 
-In the environment of `make demo`. Each is made on light and on dark ground. The window needs Xvfb (package xvfb), and
-is left out without it.
+In the environment of `make demo`. Each is made on light and on dark ground. The window needs Xvfb (package xvfb), the
+painter Chromium; without them theirs are left out.
 """
 
+import io
 import os
 import re
 import shutil
@@ -17,6 +18,11 @@ from typing import Any
 
 from PIL import Image, ImageGrab
 
+from hapscene.errors import ViewError
+from hapscene.paint.session import Session
+from hapscene.paint.web.page import Page
+from hapscene.scene.scene import load_scene
+from hapscene_benchmarks.paint_browser import LOADED, browser
 from hapscene_benchmarks.screen import virtual_screen
 
 DOCS = Path(__file__).resolve().parent
@@ -28,6 +34,9 @@ WINDOW_S = 9.73
 """When the window's picture is taken [s]: the tool strokes the plate."""
 
 PATIENCE_S = 120.0
+
+PAINTER = {"width": 1200, "height": 750}
+"""Of the painter's page [pixels]."""
 
 PLAY = f"""
 import sys
@@ -52,6 +61,7 @@ def main() -> None:
             _hapscene("demo", "--out", out, *option)
             for picture in ("scene", "plots"):
                 shutil.copyfile(out / f"{picture}.png", IMG / f"{picture}{dark}.png")
+            _painter(folder, dark)
             _hapscene("view", pebble, "--size", "800x560", "--out", IMG / f"pebble{dark}.png", *option)
             film = ("--painting", "--turn", 0, "--size", "720x450", "--seconds", 15, "--frames", 150)
             _hapscene("view", SCENE, "--touch", out / "touch.npz", *film, "--out", DOCS / f"demo{dark}.gif", *option)
@@ -71,6 +81,21 @@ def _pebble(folder: Path) -> Path:
     for program in programs[:2]:
         subprocess.run([sys.executable, "-c", program], cwd=folder, check=True)
     return folder / "pebble.scene.json"
+
+
+def _painter(folder: Path, dark: str) -> None:
+    """The painter on the demo scene, as it opens."""
+    session = Session(load_scene(SCENE), folder / f"demo{dark}.scene.json")
+    try:
+        with browser() as chromium, Page(session, port=0, with_autosave=False) as page:
+            tab = chromium.new_page(viewport=PAINTER, color_scheme="dark" if dark else "light")
+            tab.goto(page.url)
+            tab.wait_for_function(LOADED, timeout=1e3 * PATIENCE_S)
+            tab.wait_for_timeout(5000.0)  # until it stands still
+            picture = Image.open(io.BytesIO(tab.screenshot())).convert("RGB")
+            picture.quantize(256).save(IMG / f"painter{dark}.png", optimize=True)
+    except ViewError as error:
+        print(f"without painter{dark}.png: {error}")
 
 
 def _window(touch: Path, dark: str) -> Image.Image:

@@ -11,6 +11,7 @@ Installed as `hapscene_experiments`. One study a file: each that one command alo
 | `life_case` | textures that live, switch and go on, folded into the force of a stiff wall |
 | `handle_case` | the handle's sensor later and slower than believed; coils that meet their stops |
 | `moving_case` | walls that move, tools that fly through, pushed bodies, games that stall |
+| `border_case` | a border between stiff and soft under a stroke, sharp and blended |
 | `field_case` | guides, magnets and viscosities that are too much for a device |
 | `zoo_case`, `zoo_hand` | the zoo's hard meshes and paths in closed loop, and the hand that goes along them |
 | `held_out` | swatches of one part of a recording against another part: `python -m hapscene_experiments.held_out` |

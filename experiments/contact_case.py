@@ -27,6 +27,8 @@ from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin import Twin
 from hapscene.view.palette import INK, OKABE_ITO
 
+from .border_case import border_cases
+
 MASS_KG, DAMPING_NS_M = 0.045, 0.1
 """The tool: an Omni as a point mass, without its friction."""
 
@@ -56,7 +58,7 @@ Array = NDArray[np.float64]
 
 def contact_cases() -> list[Answer]:
     """All of them, in about 20 s."""
-    return [*deep_damping(), *torn_off(), *squeal(), *rest_of_omni()]
+    return [*deep_damping(), *torn_off(), *squeal(), *rest_of_omni(), *border_cases()]
 
 
 class DeepRig(Rig):

@@ -306,20 +306,23 @@ def _draw(figure: Any, axes: Any, rows: Sequence[Row], devices: list[str], costs
         own = [row for row in rows if row.device == device]
         _panel(line[0], own, names, [1e3 * row.late_m_s for row in own], SPAN_MM_S)
         line[0].axvline(1e3 * REST_M_S, color=INK, linewidth=0.8, linestyle="--")
-        title = f"{device[0].upper()}{device[1:]}: speed where it should rest"
-        line[0].set(title=title, xlabel="late rms speed [mm/s]; dashed: rest")
+        title = f"{device[0].upper()}{device[1:]}: speed late"
+        line[0].set(title=title, xlabel="rms [mm/s]; dashed: rest")
         _panel(line[1], own, names, [1e3 * row.out_J for row in own], SPAN_MJ)
         line[1].axvline(1e3 * OUT_J, color=INK, linewidth=0.8, linestyle="--")
-        line[1].set(title="Energy out", xlabel="most given to the hand [mJ]; dashed: 2 mJ")
+        line[1].set(title="Energy out", xlabel="given to the hand [mJ]; dashed: 2")
         _panel(line[2], own, names, [row.kept for row in own], None)
-        line[2].set(title="Stiffness kept", xlabel="felt over asked; none where it never rests", xlim=(0.0, 1.15))
-        line[0].set_yticks(
-            range(len(names)), [f"{name}  +{max(0.0, costs_us.get(name, 0.0)):.2f} µs" for name in names]
-        )
+        line[2].set(title="Stiffness kept", xlabel="felt / asked, where it rests", xlim=(0.0, 1.15))
+        line[0].set_yticks(range(len(names)), [named(name, costs_us.get(name, 0.0)) for name in names])
         for axis in line[1:]:
             axis.set_yticks(range(len(names)), [])
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
+
+
+def named(stabiliser: str, cost_us: float) -> str:
+    """A stabiliser, and what it adds to a tick where the clock can tell."""
+    return f"{stabiliser}\n+{cost_us:.2f} µs" if cost_us >= 0.005 else stabiliser
 
 
 def _panel(

@@ -122,7 +122,7 @@ _COLUMNS: Final[tuple[tuple[str, str, float, Callable[[ZooCase], float]], ...]] 
     ("at rest", "speed, rms [mm/s]", REST_MM_S, lambda row: row.rest_mm_s),
     (
         "jump of direction",
-        "turn in a tick over what is allowed [1]",
+        "turn in a tick / allowed [1]",
         1.0,
         lambda row: row.jump_deg / row.jump_limit_deg,
     ),

@@ -74,6 +74,10 @@ STIFFNESS_N_M: Final = 500.0
 DAMPING_NS_M: Final = 0.0
 """Damping of a surface whose swatch gives none [N·s/m]."""
 
+BLEND_S: Final = 0.01
+"""In this time what is felt goes from one swatch of a blend to the other, or slower, as the paint does [s]. Much
+shorter, and pieces of a soft border are felt one by one; longer, and at 0.1 m/s it is felt more than 1 mm behind."""
+
 ORDER_MAX: Final = 576
 """Highest order of a texture's AR models [count]: order 120 at 10 kHz (Culbertson, Unwin & Kuchenbecker 2014) resampled
 to 48 kHz. Sets the size of the filter's memory; smaller, what is resampled to an audio rate loses its resonances."""

@@ -7,13 +7,14 @@ from hapscene.constants import SLIP_CUTOFF_HZ, TINY
 from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
 from hapscene.geometry import Vector, along, dot, norm, sub
 from hapscene.native import native
+from hapscene.surface.blending import paint_at, take_paint
 
 
 @native
 def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     """Fill `surface.touch[0]` from the proxy's result and the last tick."""
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
-    was_touching, was_depth, was_body, was_swatch = touch.touching, touch.depth_m, touch.body, touch.swatch
+    was_touching, was_depth, was_body = touch.touching, touch.depth_m, touch.body
     p_WP = (proxy.p_WP_m[0], proxy.p_WP_m[1], proxy.p_WP_m[2])
     v = (0.0, 0.0, 0.0)
     if memory.fresh == 0:
@@ -21,6 +22,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         v = (v[0] / touch.tick_s, v[1] / touch.tick_s, v[2] / touch.tick_s)
         touch.tick += 1
     touch.touching = proxy.held
+    touch.crossed = memory.other_crossed = 0
     touch.began = 1 if proxy.held == 1 and was_touching == 0 else 0
     touch.ended = 1 if proxy.held == 0 and was_touching == 1 else 0
     _set(touch.p_WT_m, p_WT)
@@ -47,7 +49,6 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     if touch.left_body >= 0:
         _set(touch.left_W_m, to_world(world.bodies[touch.left_body], _vector(memory.left_B_m)))
     _enter(world, touch)
-    touch.crossed = 1 if touch.swatch != was_swatch else 0
     _set(touch.p_WP_m, p_WP)
     _set(memory.p_WT_m, p_WT)
     _set(memory.p_WP_m, p_WP)
@@ -107,8 +108,12 @@ def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
     touch, proxy = surface.touch[0], world.proxy[0]
     by = proxy.by
     touch.body, touch.face = proxy.body[by], proxy.face[by]
-    touch.swatch = surface.paint[surface.paint_start[touch.body] + touch.face]
     _set(touch.bary, barycentric(world, world.bodies[touch.body], touch.face, p_WP))
+    paint = int(surface.paint[surface.paint_start[touch.body] + touch.face])
+    if paint < 0:
+        paint = paint_at(surface.leaf, surface.leaf_start[-1 - paint], surface.leaf_start[-paint], touch.bary)
+    if paint != touch.swatch or touch.other >= 0:
+        take_paint(touch, surface.memory[0], surface.states, surface.passed_on, paint)
     out = sub(p_WP, p_WT)
     depth = norm(out)
     touch.depth_m = depth
@@ -118,6 +123,8 @@ def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
         n = (out[0] / depth, out[1] / depth, out[2] / depth)
     _set(touch.nhat_W, n)
     touch.stiffness_N_m = surface.stiffness_N_m[touch.swatch]
+    if touch.other >= 0:
+        touch.stiffness_N_m += touch.weight * (surface.stiffness_N_m[touch.other] - touch.stiffness_N_m)
     touch.normal_force_N = touch.stiffness_N_m * depth
     return n
 

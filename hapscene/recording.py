@@ -151,6 +151,15 @@ class Recording:
             np.savez(file, format_version=FORMAT_VERSION, a_rate_Hz=self.a_rate_Hz, seed=self.seed, **arrays)
 
     @classmethod
+    def of_rows(cls, rows: Any, a_m_s2: NDArray[np.float64], t_s: NDArray[np.float64], **more: Any) -> "Recording":
+        """Ticks by their rows (n,) `hapscene.records.ROW`, samples (n, block) and times (n,); `more` is all else."""
+        found = {name: rows[name] for name in _COLUMNS if name in rows.dtype.names}
+        columns: dict[str, Any] = {
+            name: np.ascontiguousarray(values, _COLUMNS[name][0]) for name, values in found.items()
+        }
+        return cls(t_s=t_s, a_m_s2=a_m_s2, **columns, **more)
+
+    @classmethod
     def load(cls, path: str | Path) -> "Recording":
         """Read a recording that `save` wrote. Safe to call on a file from anybody: nothing in it is run.
 

@@ -23,7 +23,7 @@ TOUCH: Final = np.dtype(
         ("body", "i8"),  # touched body, −1 in the air
         ("face", "i8"),  # touched face of that body's mesh, −1 in the air
         ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
-        ("crossed", "i8"),  # 1 where the swatch is not the last tick's
+        ("crossed", "i8"),  # 1 where the swatch is not the last tick's, or its effects' memory was another one's
         ("inside", "i8"),  # how many bodies have let the tool in (`OUTPUT`'s release) and still hold its shaft
         ("inside_body", "i8", (PASSED_MAX,)),  # which, in the order of their letting in
         ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # and their poses: R_WB row by row, p_WB
@@ -44,6 +44,11 @@ TOUCH: Final = np.dtype(
         ("normal_force_N", "f8"),  # stiffness times depth: what all effects agree to press with, ≥ 0
         ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ: what textures are chosen by
         ("stepped", "i8"),  # 1 where it is felt coarser or finer than in the last tick (`Renderer.level`)
+        (
+            "other",
+            "i8",
+        ),  # of a blend the swatch that is felt besides, else −1; each swatch's effects see it in `swatch`
+        ("weight", "f8"),  # and its weight [0, 1], which follows that of the paint within BLEND_S
     ],
     align=True,
 )

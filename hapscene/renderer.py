@@ -217,7 +217,7 @@ class Renderer:
         touch.view(np.uint8)[:] = 0
         for name, value in keep.items():
             touch[name] = value
-        touch["body"] = touch["face"] = touch["swatch"] = touch["left_body"] = -1
+        touch["body"] = touch["face"] = touch["swatch"] = touch["other"] = touch["left_body"] = -1
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = memory["tool_W_m"] = p
         memory["fresh"] = 1
@@ -371,7 +371,9 @@ class Renderer:
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
         for k in range(len(self._fields)):
             put_numbers(surface, self._effects, len(scene.swatches), self._field(k)[0])
-        painted = {k for body in scene.bodies for k in np.flatnonzero(np.bincount(body.face_swatch)).tolist()}
+        from hapscene.scene.fine_paint import swatches_of
+
+        painted = {k for body in scene.bodies for k in swatches_of(body).tolist()}
         messages: list[str] = []
         for index, swatch in enumerate(scene.swatches):
             put_numbers(surface, self._effects, index, fit.given[index])
@@ -416,7 +418,7 @@ class Renderer:
         surface, old = painting.surface, self.surface
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
-        surface.touch["swatch"] = -1  # another one, or the same by another number
+        surface.touch["swatch"] = surface.touch["other"] = -1  # another one, or the same by another number
         self.surface, self._fits, self._views = surface, painting.fits, painting.views
         self._swatch_names = painting.swatch_names
         self.levels = with_views(self.levels, painting.views)
@@ -573,25 +575,10 @@ class Renderer:
         n = len(rows)
         t_s = np.asarray((self._ticks + np.arange(n)) * self.tick_s, np.float64)
         self._ticks += n
-        return Recording(
-            t_s=t_s,
-            p_WT_m=np.ascontiguousarray(rows["p_WT_m"]),
-            p_WP_m=np.ascontiguousarray(rows["p_WP_m"]),
-            nhat_W=np.ascontiguousarray(rows["nhat_W"]),
-            depth_m=np.ascontiguousarray(rows["depth_m"]),
-            touching=rows["touching"].astype(bool),
-            body=rows["body"].astype(np.int32),
-            face=rows["face"].astype(np.int32),
-            swatch=rows["swatch"].astype(np.int32),
-            f_W_N=np.ascontiguousarray(rows["f_W_N"]),
-            flags=rows["flags"].astype(np.uint32),
-            tick_ns=np.ascontiguousarray(rows["tick_ns"]),
-            contact_ns=np.ascontiguousarray(rows["contact_ns"]),
-            slip_m_s=np.ascontiguousarray(rows["slip_m_s"]),
-            normal_force_N=np.ascontiguousarray(rows["normal_force_N"]),
-            began=rows["began"].astype(bool),
-            f_body_W_N=np.ascontiguousarray(rows["f_body_W_N"]),
-            a_m_s2=a_m_s2,
+        return Recording.of_rows(
+            rows,
+            a_m_s2,
+            t_s,
             a_rate_Hz=self.a_rate_Hz,
             body_names=self._body_names,
             swatch_names=self._swatch_names,

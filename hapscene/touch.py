@@ -161,6 +161,8 @@ def open_scene(
     say: Callable[[str], None] = lambda text: None,
     *,
     accept_damaged: bool = False,
+    up: str | None = None,
+    scale: float = 1.0,
 ) -> "Scene":
     """A scene from its file, from one that `hapscene.exchange` wrote, or around one mesh.
 
@@ -171,6 +173,7 @@ def open_scene(
         two_sided: whether the mesh's inner side is felt as well.
         say: is given the stages of a large mesh file: "reading 66 MB … ", "checking 1,310,720 faces … ".
         accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
+        up, scale: the axis that is up in the mesh's file, and how much larger to make it: see `hapscene.load_mesh`.
 
     Raises:
         HapsceneError: a file that cannot be loaded, or an option that a scene file answers itself.
@@ -178,14 +181,18 @@ def open_scene(
     Warns:
         ExchangeWarning: what the file of a painted scene does not keep.
     """
-    if str(path).endswith(".scene.json"):
+    turned = ("--up", up), ("--scale", scale != 1.0)
+    if str(path).endswith((".scene.json", ".scene.zip")):
         from hapscene.scene.scene import load_scene
 
-        for option, value in (("--unit", unit), ("--swatch", swatch), ("--two-sided", two_sided)):
+        for option, value in (("--unit", unit), *turned, ("--swatch", swatch), ("--two-sided", two_sided)):
             if value:
                 raise SceneError(f"{path}: is a scene file, which says this itself; leave {option} out")
         return load_scene(path)
     if is_model(path):
+        for option, value in turned:
+            if value:
+                raise SceneError(f"{path}: is a model of MuJoCo, in metres and z up; leave {option} out")
         return open_model(path, unit, swatch, two_sided).scene
     from hapscene.exchange import painted_scene
     from hapscene.scene.scene import Scene
@@ -193,10 +200,10 @@ def open_scene(
     size_B = Path(path).stat().st_size if Path(path).is_file() else 0
     if size_B >= LARGE_B:
         say(f"reading {size_B / 1e6:.0f} MB … ")
-    scene = None if swatch or two_sided else painted_scene(path, unit)
+    scene = None if swatch or two_sided else painted_scene(path, unit, up=up, scale=scale)
     if scene is None:
         scene = Scene()
-        mesh = scene.mesh_of(path, unit, accept_damaged)
+        mesh = scene.mesh_of(path, unit, accept_damaged, up=up, scale=scale)
         if size_B >= LARGE_B:
             say(f"checking {len(mesh.faces):,} faces … ")
         scene.add(mesh, swatch=swatch, two_sided=two_sided)

@@ -188,6 +188,13 @@ def test_a_recording_is_fitted(installed: Installed) -> None:
 
 def test_swatches_are_listed_and_the_painter_is_there(installed: Installed) -> None:
     listed = installed.run("hapscene", "swatch", "list").splitlines()
-    shipped = sorted(place for place in tree() if place.endswith(".swatch"))
-    assert [line.split()[:2] for line in listed[: len(shipped)]] == [[Path(s).stem, "shipped"] for s in shipped]
+    shipped = sorted((s for s in tree() if s.endswith(".swatch")), key=lambda s: Path(s).name.removesuffix(".swatch"))
+    kinds = ("shipped", "computed")
+    want = [
+        [Path(s).name.removesuffix(".swatch"), kind]
+        for kind in kinds
+        for s in shipped
+        if ("computed" in s) == (kind == "computed")
+    ]
+    assert [line.split()[:2] for line in listed[: len(shipped)]] == want
     assert "--no-browser" in installed.run("hapscene", "paint", "--help")

@@ -31,6 +31,7 @@ QUESTIONS: Final[Mapping[str, str]] = {
     "mesh": "mesh",
     "triangles": "triangles",
     "groove": "groove",
+    "painting": "painting",
     "bodies": "bodies",
     "texture-order": "texture_order",
     "texture-domain": "texture_domain",

@@ -8,7 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import name_made, say, tell
-from hapscene.command.options import UNITLESS, add_command, add_reading_options, check_scene, check_there, loading
+from hapscene.command.options import (
+    UNITLESS,
+    add_command,
+    add_reading_options,
+    check_scene,
+    check_there,
+    loading,
+    reading,
+)
 from hapscene.errors import HapsceneError, MeshError, printable
 
 if TYPE_CHECKING:
@@ -61,13 +69,14 @@ def _check_one(path: str, options: argparse.Namespace) -> int:
     from hapscene.files import check_file
     from hapscene.scene.mesh_doctor import examine
     from hapscene.scene.mesh_file import load_mesh
+    from hapscene.scene.size_advice import size_advice
     from hapscene.touch import step
 
     if options.fix is not None:
         check_file(Path(options.fix), MeshError)
     progress = _say_nothing if options.json else say
     with step(progress, loading(path)):
-        mesh = load_mesh(path, options.unit, accept_damaged=options.accept_damaged)
+        mesh = load_mesh(path, options.unit, **reading(options))
     with step(progress, f"examining {len(mesh.faces):,} faces"):
         report = examine(mesh)
     done: list[str] = []
@@ -83,6 +92,8 @@ def _check_one(path: str, options: argparse.Namespace) -> int:
         print(json.dumps(json.loads(report.to_json()) | fixed, indent=2, ensure_ascii=False))
         return code
     tell(report.text().split("\n"))
+    if words := size_advice(mesh).words:
+        tell(["", f"size: {words}"])
     if options.fix is not None:
         tell(["", *(f"mended: {line}" for line in done or ["nothing needed it"])])
         name_made([Path(options.fix)])
@@ -127,7 +138,7 @@ def _examined(file: Path, options: argparse.Namespace) -> dict[str, Any]:
         try:
             check_there(file, MeshError, "file or folder")
             own = file.suffix.lower().lstrip(".") not in (*UNITLESS, "zip")
-            mesh = load_mesh(file, None if own else options.unit, accept_damaged=options.accept_damaged)
+            mesh = load_mesh(file, None if own else options.unit, **reading(options))
             report = examine(mesh)
         except (HapsceneError, OSError, MemoryError) as error:
             reason = " ".join(str(error).removeprefix(prefix).split()) or "not enough memory"

@@ -5,16 +5,26 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import name_made, say
-from hapscene.command.options import add_command, add_out_file, add_reading_options, base_name, check_scene, loading
+from hapscene.command.options import (
+    add_command,
+    add_out_file,
+    add_reading_options,
+    base_name,
+    check_scene,
+    loading,
+    reading,
+    tell_size,
+)
 from hapscene.errors import SaveConflict, SceneError
 
 
 def add_export(commands: Any) -> None:
     command = add_command(commands, "export", _export)
     command.add_argument("scene", metavar="SCENE", help="a scene file (.scene.json), or a file that import reads")
-    add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj or .stl (default NAME.glb, as desk.glb)")
+    add_out_file(command, "FILE", ".glb, .gltf, .ply, .x3d, .obj, .3mf, .stl or .png (default NAME.glb, as desk.glb)")
     add_reading_options(command)
     command.add_argument("--replace", action="store_true", help="take the place of a file that is there")
+    command.add_argument("--body", metavar="NAME", help="in .png: of which body, where several could be meant")
     command.add_argument(
         "--haptics",
         choices=["draft"],
@@ -23,49 +33,66 @@ def add_export(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    """Write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, STL.
+    """Write a painted scene for other programs: GLB, glTF, PLY, X3D, OBJ, 3MF, STL.
+
+    As .png it is a picture over the texture coordinates of a body, a colour for each swatch, with its legend beside it;
+    `hapscene paint --map` reads it again.
 
     for example:
       hapscene export desk.scene.json                                 # as desk.glb
       hapscene export desk.scene.json --out desk.gltf --haptics draft
       hapscene export desk.scene.json --out desk.x3d
       hapscene export desk.scene.json --out desk.glb --replace
+      hapscene export duck.scene.json --out duck.png                  # and its legend, duck.json
     """
     check_scene(options.scene, options.unit)
     options.out = options.out or f"{base_name(options.scene)}.glb"
-    from hapscene.exchange import EXPORTS, export_scene
+    from hapscene.exchange import EXPORTS, export_scene, losses
+    from hapscene.exchange.format_registry import format_of
     from hapscene.scene.scene import Scene
     from hapscene.touch import step
 
-    name = None
+    name = format_of(options.out)
     if options.haptics is not None:
-        if Path(options.out).suffix.lower() not in (".glb", ".gltf"):
+        if name not in ("glb", "gltf"):
             raise SceneError(f"{options.out}: --haptics is an extension of glTF: write .glb or .gltf")
         name = "gltf-haptics"
     with step(say, loading(options.scene)):
-        scene: Scene = _open(options.scene, options.unit, options.accept_damaged)
+        scene: Scene = _open(options)
+    if options.out.lower().endswith(".png"):
+        name_made(_export_picture(scene, Path(options.out), options))
+        return 0
+    if scene.bodies:
+        say("does not come back from this format: " + ("; ".join(losses(scene, name)) or "nothing is lost") + "\n")
     try:
         made = export_scene(scene, options.out, name, replace=options.replace)
     except SaveConflict as conflict:
         raise SaveConflict(f"{conflict} (--replace)") from None
     name_made(made)
-    name = name or Path(options.out).suffix.lower().lstrip(".")
-    print("does not come back from this format: " + "; ".join(EXPORTS[name].loses))
     if EXPORTS[name].draft:
         print("MPEG_material_haptic is a draft: readers of other drafts may not know it")
     return 0
 
 
-def _open(path: str, unit: str | None, accept_damaged: bool) -> Any:
-    if not path.endswith(".scene.json"):
-        from hapscene.exchange import import_scene
+def _export_picture(scene: Any, path: Path, options: argparse.Namespace) -> list[Path]:
+    from hapscene.files import check_file
+    from hapscene.scene.uv_paint import body_with_uv, save_picture
 
-        return import_scene(path, unit, accept_damaged=accept_damaged)
-    if unit is not None:
-        raise SceneError(f"{path}: is a scene file, which says this itself; leave --unit out")
-    from hapscene.scene.scene import load_scene
+    check_file(path, SceneError)
+    for file in (path, path.with_suffix(".json")):
+        if file.exists() and not options.replace:
+            raise SaveConflict(f"{file}: is there already; take another name, or replace it (--replace)")
+    return save_picture(scene, body_with_uv(scene, options.body), path)
 
-    return load_scene(path)
+
+def _open(options: argparse.Namespace) -> Any:
+    if options.scene.endswith((".scene.json", ".scene.zip")):
+        from hapscene.touch import open_scene  # which refuses the options
+
+        return open_scene(options.scene, options.unit, **reading(options))
+    from hapscene.exchange import import_scene
+
+    return import_scene(options.scene, options.unit, **reading(options))
 
 
 def add_import(commands: Any) -> None:
@@ -89,9 +116,10 @@ def _import(options: argparse.Namespace) -> int:
     from hapscene.touch import step
 
     with step(say, loading(options.file)):
-        scene = import_scene(options.file, options.unit, accept_damaged=options.accept_damaged)
+        scene = import_scene(options.file, options.unit, **reading(options))
     if Path(options.out).exists() and not options.replace:
         raise SaveConflict(f"{options.out}: is there already; take another name, or replace it (--replace)")
+    tell_size(scene, options.file)
     scene.save(options.out)
     name_made([Path(options.out)])
     faces = sum(len(body.mesh.faces) for body in scene.bodies)

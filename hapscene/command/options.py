@@ -79,6 +79,16 @@ def add_reading_options(command: Any) -> None:
     """How a mesh file is read."""
     command.add_argument("--unit", help=UNIT_HELP)
     command.add_argument(
+        "--up", choices=["y", "z"], help="axis that is up in the mesh's file (default: y in glTF, z in all others)"
+    )
+    command.add_argument(
+        "--scale",
+        type=number("a scale is a number", above=0.0),
+        default=1.0,
+        metavar="FACTOR",
+        help="how much larger to make the mesh, as 0.1 (default 1)",
+    )
+    command.add_argument(
         "--accept-damaged",
         action="store_true",
         help="take what can be read of a damaged STEP file; what is missing is told",
@@ -91,6 +101,11 @@ def add_mesh_options(command: Any, two_sided: bool = True) -> None:
     command.add_argument("--swatch", help="of the whole mesh: a name, or a .swatch file")
     if two_sided:
         command.add_argument("--two-sided", action="store_true", help="feel the mesh's inner side as well")
+
+
+def reading(options: argparse.Namespace) -> dict[str, Any]:
+    """What `add_reading_options` found, beside the unit, for who opens a file."""
+    return {name: getattr(options, name) for name in ("up", "scale", "accept_damaged")}
 
 
 def check_there(
@@ -170,15 +185,28 @@ def _is_painted(path: str, suffix: str) -> bool:
         return b"comment hapscene" in file.read(4096)
 
 
+def tell_size(scene: "Scene", path: str, device: str = "omni") -> None:
+    """Say of a scene that was opened, where its size is none for a hand and a device, what mends it; else nothing."""
+    from hapscene.scene.size_advice import size_advice
+
+    files = {body.mesh.path for body in scene.bodies}
+    of_meshes = len(files) == len(scene.bodies) and not path.endswith((".scene.json", ".scene.zip"))
+    for what in [body.mesh for body in scene.bodies] if of_meshes else [scene]:
+        if words := size_advice(what, device).words:
+            say(f"{words}\n")
+
+
 def load_input(
     path: str,
     unit: str | None = None,
     swatch: str | None = None,
     two_sided: bool = False,
-    *,
-    accept_damaged: bool = False,
+    device: str = "omni",
+    **read: Any,
 ) -> "Scene":
-    """A scene from its file or around a mesh, told while it is loaded.
+    """A scene from its file or around a mesh, told while it is loaded; `read` is what `reading` gives.
+
+    Where it has no size for a hand and a device, that is told too.
 
     Raises:
         HapsceneError: it is not there, or cannot be loaded.
@@ -187,7 +215,9 @@ def load_input(
     from hapscene.touch import open_scene, step
 
     with step(say, loading(path)):
-        return open_scene(path, unit, swatch, two_sided, say, accept_damaged=accept_damaged)
+        scene = open_scene(path, unit, swatch, two_sided, say, **read)
+    tell_size(scene, path, device)
+    return scene
 
 
 def loading(path: str | Path) -> str:
@@ -228,7 +258,8 @@ def check_out_folder(path: str) -> None:
 def base_name(path: str | Path) -> str:
     """The name of what a file holds, "bunny" of meshes/bunny.ply and of bunny.scene.json."""
     name = Path(path).name
-    return name.removesuffix(".scene.json") if name.endswith(".scene.json") else Path(path).stem
+    end = next((end for end in (".scene.json", ".scene.zip") if name.endswith(end)), None)
+    return name.removesuffix(end) if end else Path(path).stem
 
 
 def new_file(name: str, option: str = "--out") -> str:

@@ -1,22 +1,38 @@
 """`hapscene paint`."""
 
 import argparse
+import re
 import shutil
 import time
+from collections.abc import Iterator
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, add_command, add_mesh_options, base_name, check_scene, loading, port
+from hapscene.command.options import (
+    HOST,
+    UNITLESS,
+    add_command,
+    add_mesh_options,
+    base_name,
+    check_scene,
+    loading,
+    port,
+    reading,
+    tell_size,
+)
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
     from hapscene.paint.web.page import Page
+    from hapscene.scene.scene import Scene
 
 SUFFIX: Final = ".scene.json"
+ZIP_SUFFIX: Final = ".scene.zip"
 NAP_S: Final = 0.5
 """How long the main thread sleeps at a time [s]: a signal that comes just before it falls asleep does not wake it."""
 
@@ -32,7 +48,14 @@ def add_paint(commands: Any) -> None:
         metavar="SCENE|MESH",
         help="a scene file (.scene.json), a file that export wrote, or a mesh; else the demo scene",
     )
+    command.add_argument("more", nargs="*", metavar="MESH", help="further meshes, beside it in the same scene")
     add_mesh_options(command)
+    command.add_argument(
+        "--map",
+        metavar="PICTURE",
+        help="paint by a picture over the mesh's texture coordinates: its colours mean swatches as its legend says, a "
+        '.json beside it, as {"#b5651d": "wood"}; without one, those of the scene by their colours',
+    )
     command.add_argument(
         "--device",
         default="omni",
@@ -73,23 +96,36 @@ def _paint(options: argparse.Namespace) -> int:
       hapscene paint cup.scene.json
       hapscene paint bunny.ply --unit m --swatch wood
       hapscene paint cup.scene.json --device premium-1.5 --grip firm --compensator no-handle
+      hapscene paint duck.glb --map duck.png          # with duck.json beside it: {"#b5651d": "wood"}
       hapscene paint cup.scene.json --port 9000 --no-browser
     """
-    if options.scene is not None:
-        check_scene(options.scene, options.unit, options.swatch)
+    for path in (options.scene, *options.more):
+        if path is not None:
+            check_scene(path, options.unit, options.swatch)
     import webbrowser
 
     from hapscene.paint.web.hand_config import HandConfig
     from hapscene.paint.web.page import Page
+    from hapscene.paint.web.scene_panel import earlier_words
 
     hand = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, say)
-    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand)
+    if options.map is not None:
+        from hapscene.scene.uv_paint import paint_by_picture
+
+        scene, picture = session.painting.snapshot(), Path(options.map)
+        paint_by_picture(scene, None, picture)
+        session.painting.take_painting(scene, f"picture {picture.name}")
+    tell_size(session.scene, options.scene or "", options.device)
+    earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
+    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand, earlier=earlier)
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)
-            if session.document.problem:
-                say(f"{session.document.problem}\n")
+            for path in earlier:
+                say(f"{earlier_words(path)} Go on with it, or begin anew: the page asks\n")
+            if page.context.session.document.problem:
+                say(f"{page.context.session.document.problem}\n")
             if page.public:
                 say("open to the network: whoever has this address may paint here, and save over your files\n")
             if not options.no_browser and (opener := write_opener(page)) is not None:
@@ -102,6 +138,7 @@ def _paint(options: argparse.Namespace) -> int:
                     told = problem
         except KeyboardInterrupt:
             heard()
+    session = page.context.session
     if page.kept:
         say(f"not saved: kept beside {session.path}, and offered the next time it is painted\n")
     elif session.document.changed:
@@ -136,16 +173,34 @@ def open_session(options: argparse.Namespace, say: Any) -> "Session":
     from hapscene.paint.session import Session
     from hapscene.touch import open_scene, step
 
-    name = options.scene
+    name, more = options.scene, getattr(options, "more", ())
+
+    def opened(path: str) -> "Scene":  # among several, a file that says its unit keeps that
+        is_told = not more or path.lower().endswith(UNITLESS)
+        unit = options.unit if is_told else None
+        return open_scene(path, unit, options.swatch, options.two_sided, say, **reading(options))
+
     if name is None:
         name = _copy_demo(DEMO)
         say(f"the demo scene, in {name}\n")
     with step(say, loading(name)):
-        if str(name).endswith(SUFFIX) and not (options.unit or options.swatch or options.two_sided):
-            return Session.open(Path(name), options.accept_changed)
-        # of a scene file, it refuses the options
-        words = options.unit, options.swatch, options.two_sided, say
-        return Session(open_scene(name, *words, accept_damaged=options.accept_damaged), _free(Path(name)))
+        if str(name).endswith(ZIP_SUFFIX):
+            from hapscene.scene.scene_bundle import unpacked_beside
+
+            name = unpacked_beside(Path(name))
+            say(f"unpacked into {name.parent}\n")
+        plain = options.unit is options.swatch is options.up is None and options.scale == 1.0
+        is_scene = str(name).endswith(SUFFIX) and (bool(more) or (plain and not options.two_sided))
+        if is_scene:
+            session = Session.open(Path(name), options.accept_changed)
+        else:  # of a scene file, it refuses the options
+            session = Session(opened(str(name)), _free(Path(name)))
+    for other in more:
+        with step(say, loading(other)):
+            session.composing.add(opened(other))
+    if not is_scene:
+        session.history.clear()
+    return session
 
 
 def _copy_demo(folder: Path) -> Path:
@@ -165,6 +220,23 @@ def _copy_demo(folder: Path) -> Path:
 
 def _free(mesh: Path) -> Path:
     """Where the scene of a mesh is saved: in the working folder, over no other."""
-    stem = base_name(mesh)
-    names = (stem, *(f"{stem}_{i}" for i in range(2, 10_000)))
-    return next(path for path in (Path(name + SUFFIX) for name in names) if not path.exists())
+    return next(path for path in _names(base_name(mesh)) if not path.exists())
+
+
+def _names(stem: str, suffix: str = SUFFIX) -> Iterator[Path]:
+    """What scenes of a mesh are called, one after the other: cube, cube_2, cube_3."""
+    return (Path(name + suffix) for name in (stem, *(f"{stem}_{i}" for i in range(2, 10_000))))
+
+
+def earlier_scenes(path: Path | None, unpacked: bool = False) -> list[Path]:
+    """Scene files that were painted of a mesh before the one that would be made of it now; none of one that is there.
+
+    Typed again after a crash, the same command finds what was painted, and is asked for it. What was `unpacked` just
+    now was so before into folders of such names.
+    """
+    if path is None or (path.exists() and not unpacked):
+        return []
+    mine, suffix = (path.parent, "") if unpacked else (path, SUFFIX)
+    stem = re.sub(r"_\d{1,4}$", "", mine.name.removesuffix(suffix))
+    before = takewhile(lambda other: other != mine, _names(stem, suffix))
+    return [file for other in before if (file := other / path.name if unpacked else other).is_file()]

@@ -20,6 +20,7 @@ from hapscene.command.options import (
     key_value,
     load_input,
     number,
+    reading,
     vector,
 )
 from hapscene.errors import Codes, HapsceneError, printable
@@ -86,9 +87,7 @@ def _play(options: argparse.Namespace) -> int:
         device = DeviceChoice(device, told)
         device.checked()  # refused before the scene is read
     handle = chosen_handle(options)
-    scene = load_input(
-        options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
-    )
+    scene = load_input(options.scene, options.unit, options.swatch, options.two_sided, **reading(options))
     made = {
         "handle": handle,
         "handle_file": options.handle_file,

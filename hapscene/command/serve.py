@@ -5,7 +5,16 @@ from contextlib import ExitStack
 from typing import Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, add_command, add_reading_options, check_scene, loading, port
+from hapscene.command.options import (
+    HOST,
+    add_command,
+    add_reading_options,
+    check_scene,
+    loading,
+    port,
+    reading,
+    tell_size,
+)
 from hapscene.interrupt import interrupt_noted
 
 PORT: Final = 47700
@@ -42,7 +51,8 @@ def _serve(options: argparse.Namespace) -> int:
     from hapscene.touch import open_scene, step
 
     with step(say, loading(options.scene)):
-        scene = open_scene(options.scene, options.unit, options.swatch, say=say, accept_damaged=options.accept_damaged)
+        scene = open_scene(options.scene, options.unit, options.swatch, say=say, **reading(options))
+    tell_size(scene, options.scene, options.device)
     with ExitStack() as stack:
         orders = Orders(servo := Servo(scene, options.device))
         server = stack.enter_context(BridgeServer(orders, options.host, options.udp))

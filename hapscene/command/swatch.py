@@ -3,7 +3,7 @@
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -64,21 +64,22 @@ def _list(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch list
     """
-    from hapscene.surface.library import library_folder, own_entries, shipped_entries
+    from hapscene.surface.library import computed_entries, library_folder, own_entries, own_folders, shipped_entries
 
-    own = own_entries(options.library)
-    _print_entries(shipped_entries(), own, options.json)
+    own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
+    _print_entries({"shipped": shipped_entries(), "computed": computed_entries(), "library": own}, options.json)
     if not own and not options.json:
         print(f"the library in {library_folder(options.library)} is empty")
     return 0
 
 
-def _print_entries(shipped: list[Any], own: list[Any], as_json: bool) -> None:
-    """One line a swatch, or JSON."""
-    rows = [(entry, "shipped") for entry in shipped] + [(entry, "library") for entry in own]
+def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool) -> None:
+    """One line a swatch, by where it is from, or JSON."""
+    rows = [(entry, source) for source, entries in groups.items() for entry in entries]
     if as_json:
         found = [
             {"name": e.name, "from": source, "words": e.words, "figures": e.figures, "licence": e.licence}
+            | {"tags": list(e.tags)}
             for e, source in rows
         ]
         print(json.dumps(found, indent=2, ensure_ascii=False))
@@ -132,11 +133,12 @@ def _search(options: argparse.Namespace) -> int:
       hapscene swatch search grippy
       hapscene swatch search wood "friction<0.4" "roughness>=1"
     """
-    from hapscene.surface.library import own_entries, search, shipped_entries
+    from hapscene.surface.library import computed_entries, own_entries, own_folders, search, shipped_entries
 
-    shipped, own = shipped_entries(), own_entries(options.library)
-    found = search([*shipped, *own], options.terms)
-    _print_entries([e for e in shipped if e in found], [e for e in own if e in found], options.json)
+    own = [entry for home in own_folders(options.library) for entry in own_entries(home)]
+    groups = {"shipped": shipped_entries(), "computed": computed_entries(), "library": own}
+    found = search([entry for group in groups.values() for entry in group], options.terms)
+    _print_entries({source: [e for e in group if e in found] for source, group in groups.items()}, options.json)
     if not found and not options.json:
         print("none")
     return 0 if found else 1
@@ -213,7 +215,7 @@ def _get(options: argparse.Namespace) -> int:
     address, entries = read_index(options.url)
     names = [entry.name for entry in entries] if options.all else options.names
     if not names:
-        _print_entries([], entries, False)
+        _print_entries({"library": entries}, False)
         return 0
     code = 0
     for i, name in enumerate(names, 1):
@@ -488,8 +490,9 @@ def _gallery(options: argparse.Namespace) -> int:
     if not page.parent.is_dir():
         raise SwatchError(f"{page}: there is no folder {page.parent}; make it first")
     from hapscene.paint.gallery import write_gallery
-    from hapscene.surface.library import load_swatch, shipped_swatches
+    from hapscene.surface.library import computed_entries, load_swatch, shipped_swatches
 
     swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
-    name_made(write_gallery(swatches, page, say))
+    computed = [] if options.swatches else [load_swatch(entry.name) for entry in computed_entries()]
+    name_made(write_gallery(swatches, page, say, computed))
     return 0

@@ -19,6 +19,7 @@ from hapscene.command.options import (
     load_input,
     loading,
     rate,
+    reading,
     seed,
     setting,
     whole,
@@ -117,9 +118,8 @@ def _touch(options: argparse.Namespace) -> int:
             bridge = open_model(options.scene, options.unit, options.swatch, options.two_sided)
         scene = bridge.scene
     else:
-        scene = load_input(
-            options.scene, options.unit, options.swatch, options.two_sided, accept_damaged=options.accept_damaged
-        )
+        words = options.unit, options.swatch, options.two_sided, options.device or "omni"
+        scene = load_input(options.scene, *words, **reading(options))
     if options.hand is not None:
         return _touch_by_hand(options, scene, effects, settings, p_WT, bridge)
     if p_WT is None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapscene.command.console import name_made, note, say, size_words, tell
-from hapscene.command.options import add_command, add_mesh_options, check_scene, number, seed, whole
+from hapscene.command.options import add_command, add_mesh_options, check_scene, number, reading, seed, tell_size, whole
 from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
@@ -63,10 +63,12 @@ def _tune(options: argparse.Namespace) -> int:
     check_place(out)
     device_named(options.device)
     reach_m_s2(options.handle)
-    source = Source(options.scene, options.unit, options.swatch, options.two_sided, options.accept_damaged)
+    source = Source(options.scene, options.unit, options.swatch, options.two_sided, **reading(options))
+    scene = opened(source)
+    tell_size(scene, options.scene, options.device)
     words = ("device", "handle", "budget_us", "jnd", "seed", "jobs", "scheduler")
     found = tune(source, **{word: getattr(options, word) for word in words}, say=say)
-    save_fidelity(found.fidelity, out, opened(source))
+    save_fidelity(found.fidelity, out, scene)
     tell(report(found, options.explain))
     name_made([out])
     if not found.within_jnd:

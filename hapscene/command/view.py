@@ -15,6 +15,7 @@ from hapscene.command.options import (
     load_input,
     new_file,
     number,
+    reading,
     whole,
 )
 from hapscene.errors import ViewError
@@ -83,7 +84,7 @@ def _view(options: argparse.Namespace) -> int:
     if kind == ".png" and given:
         raise ViewError(f"{options.out}: is a picture; --{next(iter(given))} is for films, .gif and .mp4")
     check_file(Path(options.out), ViewError)
-    scene = load_input(options.scene, options.unit, options.swatch, accept_damaged=options.accept_damaged)
+    scene = load_input(options.scene, options.unit, options.swatch, **reading(options))
     recording = None if options.touch is None else Recording.load(options.touch)
     theme = DARK if options.dark else LIGHT
     with step(say, f"drawing {options.out}"):

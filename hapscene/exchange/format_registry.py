@@ -7,19 +7,24 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from hapscene.errors import SaveConflict, SceneError, no_such
 from hapscene.exchange.gltf import write_gltf
 from hapscene.exchange.gltf_read import OWN, mark_of, read_gltf
+from hapscene.exchange.painted_3mf import write_3mf
 from hapscene.exchange.painted_ply import read_ply, write_ply
-from hapscene.exchange.swatch_payload import lose
+from hapscene.exchange.swatch_payload import digest_of, known_swatch, lose
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
 from hapscene.exchange.x3d import write_x3d
 from hapscene.exchange.x3d_read import read_x3d
 from hapscene.files import check_file, naming
 from hapscene.old_spellings import old_spellings
+from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
 from hapscene.scene.scene_file import is_own
+from hapscene.surface.swatch import Swatch
 
 
 @dataclass(frozen=True)
@@ -50,19 +55,23 @@ def _write_draft(scene: Scene, path: Path) -> list[Path]:
     return write_gltf(scene, path, draft=True)
 
 
-_ALWAYS = ("names and colours of the mesh's file", "what bodies were made of before they were painted")
-_PLY_LOSES = ("shared meshes", "texture of a swatch not in the library", *_ALWAYS)
+_ALWAYS = ("names, colours and pictures of the mesh's file", "what bodies were made of before they were painted")
+_SOFT = "soft borders, where two swatches blend"
+_FINE = "painting finer than faces"
+_HUNG = "what bodies hang on"
+_PLY_LOSES = ("shared meshes", _HUNG, "texture of a swatch not in the library", _SOFT, *_ALWAYS)
 _GLTF_LOSES = ("exact positions", "order of vertices", "order of faces", *_ALWAYS)
 _X3D_LOSES = ("order of faces", "texture of a swatch not in the library", *_ALWAYS)
 _PLAIN_LOSES = (
     *("bodies and their names", "poses", "two-sided", "shared meshes", *_ALWAYS),
     *("painting with a swatch not in the library", "numbers of a swatch not in the library"),
-    *("texture of a swatch not in the library", "swatches that no face wears"),
+    *("texture of a swatch not in the library", "swatches that no face wears", _SOFT, _HUNG),
 )
 _OBJ_LOSES = (*_PLAIN_LOSES, "order of faces")
+_3MF_LOSES = (*_OBJ_LOSES, "order of vertices")
 _STL_LOSES = (
     *(*_PLAIN_LOSES, "exact positions", "order of vertices", "painting with a swatch in the library"),
-    *("numbers of a swatch in the library", "texture of a swatch in the library"),
+    *("numbers of a swatch in the library", "texture of a swatch in the library", _FINE),
 )
 
 EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
@@ -79,10 +88,51 @@ EXPORTS: Final[Mapping[str, Export]] = MappingProxyType(
         "ply": Export(".ply", "PLY with the swatch on each face: MeshLab, scripts", write_ply, _PLY_LOSES),
         "x3d": Export(".x3d", "X3D with the surface nodes of H3D, stiffness in N/m", write_x3d, _X3D_LOSES),
         "obj": Export(".obj", "OBJ with a material for each swatch, by name", write_obj, _OBJ_LOSES, beside=(".mtl",)),
+        "3mf": Export(".3mf", "3MF with a material for each swatch, by name: slicers", write_3mf, _3MF_LOSES),
         "stl": Export(".stl", "STL: the shape alone", write_stl, _STL_LOSES),
     }
 )
 """The formats by name, in the order to offer them."""
+
+
+def _used(scene: Scene) -> list[Swatch]:
+    """Swatches other than plain that faces wear, or pieces of them."""
+    worn = {int(index) for body in scene.bodies for index in swatches_of(body)}
+    return [scene.swatches[index] for index in sorted(worn - {0})]
+
+
+def _in_library(swatch: Swatch) -> bool:
+    known = known_swatch(swatch.name)
+    return known is not None and digest_of(known) == digest_of(swatch)
+
+
+_KNOWN = ("painting with a", "numbers of a", "texture of a")
+_HAS: Final[Mapping[str, Callable[[Scene], bool]]] = {
+    "poses": lambda scene: any((np.eye(4) != body.X_WB).any() for body in scene.bodies),
+    "two-sided": lambda scene: any(body.two_sided for body in scene.bodies),
+    "shared meshes": lambda scene: len({id(body.mesh) for body in scene.bodies}) < len(scene.bodies),
+    **{f"{what} swatch in the library": lambda scene: any(map(_in_library, _used(scene))) for what in _KNOWN},
+    **{f"{what} swatch not in the library": lambda scene: not all(map(_in_library, _used(scene))) for what in _KNOWN},
+    "swatches that no face wears": lambda scene: len(_used(scene)) < len(scene.swatches) - 1,
+    _HUNG: lambda scene: any(body.parent is not None for body in scene.bodies),
+    _SOFT: lambda scene: any(body.fine is not None and parts(body.fine.paint)[2].any() for body in scene.bodies),
+    _FINE: lambda scene: any(body.fine is not None for body in scene.bodies),
+    _ALWAYS[0]: lambda scene: any(
+        body.mesh.colour_rgb is not None or len(body.mesh.group_names) > 1 for body in scene.bodies
+    ),
+    _ALWAYS[1]: lambda scene: any(body.made_of is not None for body in scene.bodies),
+}
+"""Whether a scene has what a format may lose; what is not here every scene has."""
+
+
+def losses(scene: Scene, name: str) -> tuple[str, ...]:
+    """What of a scene does not come back from a format, in words: to be told before it is written.
+
+    Args:
+        scene: to be written.
+        name: of the format, a key of `EXPORTS`.
+    """
+    return tuple(aspect for aspect in EXPORTS[name].loses if aspect not in _HAS or _HAS[aspect](scene))
 
 
 _READERS: Final[Mapping[str, Callable[[Path], Scene | None]]] = MappingProxyType(
@@ -96,6 +146,20 @@ def is_mesh_of(scene: Scene, path: str | os.PathLike[str]) -> bool:
     path = Path(path)
     meshes = {body.mesh.path for body in scene.bodies if body.mesh.path is not None and body.mesh.path.exists()}
     return is_own(path) or (path.exists() and any(path.samefile(mesh) for mesh in meshes))
+
+
+def format_of(path: str | os.PathLike[str]) -> str:
+    """The format, a key of `EXPORTS`, that a file's suffix says.
+
+    Raises:
+        SceneError: none has it.
+    """
+    suffix = Path(path).suffix
+    for name, export in EXPORTS.items():
+        if export.suffix == suffix.lower():
+            return name
+    known = ", ".join(dict.fromkeys(export.suffix for export in EXPORTS.values()))
+    raise SceneError(f"{path}: no format {suffix!r} to write a scene in; there are: {known}")
 
 
 @old_spellings()
@@ -117,10 +181,7 @@ def export_scene(
     path = Path(path)
     suffix = path.suffix.lower()
     if name is None:
-        name = next((n for n, export in EXPORTS.items() if export.suffix == suffix), None)
-        if name is None:
-            known = ", ".join(dict.fromkeys(export.suffix for export in EXPORTS.values()))
-            raise SceneError(f"{path}: no format {path.suffix!r} to write a scene in; there are: {known}")
+        name = format_of(path)
     elif name not in EXPORTS:
         raise SceneError(no_such("format", name, EXPORTS))
     takes = (".gltf", ".glb") if EXPORTS[name].draft else (EXPORTS[name].suffix,)
@@ -137,13 +198,16 @@ def export_scene(
     return EXPORTS[name].write(scene, path)
 
 
-def painted_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scene | None:
+def painted_scene(
+    path: str | os.PathLike[str], unit: str | None = None, *, up: str | None = None, scale: float = 1.0
+) -> Scene | None:
     """The scene of a file that says how its surfaces feel; None of any other mesh file.
 
     Args:
         path: of a scene as `export_scene` writes it, or a glTF file with a draft of the haptic extension, of which the
             names of its materials alone are taken.
         unit: of the latter's numbers. Files of ours are in metres.
+        up, scale: of the latter: see `hapscene.load_mesh`.
 
     Raises:
         SceneError, MeshError, SwatchError: as `import_scene`; or another unit than that of a file of ours.
@@ -157,15 +221,22 @@ def painted_scene(path: str | os.PathLike[str], unit: str | None = None) -> Scen
         return None
     if mark != OWN:
         lose(f"{path}: its {mark}, a draft, is not read: faces are painted by the names of their materials alone")
-        return import_scene(path, unit)
+        return import_scene(path, unit, up=up, scale=scale)
     if unit is not None and unit_name(unit) != "m":
         raise SceneError(f"{path}: holds a painted scene, in metres; leave the unit {unit} out")
     loses = next(export.loses for export in EXPORTS.values() if export.suffix == path.suffix.lower())
     lose(f"{path}: holds a painted scene, without what its format does not keep: {', '.join(loses)}")
-    return import_scene(path)
+    return import_scene(path, up=up, scale=scale)
 
 
-def import_scene(path: str | os.PathLike[str], unit: str | None = None, *, accept_damaged: bool = False) -> Scene:
+def import_scene(
+    path: str | os.PathLike[str],
+    unit: str | None = None,
+    *,
+    accept_damaged: bool = False,
+    up: str | None = None,
+    scale: float = 1.0,
+) -> Scene:
     """Read a scene from a file that `export_scene` wrote, or from a mesh with swatches' names on its materials.
 
     Of a file of ours comes back what its format keeps. Any other mesh file becomes one body; faces whose material,
@@ -175,6 +246,7 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None, *, accep
         path: GLB, glTF, PLY, X3D, or any mesh file.
         unit: of the file's numbers, where it carries none: see `hapscene.load_mesh`. Files of ours are in metres.
         accept_damaged: take what can be read of a damaged mesh: see `hapscene.load_mesh`.
+        up, scale: of a mesh file: see `hapscene.load_mesh`. Files of ours say which axis is up, and are of their size.
 
     Raises:
         SceneError: the file is missing or damaged, or no scene.
@@ -185,4 +257,8 @@ def import_scene(path: str | os.PathLike[str], unit: str | None = None, *, accep
     reader = _READERS.get(path.suffix.lower())
     with naming(path):
         scene = None if reader is None else reader(path)
-        return read_named(path, unit, accept_damaged) if scene is None else scene
+        if scene is None:
+            return read_named(path, unit, accept_damaged, up, scale)
+        if up is not None or scale != 1.0:
+            raise SceneError(f"{path}: holds a painted scene, which says this itself; leave --up and --scale out")
+        return scene

@@ -3,8 +3,9 @@
     W (turns z up into glTF's y up) → bodies, each at its pose → meshes, one for each swatch on the body
 
 A material is called as its swatch; its base colour is the albedo. `extras`, which other programs show as custom
-properties and keep, hold what makes a scene of it again: on W the version, on bodies name and two-sidedness, on
-materials the swatch's numbers, the hash of its file, and its file as a text (see `hapscene.exchange.swatch_payload`).
+properties and keep, hold what makes a scene of it again: on W the version, on bodies name, two-sidedness and what is
+painted finer than faces, on materials the swatch's numbers, the hash of its file, and its file as a text (see
+`hapscene.exchange.swatch_payload`).
 
 glTF has no float64: positions are rounded to float32.
 """
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, Piece, cut_alike, digest_of, pieces_of, text_of
+from hapscene.exchange.own_look import OwnLook, looks_of
+from hapscene.exchange.swatch_payload import VERSION, Piece, cut_alike, digest_of, fine_told, pieces_of, text_of
 from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
@@ -54,16 +56,13 @@ def add_haptics(writer: "_Writer") -> None:
     tree, worn = writer.tree, writer.swatch_of_mesh
     used = sorted(set(worn))
     stiffest_N_m = max(writer.scene.swatches[i].stiffness_N_m for i in used) or 1.0
-    tree |= {"images": [], "textures": []}
     texture_of: dict[int, int] = {}  # pictures of one pixel, each grey once
 
     def pixel(swatch: Swatch, quantity: str, full_scale: float) -> dict[str, Any]:
         value = getattr(swatch, quantity)
         grey = round(min(value / full_scale, 1.0) * _PIXEL_MAX)
         if grey not in texture_of:
-            view = writer.add_view(_png(grey))
-            image = writer.add("images", {"bufferView": view, "mimeType": "image/png"})
-            texture_of[grey] = writer.add("textures", {"source": image})
+            texture_of[grey] = writer.add_picture(_png(grey))
         return {
             "texture": {"index": texture_of[grey]},
             "type": "Low_Resolution",
@@ -83,7 +82,8 @@ def add_haptics(writer: "_Writer") -> None:
         for primitive in mesh["primitives"]:
             count = tree["accessors"][primitive["attributes"]["POSITION"]]["count"]
             accessor = {"componentType": FLOAT, "count": count, "type": "VEC2"}  # no data: all zero
-            primitive["attributes"]["TEXCOORD_0"] = writer.add("accessors", accessor)
+            if "TEXCOORD_0" not in primitive["attributes"]:
+                primitive["attributes"]["TEXCOORD_0"] = writer.add("accessors", accessor)
 
 
 def _png(grey: int) -> bytes:
@@ -142,7 +142,7 @@ class _Writer:
         self.scene = scene
         self.chunks: list[bytes] = []
         self.size = 0
-        self.materials: dict[tuple[int, bool], int] = {}
+        self.materials: dict[tuple[int, bool, bytes, bool], int] = {}
         self.meshes: dict[tuple[int, bytes, bool], list[tuple[int, str]]] = {}
         self.swatch_of_mesh: list[int] = []
         root = {"name": "W", "matrix": list(Z_UP), "children": [], "extras": {"hapscene_version": VERSION}}
@@ -164,37 +164,79 @@ class _Writer:
             self.meshes[key] = [self.add_mesh(body, piece) for piece in pieces_of(body)]
         worn = [{"name": f"{body.name}/{swatch}", "mesh": mesh} for mesh, swatch in self.meshes[key]]
         children = [self.add("nodes", node) for node in worn]
-        extras = {"hapscene_body": body.name, "two_sided": body.two_sided}
+        extras: dict[str, Any] = {"hapscene_body": body.name, "two_sided": body.two_sided}
+        if body.parent is not None:
+            extras["parent"] = body.parent
+        if (fine := fine_told(self.scene, body)) is not None:
+            extras["fine"] = fine
         matrix = body.X_WB.T.ravel().tolist()
         node = {"name": body.name, "matrix": matrix, "children": children, "extras": extras}
         self.tree["nodes"][0]["children"].append(self.add("nodes", node))
 
     def add_mesh(self, body: Body, piece: Piece) -> tuple[int, str]:
         swatch = self.scene.swatches[piece.swatch]
-        primitive = {
-            "attributes": {"POSITION": self.add_positions(piece.vertices_m)},
-            "indices": self.add_indices(piece.faces),
-            "material": self.add_material(piece.swatch, swatch, body.two_sided),
-        }
+        if piece.swatch == 0 and body.mesh.colour_rgb is not None:
+            looks = looks_of(body.mesh, np.flatnonzero(body.face_swatch == 0))
+            primitives = [self.add_look(body, look) for look in looks]
+        else:
+            material = self.add_material(piece.swatch, swatch, body.two_sided)
+            primitives = [self.add_faces(piece.vertices_m, piece.faces, material)]
         self.swatch_of_mesh.append(piece.swatch)
-        return self.add("meshes", {"name": f"{body.name}/{swatch.name}", "primitives": [primitive]}), swatch.name
+        return self.add("meshes", {"name": f"{body.name}/{swatch.name}", "primitives": primitives}), swatch.name
 
-    def add_material(self, index: int, swatch: Swatch, two_sided: bool) -> int:
-        key = (index, two_sided)
+    def add_faces(self, vertices_m: NDArray[np.float64], faces: NDArray[np.int64], material: int) -> dict[str, Any]:
+        attributes = {"POSITION": self.add_positions(vertices_m)}
+        return {"attributes": attributes, "indices": self.add_indices(faces), "material": material}
+
+    def add_look(self, body: Body, look: OwnLook) -> dict[str, Any]:
+        """Faces that wear no swatch, as they look in the mesh's own file."""
+        colour_rgb = body.mesh.colour_rgb
+        assert colour_rgb is not None
+        corners = body.mesh.faces[look.faces].astype(np.int64)
+        if look.uv is not None:
+            used, faces = np.unique(corners, return_inverse=True)
+            kind, values = "VEC2", look.uv[used].astype("<f4")
+        else:  # a vertex for each colour that its faces have
+            packed = colour_rgb[look.faces].astype(np.int64) @ (1 << 16, 1 << 8, 1)
+            key, faces = np.unique(corners << 24 | packed[:, None], return_inverse=True)
+            used = key >> 24
+            kind, values = "VEC3", linear((key[:, None] >> (16, 8, 0) & 255) / 255).astype("<f4")
+        material = self.add_material(0, self.scene.swatches[0], body.two_sided, look.picture, True)
+        primitive = self.add_faces(body.mesh.vertices_m[used], faces.reshape(-1, 3), material)
+        view = self.add_view(values.tobytes(), ARRAY_BUFFER)
+        accessor = {"bufferView": view, "componentType": FLOAT, "count": len(values), "type": kind}
+        primitive["attributes"]["TEXCOORD_0" if kind == "VEC2" else "COLOR_0"] = self.add("accessors", accessor)
+        return primitive
+
+    def add_material(
+        self, index: int, swatch: Swatch, two_sided: bool, picture: bytes = b"", is_own: bool = False
+    ) -> int:
+        """The material of a swatch; with the look of the mesh's file, where it `is_own`, a picture or colours."""
+        key = (index, two_sided, picture, is_own)
         if key not in self.materials:
             extras = {"hapscene_swatch": swatch.name, **swatch.own_numbers, "albedo_rgb": list(swatch.albedo_rgb)}
             extras["sha256"] = digest_of(swatch)
             if (text := text_of(swatch)) is not None:
                 extras["swatch_file"] = text
             colour = [*linear(swatch.albedo_rgb).tolist(), 1.0]
-            look = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}
+            if is_own:
+                colour = [1.0] * 4
+            look: dict[str, Any] = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.8}
+            if picture:
+                look["baseColorTexture"] = {"index": self.add_picture(picture)}
             material = {"name": swatch.name, "pbrMetallicRoughness": look, "doubleSided": two_sided, "extras": extras}
             self.materials[key] = self.add("materials", material)
         return self.materials[key]
 
+    def add_picture(self, content: bytes) -> int:
+        for kind in ("images", "textures"):
+            self.tree.setdefault(kind, [])
+        image = self.add("images", {"bufferView": self.add_view(content), "mimeType": "image/png"})
+        return self.add("textures", {"source": image})
+
     def add_unworn(self) -> None:
         """Materials of the swatches that no face wears. Number 0, plain, is in every scene."""
-        worn = {index for index, _ in self.materials}
+        worn = {index for index, *_ in self.materials}
         for index, swatch in enumerate(self.scene.swatches):
             if index > 0 and index not in worn:
                 self.add_material(index, swatch, two_sided=False)

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
 from hapscene.exchange.gltf import DRAFT_NAMES
-from hapscene.exchange.swatch_payload import Piece, Reader, check_version, is_digest, join, known_swatch, lose, restore
+from hapscene.exchange.swatch_payload import (
+    Piece,
+    Reader,
+    check_version,
+    hang_again,
+    is_digest,
+    join,
+    known_swatch,
+    lose,
+    restore,
+    restore_fine,
+)
 from hapscene.files import read_bytes, refusing
 from hapscene.geometry import RIGID_TOLERANCE, rotation_of
 from hapscene.scene.gltf_check import items_of, parse_gltf
@@ -218,6 +229,10 @@ def read_gltf(path: Path) -> Scene | None:
         reader.add_body(scene, body)
     for swatch in reader.swatches_named():
         scene.swatch_index(swatch)
+    for made, body in zip(scene.bodies, bodies, strict=True):
+        hang_again(path, scene, made, body.parent)
+        if body.fine is not None:
+            restore_fine(path, scene, made, body.fine)
     return scene
 
 
@@ -234,6 +249,8 @@ class _Node:
     two_sided: bool = False
     marked: bool = False
     meshes: list[int] = field(default_factory=list)
+    fine: Any = None
+    parent: Any = None
 
 
 class _Reader(Tree):
@@ -293,7 +310,7 @@ class _Reader(Tree):
         name, two_sided = extras["hapscene_body"], extras.get("two_sided", False)
         if not isinstance(name, str) or two_sided not in (False, True):  # 0 and 1 too: some programs know no bool
             raise self.fail("a body needs its name and two_sided, true or false, in its extras")
-        return _Node(name, X, in_W, bool(two_sided), marked=True)
+        return _Node(name, X, in_W, bool(two_sided), True, fine=extras.get("fine"), parent=extras.get("parent"))
 
     def solved(self, X_FW: NDArray[np.float64], X_FB: NDArray[np.float64]) -> NDArray[np.float64]:
         """A pose in the file as one in W."""

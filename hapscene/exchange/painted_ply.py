@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import MeshError, SceneError
+from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.gltf_read import read_bounded
 from hapscene.exchange.swatch_payload import VERSION, check_version, digest_of, finite, is_digest, restore
 from hapscene.files import write_whole
@@ -47,20 +48,22 @@ def write_ply(scene: Scene, path: Path) -> list[Path]:
             raise SceneError(f"{path}: the {what} {name!r} would end a PLY file's header: rename it, or export to .glb")
     if len(scene.swatches) > SWATCH_MAX:
         raise SceneError(f"{path}: {len(scene.swatches):,} swatches; a PLY file of ours holds {SWATCH_MAX:,}")
-    counts = [len(body.mesh.vertices_m) for body in scene.bodies]
+    cut = [cut_faces(body) for body in scene.bodies]
+    counts = [len(vertices_m) for vertices_m, *_ in cut]
     if sum(counts) > _VERTEX_MAX:
         raise SceneError(f"{path}: {sum(counts):,} vertices; a PLY file counts to {_VERTEX_MAX:,}")
     start = np.cumsum([0, *counts])
     colour = np.array([s.albedo_rgb for s in scene.swatches])
     layout: Any = [("count", "u1"), ("corners", "<i4", 3), ("body", "<i4"), ("swatch", "<i2"), ("rgb", "u1", 3)]
-    faces = np.zeros(sum(len(body.mesh.faces) for body in scene.bodies), layout)
+    faces = np.zeros(sum(len(corners) for _, corners, _ in cut), layout)
     faces["count"] = 3
     at = 0
-    for i, body in enumerate(scene.bodies):
-        rows = faces[at : (at := at + len(body.mesh.faces))]
-        rows["corners"], rows["body"], rows["swatch"] = body.mesh.faces + start[i], i, body.face_swatch
-        rows["rgb"] = np.round(255 * colour[body.face_swatch])
-    vertices = np.concatenate([b.mesh.vertices_m @ b.X_WB[:3, :3].T + b.X_WB[:3, 3] for b in scene.bodies])
+    for i, (_, corners, swatch) in enumerate(cut):
+        rows = faces[at : (at := at + len(corners))]
+        rows["corners"], rows["body"], rows["swatch"] = corners + start[i], i, swatch
+        rows["rgb"] = np.round(255 * colour[swatch])
+    placed = zip(scene.bodies, cut, strict=True)
+    vertices = np.concatenate([points @ body.X_WB[:3, :3].T + body.X_WB[:3, 3] for body, (points, *_) in placed])
     lines = ["ply", "format binary_little_endian 1.0", f"{_MARK} scene {VERSION}", "comment unit m"]
     lines += [_body_line(i, body) for i, body in enumerate(scene.bodies)]
     lines += [_swatch_line(i, swatch) for i, swatch in enumerate(scene.swatches)]

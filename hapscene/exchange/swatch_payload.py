@@ -5,7 +5,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError, SwatchError, warn
 from hapscene.files import refusing
 from hapscene.scene.body import Body
-from hapscene.scene.mesh import FACE_MAX
+from hapscene.scene.fine_paint import LEAF_MAX, put_leaves
+from hapscene.scene.mesh import FACE_MAX, Mesh
+from hapscene.scene.scene import SWATCH_MAX, Scene
+from hapscene.scene.scene_file import decode_fine, encode_fine
 from hapscene.scene.topology import weld
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import BASIC_PARAMETERS, OWN_PARAMETERS, PLAIN, Swatch
@@ -203,3 +206,62 @@ def join(pieces: Sequence[Piece]) -> tuple[NDArray[np.float64], NDArray[np.int64
 def cut_alike(body: Body) -> tuple[int, bytes]:
     """Equal for bodies of one mesh with one painting: they may share what was made of them."""
     return id(body.mesh), body.face_swatch.tobytes()
+
+
+# What is painted finer than faces, in formats with a place for data of ours; its cut faces, for others.
+
+
+def fine_told(scene: Scene, body: Body) -> dict[str, Any] | None:
+    """What a body's leaves are, for `restore_fine`, its faces in the order of `pieces_of`; None where it has none."""
+    if body.fine is None:
+        return None
+    order = np.argsort(body.face_swatch, kind="stable")
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order))
+    fine = replace(body.fine, face=place[body.fine.face])
+    told = encode_fine(fine[np.argsort(fine.face, kind="stable")])
+    return told | {"swatches": [swatch.name for swatch in scene.swatches], "corners": _corners_of(body.mesh, order)}
+
+
+def restore_fine(path: Path, scene: Scene, body: Body, told: Any) -> None:
+    """Paint a body as `fine_told` said, whose faces are those that were written, once its scene has all swatches.
+
+    Raises:
+        SceneError: it is damaged.
+
+    Warns:
+        ExchangeWarning: the faces are others now, or a swatch is missing: it stays painted by whole faces.
+    """
+    where = f"{path}: body {body.name[:60]!r}"
+    index = {swatch.name: i for i, swatch in enumerate(scene.swatches)}
+    names = told.get("swatches") if isinstance(told, dict) else None
+    if not isinstance(names, list) or len(names) > SWATCH_MAX or not all(isinstance(name, str) for name in names):
+        raise SceneError(f"{where}: what is painted finer than faces needs a list of names, 'swatches'")
+    if told.get("corners") != _corners_of(body.mesh) or not index.keys() >= set(names):
+        lose(f"{where}: is painted finer than its faces, which another program has changed: whole faces are painted")
+        return
+    left = LEAF_MAX - sum(len(known.fine) for known in scene.bodies if known.fine is not None)
+    try:
+        fine = decode_fine(told, len(body.mesh.faces), [index[name] for name in names], left)
+    except ValueError as error:
+        raise SceneError(f"{where}: what is painted finer than faces {error}") from None
+    put_leaves(body, fine)
+
+
+def hang_again(path: Path, scene: Scene, body: Body, parent: Any) -> None:
+    """Hang a body on its parent, as a file says; None: it hung on none.
+
+    Warns:
+        ExchangeWarning: there is no such parent any more.
+    """
+    try:
+        if parent is not None:
+            scene.hang(body.name, str(parent))
+    except SceneError:
+        lose(f"{path}: body {body.name[:60]!r} hangs on nothing now: {str(parent)[:60]!r} is not there, or hangs on it")
+
+
+def _corners_of(mesh: Mesh, order: Any = slice(None)) -> str:
+    """A hash of the corners of all faces, in an order, which tells whether they are the same again."""
+    corners = np.take(mesh.vertices_m.astype("<f4") + np.float32(0.0), mesh.faces[order], axis=0)
+    return hashlib.sha256(corners.tobytes()).hexdigest()

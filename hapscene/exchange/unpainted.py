@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
+from hapscene.exchange.cut_faces import cut_faces
 from hapscene.exchange.swatch_payload import known_swatch
 from hapscene.files import whole_file, write_whole
 from hapscene.scene.body import Body
@@ -36,14 +37,15 @@ def write_obj(scene: Scene, path: Path) -> list[Path]:
 def _obj_lines(scene: Scene) -> Iterator[str]:
     start = 1
     for body in scene.bodies:
+        vertices_m, faces, face_swatch = cut_faces(body)
         yield f"o {_line(body.name)}\n"
-        for x, y, z in _world(body).tolist():
+        for x, y, z in _world(body, vertices_m).tolist():
             yield f"v {x!r} {y!r} {z!r}\n"
-        for index in np.unique(body.face_swatch):
+        for index in np.unique(face_swatch):
             yield f"usemtl {_line(scene.swatches[index].name)}\n"
-            for a, b, c in (body.mesh.faces[body.face_swatch == index] + start).tolist():
+            for a, b, c in (faces[face_swatch == index] + start).tolist():
                 yield f"f {a} {b} {c}\n"
-        start += len(body.mesh.vertices_m)
+        start += len(vertices_m)
 
 
 def _line(name: str) -> str:
@@ -57,7 +59,7 @@ def write_stl(scene: Scene, path: Path) -> list[Path]:
     Raises:
         SceneError: the file cannot be written.
     """
-    corners = np.concatenate([_world(body)[body.mesh.faces] for body in scene.bodies])
+    corners = np.concatenate([_world(body, body.mesh.vertices_m)[body.mesh.faces] for body in scene.bodies])
     normals = np.concatenate([body.mesh.normals @ body.X_WB[:3, :3].T for body in scene.bodies])
     rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     rows["normal"], rows["corners"] = normals, corners
@@ -66,12 +68,14 @@ def write_stl(scene: Scene, path: Path) -> list[Path]:
     return [path]
 
 
-def _world(body: Body) -> NDArray[np.float64]:
-    """Vertices (n, 3) in W [m]."""
-    return np.asarray(body.mesh.vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
+def _world(body: Body, vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vertices (n, 3) of a body in W [m]."""
+    return np.asarray(vertices_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3])
 
 
-def read_named(path: Path, unit: str | None, accept_damaged: bool = False) -> Scene:
+def read_named(
+    path: Path, unit: str | None, accept_damaged: bool = False, up: str | None = None, scale: float = 1.0
+) -> Scene:
     """A scene of any mesh file, painted by the names in it that are names of swatches in the library.
 
     Raises:
@@ -79,7 +83,7 @@ def read_named(path: Path, unit: str | None, accept_damaged: bool = False) -> Sc
         SwatchError: a swatch of the library is broken.
     """
     scene = Scene()
-    body = scene.add(scene.mesh_of(path, unit, accept_damaged))
+    body = scene.add(scene.mesh_of(path, unit, accept_damaged, up=up, scale=scale))
     for index, full in enumerate(body.mesh.group_names):
         # The last part is the material's name, which wins over the object's.
         known = next((name for name in full.split("/")[::-1] if known_swatch(name) is not None), None)

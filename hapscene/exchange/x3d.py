@@ -13,6 +13,7 @@ and the hash of its file, in the Appearance's metadata, find the whole swatch in
 Numbers are written so that they come back to the bit.
 """
 
+import json
 import math
 from pathlib import Path
 from typing import Any, Final
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from hapscene import __version__
 from hapscene.errors import SceneError
-from hapscene.exchange.swatch_payload import VERSION, cut_alike, digest_of
+from hapscene.exchange.swatch_payload import VERSION, cut_alike, digest_of, fine_told
 from hapscene.files import write_whole
 from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
@@ -71,7 +72,12 @@ def _add_body(world: Any, scene: Scene, body: Body, seen: dict[Any, str]) -> Non
 
     translation, rotation = _text(body.X_WB[:3, 3]), _text(np.array(axis_angle(body.X_WB[:3, :3])))
     place = etree.SubElement(world, "Transform", translation=translation, rotation=rotation)
-    _add_metadata(place, BODY, String={"name": quoted(body.name)}, Boolean={"two_sided": str(body.two_sided).lower()})
+    texts = {"name": quoted(body.name)}
+    if body.parent is not None:
+        texts["parent"] = quoted(body.parent)
+    if (fine := fine_told(scene, body)) is not None:
+        texts["fine"] = quoted(json.dumps(fine))
+    _add_metadata(place, BODY, String=texts, Boolean={"two_sided": str(body.two_sided).lower()})
     for index in np.unique(body.face_swatch):
         key = (*cut_alike(body), body.two_sided, index)
         if key in seen:

@@ -3,6 +3,7 @@
 Files come from strangers: no entity is expanded, no other file or address is opened, sizes are capped.
 """
 
+import json
 import math
 import re
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
 from hapscene.exchange.gltf_read import read_bounded
-from hapscene.exchange.swatch_payload import Reader, check_version, finite, is_digest, restore
+from hapscene.exchange.swatch_payload import Reader, check_version, finite, hang_again, is_digest, restore, restore_fine
 from hapscene.exchange.x3d import BODY, FIELDS, SWATCH, WORLD
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -56,6 +57,14 @@ def read_x3d(path: Path) -> Scene:
         raise SceneError(f"{path}: no body in it: expected a Transform for each within that of DEF {WORLD!r}")
     for shape in world.iterchildren("Shape"):  # of a swatch that no face wears
         scene.swatch_index(reader.swatch(reader.child(shape, "Appearance")))
+    for body, (text, parent) in zip(scene.bodies, reader.more, strict=True):
+        hang_again(path, scene, body, None if parent is None else unquoted(parent))
+        if text is not None:
+            try:
+                told = json.loads(unquoted(text))
+            except (ValueError, RecursionError):
+                told = None
+            restore_fine(path, scene, body, told)
     return scene
 
 
@@ -97,6 +106,7 @@ class _Reader(Reader):
         self.defined = {e.get("DEF"): e for e in root.iter() if e.get("DEF")}
         self.points: dict[Any, NDArray[np.float64]] = {}
         self.swatches: dict[Any, Swatch | str] = {}
+        self.more: list[tuple[str | None, str | None]] = []  # of each body: what is painted finer, and its parent
         self.shapes: dict[tuple[Any, ...], tuple[Mesh, list[tuple[Any, int]]]] = {}
 
     def child(self, element: Any, *kinds: str) -> Any:
@@ -157,6 +167,7 @@ class _Reader(Reader):
         self.count(len(mesh.faces))
         two_sided = about.get("two_sided") == "true"
         body = scene.add(mesh, name=unquoted(about.get("name", "")), pose=X_WB, two_sided=two_sided)
+        self.more.append((about.get("fine"), about.get("parent")))
         start = 0
         for look, count in runs:
             body.face_swatch[start : start + count] = scene.swatch_index(self.swatch(look))

@@ -45,7 +45,8 @@ def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene
     with a gain of 0.
 
     Raises:
-        SceneError: a body or swatch that the scene does not have, an effect that cannot be left out.
+        SceneError: a body or swatch that the scene does not have, an effect that cannot be left out, a coarser mesh for
+            a body that is painted finer than its faces.
         SwatchError: an order below 1.
     """
     at = scene.copy()
@@ -58,6 +59,11 @@ def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene
     for body in at.bodies:
         found = level.bodies.get(body.name)
         if found is not None and found.mesh is not None and found.mesh is not body.mesh:
+            if body.fine is not None:
+                raise SceneError(
+                    f"body {body.name!r} is painted finer than its faces, so it has no coarser mesh: leave its mesh "
+                    "out of the level, or paint it with finest_m=math.inf"
+                )
             if found.mesh.group_names == tuple(swatch.name for swatch in scene.swatches):
                 body.face_swatch = found.mesh.group.copy()  # it brings its painting along
             else:

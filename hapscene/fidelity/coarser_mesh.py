@@ -24,6 +24,8 @@ ENOUGH: Final = 1.3
 def coarser_mesh(body: "Body", count: int, swatches: Sequence[str]) -> Mesh | None:
     """The mesh of a body in about `count` faces; None where it cannot be had in much fewer than it has.
 
+    Nor where a body is painted finer than its faces: their borders are kept in its own mesh alone.
+
     Each swatch's faces are reduced by themselves (Garland & Heckbert 1997, fast-simplification) and keep their border
     to the bit, so that no crack opens between two and a border is felt where it was painted. The groups of the mesh are
     the scene's swatches, by their names: its painting.
@@ -35,6 +37,8 @@ def coarser_mesh(body: "Body", count: int, swatches: Sequence[str]) -> Mesh | No
         from fast_simplification import simplify
     except ImportError:
         raise HapsceneError("what reduces meshes is missing: pip install 'hapscene[paint]'") from None
+    if body.fine is not None:
+        return None
     own = body.mesh
     # corners at one place are one: where a texture's seam parts them, there is no border to be felt
     places, index = np.unique(own.vertices_m, axis=0, return_inverse=True)

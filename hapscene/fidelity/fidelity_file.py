@@ -74,6 +74,8 @@ def scene_digest(scene: "Scene") -> str:
     for body in scene.bodies:
         head = json.dumps([body.name, body.mesh.digest, body.two_sided])
         content.update(head.encode() + b"\0" + body.face_swatch.astype("<i2").tobytes())
+        for column in body.fine.columns if body.fine is not None else ():
+            content.update(column.tobytes())
     return content.hexdigest()
 
 

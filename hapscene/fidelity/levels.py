@@ -29,7 +29,12 @@ def one_surface(surfaces: Sequence[Surface]) -> tuple[Surface, list[Surface]]:
     first = surfaces[0]
     if len(surfaces) == 1:
         return first, [first]
-    paint = np.concatenate([one.paint for one in surfaces])
+    fine = np.cumsum([0, *(len(one.leaf_start) - 1 for one in surfaces)])
+    leaves = np.cumsum([0, *(len(one.leaf) for one in surfaces)])
+    paint = np.concatenate([s.paint - (s.paint < 0) * np.int32(n) for s, n in zip(surfaces, fine, strict=False)])
+    leaf = np.concatenate([one.leaf for one in surfaces])
+    starts = [s.leaf_start[:-1] + n for s, n in zip(surfaces, leaves, strict=False)]
+    leaf_start = np.concatenate([*starts, leaves[-1:]])
     params = np.concatenate([one.params for one in surfaces])
     tables = np.concatenate([one.tables for one in surfaces])
     views, at = [], np.zeros(3, np.int64)
@@ -37,6 +42,8 @@ def one_surface(surfaces: Sequence[Surface]) -> tuple[Surface, list[Surface]]:
         views.append(
             first._replace(
                 paint=paint,
+                leaf=leaf,
+                leaf_start=leaf_start,
                 params=params,
                 tables=tables,
                 paint_start=one.paint_start + at[0],

@@ -11,7 +11,7 @@ Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is time
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -97,6 +97,8 @@ class Source:
     swatch: str | None = None
     two_sided: bool = False
     accept_damaged: bool = False
+    up: str | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,7 @@ def opened(source: Source) -> "Scene":
     from hapscene.touch import open_scene
 
     with trial.quietly():
-        words = source.path, source.unit, source.swatch, source.two_sided
-        return open_scene(*words, accept_damaged=source.accept_damaged)
+        return open_scene(**asdict(source))
 
 
 def judge_body(source: dict[str, Any], name: str, device: str, seed: int, most_jnd: float) -> dict[str, Any]:
@@ -483,8 +484,10 @@ def _judged(
 
 
 def painted(scene: "Scene") -> "list[Swatch]":
-    """The swatches that a face of the scene bears."""
-    used = {int(index) for body in scene.bodies for index in np.unique(body.face_swatch)}
+    """The swatches that the scene is painted with anywhere."""
+    from hapscene.scene.fine_paint import swatches_of
+
+    used = {int(index) for body in scene.bodies for index in swatches_of(body)}
     return [swatch for index, swatch in enumerate(scene.swatches) if index in used]
 
 

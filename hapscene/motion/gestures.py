@@ -16,6 +16,7 @@ from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
 from hapscene.motion.look_from_above import (
     UNSEEN,
     Line,
+    Look,
     between,
     look_from_above,
     places_to_feel,
@@ -37,6 +38,9 @@ RAMP_S: Final = 0.3
 
 FREE_S: Final = 0.6
 """How long a hand that has let go waits before it takes the tool again [s]."""
+
+SLOPE_MAX: Final = 0.25
+"""Steepest end of a line that is felt [1]: a hand that yields slides off a steeper one."""
 
 REACH: Final = 0.35
 """Radius of a circle over the shorter of the two best lines [1]."""
@@ -81,13 +85,25 @@ class _Place:
         lines, size_m = next(places_to_feel(scene, look), ([], 0.0))
         if not lines:
             raise PathError(f"{UNSEEN}; or follow a path: --hand follow --path hand.csv")
-        self.line: Line = lines[0]
-        self.middle_m = between(*lines[0], 0.5)
+        self.line = _without_steep_ends(look, lines[0])
+        self.middle_m = between(*self.line, 0.5)
         self.reach_m = REACH * min(float(np.hypot(*np.subtract(b, a))) for a, b in lines)
         hover_m = min(HOVER_M, 0.2 * size_m)
         z_m = float(look(np.array([self.middle_m[0]]), np.array([self.middle_m[1]])).z_m[0])
         self.hand = Hand((*self.middle_m, z_m + hover_m), tick_s, look, hover_m)
         self.hand.rest(0.05)
+
+
+def _without_steep_ends(look: Look, line: Line) -> Line:
+    """The line from where its first tenth slopes by no more than `SLOPE_MAX` to where its last does."""
+    share = np.linspace(0.0, 1.0, 41)
+    x_m, y_m = (line[0][k] + share * (line[1][k] - line[0][k]) for k in (0, 1))
+    z_m = look(x_m, y_m).z_m
+    rise_m = np.abs(z_m[4:] - z_m[:-4])
+    gentle = np.flatnonzero(rise_m <= SLOPE_MAX * np.hypot(x_m[4] - x_m[0], y_m[4] - y_m[0]))
+    if not len(gentle):
+        return line
+    return between(*line, share[gentle[0]]), between(*line, share[gentle[-1] + 4])
 
 
 def _tap(place: _Place, grip: Grip) -> None:

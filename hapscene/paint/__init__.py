@@ -9,7 +9,7 @@
 | `parameter` | a swatch's numbers with their limits |
 | `display` | the scene as it is shown: reduced, in chunks |
 | `shelf`, `gallery` | the swatches to choose from, told in words and by ear; the same as a page to read |
-| `web` | the page in the browser: `page` is where it starts, `tools` what the pointer does, `panels` what is set |
+| `web` | the page in the browser: `page` is where it starts, `tools` what the pointer does, `…_panel` what is set |
 
 No module but those of `web` knows a browser, or imports viser.
 """

@@ -8,6 +8,7 @@ are seen as they are. The picture depends on the painting alone, and undo brings
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -18,12 +19,21 @@ from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.native import native
 from hapscene.paint.change_watch import Changes
+from hapscene.paint.file_look import FileLook
 from hapscene.paint.paintable_mesh import PaintableMesh
-from hapscene.paint.painting import Painting
+from hapscene.paint.painting import Painting, forget_unworn
+from hapscene.paint.shown_leaves import OVERLAP, PATCHES, ShownLeaves, leaf_triangles
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import blend, parts
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import area_of, unit
 
 SHOWN_MAX: Final = 60_000
 """Most triangles shown of a whole scene [count]."""
+
+SLACK: Final = 2.5
+"""How many times too many, or too few, triangles a body may go on with when others come or go [1]: to reduce a large
+mesh anew takes seconds."""
 
 CHUNK: Final = 3_000
 """Most triangles of a chunk [count]: some 60 kB to send, and twenty chunks of the largest scene. Over them are drawn as
@@ -50,6 +60,12 @@ shown are such slivers, it tries for long and gets nowhere."""
 GRID_MAX: Final = 4096
 """Most cells along the longest side of a mesh whose vertices are clustered [count]: finer than a screen."""
 
+FIRST: Final = 4
+"""How many times too many faces are left by clusters of vertices, before the better way takes its turn [1]."""
+
+SOME: Final = 50_000
+"""Faces that are looked at to know the others [count]."""
+
 EXCESS: Final = 1.2
 """How many times too many faces may be left [1], before the other way is taken."""
 
@@ -66,21 +82,28 @@ class ChunkKey(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The part of a chunk that wears one swatch, in the body's frame B.
+    """The part of a chunk that wears one paint, in the body's frame B.
 
     Attributes:
-        swatch: index in the scene.
+        paint: a swatch, or a blend of two: see `hapscene.scene.fine_paint.parts`.
+        tint: which of the file's own colours it has: see `FileLook`; 0 where the file has none.
         vertices_m: (v, 3) float32 [m], those in use.
         faces: (f, 3) uint32.
         shown: (s,) int64, which shown faces of the body the first of them are.
-        over: (f − s,) int64, which faces of the full mesh, raised, the others are.
+        over: (f − s,) int64, which faces of the full mesh, whole or in leaves, the others are.
     """
 
-    swatch: int
+    paint: int
+    tint: int
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.uint32]
     shown: NDArray[np.int64]
     over: NDArray[np.int64]
+
+    @property
+    def swatch(self) -> int:
+        """Index in the scene; of a blend, the heavier one's."""
+        return int(parts(self.paint)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,23 +142,51 @@ class Display:
     """
 
     def __init__(self, painting: Painting, shown_max: int = SHOWN_MAX) -> None:
-        bodies = painting.scene.bodies
-        counts = shares([len(body.mesh.faces) for body in bodies], shown_max)
-        made: dict[tuple[int, int], ReducedMesh] = {}
+        self._painting, self._shown_max = painting, shown_max
+        self._made: dict[int, tuple[PaintableMesh, ReducedMesh]] = {}  # by id of the mesh
+        self._known: dict[int, tuple[Body, ReducedMesh, ShownBody]] = {}  # by id of the body
         self.bodies: list[ShownBody] = []
+        self.compose()
+
+    def prepare(self, meshes: Sequence[Mesh]) -> None:
+        """Reduce meshes that bodies will come with, in any thread: it takes seconds for a large one."""
+        known = [len(body.mesh.faces) for body in self._painting.scene.bodies]
+        counts = shares([*known, *(len(mesh.faces) for mesh in meshes)], self._shown_max)[len(known) :]
+        for mesh, count in zip(meshes, counts, strict=True):
+            if id(mesh) not in self._made:
+                shape = self._painting.shape_of(mesh)
+                self._made[id(mesh)] = shape, reduce_mesh(shape, count)
+
+    def compose(self) -> list[ChunkKey]:
+        """Show the bodies that the scene has now; of those that are kept, the chunks that are to be drawn anew."""
+        painting, bodies = self._painting, self._painting.scene.bodies
+        counts = shares([len(body.mesh.faces) for body in bodies], self._shown_max)
+        known, self._known = self._known, {}
+        changed: list[ChunkKey] = []
         with painting.lock:
-            for body, shape, count in zip(bodies, painting.shapes, counts, strict=True):
-                key = (id(body.mesh), count)
-                if key not in made:
-                    made[key] = reduce_mesh(shape, count)
-                self.bodies.append(ShownBody(shape, made[key], body.face_swatch))
+            for i, (body, shape, count) in enumerate(zip(bodies, painting.shapes, counts, strict=True)):
+                mesh = self._made.get(id(body.mesh), (shape, None))[1]
+                few = count / SLACK, min(count * SLACK, len(body.mesh.faces))
+                if mesh is None or not few[0] <= len(mesh.faces) <= few[1]:
+                    mesh = reduce_mesh(shape, count)
+                    self._made[id(body.mesh)] = shape, mesh
+                old = known.get(id(body))
+                if old is not None and old[1] is mesh:
+                    shown = old[2]
+                    changed += [ChunkKey(i, int(c)) for c in shown.update(np.arange(len(body.face_swatch)))]
+                else:
+                    shown = ShownBody(shape, mesh, body)
+                self._known[id(body)] = body, mesh, shown
+        forget_unworn(self._made, bodies)
+        self.bodies = [self._known[id(body)][2] for body in bodies]
+        return changed
 
     def chunks(self) -> list[ChunkKey]:
         """All chunks."""
-        return [ChunkKey(b, c) for b, body in enumerate(self.bodies) for c in range(body.chunk_count)]
+        return [ChunkKey(b, c) for b, body in enumerate(self.bodies) for c in body.chunks()]
 
     def layers(self, key: ChunkKey) -> list[Layer]:
-        """The meshes that a chunk is drawn as, one for each swatch in it."""
+        """The meshes that a chunk is drawn as, one for each paint and tint in it."""
         return self.bodies[key.body].layers(key.chunk)
 
     def update(self, changes: Changes) -> list[ChunkKey]:
@@ -153,30 +204,45 @@ class ShownBody:
 
     Attributes:
         mesh: what is shown of its mesh.
+        look: the colours of its file; None where it has none.
         swatch: (S,) int16 that each shown face wears.
         chunk: (S,) int32 that it is in.
         chunk_count: how many there are.
     """
 
-    def __init__(self, shape: PaintableMesh, mesh: ReducedMesh, face_swatch: NDArray[np.int16]) -> None:
+    def __init__(self, shape: PaintableMesh, mesh: ReducedMesh, body: Body) -> None:
         self.mesh = mesh
         self._shape = shape
-        self._face_swatch = face_swatch
-        self._drawn = face_swatch.copy()
+        self._face_swatch = body.face_swatch
+        self._drawn = body.face_swatch.copy()
         # where none has an area, what is painted decides still
         self._area_m2 = np.maximum(area_of(shape.corner_m), np.finfo(np.float64).tiny)
         self._full = np.argsort(mesh.shown_of, kind="stable")
         count = np.bincount(mesh.shown_of, minlength=len(mesh.faces))
         self._start = np.concatenate([[0], np.cumsum(count)])
-        self.chunk = _chunk_of(mesh.vertices_m[mesh.faces].mean(axis=1))
+        middle_m = mesh.vertices_m[mesh.faces].mean(axis=1)
+        self.chunk = _chunk_of(middle_m)
         self.chunk_count = int(self.chunk.max()) + 1
         self.swatch = np.zeros(len(mesh.faces), np.int16)
         self._assign_swatches(np.arange(len(mesh.faces)))
+        self.look = FileLook.of(body.mesh)
+        self._tint = np.zeros(len(self._drawn), np.uint8) if self.look is None else self.look.tint
+        self._shown_tint = self._tint if mesh.raised_m is None else self._tint[self._first_full()]
+        group = _chunk_of(middle_m, len(mesh.faces) // PATCHES + 1)[mesh.shown_of]
+        self._leaves = ShownLeaves(body, self._area_m2, group)
+        self._leaves.update(np.arange(len(self._drawn)))
         self._over = self._drawn_whole()
+
+    def chunks(self) -> list[int]:
+        """Numbers of the chunks, and of the patches of leaves."""
+        return [*range(self.chunk_count), *self._leaves.patches().tolist()]
 
     def update(self, faces: NDArray[np.integer]) -> NDArray[np.int64]:
         """Look again at faces (n,) of the full mesh; the chunks that became others."""
+        patches, turned = self._leaves.update(faces)
         faces = faces[self._drawn[faces] != self._face_swatch[faces]]
+        if not len(faces) and not len(turned):
+            return patches
         self._drawn[faces] = self._face_swatch[faces]
         lent = self.mesh.lent
         borrowers = lent[np.isin(lent[:, 1], faces), 0]
@@ -185,38 +251,72 @@ class ShownBody:
         self._assign_swatches(shown)
         self._over = self._drawn_whole()
         other = np.concatenate([np.flatnonzero(over != self._over), faces[self._over[faces]]])
+        if self.mesh.raised_m is None:
+            other = turned
         changed = np.concatenate([shown[before != self.swatch[shown]], self.mesh.shown_of[other]])
-        return np.unique(self.chunk[changed]).astype(np.int64)
+        return np.unique(np.concatenate([patches, self.chunk[changed]])).astype(np.int64)
 
     def layers(self, chunk: int) -> list[Layer]:
-        """The meshes that a chunk is drawn as, one for each swatch in it."""
+        """The meshes that a chunk is drawn as, one for each paint and tint in it."""
+        if not 0 <= chunk < self.chunk_count:
+            return self._leaf_layers(chunk)
         inside = np.flatnonzero(self.chunk == chunk)
+        if self.mesh.raised_m is None:  # a face in leaves is drawn as these
+            inside = inside[~self._leaves.has[inside]]
         over = np.flatnonzero(self._over)
         over = over[self.chunk[self.mesh.shown_of[over]] == chunk]
         over = over if len(over) <= CHUNK else over[:0]
+        kind, kind_over = (
+            _kind(self.swatch[inside], self._shown_tint[inside]),
+            _kind(self._drawn[over], self._tint[over]),
+        )
         found = []
-        for swatch in np.unique(np.concatenate([self.swatch[inside], self._face_swatch[over]])):
-            shown, fine = inside[self.swatch[inside] == swatch], over[self._face_swatch[over] == swatch]
+        for one in np.unique(np.concatenate([kind, kind_over])):
+            shown, fine = inside[kind == one], over[kind_over == one]
             vertices_m, faces = _used(self.mesh.vertices_m, self.mesh.faces[shown])
             if len(fine) and self.mesh.raised_m is not None:
                 raised_m, raised = _used(self.mesh.raised_m, self._shape.mesh.faces[fine])
                 faces = np.concatenate([faces, raised + len(vertices_m)])
                 vertices_m = np.concatenate([vertices_m, raised_m])
-            found.append(Layer(int(swatch), vertices_m, faces.astype(np.uint32), shown, fine))
+            found.append(Layer(*_of_kind(one), vertices_m, faces.astype(np.uint32), shown, fine))
         return found
+
+    def light(self, faces: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """A hair over the shown faces that stand for faces (M,): vertices (v, 3) [m], and triangles (f, 3)."""
+        share = np.bincount(self.mesh.shown_of, faces * self._area_m2, len(self.mesh.faces))
+        whole = np.bincount(self.mesh.shown_of, self._area_m2, len(self.mesh.faces))
+        vertices_m, corners = _used(self.mesh.vertices_m, self.mesh.faces[2 * share > whole])
+        corner_m = vertices_m[corners].astype(np.float64)
+        normal = unit(np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0]))
+        up = unit(_around(corners, normal, len(vertices_m)))
+        lifted_m = vertices_m + 2 * RAISED * self._shape.mesh.diagonal_m * up
+        return lifted_m.astype(np.float32), corners.astype(np.uint32)
+
+    def _leaf_layers(self, patch: int) -> list[Layer]:
+        leaves, mesh = self._leaves.leaves(patch), self._shape.mesh
+        vertices_m = mesh.vertices_m if self.mesh.raised_m is None else self.mesh.raised_m
+        corner_m = leaf_triangles(leaves, vertices_m[mesh.faces[leaves.face]], OVERLAP * mesh.diagonal_m)
+        kind, found = _kind(_fewer_weights(leaves.paint), self._tint[leaves.face]), []
+        for one in np.unique(kind):
+            mine = np.flatnonzero(kind == one)
+            faces = np.arange(3 * len(mine), dtype=np.uint32).reshape(-1, 3)
+            over = leaves.face[mine].astype(np.int64)
+            found.append(Layer(*_of_kind(one), corner_m[mine].reshape(-1, 3), faces, mine[:0], over))
+        return found
+
+    def _first_full(self) -> NDArray[np.int64]:
+        """A face of the full mesh for each shown one (S,), whose tint that has."""
+        first = self._full[np.minimum(self._start[:-1], len(self._full) - 1)]
+        first[self.mesh.lent[:, 0]] = self.mesh.lent[:, 1]
+        return np.asarray(first)
 
     def _drawn_whole(self) -> NDArray[np.bool_]:
         """Whether each face (M,) of the full mesh is drawn itself: at a border, or where what is shown is wrong."""
-        mesh, swatch, pairs = self.mesh, self._face_swatch, self._shape.pairs
-        if mesh.raised_m is None:
-            return np.zeros(len(swatch), np.bool_)
-        wrong: NDArray[np.bool_] = self.swatch[mesh.shown_of] != swatch
-        seen = np.where(mesh.under >= 0, self.swatch[mesh.under], -1)
-        for corner in self._shape.mesh.faces.T:
-            wrong |= (seen[corner] != swatch) & (seen[corner] >= 0)
-        one, other = pairs.T
-        beside = wrong[one] | wrong[other] | (swatch[one] != swatch[other])  # tips of shown faces lie between corners
-        wrong[one[beside]] = wrong[other[beside]] = True
+        mesh, wrong = self.mesh, np.zeros(len(self._drawn), np.bool_)
+        if mesh.raised_m is not None:
+            args = self._face_swatch, self.swatch, mesh.shown_of, mesh.under, self._shape.mesh.faces, self._shape.pairs
+            mark_wrong(*args, wrong, np.zeros_like(wrong))
+            wrong &= ~self._leaves.has
         return wrong
 
     def _assign_swatches(self, shown: NDArray[np.integer]) -> None:
@@ -232,6 +332,52 @@ class ShownBody:
         lent = self.mesh.lent
         mine = np.isin(lent[:, 0], shown)
         self.swatch[lent[mine, 0]] = self._face_swatch[lent[mine, 1]]
+
+
+@native
+def mark_wrong(
+    swatch: Any, shown_swatch: Any, shown_of: Any, under: Any, faces: Any, pairs: Any, wrong: Any, beside: Any
+) -> None:
+    """Set `wrong` (M,) of faces that are not seen in their swatch (M,), or lie at a border.
+
+    Args:
+        swatch, shown_swatch: (M,), (S,) of the faces of the full mesh and of what is shown of it.
+        shown_of, under: (M,), (N,) the shown face that stands for each face, and under each vertex.
+        faces, pairs: (M, 3), (n, 2) of the full mesh, and which of them lie side by side.
+        wrong, beside: (M,) bool, written; false before.
+    """
+    for i in range(len(faces)):
+        wrong[i] = shown_swatch[shown_of[i]] != swatch[i]
+        for k in range(3):
+            shown = under[faces[i, k]]
+            wrong[i] |= shown >= 0 and shown_swatch[shown] != swatch[i]
+    for i in range(len(pairs)):  # tips of shown faces lie between corners
+        one, other = pairs[i, 0], pairs[i, 1]
+        if wrong[one] or wrong[other] or swatch[one] != swatch[other]:
+            beside[one] = beside[other] = True
+    for i in range(len(wrong)):
+        wrong[i] |= beside[i]
+
+
+WEIGHTS: Final = 8
+"""Weights of a blend that are told apart by the eye [count]: each is a mesh of its own."""
+
+_TINT_BITS: Final = 8
+
+
+def _fewer_weights(paint: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Paints with their weights rounded to those that are told apart."""
+    a, b, weight = parts(paint)
+    return np.asarray(blend(a, np.where(weight > 0, b, a), np.rint(weight * WEIGHTS) / WEIGHTS))
+
+
+def _kind(paint: NDArray[np.integer], tint: NDArray[np.integer]) -> NDArray[np.int64]:
+    """One number for paint and tint (n,): what is drawn as one mesh."""
+    return np.asarray(paint.astype(np.int64) << _TINT_BITS | tint)
+
+
+def _of_kind(kind: int) -> tuple[int, int]:
+    return int(kind) >> _TINT_BITS, int(kind) & ((1 << _TINT_BITS) - 1)
 
 
 def shares(counts: list[int], most: int) -> list[int]:
@@ -253,13 +399,13 @@ def _used(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[ND
     return vertices_m[used], index.reshape(-1, 3)
 
 
-def _chunk_of(centroid_m: NDArray[np.floating]) -> NDArray[np.int32]:
-    """A chunk (S,) for each place (S, 3): halved across the longest side until none has more than `CHUNK`."""
+def _chunk_of(centroid_m: NDArray[np.floating], most: int = CHUNK) -> NDArray[np.int32]:
+    """A chunk (S,) for each place (S, 3): halved across the longest side until none has more than `most`."""
     chunk = np.zeros(len(centroid_m), np.int32)
     waiting, count = [np.arange(len(centroid_m))], 0
     while waiting:
         inside = waiting.pop()
-        if len(inside) <= CHUNK:
+        if len(inside) <= most:
             chunk[inside] = count
             count += 1
             continue
@@ -288,11 +434,20 @@ def reduce_mesh(shape: PaintableMesh, count: int) -> ReducedMesh:
     if len(mesh.faces) <= count:
         every, none = np.arange(len(mesh.faces), dtype=np.int32), np.zeros(0, np.int32)
         return ReducedMesh(mesh.vertices_m.astype(np.float32), mesh.faces, every, none.reshape(0, 2), none, None)
-    used, index = np.unique(shape.welded[mesh.faces], return_inverse=True)
-    vertices_m, faces = mesh.vertices_m[used], index.reshape(-1, 3).astype(np.int32)
+    corners = shape.welded[mesh.faces]
+    worn = np.zeros(len(mesh.vertices_m), np.bool_)
+    worn[corners] = True
+    vertices_m, faces = mesh.vertices_m[worn], (np.cumsum(worn) - 1)[corners].astype(np.int32)
     found = None
-    if np.count_nonzero(_smallest_sine(shape.corner_m) < SLIVER_SINE) < count / 2:
-        found = _collapsed(vertices_m, faces, count)
+    some = shape.corner_m[:: max(len(faces) // SOME, 1)]
+    if np.count_nonzero(_smallest_sine(some) < SLIVER_SINE) * len(faces) / len(some) < count / 2:
+        left = vertices_m, faces
+        if len(faces) > 2 * FIRST * count:  # clusters are quicker by much, and as good as long as they are small
+            span_m = float(np.ptp(vertices_m, axis=0).max())
+            area_m2 = float(area_of(some).sum()) * len(faces) / len(some)
+            look = _look(faces, shape.normal, len(vertices_m))
+            left = _grouped(vertices_m, faces, look, span_m * math.sqrt(FIRST * count / (2 * area_m2)))
+        found = _collapsed(*left, count)
     if found is None or len(found[1]) > EXCESS * count:
         found = _clustered(vertices_m, faces, shape.normal, count)
     return ReducedMesh(found[0].astype(np.float32), found[1], *_compared(shape, *found))
@@ -313,28 +468,38 @@ def _collapsed(vertices_m: Places, faces: Faces, count: int) -> tuple[Places, Fa
 
 def _clustered(vertices_m: Places, faces: Faces, normal: NDArray[np.float64], count: int) -> tuple[Places, Faces]:
     """Vertices of one cell of a grid, looking the same way, become one in their middle; the finest such grid."""
-    around = _around(faces, normal, len(vertices_m))
-    look = np.rint(around / np.maximum(np.abs(around).max(axis=1, keepdims=True), 1e-300)).astype(np.int64) + 1
-    low_m, span_m = vertices_m.min(axis=0), float(np.ptp(vertices_m, axis=0).max())
+    look = _look(faces, normal, len(vertices_m))
     coarse, fine = 1.0, float(GRID_MAX)  # cells along the longest side
     best = vertices_m, faces
     while fine / coarse > 1.05:
         cells = math.sqrt(coarse * fine)
-        key = np.zeros(len(vertices_m), np.int64)
-        for cell in ((vertices_m - low_m) / span_m * cells).astype(np.int64).T:
-            key = key * (GRID_MAX + 1) + cell
-        key = key * 27 + look @ np.array([9, 3, 1])
-        cluster = np.unique(key, return_inverse=True)[1]
-        left = _once(cluster[faces])
-        if len(left) <= count:
+        found = _grouped(vertices_m, faces, look, cells)
+        if len(found[1]) <= count:
             coarse = cells
         else:
             fine = cells
-        if len(left) <= count or len(best[1]) > count:
-            size = np.bincount(cluster)
-            middle = [np.bincount(cluster, vertices_m[:, k]) / size for k in range(3)]
-            best = np.stack(middle, axis=1), left.astype(np.int32)
+        if len(found[1]) <= count or len(best[1]) > count:
+            best = found
     return best
+
+
+def _look(faces: Faces, normal: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Which of 27 ways the faces around each vertex (count,) look."""
+    around = _around(faces, normal, count)
+    way = np.rint(around / np.maximum(np.abs(around).max(axis=1, keepdims=True), 1e-300)).astype(np.int64) + 1
+    return np.asarray(way @ np.array([9, 3, 1]))
+
+
+def _grouped(vertices_m: Places, faces: Faces, look: NDArray[np.int64], cells: float) -> tuple[Places, Faces]:
+    """Vertices of one cell of a grid that look the same way become one; so many cells along the longest side."""
+    low_m, span_m = vertices_m.min(axis=0), float(np.ptp(vertices_m, axis=0).max())
+    key = np.zeros(len(vertices_m), np.int64)
+    for cell in ((vertices_m - low_m) / span_m * cells).astype(np.int64).T:
+        key = key * (GRID_MAX + 1) + cell
+    cluster = np.unique(key * 27 + look, return_inverse=True)[1]
+    size = np.bincount(cluster)
+    middle_m = np.stack([np.bincount(cluster, vertices_m[:, k]) / size for k in range(3)], axis=1)
+    return middle_m, _once(cluster[faces]).astype(np.int32)
 
 
 def _once(corners: NDArray[np.int64]) -> NDArray[np.int64]:

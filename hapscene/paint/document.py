@@ -277,7 +277,10 @@ class Autosave:
                 if id(body.mesh) not in self._meshes:
                     file = self.file.with_name(f"mesh_{len(self._meshes)}.ply")
                     save_mesh(body.mesh, file)
-                    self._meshes[id(body.mesh)] = (body.mesh, replace(body.mesh, path=file, unit="m"))
+                    self._meshes[id(body.mesh)] = (
+                        body.mesh,
+                        replace(body.mesh, path=file, unit="m", up="z", scale=1.0),
+                    )
                 body.mesh = self._meshes[id(body.mesh)][1]
 
 
@@ -324,7 +327,7 @@ class Document:
         """Save the scene, to `path` from now on where one is given; its file.
 
         Args:
-            path: NAME.scene.json; None for the one there is.
+            path: NAME.scene.json, or NAME alone; None for the one there is.
             force: write over a file that is not the one that was loaded.
 
         Raises:
@@ -337,6 +340,8 @@ class Document:
             target = Path(path) if path is not None else self.path
             if target is None:
                 raise SceneError("where shall the scene be saved? give a file NAME.scene.json")
+            if target.name and not target.suffix:
+                target = target.with_name(target.name + SUFFIX)
             same = self.path is not None and target.resolve() == self.path.resolve()
             check_place(target)
             old = autosave = self.autosave
@@ -380,7 +385,7 @@ class Document:
         """
         scene = recovery.load()
         try:
-            what = self._painting.take_painting(scene, "recovered painting")
+            what = self._painting.take_painting(scene, "recovered painting", composed=True)
         except SceneError as error:
             raise SceneError(f"{recovery.file}: {error}") from None
         if self.autosave is not None and self.autosave.write():

@@ -18,6 +18,7 @@ from hapscene.constants import ACCELERATION_BAND_HZ, ACCELERATION_RATE_HZ
 from hapscene.errors import ViewError
 from hapscene.files import whole_file, whole_folder
 from hapscene.paint.shelf import START_S, Phrase, phrases, swatch_sound, wav_bytes
+from hapscene.paint.swatch_picture import ball_png
 from hapscene.surface.library import entry_of
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
@@ -197,7 +198,10 @@ WIDTH: Final = 120
 
 
 def write_gallery(
-    swatches: Sequence[Swatch], page: str | Path, say: Callable[[str], None] = lambda text: None
+    swatches: Sequence[Swatch],
+    page: str | Path,
+    say: Callable[[str], None] = lambda text: None,
+    computed: Sequence[Swatch] = (),
 ) -> list[Path]:
     """Write a page of swatches, and beside it a folder of its name with their pictures and sounds.
 
@@ -205,6 +209,7 @@ def write_gallery(
         swatches: in the order of the page.
         page: the Markdown file; its folder must be there.
         say: told what is being done.
+        computed: those that were computed, not measured: in one table after the others, each with a ball.
 
     Returns:
         The files made.
@@ -225,20 +230,42 @@ def write_gallery(
             body = painted_body(swatch)
             write_portraits(swatch, body, scale, folder, stem)
             (folder / f"{stem}.wav").write_bytes(wav_bytes(swatch_sound(swatch)))
+        for swatch in computed:
+            (folder / f"{swatch.name}-ball.png").write_bytes(ball_png(swatch))
         made = [page.parent / page.stem / file.name for file in sorted(folder.iterdir())]
     with whole_file(page) as part:
-        part.write_text(_page(swatches, stems, page.stem), encoding="utf-8", newline="\n")
+        part.write_text(_page(swatches, stems, page.stem, computed), encoding="utf-8", newline="\n")
     return [page, *made]
 
 
-def _page(swatches: Sequence[Swatch], stems: Sequence[str], folder: str) -> str:
+def _page(swatches: Sequence[Swatch], stems: Sequence[str], folder: str, computed: Sequence[Swatch] = ()) -> str:
     """The page's text."""
     about = f"""Each sound is a tap at {1e3 * TAP_M_S:g} mm/s, and from {START_S:g} s on a stroke at {FORCE_N:g} N and
         {1e3 * SPEED_M_S:g} mm/s: the acceleration of the tool's handle. All have one scale, so that a smooth surface is
         heard to be quieter; all pictures have the same axes. **Assumed** is what the recording could not tell."""
     head = "# Gallery of swatches\n\nMade by `hapscene swatch gallery`; every figure is that of the swatch's own file."
     cards = [_card(swatch, f"{folder}/{stem}") for swatch, stem in zip(swatches, stems, strict=True)]
+    if computed:
+        cards += ["## Computed, not measured", _wrapped(COMPUTED), _computed_table(computed, folder)]
     return "\n\n".join([head, _wrapped(about), *cards]) + "\n"
+
+
+COMPUTED: Final = """Surfaces that nobody recorded: their acceleration follows from a profile and a material by a model.
+`hapscene swatch show NAME` says which numbers were looked up, and where, and which are assumed; the model is in
+`swatches/compute.py`. A line of a grating lies at speed/period, a sandpaper's corner at speed/grain. What they feel
+like is as good as that model: trust a measured one more. `hapscene swatch search grating` finds them by kind, and the
+painter's shelf shows them by *Show: computed*."""
+
+
+def _computed_table(swatches: Sequence[Swatch], folder: str) -> str:
+    """A line for each computed swatch."""
+    rows = ["| | swatch | what it is | feels |", "|---|---|---|---|"]
+    for swatch in swatches:
+        what = swatch.provenance.removeprefix("Computed, not measured: ").partition(", under a steel ball")[0]
+        feels = ", ".join(phrase.word for phrase in phrases(swatch))
+        ball = f"![{_plain(swatch.name)}]({quote(f'{folder}/{swatch.name}-ball.png')})"
+        rows.append(f"| {ball} | {_plain(swatch.name)} | {_plain(what)} | {feels} |")
+    return "\n".join(rows)
 
 
 def _card(swatch: Swatch, file: str) -> str:

@@ -3,12 +3,17 @@
 import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import NOTHING, FinePaint
 from hapscene.surface.swatch import Swatch
+
+Paint = tuple[NDArray[np.int16], FinePaint | None]
+"""How a body is painted: `Body.face_swatch` and `Body.fine`."""
 
 BYTES_MAX: Final = 64 * 1024 * 1024
 """Most memory that the packed steps may take [bytes]. A stroke of 5,000 faces takes some 10 kB, filling a body of
@@ -26,30 +31,93 @@ Source = str | Path | None
 
 @dataclass(frozen=True)
 class FaceDelta:
-    """Faces of a body that changed: their indices, and their swatches before and after, packed."""
+    """Faces of a body that changed: their indices, their swatches and their leaves before and after, packed."""
 
     body: int
     packed: bytes = field(repr=False)
     count: int
+    leaves: tuple[bytes, bytes] = field(default=(b"", b""), repr=False)
 
     @staticmethod
-    def between(body: int, old: NDArray[np.int16], new: NDArray[np.int16]) -> "FaceDelta | None":
-        """What differs in the swatches (M,) of a body's faces; None where nothing does."""
-        faces = np.flatnonzero(old != new)
-        return FaceDelta.pack(body, faces, old[faces], new[faces]) if len(faces) else None
+    def between(body: int, old: Paint, new: Paint) -> "FaceDelta | None":
+        """What differs in the swatches (M,) and leaves of a body's faces; None where nothing does."""
+        differs = old[0] != new[0]
+        was, now = old[1] or NOTHING, new[1] or NOTHING
+        if was is not now:
+            differs[other_faces(was, now)] = True
+        faces = np.flatnonzero(differs)
+        leaves = (was.of_faces(faces), now.of_faces(faces)) if was is not now else (NOTHING, NOTHING)
+        return FaceDelta.pack(body, faces, old[0][faces], new[0][faces], *leaves) if len(faces) else None
 
     @staticmethod
-    def pack(body: int, faces: NDArray[np.integer], old: NDArray[np.int16], new: NDArray[np.int16]) -> "FaceDelta":
-        """Of faces (n,), ascending, and their swatches (n,)."""
+    def pack(
+        body: int,
+        faces: NDArray[np.integer],
+        old: NDArray[np.int16],
+        new: NDArray[np.int16],
+        was: FinePaint = NOTHING,
+        now: FinePaint = NOTHING,
+    ) -> "FaceDelta":
+        """Of faces (n,), ascending, their swatches (n,), and all their leaves."""
         steps = np.diff(faces, prepend=0).astype(np.int32)  # small numbers, mostly ones: they pack well
         content = steps.tobytes() + old.tobytes() + new.tobytes()
-        return FaceDelta(body, zlib.compress(content, 1), len(faces))
+        return FaceDelta(body, zlib.compress(content, 1), len(faces), (pack_leaves(was), pack_leaves(now)))
 
     def unpack(self) -> tuple[NDArray[np.int64], NDArray[np.int16], NDArray[np.int16]]:
         """Faces, and their swatches before and after, (count,) each."""
         content, n = zlib.decompress(self.packed), self.count
         faces = np.cumsum(np.frombuffer(content, np.int32, n), dtype=np.int64)
         return faces, np.frombuffer(content, np.int16, n, 4 * n), np.frombuffer(content, np.int16, n, 6 * n)
+
+    def put(self, body: Body, back: bool) -> NDArray[np.int64]:
+        """Paint a body as the faces were, or (not `back`) became; which they are."""
+        faces, old, new = self.unpack()
+        body.face_swatch[faces] = old if back else new
+        fine = (body.fine or NOTHING).with_faces(faces, unpack_leaves(self.leaves[0 if back else 1]))
+        body.fine = fine if len(fine) else None
+        return faces
+
+    @property
+    def size(self) -> int:
+        """Memory that it takes [bytes]."""
+        return len(self.packed) + len(self.leaves[0]) + len(self.leaves[1])
+
+
+def other_faces(one: FinePaint, other: FinePaint) -> NDArray[np.int32]:
+    """Faces whose leaves are not the same in both, ascending."""
+    a, b = leaf_marks(one), leaf_marks(other)
+    return np.union1d(one.face[~np.isin(a, b)], other.face[~np.isin(b, a)])
+
+
+def leaf_marks(leaves: FinePaint) -> NDArray[np.uint64]:
+    """A number (k,) for each leaf with its paint that no other has, but by a chance of one in 2^64."""
+    found = leaves.face.astype(np.uint64) << np.uint64(32) | leaves.path
+    for values in (leaves.level, leaves.paint):
+        found = (found ^ found >> np.uint64(29)) * np.uint64(0x9E3779B97F4A7C15) + values.astype(np.uint64)
+    return found * np.uint64(0xBF58476D1CE4E5B9)
+
+
+def columns_of(leaves: FinePaint) -> tuple[NDArray[Any], ...]:
+    """The arrays of leaves."""
+    return leaves.face, leaves.path, leaves.edge, leaves.level, leaves.paint
+
+
+def pack_leaves(leaves: FinePaint) -> bytes:
+    """Leaves as few bytes."""
+    return zlib.compress(b"".join(column.tobytes() for column in columns_of(leaves)), 1) if len(leaves) else b""
+
+
+def unpack_leaves(packed: bytes) -> FinePaint:
+    """What was packed."""
+    if not packed:
+        return NOTHING
+    content, found, at = zlib.decompress(packed), [], 0
+    types = [column.dtype for column in columns_of(NOTHING)]
+    count = len(content) // sum(kind.itemsize for kind in types)
+    for kind in types:
+        found.append(np.frombuffer(content, kind, count, at))
+        at += count * kind.itemsize
+    return FinePaint(*found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +144,24 @@ class SwatchDelta:
     new: SwatchState | None
 
 
+@dataclass(frozen=True, eq=False)
+class BodyDelta:
+    """A body of the scene before and after; None where there was, or is, none: those behind it have moved up.
+
+    Of a body that goes on, both are copies that tell its name, mesh, pose and parent; `FaceDelta` its painting.
+    """
+
+    index: int
+    old: Body | None
+    new: Body | None
+
+    @property
+    def size(self) -> int:
+        """Memory that it takes [bytes]: a body that is gone is kept by its step alone."""
+        gone = self.old if self.new is None else None
+        return 0 if gone is None else gone.face_swatch.nbytes + gone.mesh.vertices_m.nbytes + gone.mesh.faces.nbytes
+
+
 @dataclass(frozen=True)
 class Step:
     """What one undo takes back.
@@ -83,6 +169,7 @@ class Step:
     Attributes:
         what: in words for the user: "brush, 812 faces".
         swatches: changed first when done, last when undone: faces refer to them.
+        bodies: changed next, in this order: faces refer to them.
         faces: of one or more bodies.
         key: what the step went on changing, so that the next of the same key may join it; None for what stands alone.
         number: tells it from all others; set by the history.
@@ -91,6 +178,7 @@ class Step:
     what: str
     swatches: tuple[SwatchDelta, ...] = ()
     faces: tuple[FaceDelta, ...] = ()
+    bodies: tuple[BodyDelta, ...] = ()
     key: object = None
     number: int = 0
 
@@ -102,7 +190,7 @@ class Step:
     @property
     def size(self) -> int:
         """Memory that it takes [bytes]."""
-        return STEP_BYTES + sum(len(delta.packed) for delta in self.faces)
+        return STEP_BYTES + sum(delta.size for delta in self.faces) + sum(delta.size for delta in self.bodies)
 
 
 def face_count_text(count: int) -> str:
@@ -151,6 +239,12 @@ class History:
             self._ground = self.done[forgotten].number
             forgotten += 1
         del self.done[:forgotten]
+
+    def clear(self) -> None:
+        """Forget all: where the scene stands is where it began."""
+        self.done.clear()
+        self.undone.clear()
+        self._size = self._ground = 0
 
     def replace_last(self, step: Step) -> None:
         """The last step went on: it is now this one."""

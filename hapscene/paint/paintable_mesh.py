@@ -2,20 +2,22 @@
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hapscene.constants import SKIN_RATIO
-from hapscene.contact.embree import Search, first_face, new_ray
-from hapscene.errors import SceneError
-from hapscene.geometry import Vector, along, cross, dot, rigid, sub
+from hapscene.contact.embree import Search, first_face, fronts_only, new_ray
+from hapscene.geometry import Vector, along, cross, dot, sub
 from hapscene.native import native
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
-from hapscene.scene.topology import connected, edges_of, weld
+from hapscene.scene.region import Volume
+from hapscene.scene.topology import connected, edges_of, normals_of, weld
 
 # The brush's walk over the surface, compiled: from face to face while they are under it.
 #
@@ -118,8 +120,8 @@ def _corner(corner_m: Any, face: int, k: int) -> Vector:
 @native
 def faces_under_brush(
     shape: Any, net: Any, work: Any, number: int, ends: Any, points: Any, radius_m: float, facing_cos: float
-) -> int:
-    """Write the faces under the brush into the last array of `work`; how many they are.
+) -> tuple[int, int]:
+    """Write the faces that the brush touches and those under it into the last arrays of `work`; how many they are.
 
     Args:
         shape: corners (M, 3, 3), centroids (M, 3) [m] and unit normals (M, 3).
@@ -176,7 +178,7 @@ def faces_under_brush(
                 if away2 <= way2 or _off(gap, way, _share(gap, way)) <= radius2:
                     painted[count] = other
                     count += 1
-    return count
+    return waiting, count
 
 
 Row = NDArray[np.float64]
@@ -200,15 +202,18 @@ class PaintableMesh:
         normal: (M, 3) unit normals; zero where a face has no area.
         welded: (N,) int64, the first vertex at the place of each one: `hapscene.scene.topology.weld`.
         pairs: (n, 2) int64, faces on both sides of every edge that has just two.
+        search: Embree's, of the mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.corner_m = np.ascontiguousarray(mesh.triangles_m)
-        self.centroid_m = np.asarray(self.corner_m.mean(axis=1))
-        self.normal = np.ascontiguousarray(mesh.normals)
-        self._search = Search(mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
-        self._ray = new_ray()
+        lane = ThreadPoolExecutor(1)  # Embree builds while the rest is made
+        search = lane.submit(Search, mesh.vertices_m, mesh.faces, SKIN_RATIO * mesh.diagonal_m)
+        lane.shutdown(wait=False)
+        self.centroid_m = (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
+        self.normal = normals_of(self.corner_m)
+        self._ray, self._fronts = new_ray(), fronts_only()
         self.welded = weld(mesh.vertices_m)
         self._vertex = self.welded[mesh.faces].astype(np.int32)  # faces meet where their corners are at one place
         self._around = np.argsort(self._vertex.ravel(), kind="stable").astype(np.int32)
@@ -219,44 +224,54 @@ class PaintableMesh:
         self._queue = np.zeros(len(mesh.faces), np.int32)
         self._painted = np.zeros(len(mesh.faces), np.int32)
         self._round = 0
+        self._known_facets: tuple[float, NDArray[np.integer]] | None = None
         self.pairs, self._bend_rad = self._edges()
+        self.search = search.result()
         here = self.centroid_m[0]
         self.brush((0, 0), (here, here), mesh.diagonal_m * 1e-9)  # compiles the walk now, not in the first stroke
 
-    def pick(self, origin_B_m: Row, direction_B: Row) -> tuple[int, float, Row] | None:
+    def pick(self, origin_B_m: Row, direction_B: Row, fronts: bool = False) -> tuple[int, float, Row] | None:
         """The first face along a ray from a point (3,) [m], its distance [m] and the point (3,) on it; None without.
 
-        Faces are met from both sides. Embree (float32) names the face; the point is computed in float64 on its plane.
+        Faces are met from both sides, or with `fronts` from outside alone. Embree (float32) names the face; the point
+        is computed in float64 on its plane.
         """
         direction = direction_B / np.linalg.norm(direction_B)
-        origin = origin_B_m - self._search.center_m
+        origin = origin_B_m - self.search.center_m
         # near the mesh the ray has more digits: it starts where it enters the ball around it
-        ahead = max(0.0, float(np.linalg.norm(origin)) - 1.01 * self._search.radius_m)
+        ahead = max(0.0, float(np.linalg.norm(origin)) - 1.01 * self.search.radius_m)
         start = origin + ahead * direction
-        far = float(np.linalg.norm(start)) + 2.0 * self._search.radius_m
-        args: tuple[Any, ...] = (tuple(start.tolist()), tuple(direction.tolist()), far, 0)
-        face = int(first_face(self._search.handle, self._ray, *args))
+        far = float(np.linalg.norm(start)) + 2.0 * self.search.radius_m
+        arguments = self._fronts.ctypes.data if fronts else 0
+        args: tuple[Any, ...] = (tuple(start.tolist()), tuple(direction.tolist()), far, arguments)
+        face = int(first_face(self.search.handle, self._ray, *args))
         if face < 0:
             return None
         distance = ahead + float(self._ray[8])
         across = float(self.normal[face] @ direction)
         if abs(across) > 1e-6:
             exact = float(self.normal[face] @ (self.corner_m[face, 0] - origin_B_m)) / across
-            if abs(exact - distance) <= 1e-4 * (distance + self._search.radius_m):
+            if abs(exact - distance) <= 1e-4 * (distance + self.search.radius_m):
                 distance = exact
         return face, distance, np.asarray(origin_B_m + distance * direction)
 
     def brush(
-        self, faces: tuple[int, int], ends_B_m: tuple[Row, Row], radius_m: float, facing_rad: float = FACING_RAD
+        self,
+        faces: tuple[int, int],
+        ends_B_m: tuple[Row, Row],
+        radius_m: float,
+        facing_rad: float = FACING_RAD,
+        touched: bool = False,
     ) -> NDArray[np.int64]:
         """Faces (n,) under a brush that moves from one place on the surface to another, each given by face and point.
 
         Painted are the faces whose centroid is in the capsule of that radius about the way, those that the way
         itself goes over, and the two faces at its ends; only where the surface leads there from either end inside the
         capsule, and is turned no more than `facing_rad` from it. So a brush does not reach through a thin wall.
+        With `touched`, all faces that the capsule touches so: those that it may paint a part of.
         """
         self._round += 1
-        count = faces_under_brush(
+        waiting, count = faces_under_brush(
             (self.corner_m, self.centroid_m, self.normal),
             (self._vertex, self._around, self._start),
             (self._seen_face, self._seen_vertex, self._queue, self._painted),
@@ -266,7 +281,24 @@ class PaintableMesh:
             float(radius_m),
             math.cos(facing_rad),
         )
-        return np.sort(self._painted[:count]).astype(np.int64)
+        found = self._queue[:waiting] if touched else self._painted[:count]
+        return np.sort(found).astype(np.int64)
+
+    def near(self, region: Volume) -> NDArray[np.int64]:
+        """Faces (n,) that a region in B may reach a part of, ascending."""
+        slack_m = 1e-9 * self.mesh.diagonal_m  # a region that ends in a face's plane has it
+        return np.flatnonzero(region.distance_m(self.centroid_m) < self.reach_m + slack_m)
+
+    @cached_property
+    def reach_m(self) -> Row:
+        """How far corners are from the middle of each face (M,) [m]."""
+        return np.asarray(np.linalg.norm(self.corner_m - self.centroid_m[:, None], axis=2).max(axis=1))
+
+    def bary(self, face: int, p_B_m: Row) -> Row:
+        """Barycentric coordinates (3,) of a point (3,) [m] in the plane of a face."""
+        a, b, c = self.corner_m[face]
+        v, w = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), p_B_m - a, rcond=None)[0]
+        return np.array([1.0 - v - w, v, w])
 
     def longest_edge_m(self, face: int) -> float:
         """Of a face [m]."""
@@ -275,8 +307,19 @@ class PaintableMesh:
 
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
-        label = connected(self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD], len(self.mesh.faces))
+        label = self._facets(angle_rad)
         return np.asarray(label == label[face])
+
+    def facet_number(self, face: int, angle_rad: float) -> int:
+        """Which facet of that angle a face is in."""
+        return int(self._facets(angle_rad)[face])
+
+    def _facets(self, angle_rad: float) -> NDArray[np.integer]:
+        """The facet (M,) that each face is in; kept for the next time, as the pointer asks often."""
+        if self._known_facets is None or self._known_facets[0] != angle_rad:
+            pairs = self.pairs[self._bend_rad <= angle_rad + BEND_ROUNDING_RAD]
+            self._known_facets = angle_rad, connected(pairs, len(self.mesh.faces))
+        return self._known_facets[1]
 
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Faces on both sides (n, 2) of each edge with just two, and by how much it bends (n,) [rad]."""
@@ -314,14 +357,18 @@ def pick(
     shapes: Sequence[PaintableMesh],
     origin_W_m: NDArray[np.float64],
     direction_W: NDArray[np.float64],
+    seen: bool = False,
 ) -> Hit | None:
-    """The nearest place along a ray (3,), (3,), faces met from both sides; None where there is none, or no ray."""
+    """The nearest place along a ray (3,), (3,); None where there is none, or no ray.
+
+    Faces are met from both sides; with `seen`, only those that are drawn: not the backs of one-sided bodies.
+    """
     if not (np.isfinite(origin_W_m).all() and np.isfinite(direction_W).all() and direction_W.any()):
         return None
     best: Hit | None = None
     for index, (body, shape) in enumerate(zip(bodies, shapes, strict=True)):
         R, p = body.X_WB[:3, :3], body.X_WB[:3, 3]
-        found = shape.pick((origin_W_m - p) @ R, direction_W @ R)
+        found = shape.pick((origin_W_m - p) @ R, direction_W @ R, seen and not body.two_sided)
         if found is not None and (best is None or found[1] < best.distance_m):
             face, distance, p_B = found
             best = Hit(index, face, R @ p_B + p, p_B, R @ shape.normal[face], distance)
@@ -353,39 +400,4 @@ def project_to_surface(
     return laid
 
 
-# Which faces a fill reaches, in W: boxes and spheres. By body, facet and group they are picked by the mesh itself.
-
-
 Mask = NDArray[np.bool_]
-
-
-def faces_in_box(X_WK: ArrayLike, size_m: ArrayLike, body: Body, shape: PaintableMesh) -> Mask:
-    """Faces (M,) whose centroid is in a box of a pose (4, 4), its middle and its axes, and edges (3,) [m].
-
-    Raises:
-        SceneError: the pose is not rigid, or an edge not positive.
-    """
-    pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
-    if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
-        raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
-    p_K = (_centroids_W(body, shape) - pose[:3, 3]) @ pose[:3, :3]
-    return np.asarray((np.abs(p_K) <= size / 2).all(axis=1))
-
-
-def faces_in_sphere(centre_W_m: ArrayLike, radius_m: float, body: Body, shape: PaintableMesh) -> Mask:
-    """Faces (M,) whose centroid is within a radius [m] of a point (3,) [m].
-
-    Raises:
-        SceneError: the centre is not three finite numbers, or the radius not positive.
-    """
-    centre = np.asarray(centre_W_m, np.float64)
-    if centre.shape != (3,) or not np.isfinite(centre).all():
-        raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
-    if not (math.isfinite(radius_m) and radius_m > 0.0):
-        raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
-    off = _centroids_W(body, shape) - centre
-    return np.asarray(np.einsum("ij,ij->i", off, off) <= float(radius_m) ** 2)
-
-
-def _centroids_W(body: Body, shape: PaintableMesh) -> NDArray[np.float64]:
-    return np.asarray(np.einsum("ij,kj->ik", shape.centroid_m, body.X_WB[:3, :3]) + body.X_WB[:3, 3])

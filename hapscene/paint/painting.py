@@ -2,9 +2,9 @@
 document, tuning and display work on it, and it knows none of them."""
 
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.errors import SceneError, no_such
 from hapscene.geometry import numbers as floats
 from hapscene.paint.change_watch import Changes, Watch
-from hapscene.paint.history import FaceDelta, History, Step, SwatchDelta, SwatchState, face_count_text
+from hapscene.paint.history import BodyDelta, FaceDelta, History, Paint, Step, SwatchDelta, SwatchState, face_count_text
 from hapscene.paint.paintable_mesh import Hit, PaintableMesh, pick
+from hapscene.paint.visibility import seen_faces
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, put_leaves
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Volume
 from hapscene.scene.scene import Scene
 
 ERASE: Final = -1
 """In the place of a swatch: each body's default."""
+
+UNWORN_MAX: Final = 4
+"""How many meshes that no body wears any more stay prepared [count]: some 0.3 GB each, of a million faces."""
 
 
 @dataclass(eq=False)
@@ -26,7 +34,7 @@ class _OpenStep:
 
     what: str
     swatch: int | str
-    before: dict[int, NDArray[np.int16]] = field(default_factory=dict)
+    before: dict[int, Paint] = field(default_factory=dict)
     changes: int = 0
 
 
@@ -40,6 +48,7 @@ class Painting:
             of all its faces at the start, or plain.
         swatches: the scene's swatches, with what `reset` brings back.
         history: what can be undone and done again.
+        hidden, locked: names of bodies that are not seen, and that stay as they are; neither is painted. Not saved.
         lock: held while anything changes; hold it to read several things that belong together.
 
     Raises:
@@ -50,11 +59,12 @@ class Painting:
         if not scene.bodies:
             raise SceneError("the scene has no bodies to paint: add one with scene.add(mesh, name=…)")
         self.scene = scene
-        made: dict[int, PaintableMesh] = {}
-        self.shapes = [made.get(id(b.mesh)) or made.setdefault(id(b.mesh), PaintableMesh(b.mesh)) for b in scene.bodies]
-        for body in scene.bodies:  # saved: the eraser brings back the same the next time
-            if body.made_of is None and (body.face_swatch == body.face_swatch[0]).all():
-                body.made_of = int(body.face_swatch[0])
+        self._made: dict[int, PaintableMesh] = {}
+        self.shapes = [self.shape_of(body.mesh) for body in scene.bodies]
+        self.hidden: set[str] = set()
+        self.locked: set[str] = set()
+        for body in scene.bodies:
+            know_default(body)
         self.defaults = [body.made_of or 0 for body in scene.bodies]
         self.history = History()
         self.swatches = _swatch_states(scene)
@@ -72,7 +82,7 @@ class Painting:
 
     def watch(self) -> Watch:
         """A watch of one's own; `changes_of` it tells what changed since the last time."""
-        watch = Watch([len(body.mesh.faces) for body in self.scene.bodies])
+        watch = Watch(self._face_counts())
         self._watches.append(watch)
         return watch
 
@@ -87,15 +97,23 @@ class Painting:
 
     # --- what is where ---
 
-    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
+    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, seen: bool = False) -> Hit | None:
         """The nearest place on the surface along a ray, met from outside or inside; None where there is none.
 
         Args:
             origin_W_m: (3,) where it starts [m].
             direction_W: (3,) where it goes, of any length.
+            seen: whether what is not drawn, the inside of a one-sided body, is gone through.
         """
         with self.lock:  # a shape has one ray buffer
-            return pick(self.scene.bodies, self.shapes, floats(origin_W_m), floats(direction_W))
+            there = [i for i, body in enumerate(self.scene.bodies) if body.name not in self.hidden]
+            bodies, shapes = [self.scene.bodies[i] for i in there], [self.shapes[i] for i in there]
+            hit = pick(bodies, shapes, floats(origin_W_m), floats(direction_W), seen)
+            return None if hit is None else replace(hit, body=there[hit.body])
+
+    def seen(self, body: int, faces: NDArray[np.integer], eye_W_m: ArrayLike) -> NDArray[np.integer]:
+        """Those of a body's faces (n,) that are seen from a point (3,) in W [m]: see `visibility.seen_faces`."""
+        return seen_faces(self.scene.bodies, self.shapes, body, faces, eye_W_m, self.hidden)
 
     def swatch_index(self, swatch: int | str, body: int = 0) -> int:
         """The swatch that a body is painted with, by its name or index: `ERASE` is its default, any other is itself.
@@ -135,6 +153,7 @@ class Painting:
                 return None
             for delta in reversed(step.faces):
                 self._put_faces(delta, back=True)
+            self._put_bodies([(delta.index, delta.new, delta.old) for delta in reversed(step.bodies)])
             for change in reversed(step.swatches):
                 self._put_swatch(change.index, change.old)
             return step.what
@@ -193,16 +212,91 @@ class Painting:
         with self.lock:
             if self._open is None:
                 raise SceneError("no step to paint in: begin one first")
-            face_swatch = self.scene.bodies[body].face_swatch
+            painted = self.scene.bodies[body]
+            if painted.name in self.locked or painted.name in self.hidden:
+                return 0
             swatch = self.swatch_index(self._open.swatch, body)
-            faces = faces[face_swatch[faces] != swatch]
+            other = painted.face_swatch[faces] != swatch
+            if painted.fine is not None:
+                other |= np.isin(faces, painted.fine.faces)
+            faces = faces[other]
             if len(faces):
-                if body not in self._open.before:
-                    self._open.before[body] = face_swatch.copy()
-                face_swatch[faces] = swatch
-                self._open.changes += 1
+                self._keep(self._open, body)
+                paint_faces(painted, faces, swatch)
                 self._note_faces(body, faces)
             return len(faces)
+
+    def paint_region(
+        self,
+        body: int,
+        region: Volume,
+        faces: NDArray[np.integer] | None = None,
+        soft_m: float = 0.0,
+        opacity: float = 1.0,
+        *,
+        swatch: int | None = None,
+        over: int | None = None,
+    ) -> int:
+        """Paint what a region in a body's frame cuts out of its faces, or of those (n,), in the open step.
+
+        With its swatch, unless another is given. Soft borders, opacity and `over` are those of
+        `hapscene.scene.fine_paint.paint_region`.
+
+        Returns:
+            how many faces it reached.
+
+        Raises:
+            SceneError: no step is open, or the border needs too many pieces.
+        """
+        with self.lock:
+            if self._open is None:
+                raise SceneError("no step to paint in: begin one first")
+            painted, step = self.scene.bodies[body], self._open
+            if painted.name in self.locked or painted.name in self.hidden:
+                return 0
+            before = self._keep(step, body)
+            swatch = self.swatch_index(step.swatch if swatch is None else swatch, body)
+            faces = paint_region(painted, region, swatch, soft_m=soft_m, opacity=opacity, faces=faces, over=over)
+            if len(faces):
+                self._note_faces(body, faces)
+            elif before is None:
+                del step.before[body]
+                step.changes -= 1
+            return len(faces)
+
+    def replace_swatch(self, body: int, old: int) -> int:
+        """Paint what wears a swatch, whole faces and leaves, blends too, in the open step; how many faces it reached.
+
+        Raises:
+            SceneError: no step is open.
+        """
+        with self.lock:
+            painted = self.scene.bodies[body]
+            if painted.name in self.locked or painted.name in self.hidden:
+                return 0
+            leaves = painted.fine or NOTHING
+            whole = painted.face_swatch == old
+            whole[leaves.faces] = False
+            count = self.paint_faces(body, np.flatnonzero(whole))
+            heavier, lighter, weight = parts(leaves.paint)
+            worn = (heavier == old) | ((lighter == old) & (weight > 0))
+            if self._open is not None and worn.any():
+                self._keep(self._open, body)
+                new, found = self.swatch_index(self._open.swatch, body), leaves.of_faces(np.unique(leaves.face[worn]))
+                heavier, lighter, weight = parts(found.paint)
+                paint = blend(np.where(heavier == old, new, heavier), np.where(lighter == old, new, lighter), weight)
+                put_leaves(painted, replace(found, paint=paint))
+                self._note_faces(body, found.faces)
+                count += len(found.faces)
+            return count
+
+    def _keep(self, step: _OpenStep, body: int) -> Paint | None:
+        """Keep how a body was before a step, unless that is known; what was known."""
+        known, painted = step.before.get(body), self.scene.bodies[body]
+        if known is None:
+            step.before[body] = painted.face_swatch.copy(), painted.fine
+        step.changes += 1
+        return known
 
     def end_step(self) -> int:
         """End the open step, if there is one; how many faces it changed."""
@@ -211,7 +305,7 @@ class Painting:
             if step is None:
                 return 0
             bodies = self.scene.bodies
-            found = [FaceDelta.between(body, old, bodies[body].face_swatch) for body, old in step.before.items()]
+            found = [FaceDelta.between(body, old, _paint_of(bodies[body])) for body, old in step.before.items()]
             deltas = tuple(delta for delta in found if delta is not None)
             count = sum(delta.count for delta in deltas)
             if deltas:
@@ -242,16 +336,49 @@ class Painting:
             else:
                 self.history.add(Step(what, (change,), key=key))
 
-    def take_painting(self, scene: Scene, what: str) -> str:
+    def change_bodies(
+        self,
+        what: str,
+        deltas: Sequence[BodyDelta],
+        swatches: Sequence[SwatchDelta] = (),
+        *,
+        key: object = None,
+        join: bool = False,
+    ) -> None:
+        """One step: put bodies, each where those before have left it; with `join` as `change_swatch` has it.
+
+        Raises:
+            SceneError: no body would be left.
+        """
+        with self.lock:
+            self.end_step()
+            if len(self.scene.bodies) + sum((d.old is None) - (d.new is None) for d in deltas) < 1:
+                raise SceneError("a scene has one body at least: add another one first")
+            last = self.history.done[-1] if self.history.done else None
+            step = Step(what, tuple(swatches), bodies=tuple(deltas), key=key)
+            self._do(step)
+            joins = join and last is not None and last.key == key and not self.history.undone
+            if joins and last is not None and [d.index for d in last.bodies] == [d.index for d in deltas]:
+                pairs = zip(last.bodies, deltas, strict=True)
+                joined = tuple(BodyDelta(new.index, old.old, new.new) for old, new in pairs)
+                self.history.replace_last(replace(step, bodies=joined))
+            else:
+                self.history.add(step)
+
+    def take_painting(self, scene: Scene, what: str, *, composed: bool = False) -> str:
         """One step: paint as another scene of the same bodies is painted, with its swatches; what the step is called.
+
+        With `composed`, some bodies may be others, or elsewhere, which they are here then.
 
         Raises:
             SceneError: other bodies.
         """
         with self.lock:
             self.end_step()
-            shapes = [(b.name, len(b.mesh.faces)) for b in self.scene.bodies]
-            if [(b.name, len(b.mesh.faces)) for b in scene.bodies] != shapes:
+            mine, theirs = ([_shape(body) for body in s.bodies] for s in (self.scene, scene))
+            shapes = [shape[:2] for shape in mine]
+            others = composed and mine != theirs and not set(shapes).isdisjoint(shape[:2] for shape in theirs)
+            if not others and [shape[:2] for shape in theirs] != shapes:
                 raise SceneError(f"{what}: its bodies are not those of this scene: open it by itself")
             wanted, known = _swatch_states(scene), len(self.swatches)
             changes = [SwatchDelta(i, self.swatches[i], None) for i in reversed(range(len(wanted), known))]
@@ -259,10 +386,20 @@ class Painting:
                 old = self.swatches[i] if i < known else None
                 if old is None or (old.swatch, old.source) != (new.swatch, new.source):
                     changes.append(SwatchDelta(i, old, new))
-            pairs = enumerate(zip(self.scene.bodies, scene.bodies, strict=True))
-            found = [FaceDelta.between(body, mine.face_swatch, other.face_swatch) for body, (mine, other) in pairs]
-            step = Step(what, tuple(changes), tuple(delta for delta in found if delta is not None))
-            if step.swatches or step.faces:
+            bodies: list[BodyDelta] = []
+            found: list[FaceDelta | None] = []
+            if not others:
+                pairs = enumerate(zip(self.scene.bodies, scene.bodies, strict=True))
+                found = [FaceDelta.between(body, _paint_of(mine), _paint_of(other)) for body, (mine, other) in pairs]
+            else:
+                own = {id(body.mesh): body.mesh for body in self.scene.bodies}
+                known_mesh = {mesh.digest: mesh for mesh in own.values()}
+                for body in scene.bodies:
+                    body.mesh = known_mesh.setdefault(body.mesh.digest, body.mesh)
+                bodies = [BodyDelta(i, body, None) for i, body in reversed([*enumerate(self.scene.bodies)])]
+                bodies += [BodyDelta(i, None, body) for i, body in enumerate(scene.bodies)]
+            step = Step(what, tuple(changes), tuple(delta for delta in found if delta is not None), tuple(bodies))
+            if step.swatches or step.faces or step.bodies:
                 self._do(step)
                 self.history.add(step)
             return what
@@ -270,13 +407,51 @@ class Painting:
     def _do(self, step: Step) -> None:
         for change in step.swatches:
             self._put_swatch(change.index, change.new)
+        self._put_bodies([(delta.index, delta.old, delta.new) for delta in step.bodies])
         for delta in step.faces:
             self._put_faces(delta, back=False)
 
     def _put_faces(self, delta: FaceDelta, back: bool) -> None:
-        faces, old, new = delta.unpack()
-        self.scene.bodies[delta.body].face_swatch[faces] = old if back else new
-        self._note_faces(delta.body, faces)
+        self._note_faces(delta.body, delta.put(self.scene.bodies[delta.body], back))
+
+    def _put_bodies(self, changes: Sequence[tuple[int, Body | None, Body | None]]) -> None:
+        """Put bodies, each (index, what is there, what comes)."""
+        others = False
+        for index, old, new in changes:
+            bodies = [] if new is None else [new]
+            if old is not None and new is not None:  # the same one goes on
+                bodies = self.scene.bodies[index : index + 1]
+                for name in ("name", "mesh", "X_WB", "parent"):
+                    setattr(bodies[0], name, getattr(new, name))
+            there = slice(index, index + (old is not None))
+            self.scene.bodies[there] = bodies
+            self.shapes[there] = [self.shape_of(body.mesh) for body in bodies]
+            self.defaults[there] = [body.made_of or 0 for body in bodies]
+            others |= old is None or new is None or old.mesh is not new.mesh or old.name != new.name
+            for names in (self.hidden, self.locked):
+                if old is not None and old.name in names:
+                    names.remove(old.name)
+                    names |= {body.name for body in bodies}
+        if changes:
+            forget_unworn(self._made, self.scene.bodies)
+            self.scene.pose_count += 1
+            for watch in self._watches:
+                watch.note_poses()
+                if others:
+                    watch.note_bodies(self._face_counts())
+
+    def shape_of(self, mesh: Mesh) -> PaintableMesh:
+        """A mesh prepared to be painted; the same for all bodies that share it. It takes seconds for a large one."""
+        known = self._made.get(id(mesh))
+        return known or self._made.setdefault(id(mesh), PaintableMesh(mesh))  # which holds the mesh: its id stays
+
+    def note_marks(self) -> None:
+        """Other bodies are hidden, or locked."""
+        for watch in self._watches:
+            watch.note_poses()
+
+    def _face_counts(self) -> list[int]:
+        return [len(body.mesh.faces) for body in self.scene.bodies]
 
     def _put_swatch(self, index: int, state: SwatchState | None) -> None:
         known = self.swatches[index].swatch.name if index < len(self.swatches) else None
@@ -290,6 +465,30 @@ class Painting:
     def _note_faces(self, body: int, faces: NDArray[np.integer]) -> None:
         for watch in self._watches:
             watch.note_faces(body, faces)
+
+
+def know_default(body: Body) -> None:
+    """Have a body that is painted all over with one swatch made of it, if nobody has said of what: the eraser brings
+    back the same the next time."""
+    if body.made_of is None and (body.face_swatch == body.face_swatch[0]).all():
+        body.made_of = int(body.face_swatch[0])
+
+
+def forget_unworn(made: dict[int, Any], bodies: Sequence[Body]) -> None:
+    """Of what was made of meshes, by their ids, keep what bodies wear, and the last few besides: undo may want them."""
+    worn = {id(body.mesh) for body in bodies}
+    for key in [key for key in list(made) if key not in worn][:-UNWORN_MAX]:
+        del made[key]
+
+
+def _paint_of(body: Body) -> Paint:
+    return body.face_swatch, body.fine
+
+
+def _shape(body: Body) -> tuple[object, ...]:
+    """What tells bodies apart, but for their painting."""
+    pose = body.X_WB.tobytes()
+    return body.name, len(body.mesh.faces), body.mesh.digest, pose, body.two_sided, body.parent
 
 
 def _swatch_states(scene: Scene) -> list[SwatchState]:

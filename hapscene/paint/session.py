@@ -9,16 +9,15 @@
     session.undo()
     session.save()
 
-A session has a painting, a document, a tuning and a history: what its own methods do not do, these do. A swatch is
-given by its name, or its index in `scene.swatches`; `ERASE` stands for the default of each body. A body is given by its
-name or its index. All methods may be called from any thread.
+A session has a painting, a document, a tuning, a composing and a history: what its own methods do not do, these do. A
+swatch is given by its name, or its index in `scene.swatches`; `ERASE` stands for the default of each body. A body is
+given by its name or its index. All methods may be called from any thread.
 """
 
 import math
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,30 +25,31 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import TICK_S
 from hapscene.device.model import DeviceLike, Limits
 from hapscene.errors import SceneError, no_such
+from hapscene.geometry import rigid
 from hapscene.old_spellings import old_spellings
+from hapscene.paint.border import near_border
+from hapscene.paint.composing import Composing
 from hapscene.paint.document import Document, stamp_of
-from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre, faces_in_box, faces_in_sphere
+from hapscene.paint.paintable_mesh import Hit, Mask, PaintableMesh, face_centre
 from hapscene.paint.painting import ERASE, Painting
+from hapscene.paint.stroke import Brush, Stroke
 from hapscene.paint.swatch_tuning import SwatchTuning
+from hapscene.paint.symmetry import NONE, Symmetry
+from hapscene.paint.tool_region import TurnedBox
 from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import parts, swatches_of
+from hapscene.scene.region import Sphere, Volume
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.scene.scene_file import SUFFIX
 from hapscene.surface.swatch import Swatch, SwatchLike
 
 __all__ = ["ERASE", "Hit", "Session"]
 
-Ray = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""From where (3,) [m], and which way (3,), a unit vector."""
+FILLS: Final = ("facet", "whole body", "material", "same swatch")
+"""What the bucket fills from a place."""
 
 FACET_RAD: Final = math.radians(10.0)
 """Angle of the bucket unless told otherwise [rad], as `hapscene.scene.region.Facet` has it."""
-
-SPLIT_MAX: Final = 64
-"""Most pieces that one move of the pointer is split into [count]: a sweep over a window's width at some 20 pixels."""
-
-STEP_SHARE: Final = 0.5
-"""Longest way between two places of a stroke before the move is split, in radii of the brush [1]: a surface curved like
-the brush itself is left by 3 % of the radius."""
 
 
 class Session:
@@ -65,6 +65,7 @@ class Session:
         painting: the scene, its steps, and who watches; `history`, what can be undone, is its.
         document: the file: saving, autosave, recovery.
         tuning: the swatches and their numbers.
+        composing: the bodies: what comes, goes and moves.
         scene, shapes, defaults, history, lock: those of the painting: see `hapscene.paint.painting.Painting`.
         path, dirty: those of the document: where `save` writes, and whether there is something to save.
         device, limits: those of the tuning.
@@ -81,6 +82,7 @@ class Session:
         self.painting = painting = Painting(scene)
         self.document = Document(painting, Path(path) if path is not None else None)
         self.tuning = SwatchTuning(painting, device, tick_s)
+        self.composing = Composing(painting)
         self.scene, self.shapes, self.defaults = painting.scene, painting.shapes, painting.defaults
         self.history, self.lock = painting.history, painting.lock
         self._stroke: Stroke | None = None
@@ -161,17 +163,22 @@ class Session:
 
     # --- the brush ---
 
-    def begin_stroke(self, swatch: int | str, radius_m: float) -> None:
+    def begin_stroke(self, swatch: int | str, radius_m: float, **more: Any) -> None:
         """Put the brush down; nothing is painted until it moves. A stroke in progress ends.
 
+        Args:
+            swatch: what to paint with.
+            radius_m: of the brush [m].
+            more: softness, opacity, through, symmetry: see `hapscene.paint.stroke.Brush`.
+
         Raises:
-            SceneError: no such swatch, or no radius.
+            SceneError: no such swatch, or no such brush.
         """
         with self.lock:
-            self._stroke = Stroke(self.painting, swatch, radius_m)
+            self._stroke = Stroke(self.painting, swatch, Brush(radius_m, **more))
 
     def stroke_to(self, hit: Hit | None) -> int:
-        """Draw from the last place to this one, on the surface; how many faces became others. None lifts the brush.
+        """Draw from the last place to this one, on the surface; how many faces it reached. None lifts the brush.
 
         Where the last place was on another body, or none, only this place is painted.
 
@@ -201,7 +208,7 @@ class Session:
         """Whether a stroke is in progress: whatever else is done ends it."""
         return self.painting.step_is_open
 
-    def _begun(self) -> "Stroke":
+    def _begun(self) -> Stroke:
         if self._stroke is None or not self.stroking:
             raise SceneError("no stroke to go on with: begin one first")
         return self._stroke
@@ -224,6 +231,28 @@ class Session:
         where = f"facet within {degrees:.3g}°"
         return self._fill(where, hit.body, swatch, lambda found, shape: shape.facet(hit.face, angle_rad))
 
+    def fill_at(self, hit: Hit, what: str, swatch: int | str, angle_rad: float = FACET_RAD) -> int:
+        """Fill from a place: what is one of `FILLS`."""
+        if what == "whole body":
+            return self.fill_body(hit.body, swatch)
+        if what == "material":
+            return self.fill_group_at(hit, swatch)
+        if what == "same swatch":
+            return self.fill_swatch(hit.body, self.swatch_at(hit), swatch)
+        return self.fill_facet(hit, swatch, angle_rad)
+
+    def foresee_fill(self, hit: Hit, what: str, angle_rad: float = FACET_RAD) -> tuple[Mask, object]:
+        """Faces (M,) of a body that `fill_at` would fill, and something that is equal for the same faces."""
+        with self.lock:
+            body, shape = self.scene.bodies[hit.body], self.shapes[hit.body]
+            if what == "whole body":
+                return np.ones(len(shape.normal), np.bool_), what
+            if what == "material":
+                return shape.mesh.group == shape.mesh.group[hit.face], self.group_at(hit)
+            if what == "same swatch":
+                return body.face_swatch == self.swatch_at(hit), (self.swatch_at(hit), self.painting.state)
+            return shape.facet(hit.face, angle_rad), (angle_rad, shape.facet_number(hit.face, angle_rad))
+
     def fill_group(self, body: int | str, name: str, swatch: int | str) -> int:
         """Paint the faces of a group, material or object of the mesh's file, by its name or a part of that.
 
@@ -240,33 +269,123 @@ class Session:
     def fill_swatch(self, body: int | str | None, old: int | str, swatch: int | str) -> int:
         """Paint what is painted with one swatch with another: of one body, or (None) of all."""
         index = self.painting.swatch_index(old)
-        return self._fill("swatch for swatch", body, swatch, lambda found, shape: found.face_swatch == index)
+        with self.lock:
+            self.painting.begin_step("erase swatch for swatch" if swatch == ERASE else "fill swatch for swatch", swatch)
+            for i in range(len(self.shapes)) if body is None else [self.body_index(body)]:
+                self.painting.replace_swatch(i, index)
+            return self.painting.end_step()
+
+    def grow(self, swatch: int | str, by_m: float, *, body: int | str | None = None) -> int:
+        """Paint a band along all that a swatch is painted on: of one body, or (None) of all; how many faces it reaches.
+
+        Args:
+            swatch: which.
+            by_m: how wide a band [m]. Below 0 it shrinks: what is beside it is painted over it.
+            body: of which body; None for all.
+
+        Raises:
+            SceneError: the width is 0 or no number, or the border too long.
+        """
+        if not (math.isfinite(by_m) and by_m):
+            raise SceneError(f"how far a swatch grows must be a number other than 0 mm, is {by_m * 1e3:g} mm")
+        painting, index = self.painting, self.painting.swatch_index(swatch)
+        with self.lock:
+            what = (
+                f"{'grow' if by_m > 0.0 else 'shrink'} {self.scene.swatches[index].name!r} by {abs(by_m) * 1e3:.3g} mm"
+            )
+            painting.begin_step(what, index)
+            count = 0
+            for i in range(len(self.shapes)) if body is None else [self.body_index(body)]:
+                one = self.scene.bodies[i]
+                others = [None] if by_m > 0.0 else [k for k in swatches_of(one).tolist() if k != index]
+                bands = [(other, near_border(one, self.shapes[i], index, other, abs(by_m))) for other in others]
+                for other, band in bands:  # as they were before any was painted
+                    if band is not None:
+                        over = index if by_m < 0.0 else None
+                        count += painting.paint_region(i, *band, swatch=other, over=over)
+            painting.end_step()
+            return count
 
     @old_spellings()
     def fill_sphere(
-        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None
+        self, centre_W_m: ArrayLike, radius_m: float, swatch: int | str, *, body: int | str | None = None, **more: Any
     ) -> int:
-        """Paint the faces whose centroid is within a distance of a point in W: of one body, or (None) of all.
+        """Paint what is within a distance of a point in W: of one body, or (None) of all; how many faces it reaches.
+
+        Args:
+            centre_W_m: (3,) the point [m].
+            radius_m: the distance [m].
+            swatch: what to paint with.
+            body: of which body; None for all.
+            more: as `fill_region` has them.
 
         Raises:
             SceneError: the centre is not three finite numbers, or the radius not positive.
         """
-        return self._fill("sphere", body, swatch, partial(faces_in_sphere, centre_W_m, radius_m))
+        centre = np.asarray(centre_W_m, np.float64)
+        if centre.shape != (3,) or not np.isfinite(centre).all():
+            raise SceneError(f"a sphere's centre must be three finite numbers, is {centre_W_m!r}")
+        if not (math.isfinite(radius_m) and radius_m > 0.0):
+            raise SceneError(f"a sphere's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
+        return self.fill_region(
+            "sphere", lambda X_BW: Sphere(X_BW[:3, :3] @ centre + X_BW[:3, 3], radius_m), swatch, body=body, **more
+        )
 
     @old_spellings()
-    def fill_box(self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None) -> int:
-        """Paint the faces whose centroid is in a box: of one body, or (None) of all.
+    def fill_box(
+        self, X_WK: ArrayLike, size_m: ArrayLike, swatch: int | str, *, body: int | str | None = None, **more: Any
+    ) -> int:
+        """Paint what is in a box: of one body, or (None) of all; how many faces it reaches.
 
         Args:
             X_WK: (4, 4) pose of the box in W: its middle, and its axes.
             size_m: (3,) its edges [m].
             swatch: what to paint with.
             body: of which body; None for all.
+            more: as `fill_region` has them.
 
         Raises:
             SceneError: the pose is not rigid, or an edge not positive.
         """
-        return self._fill("box", body, swatch, partial(faces_in_box, X_WK, size_m))
+        pose, size = rigid(X_WK, "box"), np.asarray(size_m, np.float64)
+        if size.shape != (3,) or not (np.isfinite(size).all() and (size > 0.0).all()):
+            raise SceneError(f"a box has three edges above 0 mm, not {size_m!r}")
+        return self.fill_region("box", lambda X_BW: TurnedBox(X_BW @ pose, size), swatch, body=body, **more)
+
+    def fill_region(
+        self,
+        where: str,
+        region_of: Callable[[NDArray[np.float64]], Volume],
+        swatch: int | str,
+        *,
+        body: int | str | None = None,
+        eye_W_m: ArrayLike | None = None,
+        opacity: float = 1.0,
+        symmetry: Symmetry = NONE,
+    ) -> int:
+        """Paint a region of space, through faces: one step; how many faces it reaches.
+
+        Args:
+            where: what the step is called.
+            region_of: the region in a frame, given the map (4, 4) from W to it, which may turn and mirror.
+            swatch: what to paint with.
+            body: of which body; None for all.
+            eye_W_m: (3,) paint only what is seen from there [m]; None for all.
+            opacity: how much of the swatch is put over what is there [0, 1].
+            symmetry: where else it is painted; of each body.
+        """
+        with self.lock:
+            self.painting.begin_step(f"{'erase' if swatch == ERASE else 'fill'} {where}", swatch)
+            count = 0
+            for i in range(len(self.shapes)) if body is None else [self.body_index(body)]:
+                for image in symmetry.images_W(self.scene.bodies[i]):
+                    region = region_of(np.linalg.inv(self.scene.bodies[i].X_WB) @ image)
+                    faces: NDArray[np.integer] = self.shapes[i].near(region)
+                    if eye_W_m is not None:
+                        faces = self.painting.seen(i, faces, image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3])
+                    count += self.painting.paint_region(i, region, faces, opacity=opacity)
+            self.painting.end_step()
+            return count
 
     def _fill(
         self, where: str, body: int | str | None, swatch: int | str, pick: Callable[[Body, PaintableMesh], Mask]
@@ -278,9 +397,9 @@ class Session:
 
     # --- what is there ---
 
-    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
+    def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, seen: bool = False) -> Hit | None:
         """The nearest place on the surface along a ray; None where there is none: see `Painting.pick`."""
-        return self.painting.pick(origin_W_m, direction_W)
+        return self.painting.pick(origin_W_m, direction_W, seen)
 
     def hit_at(self, body: int | str, face: int) -> Hit:
         """The middle of a face as a place on the surface.
@@ -313,8 +432,10 @@ class Session:
         return int(body)
 
     def swatch_at(self, hit: Hit) -> int:
-        """The swatch that a place is painted with."""
-        return int(self.scene.bodies[hit.body].face_swatch[hit.face])
+        """The swatch that a place is painted with; of a blend, the heavier one."""
+        body = self.scene.bodies[hit.body]
+        found = None if body.fine is None else body.fine.at(hit.face, self.shapes[hit.body].bary(hit.face, hit.p_B_m))
+        return int(body.face_swatch[hit.face] if found is None else parts(found)[0])
 
     def groups(self, body: int | str) -> list[tuple[str, int]]:
         """Names of a body's groups, materials and objects, and how many faces each has."""
@@ -326,56 +447,3 @@ class Session:
         """Name of the group that a place is in."""
         mesh = self.scene.bodies[hit.body].mesh
         return str(mesh.group_names[mesh.group[hit.face]])
-
-
-class Stroke:
-    """Where the brush goes while it is down: opens a step of the painting, and paints in it at once.
-
-    Raises:
-        SceneError: no such swatch, or no radius.
-    """
-
-    def __init__(self, painting: Painting, swatch: int | str, radius_m: float) -> None:
-        if not (math.isfinite(radius_m) and radius_m > 0.0):
-            raise SceneError(f"a brush's radius must be above 0 mm, is {radius_m * 1e3:g} mm")
-        painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
-        self._painting, self._radius_m = painting, float(radius_m)
-        self._last: Hit | None = None
-        self._ray: Ray | None = None
-
-    def to(self, hit: Hit | None) -> int:
-        """As `Session.stroke_to`."""
-        last, self._last = self._last, hit
-        if hit is None:
-            return 0
-        if last is None or last.body != hit.body:
-            last = hit
-        shape = self._painting.shapes[hit.body]
-        faces = shape.brush((last.face, hit.face), (last.p_B_m, hit.p_B_m), self._radius_m)
-        return self._painting.paint_faces(hit.body, faces)
-
-    def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
-        """As `Session.drag_to`."""
-        hit = self._painting.pick(origin_W_m, direction_W)
-        origin, direction = np.asarray(origin_W_m, np.float64), np.asarray(direction_W, np.float64)
-        length = float(np.linalg.norm(direction))
-        ray = (origin, direction / length) if length > 0.0 else None
-        if ray is not None and self._ray is not None:
-            count = self._pieces(self._ray, ray, hit)
-            for share in np.arange(1, count) / count:
-                o, d = (was + share * (now - was) for was, now in zip(self._ray, ray, strict=True))
-                self.to(self._painting.pick(o, d))
-        self._ray = ray
-        self.to(hit)
-        return hit
-
-    def _pieces(self, was: Ray, now: Ray, hit: Hit | None) -> int:
-        """How many pieces a move is split into."""
-        known = [h for h in (hit, self._last) if h is not None]
-        if not known:
-            return 1
-        depth_m = max(h.distance_m for h in known)
-        way_m = float(np.linalg.norm(now[0] - was[0])) + depth_m * float(np.linalg.norm(now[1] - was[1]))
-        if len(known) == 2:
-            way_m = max(way_m, float(np.linalg.norm(known[0].p_W_m - known[1].p_W_m)))
-        return int(min(max(math.ceil(way_m / (STEP_SHARE * self._radius_m)), 1), SPLIT_MAX))

@@ -1,10 +1,10 @@
-"""The shelf: every swatch to paint with, those of the scene first, then the user's library, then the shipped ones."""
+"""The shelf: every swatch to paint with: the scene's first, the user's library's, the shipped, the computed ones."""
 
 import io
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -85,7 +85,10 @@ def _step(steps: tuple[tuple[float, str], ...], value: float) -> str:
     return next(word for bound, word in steps if value < bound)
 
 
-Place = Literal["scene", "yours", "shipped"]
+Place = Literal["scene", "yours", "shipped", "computed"]
+
+SORTS: Final = ("place", "name", "recently used", "roughness", "loudness")
+"""What cards are sorted by: place is as `shelf` gives them; roughness and loudness (of taps) from the least."""
 
 GREY: Final = (0.7, 0.7, 0.7)
 """Colour of a swatch that cannot be loaded."""
@@ -100,12 +103,16 @@ class Card:
         place: where it is from.
         index: in the scene; None where it is not in it.
         source: what `Session.add_swatch` takes.
+        own: the library folder of the user's that holds it; None where none does.
+        folder: its name within the library; "" for the library itself.
     """
 
     entry: LibraryEntry
     place: Place
     index: int | None
     source: Swatch | str | Path
+    own: Path | None = None
+    folder: str = ""
 
     def __repr__(self) -> str:
         return f"<Card {self.name!r}, {self.place}>"
@@ -122,7 +129,7 @@ class Card:
         Raises:
             SwatchError: its file is gone or broken.
         """
-        return self.source if isinstance(self.source, Swatch) else load_swatch(self.source)
+        return self.source if isinstance(self.source, Swatch) else _loaded(self.source, self.entry.sha256)
 
     @property
     def phrases(self) -> tuple[Phrase, ...]:
@@ -150,12 +157,46 @@ def shelf(scene: Scene) -> list[Card]:
         SwatchError: the index of the library is damaged.
     """
     cards = scene_cards(scene)
+    homes = library.own_folders()
+    mine = {entry.name: (home, entry) for home in reversed(homes) for entry in library.own_entries(home)}
+    computed = {entry.name: entry for entry in library.computed_entries()}
+    for i, card in enumerate(cards):
+        if card.name in computed and card.entry.provenance == computed[card.name].provenance:
+            cards[i] = replace(card, entry=replace(card.entry, tags=computed[card.name].tags))
+        if card.name in mine:
+            home, entry = mine[card.name]
+            tagged = replace(card.entry, tags=entry.tags)
+            cards[i] = replace(card, entry=tagged, own=home, folder=_folder_of(home, homes[0]))
     taken = {card.name for card in cards}
-    home = library.library_folder()
-    own = [entry for entry in library.own_entries() if entry.name not in taken]
-    cards += [Card(entry, "yours", None, home / entry.file) for entry in own]
+    own = [(home, entry) for home, entry in mine.values() if entry.name not in taken]
+    own.sort(key=lambda pair: (_folder_of(pair[0], homes[0]), pair[1].name))
+    cards += [Card(e, "yours", None, home / e.file, home, _folder_of(home, homes[0])) for home, e in own]
+    taken |= set(mine)
     cards += [Card(entry, "shipped", None, entry.name) for entry in _shipped() if entry.name not in taken]
-    return cards
+    return cards + [Card(entry, "computed", None, name) for name, entry in computed.items() if name not in taken]
+
+
+def _folder_of(home: Path, root: Path) -> str:
+    return "" if home == root else home.name
+
+
+def ordered(cards: Iterable[Card], by: str, recent: Sequence[str] = ()) -> list[Card]:
+    """Cards sorted by one of `SORTS`; `recent` are names, the one used last first."""
+    if by == "place":
+        return list(cards)
+    if by == "recently used":
+        place = {name: i for i, name in enumerate(recent)}
+        return sorted(cards, key=lambda card: place.get(card.name, len(place)))
+    figure = {"roughness": "roughness_m_s2", "loudness": "tap_m_s2"}.get(by)
+    if figure is None:
+        return sorted(cards, key=lambda card: card.name.casefold())
+    return sorted(cards, key=lambda card: (card.entry.figures.get(figure, 0.0), card.name.casefold()))
+
+
+@lru_cache(maxsize=1024)
+def _loaded(source: str | Path, sha256: str) -> Swatch:
+    """A swatch's file, read once as long as its content is the same."""
+    return load_swatch(source)
 
 
 def matching(cards: Iterable[Card], text: str) -> list[Card]:
@@ -180,7 +221,7 @@ def _has(card: Card, word: str) -> bool:
         said = card.entry.words
     if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*said)):
         return True
-    return word in _tokens(card.entry.provenance, card.entry.licence)
+    return word in _tokens(card.entry.provenance, card.entry.licence, card.folder, *card.entry.tags)
 
 
 def _tokens(*texts: str) -> list[str]:

@@ -13,6 +13,7 @@ from hapscene.errors import SceneError, SwatchError
 from hapscene.paint.history import SwatchDelta, SwatchState
 from hapscene.paint.painting import Painting
 from hapscene.paint.parameter import LABELS, Parameter, parameters_of, tuned
+from hapscene.paint.swatch_picture import plain_look
 from hapscene.surface.effect import Effect
 from hapscene.surface.library import add, find, library_folder
 from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
@@ -127,6 +128,24 @@ class SwatchTuning:
             old = self._painting.swatches[index].swatch
             return self._alter(index, replace(old, albedo_rgb=albedo_rgb), f"colour of {old.name!r}", ("colour", index))
 
+    def set_picture(self, swatch: int | str, albedo_png: bytes) -> Swatch:
+        """Have a swatch look like a picture, the content of a PNG file, and its colour be the picture's mean.
+
+        Raises:
+            SwatchError: it is no picture that a look may have.
+            SceneError: it is plain, which stays.
+        """
+        with self._painting.lock:
+            index = self._tunable(swatch)
+            old = self._painting.swatches[index].swatch
+            look = replace(old.look or plain_look(old), albedo_png=albedo_png)
+            pixels = look.albedo()
+            if pixels is None:
+                raise SwatchError("the picture is damaged")
+            red, green, blue = (float(c) for c in pixels.mean(axis=(0, 1)))
+            new = replace(old, look=look, albedo_rgb=(red, green, blue))
+            return self._alter(index, new, f"picture of {old.name!r}", ("picture", index))
+
     def _alter(self, index: int, swatch: Swatch, what: str, key: object) -> Swatch:
         """Put a swatch in place of what is there: one step with what was done of the same key within a second."""
         old = self._painting.swatches[index]
@@ -172,6 +191,16 @@ class SwatchTuning:
             what = f"save {old.swatch.name!r} as {name!r}"
             self._painting.change_swatch(what, SwatchDelta(index, old, SwatchState(named, source)))
             return file
+
+    def let_go_of(self, name: str) -> None:
+        """Keep a swatch in the scene's own files from now on: the library's file of it has moved, or is gone."""
+        with self._painting.lock:
+            index = self._painting.swatch_named(name)
+            old = None if index is None else self._painting.swatches[index]
+            if index is not None and old is not None and isinstance(old.source, Path):
+                self._painting.end_step()
+                new = replace(old, source=None)
+                self._painting.change_swatch(f"keep {name!r} in the scene", SwatchDelta(index, old, new))
 
     def _tunable(self, swatch: int | str) -> int:
         index = self._painting.swatch_index(swatch)

@@ -1,5 +1,6 @@
 from . import region as region
 from .body import Body as Body
+from .fine_paint import FinePaint as FinePaint
 from .mesh import Mesh as Mesh
 from .mesh import MeshWarning as MeshWarning
 from .mesh_doctor import examine as examine
@@ -11,6 +12,7 @@ from .region import Facet as Facet
 from .region import PlaneSide as PlaneSide
 from .region import Region as Region
 from .region import Sphere as Sphere
+from .region import Tube as Tube
 from .scene import Scene as Scene
 from .scene import load_scene as load_scene
 from .scene_file import save_scene as save_scene

@@ -36,6 +36,12 @@ FACE_MAX: Final = 50_000_000
 SIZE_M: Final = (1e-6, 1e5)
 """Smallest and largest diagonal of a mesh [m]. Outside it the unit is wrong, or the file is damaged."""
 
+SCALE: Final = (1e-9, 1e9)
+"""Smallest and largest factor by which a mesh is scaled [1]."""
+
+UPS: Final = ("y", "z")
+"""Axes that may point up in a file. In a scene z does."""
+
 UNNAMED: Final = "default"
 """Group of the faces that the file gives no name."""
 
@@ -58,6 +64,10 @@ class Mesh:
         colour_rgb: (M, 3) uint8, colour of each face in the file, or None; for pictures alone.
         path: the file it was loaded from, or None.
         unit: of the numbers in that file, a key of `UNIT_M`.
+        up: the axis that is up in that file, "y" or "z". Here it is z: a file with y up has been turned.
+        scale: how much larger than in that file [1].
+        uv: (M, 3, 2) float32, texture coordinates of each face's corners, v upward; NaN where a face has none. None
+            where no face has.
 
     Raises:
         MeshError: an array has the wrong shape, a vertex is not finite or farther than `REACH_MAX_M`, an index is out
@@ -71,6 +81,9 @@ class Mesh:
     colour_rgb: NDArray[np.uint8] | None = None
     path: Path | None = None
     unit: str = "m"
+    up: str = "z"
+    scale: float = 1.0
+    uv: NDArray[np.float32] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         where = f"{self.path}: " if self.path else "mesh: "
@@ -90,6 +103,10 @@ class Mesh:
             if np.shape(self.colour_rgb) != (len(faces), 3):
                 raise MeshError(f"{where}colour_rgb must have shape ({len(faces)}, 3)")
             _freeze(self, "colour_rgb", self.colour_rgb, np.uint8)
+        if self.uv is not None:
+            if np.shape(self.uv) != (len(faces), 3, 2):
+                raise MeshError(f"{where}uv must have shape ({len(faces)}, 3, 2)")
+            _freeze(self, "uv", self.uv, np.float32)
         _check_extent(self, where)
 
     def __repr__(self) -> str:
@@ -139,15 +156,24 @@ class Mesh:
         return np.isin(self.group, found)
 
     @classmethod
-    def from_trimesh(cls, mesh: "trimesh.Trimesh | trimesh.Scene", unit: str | None = None) -> "Mesh":
+    def from_trimesh(
+        cls,
+        mesh: "trimesh.Trimesh | trimesh.Scene",
+        unit: str | None = None,
+        *,
+        up: str | None = None,
+        scale: float = 1.0,
+    ) -> "Mesh":
         """A mesh from a `trimesh.Trimesh` or `trimesh.Scene` in memory. Nothing is merged or reordered.
 
         Args:
             mesh: what to take; a scene becomes one mesh, its nodes in place.
             unit: of its numbers, a key of `UNIT_M`; without one, what `mesh.units` says.
+            up: the axis of its numbers that is up, "y" or "z" (the default).
+            scale: how much larger to make it [1].
 
         Raises:
-            MeshError: no unit, an unknown unit, or a mesh that cannot be touched.
+            MeshError: no unit, an unknown unit, axis or scale, or a mesh that cannot be touched.
         """
         parts = parts_of(mesh, "trimesh object")
         known = unit if unit is not None else getattr(mesh, "units", None)
@@ -155,7 +181,7 @@ class Mesh:
             raise MeshError(
                 f"a trimesh object without units: give unit=, one of {', '.join(UNIT_M)}, or set its .units"
             )
-        return join(parts, unit_name(known), None)
+        return join(parts, unit_name(known), None, up or "z", scale)
 
 
 def unit_name(unit: str) -> str:
@@ -226,20 +252,39 @@ class Part:
     group: NDArray[Any]  # (m,) index into names
     names: list[str]
     colour_rgb: NDArray[np.uint8] | None = None  # (m, 3)
+    uv: NDArray[np.float32] | None = None  # (m, 3, 2)
 
 
-def join(parts: list[Part], unit: str, path: Path | None) -> Mesh:
-    """One mesh of all parts, in their order, in metres; parts of the same name share a group.
+def check_reading(up: str | None, scale: float) -> None:
+    """Refuse, before a file is read, an axis that is none, or a scale that leaves nothing.
 
     Raises:
-        MeshError: what `Mesh` refuses.
+        MeshError: with what would have worked.
     """
+    if up is not None and up not in UPS:
+        raise MeshError(f'no axis {up!r} is up in a mesh file; expected "y" or "z"')
+    if isinstance(scale, bool) or not isinstance(scale, int | float) or not SCALE[0] <= scale <= SCALE[1]:
+        raise MeshError(f"a mesh is scaled by a number from {SCALE[0]:g} to {SCALE[1]:g}, as 0.001, not {scale!s:.20}")
+
+
+def join(parts: list[Part], unit: str, path: Path | None, up: str = "z", scale: float = 1.0) -> Mesh:
+    """One mesh of all parts, in their order, in metres, z up; parts of the same name share a group.
+
+    Raises:
+        MeshError: what `Mesh` and `check_reading` refuse.
+    """
+    check_reading(up, scale)
     whole = merged(parts, path)
     parts.clear()  # their arrays are as large
     whole.vertices *= UNIT_M[unit]
+    if scale != 1.0:
+        whole.vertices *= scale
+    if up == "y":  # a quarter turn about x
+        whole.vertices[:, 1:] = whole.vertices[:, :0:-1] * (-1.0, 1.0) + 0.0  # no −0
     for array in (whole.vertices, whole.faces):
         array.setflags(write=False)
-    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, path, unit)
+    words = path, unit, up, float(scale)
+    return Mesh(whole.vertices, whole.faces, whole.group, tuple(whole.names), whole.colour_rgb, *words, uv=whole.uv)
 
 
 def merged(parts: list[Part], path: Path | None) -> Part:
@@ -269,6 +314,7 @@ def merged(parts: list[Part], path: Path | None) -> Part:
         group=np.concatenate([np.array([place[n] for n in part.names], np.int16)[part.group] for part in parts]),
         names=names,
         colour_rgb=_colours(parts),
+        uv=_uvs(parts),
     )
 
 
@@ -309,7 +355,11 @@ def _part(mesh: "trimesh.Trimesh", names: list[str], pose: NDArray[np.float64] |
     material = getattr(getattr(mesh.visual, "material", None), "name", None)
     if material and material not in names:
         names = [*names, str(material)]
-    return Part(vertices, faces, np.zeros(len(faces), np.int16), ["/".join(names)], face_colours(mesh))
+    uv = getattr(mesh.visual, "uv", None)
+    corners = None
+    if uv is not None and np.shape(uv) == (len(vertices), 2) and faces.min() >= 0 and faces.max() < len(uv):
+        corners = np.asarray(uv, np.float32)[faces]
+    return Part(vertices, faces, np.zeros(len(faces), np.int16), ["/".join(names)], face_colours(mesh), corners)
 
 
 def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
@@ -318,6 +368,9 @@ def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
     try:
         if visual.kind == "texture":
             uv = None if visual.uv is None else np.asarray(visual.uv)[mesh.faces].mean(axis=1)
+            shade = visual.vertex_attributes.get("color")  # of glTF, beside a material
+            if shade is not None and getattr(visual.material, "baseColorTexture", None) is None:
+                return _shaded(visual.material, np.asarray(shade)[mesh.faces][:, :, :3])
             return sample(visual.material, uv, len(mesh.faces))
         if visual.kind == "face":
             return np.asarray(visual.face_colors)[:, :3].astype(np.uint8)
@@ -327,6 +380,15 @@ def face_colours(mesh: "trimesh.Trimesh") -> NDArray[np.uint8] | None:
     except Exception:  # a broken picture spoils the colours, which are for the eye alone, not the mesh
         return None
     return None
+
+
+def _shaded(material: Any, corners: NDArray[Any]) -> NDArray[np.uint8]:
+    """Colours (m, 3) of a glTF material and the colours of faces' corners (m, 3, 3), which are both linear."""
+    share = corners.mean(axis=1) / (np.iinfo(corners.dtype).max if corners.dtype.kind == "u" else 1.0)
+    factor = getattr(material, "baseColorFactor", None)  # which trimesh keeps as bytes
+    light = np.clip(share * (1.0 if factor is None else np.asarray(factor)[:3] / 255), 0.0, 1.0)
+    srgb = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    return np.asarray(np.round(255 * srgb).astype(np.uint8))
 
 
 def sample(material: Any, uv: NDArray[Any] | None, count: int) -> NDArray[np.uint8]:
@@ -346,3 +408,9 @@ def _colours(parts: list[Part]) -> NDArray[np.uint8] | None:
         return None
     grey = np.full(3, 160, np.uint8)
     return np.concatenate([np.tile(grey, (len(p.faces), 1)) if p.colour_rgb is None else p.colour_rgb for p in parts])
+
+
+def _uvs(parts: list[Part]) -> NDArray[np.float32] | None:
+    if all(part.uv is None for part in parts):
+        return None
+    return np.concatenate([np.full((len(p.faces), 3, 2), np.nan, np.float32) if p.uv is None else p.uv for p in parts])

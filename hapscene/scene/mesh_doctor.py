@@ -12,6 +12,7 @@ from hapscene.scene.intersection import crossings
 from hapscene.scene.mesh import UNIT_M, Mesh
 from hapscene.scene.mesh_report import Finding, Report, length, number
 from hapscene.scene.mesh_structure import MeshStructure, mesh_structure
+from hapscene.scene.size_advice import HAND_M, LIKELY_M
 from hapscene.scene.topology import Index
 
 # Cracks: places where a mesh is open by less than can be seen.
@@ -86,13 +87,6 @@ CROSSING_SKINS: Final = 0.1
 
 CROSSING_FACE_MAX: Final = 500_000
 """Most faces that are examined for crossing each other [count]: some ten seconds and a GB."""
-
-HAND_M: Final = (1e-3, 10.0)
-"""Sizes that a hand's tool can feel, smallest and largest [m]: the Omni counts steps of 55 µm, a tick of a fast stroke
-is as long."""
-
-LIKELY_M: Final = (5e-3, 2.0)
-"""Sizes that another unit is proposed for, smallest and largest [m]."""
 
 EXAMPLE_COUNT: Final = 10
 """Faces or vertices that a finding names as examples [count]."""

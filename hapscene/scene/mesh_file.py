@@ -19,7 +19,18 @@ from hapscene.errors import MeshError, warn
 from hapscene.files import MEMORY_FREE_B, naming, open_zip, read_bytes, refusing
 from hapscene.memory import memory_left_B
 from hapscene.scene.gltf_check import check_gltf
-from hapscene.scene.mesh import UNIT_M, UNNAMED, Mesh, MeshWarning, Part, join, merged, parts_of, unit_name
+from hapscene.scene.mesh import (
+    UNIT_M,
+    UNNAMED,
+    Mesh,
+    MeshWarning,
+    Part,
+    check_reading,
+    join,
+    merged,
+    parts_of,
+    unit_name,
+)
 from hapscene.scene.obj import LINE_MAX
 from hapscene.scene.ply import declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
@@ -173,11 +184,21 @@ UNITLESS: Final = ("stl", "obj", "ply", "off")
 
 STEP: Final = ("step", "stp")
 
+Y_UP: Final = ("glb", "gltf")
+"""Formats in which y is up: glTF 2.0, 3.4. Z is in 3MF; the others do not say, and z is taken to be."""
+
 FORMATS: Final = (*UNITLESS, "glb", "gltf", "3mf", *STEP, "zip")
 """Suffixes of the files that can be loaded."""
 
 
-def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool = False) -> Mesh:
+def load_mesh(
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    up: str | None = None,
+    scale: float = 1.0,
+    accept_damaged: bool = False,
+) -> Mesh:
     """Load STL, OBJ (with MTL), PLY, OFF, GLB, glTF, 3MF or STEP, or a zip archive that holds one of them.
 
     All geometries of a file become one mesh, in their places; vertices and faces are neither merged, dropped
@@ -188,17 +209,22 @@ def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool
         unit: of the file's numbers, a key of `UNIT_M`. STL, OBJ, PLY and OFF carry none, so they need it.
             glTF is in metres and 3MF says its unit; one given here wins over that. STEP is always converted
             from the unit it says.
+        up: the axis that is up in the file, "y" or "z"; without it y in glTF, by its standard, and z in all others. A
+            mesh with y up is turned, so that z is up in the scene.
+        scale: how much larger to make it [1].
         accept_damaged: take what can be read of a damaged STEP file.
 
     Raises:
-        MeshError: the file is missing, damaged or no mesh, or its unit is not known.
+        MeshError: the file is missing, damaged or no mesh, or its unit is not known; or no such axis or scale.
 
     Warns:
         MeshWarning: the unit given is not that of the file; or what of a damaged file is missing.
     """
     path = Path(path)
+    check_reading(up, scale)
     given = None if unit is None else unit_name(unit)
     suffix, content, resolver = _open(path)
+    up = up or ("y" if suffix in Y_UP else "z")
     if suffix in UNITLESS and given is None:
         raise MeshError(
             f"{path}: {suffix.upper()} files carry no unit of length: say which one the numbers are in, with "
@@ -210,19 +236,32 @@ def load_mesh(path: str | Path, unit: str | None = None, *, accept_damaged: bool
                 f"{path}: a STEP file says its own unit, and is converted by that; unit={unit!r} is not used",
                 MeshWarning,
             )
-        return _step(path, content, accept_damaged)
+        return _step(path, content, accept_damaged, up, scale)
     try:
         parts, own = _read(path, suffix, content, resolver)
         del content, resolver
         said = unit_name(own or "m")
         if suffix not in UNITLESS and given not in (None, said):
             warn(f"{path}: says that it is in {said}; taken to be in {given}, as unit={unit!r} says", MeshWarning)
-        return join(parts, given or said, path)
+        return join(parts, given or said, path, up, scale)
     except MemoryError:
         raise MeshError(f"{path}: to read it takes more memory than there is: reduce the mesh") from None
 
 
-def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
+def files_of(path: Path) -> list[Path]:
+    """The files beside a mesh file that it needs, such as an OBJ's colours: found by reading it again.
+
+    Raises:
+        MeshError: as `load_mesh`.
+    """
+    suffix, content, resolver = _open(path)
+    if suffix not in ("obj", "gltf") or not isinstance(resolver, FolderResources):
+        return []
+    _read(path, suffix, content, resolver)
+    return [file for file in dict.fromkeys(resolver.found) if file.is_relative_to(path.resolve().parent)]
+
+
+def _step(path: Path, content: bytes, accept_damaged: bool, up: str, scale: float) -> Mesh:
     promised = promised_by(content, str(path))
     damage = list(promised.damage)
     if not damage or accept_damaged:
@@ -240,7 +279,7 @@ def _step(path: Path, content: bytes, accept_damaged: bool) -> Mesh:
         part.names = [re.sub(r"_[0-9a-f]{6}(?=/|$)", "", name) for name in part.names] if len(parts) > 1 else part.names
     if damage and not parts:
         raise MeshError(f"{told}; nothing is left of it")
-    mesh = join(parts, "m", path)
+    mesh = join(parts, "m", path, up, scale)
     if damage:
         warn(f"{told}; what is left is taken, {len(mesh.faces):,} triangles", MeshWarning)
         return mesh
@@ -306,6 +345,17 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
     return parts, loaded.units
 
 
+def load_trimesh(path: Path) -> Any:
+    """The parts of a glTF file as trimesh has them, with their materials and pictures.
+
+    Raises:
+        MeshError: the file is missing or damaged.
+    """
+    suffix, content, resolver = _open(path)
+    check(suffix, content, str(path))
+    return _load(path, suffix, content, resolver)
+
+
 def _confined_parts(path: Path, content: bytes) -> tuple[list[Part], str | None]:
     """Parts of a 3MF file, whose XML libxml2 reads into trees that are many times as large."""
     archive = open_archive(content, str(path), "reduce the mesh, or export it as .stl or .ply")
@@ -338,12 +388,19 @@ def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
     graph.multigraph_paths = lambda G, source: paths(G, source, NESTED_3MF_MAX + 2 * G.number_of_edges())
     loaded = _load(Path(where), "3mf", content, None)
     parts = parts_of(loaded, where)
-    found, placed = sum(len(part.faces) for part in parts), _placed(content)
+    placed, materials = _model_of(content)
+    found = sum(len(part.faces) for part in parts)
     if found < placed:
         raise MeshError(
             f"{where}: its items and components place {placed:,} faces, of which {found:,} can be read: an object is "
             "missing, has the part number of another, or is placed too often; export it anew, or as .stl"
         )
+    shapes = {name: len(shape.faces) for name, shape in loaded.geometry.items()}
+    if list(shapes.values()) == [len(own.index) for own in materials]:  # none of them from a file of its own
+        of_shape = dict(zip(shapes, materials, strict=True))
+        nodes = [loaded.graph[node][1] for node in loaded.graph.nodes_geometry]
+        for part, shape in zip(parts, (name for name in nodes if shapes[name]), strict=True):
+            of_shape[shape].wear(part)
     whole = merged(parts, Path(where))
     return {
         "vertices": whole.vertices,
@@ -354,26 +411,73 @@ def read_3mf(file: BinaryIO, where: str) -> Mapping[str, NDArray[Any]]:
     }
 
 
-def _placed(content: bytes) -> int:
-    """Faces of a 3MF file, each object's as often as it is placed; of one that is missing at least one."""
+class _Materials:
+    """The material of each face of an object of a 3MF file, where it has any: a name and a colour."""
+
+    def __init__(self, element: Any, known: Mapping[str, list[tuple[str, str]]]) -> None:
+        usual = element.get("pid"), element.get("pindex")
+        rows = [
+            (one.get("pid", usual[0]), one.get("p1", usual[1] if "pid" not in one.attrib else None))
+            for one in element.iter("{*}triangle")
+        ]
+        self.told = {row: self.looked_up(known, *row) for row in dict.fromkeys(rows)}
+        place = {row: i for i, row in enumerate(self.told)}
+        self.index = np.array([place[row] for row in rows], np.int16)
+
+    @staticmethod
+    def looked_up(known: Mapping[str, list[tuple[str, str]]], pid: str | None, number: str | None) -> tuple[str, str]:
+        among = known.get(pid or "", [])
+        at = int(number) if number is not None and number.isdecimal() and len(number) < 6 else len(among)
+        return among[at] if at < len(among) else ("", "")
+
+    def wear(self, part: Part) -> None:
+        """Have a part of an object its materials' names and colours."""
+        colours = [colour for _, colour in self.told.values()]
+        if any(name for name, _ in self.told.values()):
+            part.group = self.index
+            part.names = [f"{part.names[0]}/{name}" if name else part.names[0] for name, _ in self.told.values()]
+        if all(re.fullmatch("#[0-9a-fA-F]{6}([0-9a-fA-F]{2})?", colour) for colour in colours):
+            part.colour_rgb = np.array([list(bytes.fromhex(c[1:7])) for c in colours], np.uint8)[self.index]
+
+
+_MATERIALS: Final = {"basematerials": ("base", "displaycolor"), "colorgroup": ("color", "color")}
+"""Groups of materials in 3MF: their elements, and the attribute that is their colour."""
+
+
+def _model_of(content: bytes) -> tuple[int, list[_Materials]]:
+    """Faces of a 3MF file, each object's as often as it is placed, of one that is missing at least one; and materials.
+
+    The materials are those of each object with faces of its own, in their order.
+    """
     from lxml import etree
 
     count: dict[str, int] = {}
+    known: dict[str, list[tuple[str, str]]] = {}
+    materials: list[_Materials] = []
     total = 0
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         model = next(name for name in archive.namelist() if "3d/3dmodel.model" in name.lower())
         with archive.open(model) as file:
-            for _, found in etree.iterparse(file, tag=("{*}object", "{*}item"), resolve_entities=False):
-                if found.tag.endswith("}item"):
+            tags = [f"{{*}}{name}" for name in ("object", "item", *_MATERIALS)]
+            for _, found in etree.iterparse(file, tag=tags, resolve_entities=False):
+                kind = etree.QName(found).localname
+                if kind == "item":
                     total += count.get(found.get("objectid"), 1)
                     continue
+                if kind in _MATERIALS:
+                    one, colour = _MATERIALS[kind]
+                    rows = [(base.get("name", ""), base.get(colour, "")) for base in found.iter(f"{{*}}{one}")]
+                    known[found.get("id", "")] = rows
+                    continue
+                if found.find("{*}mesh") is not None:
+                    materials.append(_Materials(found, known))
                 inner = list(found.iter("{*}component"))
                 here = [c.get("objectid") for c in inner if not any(key.endswith("path") for key in c.attrib)]
                 count[found.get("id")] = (
                     sum(count.get(name, 1) for name in here) if inner else sum(1 for _ in found.iter("{*}triangle"))
                 )  # what lies in files of their own is not counted
                 found.clear()
-    return total
+    return total, materials
 
 
 def _load(path: Path, suffix: str, content: bytes, resolver: Any) -> Any:

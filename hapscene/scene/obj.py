@@ -39,7 +39,8 @@ def read_obj(content: bytes, where: str, resolver: Any) -> Part:
     if unknown:
         warn(f"{where}: left out what is no statement of OBJ, {unknown[0]} the first of {len(unknown):,}", MeshWarning)
     group = np.asarray(reader.group)
-    return Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, resolver))
+    uv = _uv(reader)
+    return Part(_rows(reader.v), _rows(reader.f), group, list(reader.names), _colours(reader, resolver, uv), uv)
 
 
 LINE_MAX: Final = 1_000_000
@@ -195,7 +196,18 @@ _LEFT: Final = frozenset((
 """Statements of OBJ that are no triangles, or free forms, which are not read."""
 
 
-def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
+def _uv(reader: _Reader) -> NDArray[np.float32] | None:
+    """Texture coordinates of every face's corners (m, 3, 2), NaN where it has none; None where no face has."""
+    if not reader.vt or not reader.f:
+        return None
+    reader.pad()
+    f_vt = _rows(reader.f_vt)
+    uv = _rows(reader.vt, 2).astype(np.float32)[f_vt]
+    uv[(f_vt < 0).any(axis=1)] = np.nan
+    return np.asarray(uv)
+
+
+def _colours(reader: _Reader, resolver: Any, corners: NDArray[np.float32] | None) -> NDArray[np.uint8] | None:
     """Colour of every face (m, 3) by its material, else by its vertices, else None."""
     materials = _materials(reader, resolver)
     if not reader.f:
@@ -206,11 +218,8 @@ def _colours(reader: _Reader, resolver: Any) -> NDArray[np.uint8] | None:
         mean = _rows(reader.rgb)[_rows(reader.f)].mean(axis=1)
         return np.asarray(np.clip(np.nan_to_num(mean) * 255, 0, 255).round().astype(np.uint8))
     group, uv = np.asarray(reader.group), None
-    if reader.vt:
-        reader.pad()
-        f_vt = _rows(reader.f_vt)
-        uv = _rows(reader.vt, 2)[f_vt].mean(axis=1)
-        uv[(f_vt < 0).any(axis=1)] = 0.0
+    if corners is not None:
+        uv = np.nan_to_num(corners).mean(axis=1)
     colour = np.full((len(group), 3), 160, np.uint8)
     for index, name in enumerate(reader.material_of):
         chosen = group == index

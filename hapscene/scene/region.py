@@ -1,8 +1,13 @@
-"""Regions: which faces of a mesh to paint. A face is in a region when its centroid is. Frame: the body's."""
+"""Regions: what of a mesh to paint. Frame: the body's.
+
+A `Volume` cuts through faces: see `hapscene.scene.fine_paint`. Where whole faces are asked for, by `pick`, a face is in
+a region when its centroid is.
+"""
 
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +25,22 @@ class Region(ABC):
         """Faces of the mesh in this region (M,) bool."""
 
 
-def _centroids(mesh: Mesh) -> NDArray[np.float64]:
-    return np.asarray(mesh.triangles_m.mean(axis=1))
+class Volume(Region):
+    """A region of space, which knows how far from its border a point is.
+
+    Attributes:
+        is_convex: True where a triangle lies within as soon as its corners do, and as deep as they.
+    """
+
+    is_convex: ClassVar[bool] = True
+
+    @abstractmethod
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the border, negative within; never more than it is."""
+
+    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
+        """Faces of the mesh in this region (M,) bool."""
+        return self.distance_m(np.asarray(mesh.triangles_m.mean(axis=1))) <= 0
 
 
 def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -35,7 +54,7 @@ def _point(value: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Box(Region):
+class Box(Volume):
     """Between two corners, along the axes of B [m].
 
     Raises:
@@ -49,14 +68,14 @@ class Box(Region):
         if (_point(self.low_m, "low_m") > _point(self.high_m, "high_m")).any():
             raise SceneError(f"a box's low_m must not be above its high_m: {self.low_m!r} and {self.high_m!r}")
 
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool."""
-        p = _centroids(mesh)
-        return np.asarray(((p >= np.asarray(self.low_m)) & (p <= np.asarray(self.high_m))).all(axis=1))
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the sides, negative within."""
+        past = np.maximum(np.asarray(self.low_m) - points_m, points_m - np.asarray(self.high_m))
+        return np.asarray(np.linalg.norm(np.maximum(past, 0), axis=1) + np.minimum(past.max(axis=1), 0))
 
 
 @dataclass(frozen=True)
-class Sphere(Region):
+class Sphere(Volume):
     """Within a distance of a point [m].
 
     Raises:
@@ -71,14 +90,13 @@ class Sphere(Region):
         if not (math.isfinite(self.radius_m) and self.radius_m > 0):
             raise SceneError(f"a sphere's radius_m must be positive, is {self.radius_m}")
 
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool."""
-        distance = np.linalg.norm(_centroids(mesh) - np.asarray(self.centre_m), axis=1)
-        return np.asarray(distance <= self.radius_m)
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the surface, negative within."""
+        return np.asarray(np.linalg.norm(points_m - np.asarray(self.centre_m), axis=1) - self.radius_m)
 
 
 @dataclass(frozen=True)
-class PlaneSide(Region):
+class PlaneSide(Volume):
     """On the side of a plane that its normal points to, through a point [m]. The normal may have any length.
 
     Raises:
@@ -93,9 +111,43 @@ class PlaneSide(Region):
         if not _point(self.normal, "normal").any():
             raise SceneError("a plane's normal must not be zero")
 
-    def pick(self, mesh: Mesh) -> NDArray[np.bool_]:
-        """Faces of the mesh in this region (M,) bool."""
-        return np.asarray((_centroids(mesh) - np.asarray(self.point_m)) @ np.asarray(self.normal, float) >= 0)
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the plane, negative on the side the normal points to."""
+        normal = np.asarray(self.normal, float)
+        return np.asarray((np.asarray(self.point_m) - points_m) @ (normal / np.linalg.norm(normal)))
+
+
+@dataclass(frozen=True)
+class Tube(Volume):
+    """Within a distance of a line through points, as a brush leaves it [m].
+
+    Raises:
+        SceneError: the points are not one or more of three finite numbers, or the radius is not positive.
+    """
+
+    points_m: ArrayLike
+    radius_m: float
+    is_convex: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        try:
+            points = np.array(self.points_m, np.float64)
+        except (TypeError, ValueError):
+            points = np.zeros(0)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
+            raise SceneError(f"a tube's points_m must be (n, 3) finite numbers, are {self.points_m!r}"[:200])
+        if not (math.isfinite(self.radius_m) and self.radius_m > 0):
+            raise SceneError(f"a tube's radius_m must be positive, is {self.radius_m}")
+
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the surface, negative within."""
+        line = np.asarray(self.points_m, np.float64)
+        away = np.full(len(points_m), np.inf)
+        for a, b in zip(line[: max(1, len(line) - 1)], line[-max(1, len(line) - 1) :], strict=True):
+            ab = b - a
+            t = np.clip((points_m - a) @ ab / (ab @ ab or 1.0), 0, 1)
+            np.minimum(away, np.linalg.norm(points_m - a - t[:, None] * ab, axis=1), out=away)
+        return away - self.radius_m
 
 
 @dataclass(frozen=True)

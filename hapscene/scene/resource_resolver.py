@@ -20,11 +20,15 @@ class FolderResources:
         path: the file that names them; through links to it, its own folder comes first, then that of the link.
         most_B: how much is read, all together [bytes].
         error: what is raised.
+
+    Attributes:
+        found: the files that were asked for, and read.
     """
 
     def __init__(self, path: Path, most_B: int, error: type[HapsceneError] = MeshError) -> None:
         self._path, self._left_B, self._error = path, most_B, error
         self._folders = list(dict.fromkeys((path.resolve().parent, path.parent.resolve())))
+        self.found: list[Path] = []
 
     def get(self, name: str) -> bytes:
         """The content of a file by its name, a relative path or a relative URI.
@@ -39,6 +43,7 @@ class FolderResources:
             self._left_B -= file.stat().st_size
             if self._left_B < 0:
                 raise self._error(f"{self._path}: {file.name}, which it needs, makes it too large to be read")
+            self.found.append(file)
             return file.read_bytes()
         except OSError as error:
             raise self._error(f"{file}: cannot be read: {error.strerror}") from None

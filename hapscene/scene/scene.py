@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapscene.errors import SceneError, no_such, printable, warn
+from hapscene.errors import MeshError, SceneError, no_such, printable, warn
 from hapscene.geometry import rigid
 from hapscene.old_spellings import old_spellings
 from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import paint_faces, paint_region
 from hapscene.scene.mesh import Mesh, MeshWarning
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.mesh_structure import FLAT_RATIO, height_of, mesh_structure
-from hapscene.scene.region import Region
+from hapscene.scene.region import Region, Volume
 from hapscene.scene.topology import edges_of, volume_of, weld, winding_is_mixed
 from hapscene.surface.swatch import PLAIN, Swatch, SwatchLike
 
@@ -42,7 +43,7 @@ class Scene:
         self.pose_count = 0
         # Where each swatch was loaded from: a shipped name, a file, or None where it was handed over.
         self.swatch_source: list[str | Path | None] = [PLAIN.name]
-        self._loaded: dict[tuple[Path, str | None, bool], Mesh] = {}
+        self._loaded: dict[tuple[Any, ...], Mesh] = {}
         self._names: set[str] = set()
 
     def __repr__(self) -> str:
@@ -61,6 +62,8 @@ class Scene:
         swatch: SwatchLike | None = None,
         pose: ArrayLike | None = None,
         two_sided: bool = False,
+        up: str | None = None,
+        scale: float = 1.0,
     ) -> Body:
         """Add a body.
 
@@ -73,6 +76,8 @@ class Scene:
                 `Swatch`.
             pose: X_WB (4, 4), rigid; the identity without one.
             two_sided: feel the inside of faces too; for open sheets, and meshes of mixed winding.
+            up, scale: the axis that is up in a file or trimesh object, and how much larger to make it: see
+                `hapscene.load_mesh`.
 
         Raises:
             MeshError: the mesh cannot be loaded.
@@ -83,7 +88,7 @@ class Scene:
             MeshWarning: no face has an area; or, with `two_sided` off, some are wound against their neighbours, or all
                 of a closed mesh inward.
         """
-        shape = self.mesh_of(mesh, unit)
+        shape = self.mesh_of(mesh, unit, up=up, scale=scale)
         name = self._name(name, shape)
         X_WB = np.eye(4) if pose is None else rigid(pose, f"body {name!r}")
         body = Body(name, shape, X_WB, bool(two_sided), np.zeros(len(shape.faces), np.int16))
@@ -113,7 +118,7 @@ class Scene:
         return found
 
     def pose(self, body: str, X_WB: ArrayLike) -> None:
-        """Put a body at a pose X_WB (4, 4).
+        """Put a body at a pose X_WB (4, 4); those that hang on it go with it.
 
         A renderer of this scene has it appear there in its next tick, moving nothing on its way; a servo, which has a
         copy, does not see it: give poses to `Renderer.step` for bodies that move.
@@ -121,28 +126,76 @@ class Scene:
         Raises:
             SceneError: no such body, or the pose is not rigid.
         """
-        self.body(body).X_WB = rigid(X_WB, f"body {body!r}")
+        moved = self.body(body)
+        X_WB = rigid(X_WB, f"body {body!r}")
+        step = X_WB @ np.linalg.inv(moved.X_WB)
+        for child in self.hanging_on(body):
+            child.X_WB = rigid(step @ child.X_WB, f"body {child.name!r}")
+        moved.X_WB = X_WB
         self.pose_count += 1
 
+    def hang(self, body: str, parent: str | None) -> None:
+        """Hang a body on another, with which it moves from now on in `pose`; None takes it off. It stays where it is.
+
+        Raises:
+            SceneError: no such body; or the parent is that body, or hangs on it.
+        """
+        child = self.body(body)
+        above = None if parent is None else self.body(parent).name
+        held = {known.name: known.parent for known in self.bodies}  # looked up: a file may have a long chain of them
+        while above is not None:
+            if above == body:
+                raise SceneError(f"body {body!r} cannot hang on {parent!r}, which is itself or hangs on it")
+            above = held[above]
+        child.parent = parent
+
+    def hanging_on(self, body: str) -> list[Body]:
+        """The bodies that hang on a body, and those that hang on these."""
+        found: list[Body] = []
+        names = {body}
+        while more := [b for b in self.bodies if b.parent in names and b.name not in names]:
+            found += more
+            names |= {b.name for b in more}
+        return found
+
     def paint(
-        self, body: str, swatch: SwatchLike, where: "str | Region | Sequence[int] | NDArray[Any] | None" = None
+        self,
+        body: str,
+        swatch: SwatchLike,
+        where: "str | Region | Sequence[int] | NDArray[Any] | None" = None,
+        *,
+        soft_m: float = 0.0,
+        finest_m: float | None = None,
     ) -> int:
-        """Paint a swatch onto faces of a body; returns how many faces.
+        """Paint a swatch onto a body; returns how many faces it reaches.
+
+        `Box`, `Sphere`, `PlaneSide` and `Tube` cut through faces: their border lies where they end, however large
+        the mesh's triangles are. All else paints whole faces.
 
         Args:
             body: its name.
             swatch: a shipped swatch's name, a .swatch file, or a `Swatch`.
             where: None for all faces; the name of a group, material or object in the mesh's file; indices of
                 faces, or a bool for each; or a region of `hapscene.scene.region`, in the body's frame.
+            soft_m: width of a border that goes over from what was there to the swatch [m], half on either side of
+                where the region ends; 0 is a sharp one. For regions that cut through faces.
+            finest_m: how far from its place the border may lie [m]; infinity paints whole faces, by their centroids.
+                None: 0.1 mm, or the body's diagonal / 4096 where that is more.
 
         Raises:
-            SceneError: no such body, or an index that is no face.
+            SceneError: no such body, an index that is no face, a width that is none, or a soft border of whole faces.
             MeshError: no such group.
             SwatchError: the swatch is unknown or broken.
         """
         painted = self.body(body)
+        if isinstance(where, Volume):
+            return len(paint_region(painted, where, self.swatch_index(swatch), finest_m=finest_m, soft_m=soft_m))
+        if soft_m != 0:
+            raise SceneError(
+                f"soft_m needs a region that cuts through faces (Box, Sphere, PlaneSide, Tube), not {where!r}"
+            )
         chosen = _faces(painted, where)
-        painted.face_swatch[chosen] = self.swatch_index(swatch)
+        paint_faces(painted, chosen, self.swatch_index(swatch))
         return int(np.count_nonzero(chosen))
 
     def copy(self) -> "Scene":
@@ -197,19 +250,29 @@ class Scene:
 
         save_scene(self, Path(path))
 
-    def mesh_of(self, mesh: Any, unit: str | None = None, accept_damaged: bool = False) -> Mesh:
+    def mesh_of(
+        self,
+        mesh: Any,
+        unit: str | None = None,
+        accept_damaged: bool = False,
+        *,
+        up: str | None = None,
+        scale: float = 1.0,
+    ) -> Mesh:
         """The mesh of what `add` takes, with no body made of it yet; a file is loaded once.
 
         Raises:
             MeshError: the mesh cannot be loaded.
         """
         if isinstance(mesh, Mesh):
+            if up is not None or scale != 1.0:
+                raise MeshError("a Mesh has z up and its size: give up= and scale= to load_mesh or Mesh.from_trimesh")
             return mesh
         if not isinstance(mesh, str | os.PathLike):
-            return Mesh.from_trimesh(mesh, unit)
-        key = (Path(mesh).resolve(), unit, accept_damaged)
+            return Mesh.from_trimesh(mesh, unit, up=up, scale=scale)
+        key = (Path(mesh).resolve(), unit, accept_damaged, up, scale)
         if key not in self._loaded:
-            self._loaded[key] = load_mesh(Path(mesh), unit, accept_damaged=accept_damaged)
+            self._loaded[key] = load_mesh(Path(mesh), unit, up=up, scale=scale, accept_damaged=accept_damaged)
         return self._loaded[key]
 
     def _name(self, name: str | None, mesh: Mesh) -> str:
@@ -230,7 +293,7 @@ def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Sc
     """Load a scene as `Scene.save` wrote it.
 
     Args:
-        path: the file, NAME.scene.json.
+        path: the file, NAME.scene.json; or all in one, NAME.scene.zip (`hapscene.scene.scene_bundle`).
         accept_changed: take a mesh that has changed since, if it still has as many faces; the painting stays
             on faces of the same number.
 
@@ -241,6 +304,10 @@ def load_scene(path: str | os.PathLike[str], accept_changed: bool = False) -> Sc
     """
     from hapscene.scene.scene_file import read_scene
 
+    if str(path).endswith(".scene.zip"):
+        from hapscene.scene.scene_bundle import read_bundle
+
+        return read_bundle(Path(path), lambda file: load_scene(file, accept_changed))
     scene = Scene()
     read_scene(scene, Path(path), accept_changed)
     return scene

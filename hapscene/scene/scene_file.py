@@ -8,9 +8,12 @@
                   "paint": [[1, 2000], [2, 400]], "made_of": 1}]
     }
 
-`made_of`, which may be missing, is the swatch that the whole body had before it was painted. `paint` is a list of runs
+`made_of`, which may be missing, is the swatch that the whole body had before it was painted; `parent`, likewise, the
+name of the body that it hangs on (version 3). `paint` is a list of runs
 [swatch, faces] in the order of the mesh's faces; where they are thousands, as after a brush, it is a packed text
-(`encode_paint`), and the version is 2, which older readers refuse. Paths are relative to the file, with "/".
+(`encode_paint`), and the version is 2, which older readers refuse. In version 3 a mesh may have y up in its file
+(`"up": "y"`), or another size than there (`"scale": 0.5`), else it is as in its file, glTF too; and what is painted
+finer than faces stands in `fine` of its body (`encode_fine`). Paths are relative to the file, with "/".
 A swatch that ends in ".swatch" is a file, else a shipped one; number 0 is always "plain". What the scene got from
 memory is written beside the file, before it: meshes as NAME.BODY.HASH.ply (float64, so they come back to the bit),
 swatches as NAME.SWATCH.HASH.swatch (`SidecarFiles`).
@@ -26,6 +29,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -35,7 +39,8 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError, warn
 from hapscene.files import check_file, naming, read_bytes, refusing, write_whole
 from hapscene.scene.body import Body
-from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning
+from hapscene.scene.fine_paint import LEAF_MAX, LEVEL_MAX, FinePaint, blend, parts, put_leaves
+from hapscene.scene.mesh import UNIT_M, Mesh, MeshWarning, check_reading
 from hapscene.scene.mesh_file import load_mesh
 from hapscene.scene.ply import mesh_to_ply
 
@@ -204,14 +209,7 @@ def decode_paint(paint: Any, face_count: int, swatch_count: int) -> NDArray[np.i
 
 
 def _unpack(text: str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
-    size = face_count * _NUMBER.itemsize
-    unpacker = zlib.decompressobj()
-    try:
-        content = unpacker.decompress(base64.b64decode(text, validate=True), size + 1)  # no more than there should be
-    except (binascii.Error, ValueError, zlib.error) as error:
-        raise ValueError(f"is packed, and damaged: {error}") from None
-    if len(content) != size or not unpacker.eof:
-        raise ValueError(f"is packed for another number of faces, or cut off; the mesh has {face_count:,}")
+    content = _inflate(text, face_count * _NUMBER.itemsize, f"; the mesh has {face_count:,}")
     painting = np.frombuffer(content, _NUMBER).astype(np.int16)
     if painting.min() < 0 or painting.max() >= swatch_count:
         bad = int(painting[(painting < 0) | (painting >= swatch_count)][0])
@@ -219,10 +217,76 @@ def _unpack(text: str, face_count: int, swatch_count: int) -> NDArray[np.int16]:
     return painting
 
 
+def _inflate(text: str, size: int, told: str = "") -> bytes:
+    """The `size` bytes of a packed text."""
+    unpacker = zlib.decompressobj()
+    try:
+        content = unpacker.decompress(base64.b64decode(text, validate=True), size + 1)  # no more than there should be
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise ValueError(f"is packed, and damaged: {error}") from None
+    if len(content) != size or not unpacker.eof:
+        raise ValueError(f"is packed for another number of faces, or cut off{told}")
+    return content
+
+
+_FINE: Final = {"face": "<i4", "level": "<u1", "edge": "<u8", "paint": "<i8"}
+"""What is packed of `FinePaint`, in this order. `face` is each face once; `path` follows from the levels, since the
+leaves of a face cover it."""
+
+
+def encode_fine(fine: FinePaint) -> dict[str, Any]:
+    """What is painted finer than faces: numbers of faces and leaves, and a text.
+
+    The text is base64 of the zlib stream of the faces that have leaves, the leaves' levels, the sides that their cuts
+    halved, and their paints, as `FinePaint` has them, low byte first.
+    """
+    columns: dict[str, NDArray[Any]] = {"face": fine.faces, "level": fine.level, "edge": fine.edge, "paint": fine.paint}
+    content = b"".join(columns[name].astype(kind).tobytes() for name, kind in _FINE.items())
+    packed = base64.b64encode(zlib.compress(content)).decode("ascii")
+    return {"faces": len(fine.faces), "leaves": len(fine), "packed": packed}
+
+
+def decode_fine(told: Any, face_count: int, swatches: list[int], leaf_max: int) -> FinePaint:
+    """What is painted finer than faces, from anybody; at most `leaf_max` leaves of `swatches` in a scene.
+
+    Raises:
+        ValueError: it is no such paint of so many faces; the text goes on after "'fine'".
+    """
+    if type(told) is not dict or [type(told.get(key)) for key in ("faces", "leaves", "packed")] != [int, int, str]:
+        raise ValueError(f"must have whole numbers 'faces' and 'leaves' and a text 'packed', is {str(told)[:60]!r}")
+    m, k = told["faces"], told["leaves"]
+    if not 0 < m <= min(k, face_count) or k > leaf_max:
+        raise ValueError(f"has {k:,} leaves of {m:,} faces; the mesh has {face_count:,}, and {leaf_max:,} are read")
+    sizes = [np.dtype(kind).itemsize * (m if name == "face" else k) for name, kind in _FINE.items()]
+    content = _inflate(told["packed"], sum(sizes))
+    starts = np.cumsum([0, *sizes])
+    face, level, edge, paint = (
+        np.frombuffer(content[a:b], kind).astype(kind[1:])
+        for a, b, kind in zip(starts, starts[1:], _FINE.values(), strict=False)
+    )
+    if face[0] < 0 or face[-1] >= face_count or (np.diff(face.astype(np.int64)) <= 0).any():
+        raise ValueError(f"names faces that are not in order, or none of the mesh's {face_count:,}")
+    if level.max() > LEVEL_MAX:
+        raise ValueError(f"has a face cut {level.max()} times; at most {LEVEL_MAX} are read")
+    size = np.uint64(1) << (LEVEL_MAX - level).astype(np.uint64)  # of each leaf, in the paths below it
+    start = np.cumsum(size) - size
+    if int(start[-1] + size[-1]) != m << LEVEL_MAX or (start & (size - np.uint64(1))).any():
+        raise ValueError("has leaves that overlap, or leave gaps")
+    fine = FinePaint(face[(start >> np.uint64(LEVEL_MAX)).astype(np.intp)], start.astype(np.uint32), edge, level, paint)
+    if not fine.is_sound():
+        raise ValueError("has leaves that cut one piece in two ways")
+    a, b, weight = parts(paint)
+    if paint.min() < 0 or max(a.max(), b.max()) >= len(swatches) or (blend(a, b, weight) != paint).any():
+        raise ValueError(f"has paint that is none; there are {len(swatches)} swatches, counted from 0")
+    index = np.array(swatches)
+    return replace(fine, paint=blend(index[a], index[b], weight))
+
+
 FORMAT: Final = "hapscene scene"
-VERSION: Final = 2
-"""Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings. A file
-that has none is written as 1."""
+VERSION: Final = 3
+"""Version of the format. Raised when a reader of the old one would misread the new one: 2 has packed paintings, 3
+what is painted finer than faces, meshes that are turned or scaled, and bodies that hang on others. A file is written
+as the first that has what is in it."""
 
 BYTES_MAX: Final = 256 * 1024 * 1024
 """Largest scene file that is opened [bytes]: room for some 20 million runs of painting."""
@@ -244,6 +308,11 @@ def save_scene(scene: "Scene", path: str | os.PathLike[str]) -> None:
     path = path.resolve() if path.is_symlink() else path
     if len(scene.bodies) > BODY_MAX:
         raise SceneError(f"{path}: {len(scene.bodies):,} bodies; a scene file holds at most {BODY_MAX:,}")
+    if (leaves := sum(len(body.fine or ()) for body in scene.bodies)) > LEAF_MAX:
+        raise SceneError(
+            f"{path}: {leaves:,} pieces of fine paint; a scene file holds at most {LEAF_MAX:,}: paint with a larger "
+            "finest_m"
+        )
     with sidecar_files(path) as files:
         write_whole(path, _layout(_content(scene, files)).encode(errors="backslashreplace"), SceneError)
 
@@ -276,10 +345,18 @@ def _content(scene: "Scene", files: SidecarFiles) -> dict[str, Any]:
             "pose": body.X_WB.tolist(),
             "paint": encode_paint(body.face_swatch),
         }
-        bodies.append(told if body.made_of is None else {**told, "made_of": body.made_of})
+        if body.made_of is not None:
+            told["made_of"] = body.made_of
+        if body.fine is not None:
+            told["fine"] = encode_fine(body.fine)
+        if body.parent is not None:
+            told["parent"] = body.parent
+        bodies.append(told)
+    is_third = any("fine" in body or "parent" in body for body in bodies) or any("up" in mesh for mesh in meshes)
+    packed = any(isinstance(body["paint"], str) for body in bodies)
     return {
         "format": FORMAT,
-        "version": 2 if any(isinstance(body["paint"], str) for body in bodies) else 1,
+        "version": 3 if is_third else 2 if packed else 1,
         "swatches": [_write_swatch(scene, i, files) for i in range(len(scene.swatches))],
         "meshes": meshes,
         "bodies": bodies,
@@ -297,8 +374,15 @@ def read_scene(scene: "Scene", path: Path, accept_changed: bool) -> None:
     with naming(path):
         swatches = [_load_swatch(scene, place, path) for place in content.items("swatches", str)]
         meshes = [_load_mesh(place, path, accept_changed) for place in content.items("meshes", dict)]
-        for place in content.items("bodies", dict):
+        places = content.items("bodies", dict)
+        for place in places:
             _load_body(scene, place, meshes, swatches)
+        for place, body in zip(places, scene.bodies, strict=True):
+            if "parent" in place.value:
+                try:
+                    scene.hang(body.name, place.get("parent", str))
+                except SceneError as error:
+                    raise place.fail(f"'parent': {error}") from None
 
 
 class _Place:
@@ -366,7 +450,11 @@ def _load_mesh(place: _Place, path: Path, accept_changed: bool) -> Mesh:
     file, unit = _named(path, place.get("path", str)), place.get("unit", str)
     if unit not in UNIT_M:
         raise place.fail(f"no unit of length {unit[:60]!r}; there are: {', '.join(UNIT_M)}")
-    mesh = load_mesh(file, unit, accept_damaged=True)  # if it was when the scene was saved, as its hash says
+    up, scale = place.value.get("up", "z"), place.value.get("scale", 1.0)  # versions 1 and 2 turned nothing
+    with refusing(SceneError, f"{path}: {place.where}"):
+        check_reading(up, scale)
+    # damaged, if it was when the scene was saved, as its hash says
+    mesh = load_mesh(file, unit, up=up, scale=scale, accept_damaged=True)
     if mesh.digest == place.get("sha256", str):
         return mesh
     was, now = place.get("face_count", int), len(mesh.faces)
@@ -401,21 +489,29 @@ def _load_body(scene: "Scene", place: _Place, meshes: list[Mesh], swatches: list
     body.face_swatch[:] = np.array(swatches, np.int16)[painting]
     if "made_of" in place.value:
         body.made_of = swatches[place.index("made_of", len(swatches))]
+    if "fine" in place.value:
+        leaves = sum(len(other.fine or ()) for other in scene.bodies)
+        try:
+            put_leaves(body, decode_fine(place.value["fine"], len(mesh.faces), swatches, LEAF_MAX - leaves))
+        except ValueError as error:
+            raise place.fail(f"'fine' {error}") from None
 
 
 def _write_mesh(body: Body, files: SidecarFiles) -> dict[str, Any]:
-    mesh, unit = body.mesh, body.mesh.unit
-    name = files.name(mesh.path)
-    if name is None:
-        name, unit = files.put(body.name, ".ply", mesh_to_ply(mesh)), "m"
-    return {"path": name, "unit": unit, "sha256": mesh.digest, "face_count": len(mesh.faces)}
+    mesh = body.mesh
+    told: dict[str, Any] = {"path": files.name(mesh.path), "unit": mesh.unit}
+    if told["path"] is None:
+        told = {"path": files.put(body.name, ".ply", mesh_to_ply(mesh)), "unit": "m"}
+    elif mesh.up != "z" or mesh.scale != 1.0:
+        told |= {"up": mesh.up, "scale": mesh.scale}
+    return {**told, "sha256": mesh.digest, "face_count": len(mesh.faces)}
 
 
 def _write_swatch(scene: "Scene", index: int, files: SidecarFiles) -> str:
     source, swatch = scene.swatch_source[index], scene.swatches[index]
     if isinstance(source, str):
         return source
-    name = files.name(source)
+    name = files.name(source) if source is None or source.is_file() else None  # a library's may be gone
     if name is None:
         from hapscene.surface.swatch_file import swatch_to_bytes
 

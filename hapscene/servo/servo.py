@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from hapscene.handle.live_process import LiveHandle
     from hapscene.handle.plant import Plant
     from hapscene.scene.body import Body
+    from hapscene.scene.fine_paint import Painting
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
     from hapscene.servo.flight_recorder import Flight
@@ -616,19 +617,19 @@ class Servo:
         given = {body.name: body for body in scene.bodies}
         if given.keys() - {body.name for body in self.scene.bodies}:
             raise SceneError(OTHER_BODIES)
-        painted = []
+        painted: list[Painting] = []
         for body in self.scene.bodies:
             new = given.get(body.name)
             if body.name not in self._index_of:  # it was removed
-                painted.append(np.zeros_like(body.face_swatch))
+                painted.append((np.zeros_like(body.face_swatch), None))
             elif new is None or len(new.face_swatch) != len(body.face_swatch):
                 raise SceneError(OTHER_BODIES)
             else:
-                painted.append(new.face_swatch.copy())
+                painted.append((new.face_swatch.copy(), new.fine))
         self._talk("repaint", list(scene.swatches), painted)
         self.scene.swatches, self.scene.swatch_source = list(scene.swatches), list(scene.swatch_source)
-        for body, face_swatch in zip(self.scene.bodies, painted, strict=True):
-            body.face_swatch = face_swatch
+        for body, (face_swatch, fine) in zip(self.scene.bodies, painted, strict=True):
+            body.face_swatch, body.fine = face_swatch, fine
 
     @old_spellings()
     def add(

@@ -47,6 +47,7 @@ from hapscene.servo.tick_memory import memory_of
 if TYPE_CHECKING:
     from hapscene.renderer import Renderer
     from hapscene.scene.body import Body
+    from hapscene.scene.fine_paint import Painting
     from hapscene.scene.scene import Scene
     from hapscene.surface.swatch import Swatch
     from hapscene.twin import Twin
@@ -297,9 +298,9 @@ class Desk:
         note_order(self._tuned, "mute", effect, {"muted": muted})
         self._note_change()
 
-    def repaint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
-        """Take over swatches, and which face of each body wears which."""
-        before = self._scene.swatches, [body.face_swatch for body in self._scene.bodies]
+    def repaint(self, swatches: "Sequence[Swatch]", painted: "Sequence[Painting]") -> None:
+        """Take over swatches, and the faces of each body with what is painted finer."""
+        before = self._scene.swatches, [(body.face_swatch, body.fine) for body in self._scene.bodies]
         self._paint(swatches, painted)
         try:
             self._take_scene()
@@ -372,10 +373,10 @@ class Desk:
         for renderer in self._renderers:
             renderer.world = renderer.world._replace(impulse=np.zeros_like(renderer.world.impulse))
 
-    def _paint(self, swatches: "Sequence[Swatch]", painted: Sequence[NDArray[np.int16]]) -> None:
+    def _paint(self, swatches: "Sequence[Swatch]", painted: "Sequence[Painting]") -> None:
         self._scene.swatches = list(swatches)
-        for body, face_swatch in zip(self._scene.bodies, painted, strict=True):
-            body.face_swatch = face_swatch
+        for body, (face_swatch, fine) in zip(self._scene.bodies, painted, strict=True):
+            body.face_swatch, body.fine = face_swatch, fine
 
     def _take_scene(self) -> None:
         """Feel the scene as it is now."""

@@ -59,8 +59,8 @@ AIM: Final = np.dtype(
 CHECKPOINT_COUNT: Final = 8
 """Copies that are kept of what ticks remember [count]: the newest minute, and one more."""
 
-MEMORY_B: Final = 131_072
-"""Room in each for a tool [bytes]: 200 bodies. Copied in 10 µs; with more bodies a flight cannot be flown again."""
+MEMORY_B: Final = 294_912
+"""Room in each for a tool [bytes]: 200 bodies. Copied in 20 µs; with more bodies a flight cannot be flown again."""
 
 TEXT_MAX: Final = 512
 """Room for a sentence [bytes]."""

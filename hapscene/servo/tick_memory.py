@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hapscene.surface.surface_arrays import Surface
 
 CHECKPOINT_TICKS: Final = 10_000
-"""How many ticks pass between two copies of what they remember [count]: 20 µs of each ten seconds."""
+"""How many ticks pass between two copies of what they remember [count]: 40 µs of each ten seconds."""
 
 
 def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ...]:

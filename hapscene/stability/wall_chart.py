@@ -15,6 +15,9 @@ from hapscene.view.palette import INK, OKABE_ITO
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+WIDTH_MAX_IN: Final = 10.0
+"""Widest chart [in]: a page of 830 pixels, as a README is shown, leaves its text 11 pixels high."""
+
 STYLES: Final = tuple(zip(("blue", "sky", "green", "orange", "vermilion"), "osD^v", strict=True))
 """Colour and marker of each of `KINDS`: told apart without colour as well."""
 
@@ -37,10 +40,13 @@ LABEL_RATIO: Final = 1.42
 def draw_panels(
     path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
 ) -> None:
-    """Write a PNG of rows × columns panels of a size [in]; `draw` is given the figure and its axes (rows, columns)."""
-    with new_chart(size[0] * columns, size[1] * rows) as figure:
+    """Write a PNG of rows × columns panels of a size [in], narrower where they would not fit beside each other.
+
+    `draw` is given the figure and its axes (rows, columns).
+    """
+    with new_chart(min(size[0] * columns, WIDTH_MAX_IN), size[1] * rows) as figure:
         draw(figure, figure.subplots(rows, columns, squeeze=False))
-        save_both(figure, path)
+        save_both(figure, path, dpi=160)
 
 
 def write_random_chart(path: Path, cases: Sequence[RandomLimit]) -> None:
@@ -77,7 +83,7 @@ def write_z_width_chart(
                 ax.set_xlabel("damping of the wall [N·s/m]" if row == len(delays) - 1 else "")
                 ax.set_ylabel("stiffness of the wall [N/m]" if column == 0 else "")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(rates)))
 
     draw_panels(path, len(delays), len(rates), (5.2, 4.4), draw)
 

@@ -1,7 +1,9 @@
 """A library of swatches: a folder of .swatch files with an index, beside the shipped ones, which are read-only.
 
-The index is a JSON text, `index.json`: name, file, sha256, size, figures, provenance and licence of each swatch. A
-library folder behind any web server is what `get` fetches swatches from.
+The index is a JSON text, `index.json`: name, file, sha256, size, figures, provenance, licence and tags of each swatch.
+A library folder behind any web server is what `get` fetches swatches from. The user's own library may have folders in
+it, each a library folder itself; a name stands once in all of them. Shipped are the measured swatches, by their names,
+and the folder of the computed ones.
 """
 
 import hashlib
@@ -13,6 +15,8 @@ import time
 from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
+from dataclasses import replace as with_changes
+from functools import cache
 from importlib import resources
 from itertools import chain, count
 from pathlib import Path
@@ -22,7 +26,7 @@ from typing import Any, Final
 from urllib.parse import quote, urljoin, urlsplit
 
 from hapscene.errors import SwatchError, did_you_mean, no_such, printable
-from hapscene.files import parse_format, read_bytes, refusing, write_whole
+from hapscene.files import parse_format, read_bytes, refusing, short, write_whole
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.swatch import NAME_MAX, Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
@@ -31,11 +35,14 @@ from hapscene.surface.swatch_summary import figures, words
 __all__ = [
     "LibraryEntry",
     "add",
+    "computed_entries",
+    "edit",
     "find",
     "get",
     "library_folder",
     "load_swatch",
     "own_entries",
+    "own_folders",
     "read_index",
     "remove",
     "search",
@@ -47,6 +54,15 @@ INDEX: Final = "index.json"
 FORMAT: Final = "hapscene library"
 VERSION: Final = 1
 
+COMPUTED: Final = "computed"
+"""Folder of the shipped swatches that were computed, not measured."""
+
+TAG_MAX: Final = 20
+"""Most tags of a swatch [count]."""
+
+TAG_LENGTH_MAX: Final = 40
+"""Longest tag [characters]."""
+
 INDEX_BYTES_MAX: Final = 8 * 1024 * 1024
 """Largest index that is read [bytes]: some ten thousand swatches."""
 
@@ -54,6 +70,7 @@ ENVIRONMENT: Final = "HAPSCENE_LIBRARY"
 """Environment variable that names the folder of the library."""
 
 _FILE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9 ._()+-]{0,120}\.swatch")
+_FOLDER: Final = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9 ._()+-]{0,58}[A-Za-z0-9_)+-])?")
 _RESERVED: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b.*", re.IGNORECASE)  # devices on Windows
 
 
@@ -68,6 +85,7 @@ class LibraryEntry:
     provenance: str = ""
     licence: str = ""
     figures: dict[str, float] = field(default_factory=dict)
+    tags: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<LibraryEntry {self.name!r}: {', '.join(self.words)}; {self.bytes:,} bytes>"
@@ -107,13 +125,17 @@ def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
     if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
         return read_swatch(Path(text))
     known = shipped_swatches()
+    place = resources.files("hapscene_swatches")
     if text not in known:
         own = find(text)
         if own is not None:
             return read_swatch(own)
-        known += [entry.name for entry in own_entries()]
-        raise SwatchError(no_such("swatch", text, known) + did_you_mean(text, known))
-    with resources.as_file(resources.files("hapscene_swatches") / (text + SUFFIX)) as path:
+        place = place / COMPUTED
+        computed = [entry.name for entry in computed_entries()]
+        if text not in computed:
+            known += [*computed, *(entry.name for home in own_folders() for entry in own_entries(home))]
+            raise SwatchError(no_such("swatch", text, known) + did_you_mean(text, known))
+    with resources.as_file(place / (text + SUFFIX)) as path:
         return read_swatch(path)
 
 
@@ -121,6 +143,20 @@ def shipped_entries() -> list[LibraryEntry]:
     """The swatches that come with hapscene."""
     folder = resources.files("hapscene_swatches")
     return [entry_of(load_swatch(name), (folder / (name + SUFFIX)).read_bytes()) for name in shipped_swatches()]
+
+
+@cache
+def computed_entries() -> list[LibraryEntry]:
+    """The swatches that come with hapscene and were computed, not measured."""
+    index = resources.files("hapscene_swatches") / COMPUTED / INDEX
+    return parse_index(index.read_bytes(), "the computed swatches") if index.is_file() else []
+
+
+def own_folders(folder: str | os.PathLike[str] | None = None) -> list[Path]:
+    """The folder of the library, and those in it that are library folders themselves, by name."""
+    home = library_folder(folder)
+    inside = home.iterdir() if home.is_dir() else ()
+    return [home, *sorted(path for path in inside if _FOLDER.fullmatch(path.name) and (path / INDEX).is_file())]
 
 
 def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEntry]:
@@ -138,38 +174,66 @@ def own_entries(folder: str | os.PathLike[str] | None = None) -> list[LibraryEnt
 
 
 def find(name: str, folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """The file of the library's swatch of that name, or None."""
-    home = library_folder(folder)
-    return next((home / entry.file for entry in own_entries(home) if entry.name == name), None)
+    """The file of the library's swatch of that name, in whichever of its folders; or None."""
+    found = _found(name, folder)
+    return None if found is None else found[0] / found[1].file
 
 
-def add(swatch: Swatch, folder: str | os.PathLike[str] | None = None, replace: bool = False) -> LibraryEntry:
+def _found(name: str, folder: str | os.PathLike[str] | None) -> tuple[Path, LibraryEntry] | None:
+    """The library folder that holds a swatch, and its entry."""
+    each = ((home, entry) for home in own_folders(folder) for entry in own_entries(home))
+    return next(((home, entry) for home, entry in each if entry.name == name), None)
+
+
+def add(
+    swatch: Swatch,
+    folder: str | os.PathLike[str] | None = None,
+    replace: bool = False,
+    *,
+    inside: str = "",
+    tags: Iterable[str] = (),
+) -> LibraryEntry:
     """Puts a swatch into the library, under its own name.
+
+    Args:
+        swatch: what to put there.
+        folder: the library's, None for the user's own.
+        replace: put it in the place of the one that has its name, whose tags it keeps.
+        inside: the folder in the library, made where there is none; "" for none.
+        tags: words to find it by.
 
     Raises:
         SwatchError: the name is a shipped one's, or taken and not to be replaced; the folder cannot be written.
     """
-    home = library_folder(folder)
-    if swatch.name in shipped_swatches():
-        raise SwatchError(f"{swatch.name!r} is a shipped swatch: add it under another name (--name)")
-    if "/" in swatch.name or "\\" in swatch.name or swatch.name.endswith(SUFFIX):
-        raise SwatchError(f"{swatch.name!r} reads like a file: add it under another name (--name)")
-    entries = {entry.name: entry for entry in own_entries(home)}
-    if swatch.name in entries and not replace:
-        raise SwatchError(f"{swatch.name!r} is in the library already: replace it (--replace) or name it (--name)")
-    text = swatch_to_json(swatch).encode("utf-8")
-    taken = {entry.file.casefold() for entry in entries.values()} | {f.name.casefold() for f in home.glob("*")}
-    old = entries.get(swatch.name)
-    entry = entry_of(swatch, text, taken - ({old.file.casefold()} if old else set()))
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SwatchError(f"{home / entry.file}: cannot be written: {error.strerror or error}") from None
-    write_whole(home / entry.file, text, SwatchError)
-    if old is not None and old.file != entry.file:
-        (home / old.file).unlink(missing_ok=True)
-    write_index(home, (entries | {entry.name: entry}).values())
-    return entry
+    root = library_folder(folder)
+    old = _found(swatch.name, root)
+    _check_name(swatch.name, taken=old is not None and not replace, known=old is not None)
+    home = old[0] if old is not None else root / _checked_folder(inside)
+    return _put(swatch, home, _checked_tags(tags) or (old[1].tags if old else ()), old)
+
+
+def edit(
+    name: str,
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    new_name: str | None = None,
+    tags: Iterable[str] | None = None,
+    inside: str | None = None,
+) -> LibraryEntry:
+    """Renames, tags or moves a swatch of the library; what is None stays. Its entry as it is now.
+
+    Raises:
+        SwatchError: no such swatch, a name that is taken, a tag or a folder that is none; it cannot be written.
+    """
+    old = _found(name, folder)
+    if old is None:
+        raise SwatchError(_no_own(name, folder))
+    swatch = read_swatch(old[0] / old[1].file)
+    if new_name is not None and new_name != name:
+        _check_name(new_name, taken=_found(new_name, folder) is not None, known=False)
+        swatch = with_changes(swatch, name=new_name)
+    home = old[0] if inside is None else library_folder(folder) / _checked_folder(inside)
+    return _put(swatch, home, old[1].tags if tags is None else _checked_tags(tags), old)
 
 
 def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
@@ -178,19 +242,75 @@ def remove(name: str, folder: str | os.PathLike[str] | None = None) -> Path:
     Raises:
         SwatchError: no such swatch in the library, or it cannot be removed.
     """
-    home = library_folder(folder)
-    entries = own_entries(home)
-    gone = next((entry for entry in entries if entry.name == name), None)
-    if gone is None:
-        if name in shipped_swatches():
-            raise SwatchError(f"{name!r} is a shipped swatch: it stays")
-        raise SwatchError(no_such("swatch", name, (entry.name for entry in entries)) + f" in {home}")
-    write_index(home, (entry for entry in entries if entry.name != name))
+    old = _found(name, folder)
+    if old is None:
+        raise SwatchError(_no_own(name, folder))
+    return _take(*old)
+
+
+def _no_own(name: str, folder: str | os.PathLike[str] | None) -> str:
+    """Why a swatch is not the user's own."""
+    if name in (*shipped_swatches(), *(entry.name for entry in computed_entries())):
+        return f"{name!r} is a shipped swatch: it stays"
+    known = [entry.name for home in own_folders(folder) for entry in own_entries(home)]
+    return no_such("swatch", name, known) + f" in {library_folder(folder)}"
+
+
+def _put(
+    swatch: Swatch, home: Path, tags: tuple[str, ...], old: tuple[Path, LibraryEntry] | None = None
+) -> LibraryEntry:
+    """Writes a swatch into a library folder, in the place of an old one, wherever that was."""
+    entries = {entry.name: entry for entry in own_entries(home)}
+    here = None
+    if old is not None and old[0] == home:
+        here = entries.pop(old[1].name)
+    text = swatch_to_json(swatch).encode("utf-8")
+    taken = {entry.file.casefold() for entry in entries.values()} | {f.name.casefold() for f in home.glob("*")}
+    entry = entry_of(swatch, text, taken - ({here.file.casefold()} if here else set()), tags)
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SwatchError(f"{home / entry.file}: cannot be written: {error.strerror or error}") from None
+    write_whole(home / entry.file, text, SwatchError)
+    if here is not None and here.file != entry.file:
+        (home / here.file).unlink(missing_ok=True)
+    write_index(home, (entries | {entry.name: entry}).values())
+    if old is not None and here is None:
+        _take(*old)
+    return entry
+
+
+def _take(home: Path, gone: LibraryEntry) -> Path:
+    """Takes a swatch out of a library folder."""
+    write_index(home, (entry for entry in own_entries(home) if entry.name != gone.name))
     try:
         (home / gone.file).unlink(missing_ok=True)
     except OSError as error:
         raise SwatchError(f"{home / gone.file}: cannot be removed: {error.strerror or error}") from None
     return home / gone.file
+
+
+def _check_name(name: str, *, taken: bool, known: bool) -> None:
+    """Refuses a name that the library cannot give to a swatch."""
+    if name in shipped_swatches() or (not known and name in {entry.name for entry in computed_entries()}):
+        raise SwatchError(f"{name!r} is a shipped swatch: add it under another name (--name)")
+    if "/" in name or "\\" in name or name.endswith(SUFFIX):
+        raise SwatchError(f"{name!r} reads like a file: add it under another name (--name)")
+    if taken:
+        raise SwatchError(f"{name!r} is in the library already: replace it (--replace) or name it (--name)")
+
+
+def _checked_folder(inside: str) -> str:
+    if inside and (not _FOLDER.fullmatch(inside) or _RESERVED.fullmatch(inside)):
+        raise SwatchError(f"a library's folder has a plain name, as metals, not {short(inside)}")
+    return inside
+
+
+def _checked_tags(tags: Iterable[str]) -> tuple[str, ...]:
+    found = tuple(dict.fromkeys(tag.strip() for tag in tags if tag.strip()))
+    if len(found) > TAG_MAX or any(len(tag) > TAG_LENGTH_MAX or not tag.isprintable() for tag in found):
+        raise SwatchError(f"a swatch has {TAG_MAX} tags at most, each of 1 to {TAG_LENGTH_MAX} printable characters")
+    return found
 
 
 def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
@@ -200,7 +320,7 @@ def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
     write_whole(folder / INDEX, f"{text}\n".encode(), SwatchError)
 
 
-def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> LibraryEntry:
+def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = (), tags: tuple[str, ...] = ()) -> LibraryEntry:
     """The index's entry of a swatch whose file holds `data`, with a file name that is not among `taken`."""
     stem = re.sub(r"[^A-Za-z0-9_+-]+", "_", swatch.name).strip("_+-")[:80] or "swatch"
     stem = f"_{stem}" if _RESERVED.fullmatch(stem) else stem
@@ -208,7 +328,7 @@ def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = ()) -> LibraryE
     held = set(taken)
     file = next(name for name in names if name.casefold() not in held)
     digest = hashlib.sha256(data).hexdigest()
-    return LibraryEntry(swatch.name, file, digest, len(data), swatch.provenance, swatch.licence, figures(swatch))
+    return LibraryEntry(swatch.name, file, digest, len(data), swatch.provenance, swatch.licence, figures(swatch), tags)
 
 
 def verified(entry: LibraryEntry, data: bytes, where: str) -> Swatch:
@@ -265,7 +385,14 @@ def _entry(row: Any, place: str) -> LibraryEntry:
     numbers = row.get("figures", {})
     if not isinstance(numbers, dict) or not all(map(is_number, numbers.values())):
         raise SwatchError(f"{place}.figures must be an object of numbers")
-    return LibraryEntry(**texts, bytes=size, figures={key: float(value) for key, value in numbers.items()})
+    tags = row.get("tags", [])
+    if not isinstance(tags, list) or not all(isinstance(tag, str) for tag in tags):
+        raise SwatchError(f"{place}.tags must be a list of texts")
+    with refusing(SwatchError, f"{place}.tags"):
+        checked = _checked_tags(tags)
+    return LibraryEntry(
+        **texts, bytes=size, figures={key: float(value) for key, value in numbers.items()}, tags=checked
+    )
 
 
 # Search in a library: words and bounds.
@@ -307,7 +434,7 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
 
 
 def _text(entry: LibraryEntry) -> str:
-    return " ".join([entry.name, *entry.words, entry.provenance, entry.licence]).casefold()
+    return " ".join([entry.name, *entry.words, entry.provenance, entry.licence, *entry.tags]).casefold()
 
 
 # Swatches from a library on the web: any folder of swatches with its index behind a plain web server.

@@ -20,43 +20,63 @@ def render(surface: Any, of_scene: bool) -> int:
 
     They are summed into `surface.total[0]`, which those of contact begin anew. Each effect writes to a clean record of
     its own, so that one that returns NaN or infinity is known: it is mute until the next reset, and the others go on.
+
+    Where two swatches are felt, those of contact are called for each. Their forces are summed by weight, their
+    accelerations by its square root: they are independent, so the power of the sum, at all frequencies, is the sum of
+    theirs by weight.
     """
-    touch, part, total = surface.touch[0], surface.part[0], surface.total[0]
-    first, stop, swatch = 0, surface.contact_count[0], touch.swatch
+    touch, part, total, memory = surface.touch[0], surface.part[0], surface.total[0], surface.memory[0]
+    first, stop, swatch, bank = 0, surface.contact_count[0], touch.swatch, memory.bank
+    blended = touch.other >= 0
     if of_scene:
-        first, stop, swatch = stop, len(surface.effects), len(surface.stiffness_N_m)
+        first, stop, swatch, bank, blended = stop, len(surface.effects), len(surface.stiffness_N_m), 0, False
     else:
         _clear(total, touch)
     flags = 0
     if swatch < 0:
         return 0
-    for e in range(first, stop):
-        if surface.muted[e] != 0:
-            flags |= _MUTED if surface.muted[e] == FAILED else 0
-            continue
-        _clear(part, touch)
-        table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
-        call_effect(
-            surface.effects[e],
-            touch,
-            surface.params,
-            surface.param_start[swatch, e],
-            table,
-            surface.states,
-            surface.state_start[e],
-            part,
-        )
-        if not _finite(part, touch):
-            surface.muted[e] = FAILED
-            flags |= _MUTED
-            continue
-        for i in range(3):
-            total.f_W_N[i] += part.f_W_N[i]
-            for k in range(touch.inside):
-                total.f_inside_W_N[k, i] += part.f_inside_W_N[k, i]
-        for i in range(touch.block):
-            total.a_m_s2[i] += part.a_m_s2[i]
-        total.release |= part.release
+    heavier, crossed = touch.swatch, touch.crossed
+    weight, gain, rise = 1.0, 1.0, 0.0
+    for turn in range(2 if blended else 1):
+        if turn == 1:
+            swatch, bank = touch.other, 1 - bank
+            touch.swatch, touch.crossed = swatch, memory.other_crossed
+        if blended:
+            weight = touch.weight if turn == 1 else 1.0 - touch.weight
+            gain, memory.gain[bank] = memory.gain[bank], math.sqrt(weight)
+            rise = (memory.gain[bank] - gain) / touch.block
+        for e in range(first, stop):
+            if surface.muted[e] != 0:
+                flags |= _MUTED if surface.muted[e] == FAILED else 0
+                continue
+            _clear(part, touch)
+            table = surface.tables[surface.table_start[swatch, e] : surface.table_start[swatch, e + 1]]
+            call_effect(
+                surface.effects[e],
+                touch,
+                surface.params,
+                surface.param_start[swatch, e],
+                table,
+                surface.states,
+                bank * (len(surface.states) // 2) + surface.state_start[e],
+                part,
+            )
+            if not _finite(part, touch):
+                surface.muted[e] = FAILED
+                flags |= _MUTED
+                continue
+            for i in range(3):
+                total.f_W_N[i] += weight * part.f_W_N[i]
+                for k in range(touch.inside):
+                    total.f_inside_W_N[k, i] += weight * part.f_inside_W_N[k, i]
+            if blended:
+                for i in range(touch.block):
+                    part.a_m_s2[i] *= gain + rise * (i + 1)
+            for i in range(touch.block):
+                total.a_m_s2[i] += part.a_m_s2[i]
+            if weight >= 0.5:
+                total.release |= part.release
+    touch.swatch, touch.crossed = heavier, crossed
     return flags
 
 
@@ -86,6 +106,8 @@ def limit(surface: Any) -> int:
         mean += a[i] / touch.block
     if limits.fold_mass_kg > 0.0 and touch.swatch >= 0:
         fold_kg = surface.fold_mass_kg[touch.swatch]
+        if touch.other >= 0:
+            fold_kg += touch.weight * (surface.fold_mass_kg[touch.other] - fold_kg)
         for i in range(3):
             f[i] += fold_kg * mean * touch.nhat_W[i]
     magnitude = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])

@@ -1,6 +1,6 @@
 """The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -41,10 +41,27 @@ MEMORY: Final = np.dtype(
         ("stepped", "i8"),  # not 0 where the level of the fidelity is not the first, or a step is still handed over
         ("level", "i8"),  # of the fidelity that is felt
         ("offset_W_N", "f8", (3,)),  # what is left of the force before the last step
+        # see `hapscene.surface.blending`
+        ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
+        ("other_crossed", "i8"),  # as `touch.crossed`
+        ("gain", "f8", (2,)),  # of each bank's acceleration at the end of the last tick, where two are felt
     ],
     align=True,
 )
 
+
+LEAF: Final = np.dtype([("path", "i8"), ("edge", "i8"), ("paint", "i8")])
+"""A leaf of `hapscene.scene.fine_paint.FinePaint`, which says what these are; in signed numbers for compiled code."""
+
+COPIED: Final = 1
+"""What becomes of an effect's memory where a second swatch is felt besides: it goes on from the first one's."""
+
+CLEARED: Final = 2
+"""It begins anew, as after a reset."""
+
+COPIED_MAX_B: Final = 4096
+"""Largest memory of an effect that is copied then, in the midst of a tick [bytes]: larger ones are of filters of sound,
+which are faded in from nothing anyway."""
 
 FAILED: Final = 1
 """Why an effect is mute: it gave no number."""
@@ -61,8 +78,10 @@ class Surface(NamedTuple):
     """
 
     stiffness_N_m: NDArray[np.float64]  # (s,)
-    paint: NDArray[np.int16]  # swatch of each face, body after body
+    paint: NDArray[np.int32]  # swatch of each face, body after body; of one painted finer, −1 − its place in leaf_start
     paint_start: NDArray[np.int64]  # (b,)
+    leaf: Any  # (k,) LEAF
+    leaf_start: NDArray[np.int64]  # (f + 1,) where the leaves of each of the faces begin that are painted finer
     effects: NDArray[np.int64]  # (e,) addresses
     contact_count: NDArray[np.int64]  # (1,) how many of them are of contact
     params: NDArray[np.uint8]
@@ -71,8 +90,9 @@ class Surface(NamedTuple):
     table_start: NDArray[np.int64]  # (s + 1, e + 1)
     frame_body: NDArray[np.int64]  # (k,) bodies whose poses are put into tables
     frame_at: NDArray[np.int64]  # (k,) and where
-    states: NDArray[np.uint8]
-    state_start: NDArray[np.int64]  # (e,)
+    states: NDArray[np.uint8]  # two banks, one after the other
+    state_start: NDArray[np.int64]  # (e + 1,) in a bank
+    passed_on: NDArray[np.int64]  # (k, 3) bytes of a bank, from and to, and what becomes of them: COPIED, CLEARED
     muted: NDArray[np.int64]  # (e,) 0, or why: FAILED, SWITCHED_OFF
     touch: Any  # (1,) TOUCH
     part: Any  # (1,) OUTPUT of one effect
@@ -103,6 +123,7 @@ def build_surface(
         EffectError: an effect that does not compile.
     """
     swatches = scene.swatches
+    paint, leaf, leaf_start = _leaves(scene)
     contact = effects[: len(effects) - len(fields)]
     params = _by_row(
         [[_params(effect, swatch) for effect in contact] for swatch in swatches],
@@ -125,7 +146,9 @@ def build_surface(
     ]
     surface = Surface(
         stiffness_N_m=np.array([swatch.stiffness_N_m for swatch in swatches], np.float64),
-        paint=np.concatenate([np.zeros(0, np.int16), *(body.face_swatch for body in scene.bodies)]),
+        paint=paint,
+        leaf=leaf,
+        leaf_start=leaf_start,
         paint_start=_starts(len(body.face_swatch) for body in scene.bodies),
         effects=np.array([compile_effect(effect) for effect in effects], np.int64),
         contact_count=np.array([len(contact)]),
@@ -135,8 +158,9 @@ def build_surface(
         table_start=np.column_stack((table_start[:-1].reshape(shape), last)),
         frame_body=np.array([body for body, _ in frames], np.int64),
         frame_at=np.array([at for _, at in frames], np.int64),
-        states=np.zeros(state_start[-1], np.uint8),
+        states=np.zeros(2 * state_start[-1], np.uint8),
         state_start=state_start,
+        passed_on=_passed_on(contact, state_start),
         muted=np.zeros(len(effects), np.int64),
         touch=records(1, TOUCH),
         part=records(1, OUTPUT),
@@ -182,12 +206,50 @@ def clear_states(surface: Surface, effects: Sequence[Effect], seed: int) -> None
     """Zero the effects' memory, unmute those that failed, and seed their random numbers anew."""
     surface.states[:] = 0
     surface.muted[surface.muted == FAILED] = 0
-    for start, effect in zip(surface.state_start, effects, strict=False):
-        dtype = effect.state_dtype
-        record = surface.states[start : start + dtype.itemsize].view(dtype)
+    for states, bank in zip(np.split(surface.states, 2), ("", ".2"), strict=True):
+        for numbers, name in _random_states(states, effects, surface.state_start):
+            numbers[:] = seeded_state(seed, name + bank)
+
+
+def _random_states(
+    states: NDArray[np.uint8], effects: Sequence[Effect], state_start: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.uint64], str]]:
+    """Views of the random numbers of a bank (4,), and their names."""
+    for start, effect in zip(state_start, effects, strict=False):
+        record = states[start : start + effect.state_dtype.itemsize].view(effect.state_dtype)
         for state in effect.state:
             if state.seeded:
-                record[state.name] = seeded_state(seed, f"{effect.name}.{state.name}")
+                yield record[state.name][0], f"{effect.name}.{state.name}"
+
+
+def _passed_on(contact: Sequence[Effect], state_start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """`passed_on` of a `Surface`: all but random numbers; effects of the scene have one bank."""
+    sizes = np.array([effect.state_dtype.itemsize for effect in contact], np.int64)
+    fate = np.repeat(np.where(sizes > COPIED_MAX_B, CLEARED, COPIED), sizes).astype(np.uint8)
+    for numbers, _ in _random_states(fate, contact, state_start):
+        numbers[:] = 0
+    ends = np.flatnonzero(np.diff(fate, prepend=0, append=0))
+    rows = np.column_stack((ends[:-1], ends[1:], fate[ends[:-1]])).astype(np.int64)
+    return np.ascontiguousarray(rows[rows[:, 2] > 0])
+
+
+def _leaves(scene: "Scene") -> tuple[NDArray[np.int32], Any, NDArray[np.int64]]:
+    """`paint`, `leaf` and `leaf_start` of a `Surface`."""
+    paint = np.concatenate([np.zeros(0, np.int32), *(body.face_swatch for body in scene.bodies)]).astype(np.int32)
+    fine = [body.fine for body in scene.bodies if body.fine is not None]
+    leaf = records(sum(map(len, fine)), LEAF)
+    first = [np.zeros(0, np.int64)]
+    at = face = 0
+    for body in scene.bodies:
+        if body.fine is not None:
+            new = np.flatnonzero(np.diff(body.fine.face, prepend=-1))
+            paint[face + body.fine.face[new]] = -1 - sum(map(len, first)) - np.arange(len(new))
+            first.append(at + new)
+            for name in LEAF.names or ():
+                leaf[name][at : at + len(body.fine)] = getattr(body.fine, name).astype(np.int64)
+            at += len(body.fine)
+        face += len(body.face_swatch)
+    return paint, leaf, np.concatenate([*first, [at]])
 
 
 def _params(effect: Effect, swatch: "Swatch") -> NDArray[np.uint8]:

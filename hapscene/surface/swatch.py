@@ -9,6 +9,7 @@ from typing import Final
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.errors import SwatchError
 from hapscene.files import short
+from hapscene.surface.look import Look
 from hapscene.surface.taps import Taps
 from hapscene.surface.texture import Texture
 
@@ -54,6 +55,7 @@ class Swatch:
         licence: what may be done with them.
         effects: parameters for effects by name, {"effect": {"param": number}}.
         intervals: 95 % interval of a measured number by its name, {"friction_dynamic": (low, high)}.
+        look: pictures of it, or None for its colour alone.
         absent: why a number was not measured by its name, {"stiffness_N_m": "the recording holds no depth"}; the
             swatch then has a default, or none.
 
@@ -83,11 +85,12 @@ class Swatch:
     adhesion_N: float = 0.0
     adhesion_range_m: float = 0.0
     leaving: Taps | None = None
+    look: Look | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
             raise SwatchError(f"a swatch's name must be 1 to {NAME_MAX} printable characters, is {self.name[:50]!r}")
-        for part, kind in (("texture", Texture), ("taps", Taps), ("leaving", Taps)):
+        for part, kind in (("texture", Texture), ("taps", Taps), ("leaving", Taps), ("look", Look)):
             value = getattr(self, part)
             if not isinstance(value, kind | None):
                 raise SwatchError(f"swatch {self.name!r}: {part} must be {kind.__name__} or None, is {short(value)}")

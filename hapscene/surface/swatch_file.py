@@ -5,6 +5,7 @@ checks every key, type, shape and number; what it hands out is a valid `Swatch` 
 the place in it and what was expected.
 """
 
+import base64
 import json
 import os
 from collections.abc import Mapping
@@ -17,14 +18,16 @@ from numpy.typing import NDArray
 from hapscene.errors import SwatchError
 from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.life import Life
+from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
 from hapscene.surface.texture import MODEL_MAX, Texture
 
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
-VERSION: Final = 2
-"""Version of the format. Raised when a reader of the old one would misread the new one."""
+VERSION: Final = 3
+"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, and what has none
+is still written as 2."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
@@ -39,6 +42,7 @@ TEXT_MAX: Final = 100_000
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
+_PICTURES: Final = ("albedo_png", "normal_png")
 _LIFE_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
@@ -70,9 +74,11 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
 
 def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
-    content: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    content: dict[str, Any] = {"format": FORMAT, "version": 2 if swatch.look is None else VERSION}
     content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | swatch.own_numbers
     content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
+    if swatch.look is not None:
+        content["look"] = _look_content(swatch.look)
     content["taps"] = _taps_content(swatch.taps)
     if swatch.leaving is not None:
         content["leaving"] = _taps_content(swatch.leaving)
@@ -80,6 +86,12 @@ def swatch_to_json(swatch: Swatch) -> str:
     if swatch.texture is not None:
         content["texture"] = _texture_content(swatch.texture)
     return _layout(content, "") + "\n"
+
+
+def _look_content(look: Look) -> dict[str, Any]:
+    """A look's section, its pictures as base64."""
+    pictures = {key: base64.b64encode(getattr(look, key)).decode("ascii") for key in _PICTURES if getattr(look, key)}
+    return {"roughness": look.roughness, "size_m": look.size_m} | pictures
 
 
 def _taps_content(taps: Taps | None) -> dict[str, Any] | None:
@@ -138,7 +150,9 @@ def swatch_from_json(data: bytes | str) -> Swatch:
 
 
 def _swatch(content: dict[str, Any]) -> Swatch:
-    sections = ("effects", "intervals", "absent", "taps", "leaving", "texture")
+    sections = ["effects", "intervals", "absent", "taps", "leaving", "texture"]
+    if content["version"] >= 3:
+        sections.append("look")
     check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
     fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
@@ -149,8 +163,27 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
     fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
     fields |= {key: _taps(key, content.get(key)) for key in ("taps", "leaving")}
+    fields["look"] = _look(content.get("look"))
     fields["texture"] = _texture("texture", content.get("texture"), content["version"])
     return Swatch(**fields)
+
+
+def _look(content: Any) -> Look | None:
+    if content is None:
+        return None
+    check_keys("look", content, ("roughness", "size_m", *_PICTURES), ())
+    fields: dict[str, Any] = {
+        key: _number(f"look.{key}", content[key]) for key in ("roughness", "size_m") if key in content
+    }
+    for key in _PICTURES:
+        text = content.get(key, "")
+        if not isinstance(text, str) or len(text) > 2 * PICTURE_BYTES_MAX:
+            raise SwatchError(f"look.{key} must be a PNG picture as base64, of {PICTURE_BYTES_MAX} bytes at most")
+        try:
+            fields[key] = base64.b64decode(text, validate=True)
+        except ValueError:
+            raise SwatchError(f"look.{key} must be a PNG picture as base64, is {short(text)}") from None
+    return Look(**fields)
 
 
 def _texture(where: str, content: Any, version: int) -> Texture | None:

@@ -10,7 +10,19 @@ from numpy.typing import NDArray
 from hapscene.recording import Recording
 from hapscene.view.camera import facing, pose_of
 from hapscene.view.palette import AIR, FORCE, OKABE_ITO, PATH, Theme
-from hapscene.view.triangles import Shown, Triangles, cut, joined, lathe, moved, packed, scene_solid, tube, unpacked
+from hapscene.view.triangles import (
+    Shown,
+    Triangles,
+    cut,
+    joined,
+    lathe,
+    moved,
+    packed,
+    scene_solid,
+    tube,
+    unpacked,
+    worn_by,
+)
 
 if TYPE_CHECKING:
     from hapscene.scene.scene import Scene
@@ -196,8 +208,7 @@ def _path(
 def _slices(scene: "Scene", solid: Triangles) -> list[Triangles]:
     """What is never painted; then, swatch by swatch of each body, strokes with their paint; then those without."""
     plain = scene_solid(scene, painted=False)
-    worn = np.concatenate([body.face_swatch for body in scene.bodies])
-    owner = np.repeat(np.arange(len(scene.bodies)), [len(body.mesh.faces) for body in scene.bodies])
+    worn, owner = worn_by(scene)
     along_m = solid.corner_m.reshape(-1, 3, 3).mean(axis=1) @ (1.0, -0.3, 0.2)  # strokes go to the right
     chosen = []
     for body in range(len(scene.bodies)):

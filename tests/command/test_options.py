@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from hapscene.cli import _parser, main
 from hapscene.command.options import UNITLESS, UNITS, base_name, check_scene, check_there, number, whole
@@ -143,3 +144,16 @@ def test_a_painted_ply_says_its_unit(tmp_path: Path) -> None:
 )
 def test_the_name_of_what_a_file_holds(path: str, name: str) -> None:
     assert base_name(path) == name
+
+
+@pytest.mark.parametrize(
+    ("command", "inside"), [("serve", "bridge.server.BridgeServer"), ("tune", "fidelity.tune.tune")]
+)
+def test_a_size_that_is_none_for_a_hand_is_told_before_the_work(command, inside, tmp_path, monkeypatch, capsys):
+    def stop(*_, **__):
+        raise HapsceneError("enough")
+
+    trimesh.creation.box((5.0, 4.0, 3.0)).export(tmp_path / "crate.stl")
+    monkeypatch.setattr(f"hapscene.{inside}", stop)
+    assert main([command, str(tmp_path / "crate.stl"), "--unit", "m", "--swatch", "wood"]) == 2
+    assert "crate.stl is 5 × 4 × 3 m in size" in capsys.readouterr().out

@@ -24,15 +24,18 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 from hapscene.cli import main
 from hapscene.command import paint
-from hapscene.command.paint import DEMO, _copy_demo, open_session, write_opener
+from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, open_session, write_opener
 from hapscene.errors import SceneError
 from hapscene.paint.document import find_recovery
 from hapscene.paint.web.page import Page
+from hapscene.paint.web.scene_panel import earlier_words
 from hapscene.scene.mesh import MeshWarning
+from hapscene.scene.scene_bundle import save_bundle
 
 
 def options(scene: str | None = None, **given: object) -> argparse.Namespace:
     usual = {"unit": None, "swatch": None, "two_sided": False, "accept_changed": False, "accept_damaged": False}
+    usual |= {"up": None, "scale": 1.0}
     return argparse.Namespace(**{"scene": scene, **usual, **given})
 
 
@@ -203,3 +206,45 @@ def test_a_mesh_that_was_exported_anew_keeps_its_painting_if_told(folder: Path) 
     with pytest.warns(MeshWarning, match="its paint stays"):
         session = open_session(options("cube.scene.json", accept_changed=True), quiet)
     assert (session.scene.bodies[0].face_swatch == 1).all()
+
+
+def test_several_meshes_are_one_new_scene_beside_each_other(folder: Path) -> None:
+    trimesh.creation.icosphere(radius=0.01).export(folder / "ball.stl")
+    session = open_session(options("cube.ply", unit="m", more=["ball.stl", "cube.ply"]), quiet)
+    assert session.path == Path("cube.scene.json") and session.painting.undo_text is None
+    bodies = session.scene.bodies
+    assert [body.name for body in bodies] == ["cube", "ball", "cube 2"]
+    left_m = [float((b.mesh.vertices_m[:, 0] + b.X_WB[0, 3]).min()) for b in bodies]
+    assert left_m[0] < left_m[1] - 0.02 < left_m[2] - 0.04
+    session.save()
+    assert open_session(options("cube.scene.json"), quiet).scene.body("ball").mesh.path == Path("ball.stl")
+    again = open_session(options("cube.scene.json", unit="m", more=["ball.stl"]), quiet)
+    assert again.path == Path("cube.scene.json") and again.dirty
+    assert again.scene.bodies[-1].name == "ball 2" and again.undo() == "add 'ball 2'"
+
+
+def test_among_several_meshes_the_unit_is_of_those_that_say_none(folder: Path) -> None:
+    trimesh.creation.box((20.0, 20.0, 20.0)).export(folder / "part.stl")
+    trimesh.creation.box((0.03, 0.03, 0.03)).export(folder / "cup.glb")
+    for first, second in (("part.stl", "cup.glb"), ("cup.glb", "part.stl")):
+        session = open_session(options(first, unit="mm", more=[second]), quiet)
+        assert {b.name: round(float(b.mesh.bounds_m[1, 0]), 9) for b in session.scene.bodies} == {
+            "part": 0.01,
+            "cup": 0.015,
+        }
+
+
+def test_what_was_painted_of_a_mesh_before_is_found(folder: Path) -> None:
+    assert earlier_scenes(None) == earlier_scenes(Path("cube.scene.json")) == []
+    for expected in ("cube", "cube_2", "cube_3"):
+        session = open_session(options("cube.ply", unit="m"), quiet)
+        assert session.path == Path(f"{expected}.scene.json")
+        session.save()
+    assert earlier_scenes(Path("cube_4.scene.json")) == [Path(f"cube{n}.scene.json") for n in ("", "_2", "_3")]
+    assert earlier_scenes(Path("cube_2.scene.json")) == []  # it is there, and opened itself
+    assert "cube.scene.json was saved at" in earlier_words(Path("cube.scene.json"))
+    save_bundle(session.scene, Path("all.scene.zip"))
+    for expected, before in (("all", []), ("all_2", ["all"]), ("all_3", ["all", "all_2"])):
+        path = open_session(options("all.scene.zip"), quiet).path
+        assert path == Path(expected, "all.scene.json")
+        assert earlier_scenes(path, unpacked=True) == [Path(folder, "all.scene.json") for folder in before]

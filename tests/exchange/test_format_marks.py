@@ -121,7 +121,7 @@ def test_commands_open_it_and_say_what_is_lost(
     assert set(felt.body_names) == {body.name for body in scene.bodies}
     assert {"wood", *felt.swatch_names} == {swatch.name for swatch in scene.swatches}
     with pytest.warns(ExchangeWarning):
-        given = {"unit": None, "swatch": None, "two_sided": False, "accept_damaged": False, "device": "omni"}
-        session = open_session(argparse.Namespace(scene="desk.glb", **given), print)
+        given = {"unit": None, "swatch": None, "two_sided": False, "up": None, "scale": 1.0, "accept_damaged": False}
+        session = open_session(argparse.Namespace(scene="desk.glb", **given, device="omni"), print)
     session.save()
     assert worn(load_scene(tmp_path / "desk.scene.json")) == worn(scene)

@@ -11,7 +11,7 @@ from hapscene.scene.scene import Scene
 
 
 def test_formats_of_the_menu() -> None:
-    assert list(EXPORTS) == ["glb", "gltf", "gltf-haptics", "ply", "x3d", "obj", "stl"]
+    assert list(EXPORTS) == ["glb", "gltf", "gltf-haptics", "ply", "x3d", "obj", "3mf", "stl"]
     assert [name for name, export in EXPORTS.items() if export.draft] == ["gltf-haptics"]
     assert "draft" in EXPORTS["gltf-haptics"].summary
 
@@ -34,7 +34,7 @@ def test_suffix_chooses_the_format(name: str, scene: Scene, tmp_path: Path) -> N
     [
         ("desk.fbx", None, r"no format '\.fbx'.*\.glb, \.gltf, \.ply"),
         ("desk", None, "no format ''"),
-        ("desk.glb", "fbx", "no format 'fbx'; there are: glb"),
+        ("desk.glb", "fbx", "no format 'fbx'; there are: 3mf, glb"),
         ("desk.ply", "glb", r"ends in \.glb"),
         ("desk.x3d", "gltf-haptics", r"ends in \.gltf or \.glb"),
         ("nowhere/desk.glb", None, "there is no folder"),

@@ -6,14 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
-from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.exchange import EXPORTS, export_scene, import_scene, losses
+from hapscene.scene.fine_paint import parts
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
 
+UNIT = {"obj": "m", "stl": "m"}
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "exchange.md"
-KEPT, ROUNDED, FLOAT32, LOST = "kept", "to 1e-15", "to 1e-7", "lost"
+KEPT, ROUNDED, FLOAT32, CUT, LOST = "kept", "to 1e-15", "to 1e-7", "as cut faces", "lost"
 
 
 def measured(before: Scene, after: Scene) -> dict[str, str]:
@@ -40,9 +45,10 @@ def measured(before: Scene, after: Scene) -> dict[str, str]:
         "swatches that no face wears": said(
             all(of_swatch(s, after, "")["numbers of a swatch "] == KEPT for s in before.swatches[3:])
         ),
-        "names and colours of the mesh's file": said(
+        "names, colours and pictures of the mesh's file": said(
             bodies and all(a.mesh.group_names == b.mesh.group_names for a, b in pairs(before, after))
         ),
+        "what bodies hang on": said(bodies and [b.parent for b in before.bodies] == [b.parent for b in after.bodies]),
         "what bodies were made of before they were painted": said(
             bodies and all(a.made_of == b.made_of for a, b in pairs(before, after))
         ),
@@ -96,6 +102,27 @@ def said(kept: bool) -> str:
     return KEPT if kept else LOST
 
 
+def finely(name: str, folder: Path) -> dict[str, str]:
+    """What comes back of a spot with a soft border on a box of 12 faces."""
+    before = Scene()
+    box = before.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m")
+    before.paint("body", "wood", Sphere((0.0, 0.0, 0.01), 0.005), finest_m=1e-3, soft_m=0.004)
+    file = folder / f"fine_{name}{EXPORTS[name].suffix}"
+    export_scene(before, file, name)
+    back = import_scene(file, UNIT.get(name)).bodies[0]
+    assert box.fine is not None and parts(box.fine.paint)[2].any()
+    kept = back.fine is not None and len(back.fine) == len(box.fine)
+    wood_m2 = float(area_of(back.mesh)[back.face_swatch == 1].sum())
+    cut = len(back.mesh.faces) > 12 and abs(wood_m2 - np.pi * 0.005**2) < 1e-6
+    soft = back.fine is not None and bool(parts(back.fine.paint)[2].any())
+    fine = {"painting finer than faces": KEPT if kept else CUT if cut else LOST}
+    return fine | {"soft borders, where two swatches blend": said(soft)}
+
+
+def area_of(mesh: Mesh) -> np.ndarray:
+    return np.asarray(trimesh.triangles.area(mesh.triangles_m))
+
+
 @pytest.fixture(scope="module")
 def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
     folder = tmp_path_factory.mktemp("round")
@@ -104,13 +131,14 @@ def results(make_scene: Callable[[int], Scene], tmp_path_factory: pytest.TempPat
         before.swatch_index(spare)
     for body in before.bodies:
         body.made_of = 1
+    before.hang(before.bodies[0].name, "nut")
     found = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name, export in EXPORTS.items():
             file = folder / f"{name}{export.suffix}"
             export_scene(before, file, name)
-            found[name] = measured(before, import_scene(file, "m" if name in ("obj", "stl") else None))
+            found[name] = measured(before, import_scene(file, UNIT.get(name))) | finely(name, folder)
     return found
 
 
@@ -122,10 +150,27 @@ def test_registry_says_what_is_lost(name: str, results: dict[str, dict[str, str]
 
 def test_table_of_the_docs_is_what_was_measured(results: dict[str, dict[str, str]]) -> None:
     assert results["glb"] == results["gltf"] == results["gltf-haptics"]
-    columns = {"GLB, glTF": "glb", "PLY": "ply", "X3D": "x3d", "OBJ": "obj", "STL": "stl"}
+    columns = {"GLB, glTF": "glb", "PLY": "ply", "X3D": "x3d", "OBJ": "obj", "3MF": "3mf", "STL": "stl"}
     rows = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for aspect in results["glb"]:
         cells = [results[name][aspect] for name in columns.values()]
         rows.append(f"| {aspect} | " + " | ".join("**lost**" if c == LOST else c for c in cells) + " |")
     table = "\n".join(rows)
     assert table in DOCS.read_text(encoding="utf-8"), f"docs/exchange.md should hold:\n{table}"
+
+
+def test_what_a_scene_has_not_is_not_said_to_be_lost(scene: Scene) -> None:
+    plain = Scene()
+    plain.add(trimesh.creation.box((0.04, 0.03, 0.02)), unit="m", swatch="wood").made_of = None
+    assert set(losses(plain, "glb")) == {"exact positions", "order of vertices", "order of faces"}
+    assert losses(plain, "ply") == ()
+    assert {"bodies and their names", "order of faces"} == set(losses(plain, "obj"))
+    assert "painting with a swatch in the library" in losses(plain, "stl")
+    plain.paint("body", "paper", Sphere((0.0, 0.0, 0.01), 0.005), finest_m=1e-3, soft_m=0.004)
+    assert losses(plain, "ply") == ("soft borders, where two swatches blend",)
+    assert "painting finer than faces" in losses(plain, "stl")
+    for name, export in EXPORTS.items():
+        here = set(export.loses) - {"swatches that no face wears", "soft borders, where two swatches blend"}
+        here -= {"what bodies hang on"}
+        here -= {"painting finer than faces", "what bodies were made of before they were painted"}
+        assert set(losses(scene, name)) == here  # which has all the rest that a format can lose

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from hapscene_experiments.border_case import border_cases
 from hapscene_experiments.contact_case import deep_damping, draw_contact, rest_of_omni, squeal, torn_off
 
 
-@pytest.mark.parametrize("cases", [deep_damping, torn_off, squeal, rest_of_omni])
+@pytest.mark.parametrize("cases", [deep_damping, torn_off, squeal, rest_of_omni, border_cases])
 def test_answers(cases) -> None:
     answers = cases()
     assert answers

@@ -35,6 +35,7 @@ from hapscene.paint.web.page_socket import number, parse, pointer_of
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_doctor import examine
 from hapscene.scene.mesh_file import UNITLESS, load_mesh
+from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.stability.wall_case import read_cases
 from hapscene.surface import library
@@ -333,8 +334,14 @@ def read_page(path: Path) -> None:
         number(message, "value", -1e9, 1e9)
 
 
-def painted(name: str) -> Format:
-    return Format(written(lambda path: export_scene(scene(), path), name), read_painted)
+def painted(name: str, *, fine: bool = False, quick: int = 12) -> Format:
+    def write(path: Path) -> None:
+        made = scene()
+        if fine:
+            made.paint("ball", "wood", Sphere((0.0, 0.0, 0.03), 0.02), finest_m=0.01, soft_m=0.01)
+        export_scene(made, path)
+
+    return Format(written(write, name), read_painted, quick=quick)
 
 
 FORMATS: Mapping[str, Format] = {
@@ -352,6 +359,9 @@ FORMATS: Mapping[str, Format] = {
     "painted-glb": painted("x.glb"),
     "painted-ply": painted("x.ply"),
     "x3d": painted("x.x3d"),
+    "fine-glb": painted("x.gltf", fine=True),
+    "fine-x3d": painted("x.x3d", fine=True),
+    "painted-3mf": painted("x.3mf", quick=2),
     "scene": Format(
         written(lambda path: scene().save(path), "x.scene.json"),
         lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),

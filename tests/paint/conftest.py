@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -58,6 +58,7 @@ def library_in(folder: Path) -> Iterator[None]:
     """The user's library in a folder, for a whole module."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HAPSCENE_LIBRARY", str(folder / "library"))
+        patch.setenv("XDG_DATA_HOME", str(folder / "data"))
         yield
 
 
@@ -65,6 +66,7 @@ def library_in(folder: Path) -> Iterator[None]:
 def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's library: not that of whoever runs the tests."""
     monkeypatch.setenv("HAPSCENE_LIBRARY", str(tmp_path / "library"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     return tmp_path / "library"
 
 
@@ -96,3 +98,12 @@ def tab(page: "Page") -> "Iterator[Tab]":
     opened = Tab(page)
     yield opened
     opened.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Any]":
+    """Debian's Chromium, headless."""
+    from hapscene_benchmarks.paint_browser import browser
+
+    with browser() as made:
+        yield made

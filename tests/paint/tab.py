@@ -15,7 +15,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
-from hapscene.paint.web.panels import USE
 from hapscene.paint.web.secure_server import SOCKET_PATH
 
 SIZE = (800, 600)
@@ -97,15 +96,8 @@ class Tab:
         self.post("GuiUpdateMessage", uuid=self.control(label)["uuid"], updates={"value": value})
 
     def choose(self, name: str) -> None:
-        """Take a swatch to paint with: search for it on the shelf, and press the button of its card."""
-        self.set("Search", name)
-        self.settle()
-        card = f"<b>{name}</b>"
-        told = [(c["props"].get("content") or "", c) for c in list(self.controls.values())]
-        place = next(i for i, (text, _) in enumerate(told) if "hs-swatch" in text and card in text)
-        button = next(c for _, c in told[place:] if USE in (c["props"].get("options") or ()))
-        self.post("GuiUpdateMessage", uuid=button["uuid"], updates={"value": USE})
-        self.set("Search", "")
+        """Take a swatch to paint with: press its card on the shelf."""
+        self.send("shelf", act="use", name=name)
         self.settle()
 
     def settle(self) -> None:

@@ -21,6 +21,7 @@ import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.scene.scene import load_scene
+from hapscene.surface.swatch_file import swatch_to_json
 from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
 
 from .conftest import library_in, mesh_of
@@ -61,8 +62,8 @@ class Window:
     def wait(self, script: str) -> None:
         self.tab.wait_for_function(script)
 
-    def ask(self, script: str) -> Any:
-        return self.tab.evaluate(script)
+    def ask(self, script: str, *given: Any) -> Any:
+        return self.tab.evaluate(script, *given)
 
     def at(self, p_W_m: Any) -> tuple[float, float]:
         """Where a place of the scene is in the window [pixels]."""
@@ -306,6 +307,82 @@ def test_orders_come_after_the_number_that_was_typed_before_them(window: Window)
     assert session.scene.swatches[index].stiffness_N_m == 303.0
 
 
+def test_views_have_keys_and_show_all(window: Window) -> None:
+    page, tab = window.page, window.tab
+    camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
+
+    def seen_from(way: Any) -> bool:
+        eye = np.array(camera.position)
+        return bool(np.allclose(eye / np.linalg.norm(eye), way, atol=1e-3) and np.abs(camera.look_at).max() < 1e-6)
+
+    tab.mouse.move(*window.at(FRONT))
+    for key, way in (("Shift+1", (0, -1, 0)), ("Shift+4", (1, 0, 0)), ("Shift+5", (0, 0, 1)), ("Shift+6", (0, 0, -1))):
+        tab.keyboard.press(key)
+        until(lambda way=way: seen_from(way), PATIENCE_S)
+    camera.position = (0.1, -0.2, 0.3)
+    until(lambda: not seen_from((0, 0, -1)), PATIENCE_S)
+    tab.keyboard.press("f")
+    until(lambda: np.linalg.norm(camera.position) > 3.0, PATIENCE_S)
+    tab.keyboard.press("Home")
+    way = np.array([0.35, -0.8, 0.6])
+    until(lambda: seen_from(way / np.linalg.norm(way)), PATIENCE_S)
+
+
+def test_escape_cancels_a_stroke(window: Window) -> None:
+    page, tab = window.page, window.tab
+    scene, chosen = page.context.session.scene, page.context.tools.chosen
+    page.context.tools.choose_swatch("paper", "paper")
+    tab.keyboard.press("1")
+    before = scene.bodies[0].face_swatch.copy()
+    tab.keyboard.down("Shift")
+    tab.mouse.move(*window.at(FRONT))
+    tab.mouse.down()
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before), PATIENCE_S)
+    tab.keyboard.press("Escape")
+    until(lambda: np.array_equal(scene.bodies[0].face_swatch, before), PATIENCE_S)
+    assert page.context.tools.client is None
+    tab.mouse.move(*window.at(BESIDE))
+    tab.mouse.up()
+    tab.keyboard.up("Shift")
+    window.wait("document.getElementById('hs-say').textContent.startsWith('Cancelled: brush')")
+    assert np.array_equal(scene.bodies[0].face_swatch, before)
+    page.context.tools.choose_swatch(chosen, chosen)
+
+
+def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
+    page, tab = window.page, window.tab
+    scene, chosen = page.context.session.scene, page.context.tools.chosen
+    page.context.tools.choose_swatch("paper", "paper")
+    before = scene.bodies[0].face_swatch.copy()
+    for key in ("1", "k", "Shift+ArrowLeft", "ArrowUp"):
+        tab.keyboard.press(key)
+    tab.keyboard.down(" ")
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before), PATIENCE_S)
+    dabbed = scene.bodies[0].face_swatch.copy()
+    tab.keyboard.press("Shift+ArrowRight")
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, dabbed), PATIENCE_S)
+    tab.keyboard.up(" ")
+    until(lambda: page.context.tools.client is None, PATIENCE_S)
+    tab.keyboard.press("Escape")
+    window.wait("document.activeElement === document.body")
+    tab.keyboard.press("Control+z")
+    until(lambda: np.array_equal(scene.bodies[0].face_swatch, before), PATIENCE_S)
+    page.context.tools.choose_swatch(chosen, chosen)
+
+
+def test_a_lost_connection_says_what_to_do_until_it_is_back(window: Window) -> None:
+    before, socket_ = len(window.troubles), window.page.context.socket
+    window.ask(
+        "window.said = []; new MutationObserver(() => said.push(document.getElementById('hs-say').textContent))"
+        ".observe(document.getElementById('hs-say'), {childList: true}); 0"
+    )
+    for connection in list(socket_._sockets):
+        connection.transport.abort()
+    window.wait("said.some(text => text.includes('start the painter again in the terminal'))")
+    window.wait("said.at(-1) === 'Connected again.' || said.includes('Connected again.')")
+    del window.troubles[before:]
+
+
 def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Window) -> None:
     page, tab = window.page, window.tab
     camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
@@ -349,4 +426,39 @@ def test_while_a_question_stands_keys_wait(window: Window) -> None:
         tab.keyboard.press(keys)
     tab.get_by_role("button", name="Do not save").click()
     window.wait("!document.querySelector('.mantine-Modal-content')")
+    tab.keyboard.press("Control+s")
+    tab.get_by_text("Save over it?").first.wait_for()
+    tab.keyboard.press("Escape")
+    window.wait("!document.querySelector('.mantine-Modal-content')")
+    assert page.context.session.dirty and not page.context.questions
     assert window.ask("window.hapscene.state.tool") == "brush" and page.context.session.dirty
+
+
+def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) -> None:
+    page, tab = window.page, window.tab
+    tab.get_by_role("tab", name="Paint").click()
+    window.wait("document.querySelectorAll('.hs-pick img').length > 24")
+    before = len(window.troubles)
+    tab.locator(".hs-pick[data-name=leather]").focus()
+    tab.keyboard.press("ArrowRight")
+    tab.keyboard.press("ArrowLeft")
+    tab.keyboard.press("Enter")
+    window.wait("window.hapscene.state.swatch === 'leather'")
+    window.wait("document.activeElement.dataset.name === 'leather'")  # though all was drawn anew
+    tab.locator("[data-shelf=compare]").press("Enter")
+    tab.get_by_label("Swatch A").first.wait_for(state="visible")  # unfolded
+    until(lambda: page._shelf_panel._pair[0].value == "leather", PATIENCE_S)
+    gift = swatch_to_json(hapscene.Swatch("gift", 99.0))
+    window.ask(
+        "(text) => { const data = new DataTransfer(); data.items.add(new File([text], 'gift.swatch'));"
+        " for (const kind of ['dragenter', 'dragover', 'drop']) "
+        "document.body.dispatchEvent(new DragEvent(kind, { bubbles: true, cancelable: true, dataTransfer: data })); }",
+        gift,
+    )
+    window.wait("window.hapscene.state.swatch === 'gift'")
+    window.wait("document.querySelector('.hs-pick[data-name=gift]') && document.getElementById('hs-drop').hidden")
+    tab.locator("select[data-shelf=where]").select_option("computed")
+    window.wait(
+        "document.querySelectorAll('.hs-pick').length > 24 && !document.querySelector('.hs-pick[data-name=gift]')"
+    )
+    assert len(window.troubles) == before

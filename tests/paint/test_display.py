@@ -14,7 +14,7 @@ from hapscene.contact.embree import Search, first_face, new_ray
 from hapscene.errors import ViewError
 from hapscene.paint.display import CHUNK, ChunkKey, Display, reduce_mesh, shares
 from hapscene.paint.paintable_mesh import PaintableMesh
-from hapscene.paint.session import Session
+from hapscene.paint.session import Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
@@ -59,7 +59,23 @@ def test_chunks_hold_each_face_once_and_are_small(session) -> None:
                 corners = shown.mesh.vertices_m[shown.mesh.faces[layer.shown]]
                 np.testing.assert_array_equal(layer.vertices_m[layer.faces], corners)
                 assert (shown.swatch[layer.shown] == layer.swatch).all()
-        assert (seen == 1).all()
+        fine = session.scene.bodies[b].fine
+        assert (seen == np.isin(np.arange(len(seen)), fine.faces, invert=True)).all()  # these are drawn as their leaves
+        leaves = [layer for c in shown.chunks() if not 0 <= c < shown.chunk_count for layer in shown.layers(c)]
+        assert sum(len(layer.faces) for layer in leaves) == len(fine) > 0
+
+
+def test_a_body_that_is_painted_as_another_goes_is_drawn_anew(session) -> None:
+    session.fill_body("ball", session.add_swatch("wood"))
+    session.composing.copy("plate")
+    display = Display(session.painting)
+    session.painting.changes()
+    session.undo()
+    session.undo()  # both before anybody looks, as a click in the history has it
+    assert session.painting.changes().bodies
+    anew = display.compose()
+    assert {key.body for key in anew} == {0}
+    assert {layer.swatch for key in anew for layer in display.layers(key)} == {0}
 
 
 def majority(session: Session, display: Display, b: int) -> list[int]:
@@ -105,7 +121,8 @@ def test_reduced_it_wears_the_larger_part_through_strokes_and_undo(session) -> N
         stroke(session, rng, (wood, paper)[step % 2])
         told = set(display.update(session.painting.changes()))
         now = {key: drawn(display, key) for key in display.chunks()}
-        assert {key for key in now if now[key] != before[key]} == told
+        both = now.keys() | before.keys()
+        assert {key for key in both if now.get(key, []) != before.get(key, [])} == told
     for b in range(2):
         assert display.bodies[b].swatch.tolist() == majority(session, display, b)
     while session.undo() is not None:
@@ -121,10 +138,10 @@ def test_reduced_every_face_is_seen_in_its_own_swatch(session) -> None:
     for step in range(12):
         stroke(session, rng, (wood, paper)[step % 2])
     display.update(session.painting.changes())
-    layers = [layer for c in range(display.bodies[0].chunk_count) for layer in display.layers(ChunkKey(0, c))]
+    layers = [layer for key in display.chunks() if key.body == 0 for layer in display.layers(key)]
     corners = np.concatenate([layer.vertices_m[layer.faces] for layer in layers]).astype(float)
     wears = np.repeat([layer.swatch for layer in layers], [len(layer.faces) for layer in layers])
-    assert 0 < sum(len(layer.over) for layer in layers) < len(BALL.faces) / 4
+    assert 0 < sum(len(np.setdiff1d(layer.over, session.scene.bodies[0].fine.faces)) for layer in layers) < 1280
     look = Search(corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3), 0.0)
     ray, seen = new_ray(), []
     middle = np.average(BALL.triangles_m, axis=1, weights=(0.34, 0.335, 0.325))  # a ray on an edge may slip through
@@ -133,7 +150,9 @@ def test_reduced_every_face_is_seen_in_its_own_swatch(session) -> None:
         hit = first_face(look.handle, ray, start, down, 0.02, 0)
         assert hit >= 0
         seen.append(wears[hit])
-    np.testing.assert_array_equal(seen, session.scene.bodies[0].face_swatch)
+    hits = [Hit(0, face, p, p, np.zeros(3), 0.0) for face, p in enumerate(middle)]
+    wrong = np.array(seen) != [session.swatch_at(hit) for hit in hits]
+    assert wrong.mean() < 0.005  # leaves reach over each other by a hair
 
 
 def test_a_chequered_chunk_is_not_drawn_twice(session) -> None:

@@ -14,7 +14,7 @@ import hapscene
 from hapscene.paint import gallery
 from hapscene.paint.gallery import GROUNDS, painted_body
 from hapscene.paint.shelf import FULL_SCALE_M_S2
-from hapscene.surface.library import shipped_swatches
+from hapscene.surface.library import computed_entries, shipped_swatches
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -60,6 +60,17 @@ def test_pictures_are_on_their_ground_and_small(tmp_path: Path) -> None:
     assert all(file.stat().st_size < 60_000 for file in (tmp_path / "page").iterdir())
 
 
+@pytest.mark.usefixtures("no_body")
+def test_computed_swatches_stand_apart_in_one_table(tmp_path: Path) -> None:
+    glass = hapscene.load_swatch("glass")
+    made = gallery.write_gallery([hapscene.load_swatch("wood")], tmp_path / "page.md", computed=[glass])
+    assert [file.name for file in made[1:]] == ["glass-ball.png", "wood-dark.png", "wood-light.png", "wood.wav"]
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    measured, _, computed = text.partition("## Computed, not measured")
+    assert "glass" not in measured and "| float glass, on glass | firm, smooth" in computed
+    assert all((tmp_path / "".join(link)).is_file() for link in links_of(text))
+
+
 def test_body_wears_the_swatch_on_clear_ground() -> None:
     swatch = replace(hapscene.load_swatch("wood"), albedo_rgb=(0.1, 0.2, 0.8))
     pixels = painted_body(swatch)
@@ -75,8 +86,11 @@ def test_body_wears_the_swatch_on_clear_ground() -> None:
 def test_gallery_of_the_documents_is_of_the_shipped_swatches() -> None:
     names = shipped_swatches()
     swatches = [hapscene.load_swatch(name) for name in names]
+    computed = [hapscene.load_swatch(entry.name) for entry in computed_entries()]
     made = "make docs/gallery.md anew: hapscene swatch gallery --out docs/gallery.md"
-    assert (DOCS / "gallery.md").read_text(encoding="utf-8") == gallery._page(swatches, names, "gallery"), made
+    page = gallery._page(swatches, names, "gallery", computed)
+    assert (DOCS / "gallery.md").read_text(encoding="utf-8") == page, made
+    assert all((DOCS / "gallery" / f"{swatch.name}-ball.png").is_file() for swatch in computed), made
     for name, swatch in zip(names, swatches, strict=True):
         rate_Hz, wave = wavfile.read(DOCS / "gallery" / f"{name}.wav")
         want = gallery.swatch_sound(swatch)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import hapscene
 from hapscene.errors import HapsceneError, SceneError
-from hapscene.paint.session import ERASE, Session
+from hapscene.paint.history import NOTHING, columns_of
+from hapscene.paint.session import ERASE, Hit, Session
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import swatch_to_json
@@ -25,11 +26,12 @@ def bits(session: Session) -> Any:
     """All that an operation may change, to compare."""
     scene = session.scene
     faces = tuple(body.face_swatch.tobytes() for body in scene.bodies)
+    leaves = tuple(b"".join(c.tobytes() for c in columns_of(body.fine or NOTHING)) for body in scene.bodies)
     swatches = tuple((swatch_to_json(s), source) for s, source in zip(scene.swatches, scene.swatch_source, strict=True))
     originals = tuple(
         None if e.original is None else swatch_to_json(e.original.swatch) for e in session.painting.swatches
     )
-    return faces, swatches, originals
+    return faces, leaves, swatches, originals
 
 
 def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> None:
@@ -40,7 +42,9 @@ def do(session: Session, kind: int, rng: np.random.Generator, folder: Path) -> N
     some = session.hit_at(body, int(rng.integers(len(session.shapes[body].normal))))
     radius_m = float(rng.uniform(0.001, 0.015))
     if kind == 0:
-        session.begin_stroke(swatch, radius_m)
+        session.begin_stroke(
+            swatch, radius_m, softness=float(rng.choice([0.0, 0.5])), opacity=float(rng.uniform(0.1, 1))
+        )
         for _ in range(3):
             session.stroke_to(some if rng.random() < 0.5 else None)
             session.drag_to([0.0, 0.0, 1.0], rng.normal(size=3) * 0.02 - [0.0, 0.0, 1.0])
@@ -123,12 +127,13 @@ def test_a_stroke_is_one_step_and_follows_the_surface(scene) -> None:
     assert session.painting.undo_text == "stroke"
     session.drag_to(eye, [0.017, 0.0, -0.48])
     painted = session.end_stroke()
-    assert painted == np.count_nonzero(scene.bodies[0].face_swatch == wood)
+    ball = scene.bodies[0]
+    assert painted == len(np.union1d(np.flatnonzero(ball.face_swatch == wood), ball.fine.faces))
     for x in np.linspace(-0.017, 0.017, 200):
         hit = session.pick(eye, [x, 0.0, -0.48])
         assert hit is not None and session.swatch_at(hit) == wood
     assert session.undo() == f"brush, {painted} faces"
-    assert not (scene.bodies[0].face_swatch == wood).any()
+    assert not (ball.face_swatch == wood).any() and ball.fine is None
 
 
 def test_a_stroke_leaves_the_surface_and_comes_back(scene) -> None:
@@ -173,19 +178,28 @@ def test_the_eraser_brings_back_the_same_after_save_and_load(scene, tmp_path) ->
 
 
 def test_regions_are_where_they_say(scene) -> None:
+    """At random places on the plate, but for those that the border runs by."""
     session = Session(scene)
     wood = session.add_swatch("wood")
-    body = scene.body("plate")
-    centroids = np.mean(body.mesh.triangles_m, axis=1) @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
-    ball = np.linalg.norm(centroids - [0.0, 0.08, 0.003], axis=1) <= 0.012
-    assert session.fill_sphere([0.0, 0.08, 0.003], 0.012, wood, "plate") == np.count_nonzero(ball)
-    np.testing.assert_array_equal(body.face_swatch == wood, ball)
+    body, rng = scene.body("plate"), np.random.default_rng(0)
+    faces, bary = rng.integers(0, len(body.mesh.faces), 400), rng.dirichlet([1.0, 1.0, 1.0], 400)
+    p_B = np.einsum("ij,ijk->ik", bary, body.mesh.triangles_m[faces])
+    p_W = p_B @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]
+
+    def agree(distance_m) -> None:
+        hits = [Hit(1, int(f), w, b, np.zeros(3), 0.0) for f, w, b in zip(faces, p_W, p_B, strict=True)]
+        painted = np.array([session.swatch_at(hit) == wood for hit in hits])
+        clear = np.abs(distance_m) > 2e-4
+        np.testing.assert_array_equal(painted[clear], distance_m[clear] < 0)
+        assert painted.any() and not painted.all()
+
+    assert session.fill_sphere([0.0, 0.08, 0.003], 0.012, wood, body="plate") > 0
+    agree(np.linalg.norm(p_W - [0.0, 0.08, 0.003], axis=1) - 0.012)
     session.undo()
     X_WK = turned(1.0, (0.003, 0.081, 0.0))
-    p_K = (np.linalg.inv(X_WK) @ np.column_stack([centroids, np.ones(len(centroids))]).T).T[:, :3]
-    inside = (np.abs(p_K) <= [0.01, 0.005, 0.02]).all(axis=1)
-    assert session.fill_box(X_WK, [0.02, 0.01, 0.04], wood) == np.count_nonzero(inside) > 0
-    np.testing.assert_array_equal(body.face_swatch == wood, inside)
+    p_K = (np.linalg.inv(X_WK) @ np.column_stack([p_W, np.ones(len(p_W))]).T).T[:, :3]
+    assert session.fill_box(X_WK, [0.02, 0.01, 0.04], wood) > 0
+    agree((np.abs(p_K) - [0.01, 0.005, 0.02]).max(axis=1))
 
 
 @pytest.mark.parametrize(

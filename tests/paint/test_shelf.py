@@ -20,6 +20,7 @@ from hapscene.paint.shelf import (
     START_S,
     concatenated,
     matching,
+    ordered,
     phrases,
     shelf,
     swatch_sound,
@@ -84,9 +85,10 @@ def test_the_shelf_has_the_scenes_own_first(library) -> None:
         ("wood", "scene", 1),
         ("foam", "yours", None),
     ]
-    assert [c.name for c in cards[3:]] == ["epoxy", "leather", "paper"]  # wood is that of the scene
+    assert [c.name for c in cards[3:6]] == ["epoxy", "leather", "paper"]  # wood is that of the scene
+    assert len(cards) > 30 and {c.place for c in cards[6:]} == {"computed"}
     assert cards[1].phrases[0].word == "very soft"
-    for card in cards:
+    for card in cards[:9]:
         index = card.index if card.index is not None else session.add_swatch(card.source)
         assert session.scene.swatches[index].name == card.name
         assert card.albedo_rgb == session.scene.swatches[index].albedo_rgb
@@ -110,8 +112,36 @@ def test_the_shelf_has_the_scenes_own_first(library) -> None:
 )
 def test_searching_the_shelf(library, text, names) -> None:
     add(Swatch("foam", stiffness_N_m=80.0, provenance="kitchen, stiffness by hand"))
-    found = [card.name for card in matching(shelf(_scene()), text)]
+    found = [card.name for card in matching(shelf(_scene()), text) if card.place != "computed"]
     assert found == names
+
+
+def test_folders_tags_and_kinds_are_found(library) -> None:
+    add(Swatch("foam"), inside="kitchen", tags=["sponge"])
+    cards = shelf(_scene())
+    (foam,) = matching(cards, "sponge")
+    assert (foam.place, foam.folder, foam.own) == ("yours", "kitchen", library / "kitchen")
+    assert matching(cards, "kitchen") == [foam]
+    assert {card.entry.tags[1] for card in matching(cards, "computed sandpaper")} == {"sandpaper"}
+    scene = _scene()
+    scene.swatch_index("sandpaper-p60")
+    scene.swatch_index("foam")
+    inside = {card.name: card for card in shelf(scene) if card.place == "scene"}
+    assert "sandpaper" in inside["sandpaper-p60"].entry.tags and inside["foam"].own == library / "kitchen"
+    assert len(shelf(scene)) == len(cards)
+
+
+def test_cards_are_sorted() -> None:
+    cards = shelf(_scene())
+    assert ordered(cards, "place") == cards
+    names = [card.name for card in ordered(cards, "name")]
+    assert names == sorted(names, key=str.casefold)
+    rough = [card.entry.figures.get("roughness_m_s2", 0.0) for card in ordered(cards, "roughness")]
+    assert rough == sorted(rough) and rough[-1] > 5.0
+    taps = [card.entry.figures.get("tap_m_s2", 0.0) for card in ordered(cards, "loudness")]
+    assert taps == sorted(taps)
+    lately = [card.name for card in ordered(cards, "recently used", ["slate", "paper"])]
+    assert lately[:3] == ["slate", "paper", "plain"]
 
 
 def test_a_search_that_cannot_be(library) -> None:

@@ -1,5 +1,6 @@
 """Bodies, poses, painting, and what is said of meshes that are wound both ways."""
 
+import math
 import time
 import warnings
 
@@ -99,7 +100,7 @@ def test_painting_by_all_group_faces_mask_and_region(tmp_path):
     assert scene.paint("box", SLATE, "lid") == 4 and body.face_swatch.tolist() == [1] * 8 + [2] * 4
     assert scene.paint("box", PLAIN, [0, 3, 3]) == 2 and body.face_swatch[[0, 3]].tolist() == [0, 0]
     assert scene.paint("box", SLATE, np.arange(12) < 2) == 2
-    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1))) == 2
+    assert scene.paint("box", OAK, PlaneSide((0, 0, 0.04), (0, 0, 1)), finest_m=math.inf) == 2
     assert (body.face_swatch[mesh.normals[:, 2] > 0.9] == 1).all()
     assert scene.paint("box", OAK, []) == 0
     assert scene.swatches == [PLAIN, OAK, SLATE]
@@ -226,3 +227,30 @@ def test_a_body_is_named_so_that_its_name_can_be_shown_and_saved(tmp_path) -> No
     assert scene.add(path, unit="m").name == r"a\nb\x1b[31m"
     scene.save(tmp_path / "a.scene.json")
     assert hapscene.load_scene(tmp_path / "a.scene.json").bodies[0].name == r"a\nb\x1b[31m"
+
+
+def test_what_hangs_on_a_body_goes_where_it_goes():
+    scene = hapscene.Scene()
+    mesh = hapscene.Mesh(vertices_m=np.eye(3), faces=np.array([[0, 1, 2]]))
+    for name in "abcd":
+        scene.add(mesh, name=name)
+    scene.pose("b", translated(0.0, 1.0, 0.0))
+    scene.hang("b", "a")
+    scene.hang("c", "b")
+    quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    scene.pose("a", quarter)
+    np.testing.assert_allclose(scene.body("b").X_WB[:3, 3], (-1.0, 0.0, 0.0), atol=1e-15)
+    np.testing.assert_array_equal(scene.body("c").X_WB, quarter)
+    np.testing.assert_array_equal(scene.body("d").X_WB, np.eye(4))
+    assert scene.copy().body("c").parent == "b"
+    for parent in ("a", "b", "c"):
+        with pytest.raises(SceneError, match="itself or hangs on it"):
+            scene.hang("a", parent)
+    scene.body("a").parent = "c"  # by hand: no pose goes round in circles
+    scene.pose("a", np.eye(4))
+
+
+def translated(*place_m):
+    X = np.eye(4)
+    X[:3, 3] = place_m
+    return X

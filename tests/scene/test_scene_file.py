@@ -180,7 +180,7 @@ def edit(*keys_and_value):
 HOSTILE = [
     (edit("format", "other"), "format is 'other'"),
     (edit("format", KeyError), "'format' is missing"),
-    (edit("version", 3), "format version 3; this hapscene reads up to 2"),
+    (edit("version", 4), "format version 4; this hapscene reads up to 3"),
     (edit("version", 0), "format version 0"),
     (edit("version", True), "'version' must be a whole number"),
     (edit("version", "1"), "'version' must be a whole number"),
@@ -200,6 +200,9 @@ HOSTILE = [
     (edit("bodies", 0, "mesh", 0.0), "'mesh' must be a whole number"),
     (edit("bodies", 0, "name", ""), "printable text"),
     (edit("bodies", 1, "name", "ball"), "'ball' is in the scene already"),
+    (edit("bodies", 0, "parent", 1), r"bodies\[0\]: 'parent' must be a text"),
+    (edit("bodies", 0, "parent", "bal"), r"bodies\[0\]: 'parent': no body 'bal'"),
+    (edit("bodies", 0, "parent", "ball"), "'ball' cannot hang on 'ball', which is itself or hangs on it"),
     (edit("bodies", 0, "two_sided", 1), "'two_sided' must be true or false"),
     (edit("bodies", 0, "pose", [[1, 0], [0, 1]]), r"\(4, 4\)"),
     (edit("bodies", 0, "pose", [["1", 0, 0, 0]] * 4), "four rows of four finite numbers"),

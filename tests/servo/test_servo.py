@@ -106,6 +106,10 @@ def test_repainting_while_it_runs(servo: Servo) -> None:
     servo.repaint(scene)
     names = [swatch.name for swatch in scene.swatches]
     until(lambda: servo.state().swatch == names.index("leather"))
+    scene.paint("plate", hapscene.load_swatch("paper"), hapscene.scene.Sphere((0.0, 0.0, 0.01), 0.004))
+    assert "paper" not in [scene.swatches[i].name for i in scene.body("plate").face_swatch]  # it is within faces
+    servo.repaint(scene)
+    until(lambda: servo.state().swatch == len(names))
     servo.repaint(make_scene())
     with pytest.raises(HapsceneError, match="give the bodies that the renderer was made with"):
         servo.repaint(Scene())

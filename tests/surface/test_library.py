@@ -13,10 +13,12 @@ from hapscene import cli
 from hapscene.errors import SwatchError
 from hapscene.surface.library import (
     add,
+    edit,
     find,
     library_folder,
     load_swatch,
     own_entries,
+    own_folders,
     parse_index,
     remove,
     search,
@@ -50,6 +52,53 @@ def test_what_is_added_is_found_by_name(home: Path) -> None:
     assert [f.name for f in home.iterdir()] == ["index.json"] and own_entries() == []
     with pytest.raises(SwatchError, match=r"no swatch 'oak'; there are: .*wood"):
         load_swatch("oak")
+
+
+def test_a_library_has_folders_and_tags(home: Path) -> None:
+    add(OAK, inside="woods", tags=["desk", " desk ", ""])
+    assert find("oak") == home / "woods" / "oak.swatch" and load_swatch("oak") == OAK
+    assert own_folders() == [home, home / "woods"] and own_entries() == []
+    (entry,) = own_entries(home / "woods")
+    assert entry.tags == ("desk",) and search([entry], ["DESK"]) == [entry]
+    with pytest.raises(SwatchError, match="'oak' is in the library already"):
+        add(OAK)  # a name stands once in all folders
+    harder = replace(OAK, stiffness_N_m=900.0)
+    assert add(harder, replace=True).tags == ("desk",) and load_swatch("oak") == harder
+    moved = edit("oak", new_name="old oak", inside="")
+    assert own_entries() == [moved] and own_entries(home / "woods") == [] and moved.tags == ("desk",)
+    assert load_swatch("old oak") == replace(harder, name="old oak")
+    assert sorted(f.name for f in home.rglob("*.swatch")) == [moved.file]
+    assert edit("old oak", tags=["a", "b"]).tags == ("a", "b")
+    assert remove("old oak") == home / moved.file and not list(home.rglob("*.swatch"))
+
+
+def test_what_cannot_be_edited(home: Path) -> None:
+    add(OAK)
+    add(replace(OAK, name="ash"))
+    before = {f: f.read_bytes() for f in home.rglob("*") if f.is_file()}
+    for name, changes, problem in (
+        ("oak", {"new_name": "ash"}, "'ash' is in the library already"),
+        ("oak", {"new_name": "wood"}, "'wood' is a shipped swatch"),
+        ("oak", {"new_name": "slate"}, "'slate' is a shipped swatch"),
+        ("oak", {"new_name": "a/b"}, "reads like a file"),
+        ("oak", {"new_name": ""}, "1 to 200 printable"),
+        ("oak", {"inside": "../up"}, "a plain name"),
+        ("oak", {"inside": "NUL"}, "a plain name"),
+        ("oak", {"tags": ["x" * 41]}, "each of 1 to 40"),
+        ("oak", {"tags": [str(i) for i in range(21)]}, "20 tags at most"),
+        ("elm", {"tags": []}, "no swatch 'elm'"),
+        ("wood", {"tags": []}, "'wood' is a shipped swatch: it stays"),
+    ):
+        with pytest.raises(SwatchError, match=problem):
+            edit(name, **changes)
+    assert {f: f.read_bytes() for f in home.rglob("*") if f.is_file()} == before
+
+
+def test_tags_of_a_strangers_index() -> None:
+    for tags, problem in (("desk", "must be a list"), ([1], "must be a list"), (["\x1b[31m"], "printable")):
+        data = json.dumps({"format": "hapscene library", "version": 1, "swatches": [GOOD | {"tags": tags}]}).encode()
+        with pytest.raises(SwatchError, match=problem):
+            parse_index(data, "there")
 
 
 def test_an_unknown_name_lists_both_kinds() -> None:

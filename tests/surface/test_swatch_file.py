@@ -136,7 +136,7 @@ BAD = {
     "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), r"not \[1\.5, 1\.5, 1\.5\]$"),
     "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
     "a third state": (edit(("texture", "other", "other"), {}), r"texture\.other\.other: there are two states at most"),
-    "later version": (edit(("version",), 3), "format version 3 is later than 2.*update"),
+    "later version": (edit(("version",), 4), "format version 4 is later than 3.*update"),
     "no version": (edit(("version",), None), "version must be"),
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
     "Infinity": (edit(("texture", "lsf_rad", 0, 0), float("inf")), "Infinity"),

@@ -1,5 +1,6 @@
 """Files from strangers: whatever is in them, a swatch or a `SwatchError` comes out, within the stated memory."""
 
+import base64
 import json
 import random
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from hapscene.errors import SwatchError
 from hapscene.files import CONTAINER_MAX, VALUE_MAX
 from hapscene.surface.library import load_swatch, shipped_swatches
+from hapscene.surface.look import Look
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import BYTES_MAX, save_swatch, swatch_from_json
 from hapscene.surface.swatch_file import swatch_to_json as to_json
@@ -23,6 +25,10 @@ from hapscene.surface.texture import MODEL_MAX, Texture
 
 OPENING_BYTES = 400e6
 """The stated limit of memory for opening any file [bytes]; see `swatch_file.BYTES_MAX`."""
+
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA60e6kgAAAABJRU5ErkJggg=="
+)
 
 NASTY: list[Any] = [
     None, True, False, 0, 1, -1, 2, 0.5, -0.0, 1e-320, 1e-300, 1e300, -1e300, 1e308, 3.141592653589793, 10**40,
@@ -40,7 +46,7 @@ def small() -> Swatch:
     taps = Taps(row, 40 * row, 900 * row, 500 * row, rng.uniform(-1, 1, (2, 5)), 1000.0)
     told: dict[str, Any] = {"provenance": "p", "licence": "l", "effects": {"x": {"y": 1.0}}}
     told |= {"intervals": {"friction_static": (0.1, 0.2)}, "absent": {"stiffness_N_m": "not measured"}}
-    return Swatch("small", texture=texture, taps=taps, **told)
+    return Swatch("small", texture=texture, taps=taps, look=Look(0.5, 0.01, PIXEL), **told)
 
 
 def whole(swatch: Swatch) -> dict[str, Any]:

@@ -5,8 +5,21 @@ import pytest
 import trimesh
 
 from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
-from hapscene.view.triangles import LATHE_SIDES, NOTHING, Triangles, cut, joined, lathe, moved, same, scene_solid, tube
+from hapscene.view.triangles import (
+    LATHE_SIDES,
+    NOTHING,
+    Triangles,
+    cut,
+    joined,
+    lathe,
+    moved,
+    same,
+    scene_solid,
+    tube,
+    worn_by,
+)
 
 
 def test_tube_lies_at_its_radius_and_ends_where_the_line_ends() -> None:
@@ -103,3 +116,23 @@ def test_frames_are_the_same_where_the_same_parts_stand_at_the_same_places() -> 
     assert same([], []) and same([(0, one), (1, other)], [(0, one.copy()), (1, other)])
     assert not same([(0, one)], [(0, other)]) and not same([(0, one)], [(1, one)])
     assert not same([(0, one), (1, other)], [(0, one)]) and not same([(0, one), (1, one)], [(0, one), (1, other)])
+
+
+def test_paint_finer_than_faces_is_drawn_where_it_is() -> None:
+    """Of a cube of twelve faces, a ball's share of each side, and a soft border in colours between."""
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.04, 0.04, 0.04)), name="cube", unit="m", swatch="wood")
+    whole = scene_solid(scene)
+    scene.paint("cube", "leather", Sphere((0.0, 0.0, 0.02), 0.01), soft_m=0.002)
+    solid = scene_solid(scene)
+    assert surface_of(solid) == pytest.approx(surface_of(whole), rel=1e-12)
+    colours = np.unique(solid.colour.round(9), axis=0)
+    assert len(colours) > 10
+    worn, _ = worn_by(scene)
+    area_m2 = sum(surface_of(cut(solid, worn == k)) for k in (2,))
+    assert area_m2 == pytest.approx(np.pi * 0.01**2, rel=0.01)
+
+
+def surface_of(solid: Triangles) -> float:
+    a, b, c = np.moveaxis(solid.corner_m.reshape(-1, 3, 3), 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)

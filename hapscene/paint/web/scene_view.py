@@ -1,16 +1,19 @@
 """What is seen in the browser: the bodies in the colours of their swatches, brush, tool and force; the eye's rays."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.motion.look_from_above import bounds_of
 from hapscene.paint.change_watch import Changes
-from hapscene.paint.display import ChunkKey, Display
+from hapscene.paint.display import ChunkKey, Display, ShownBody
 from hapscene.paint.paintable_mesh import Hit, project_to_surface
 from hapscene.paint.painting import Painting
+from hapscene.scene.fine_paint import parts
+from hapscene.scene.mesh import Mesh
 from hapscene.view.palette import FORCE, OKABE_ITO, distinct_colours, linear, rgb
 
 SHOWN: Final = 3.0
@@ -21,6 +24,9 @@ FOV_RAD: Final = float(np.radians(50.0))
 
 ASPECT_MIN: Final = 0.1
 """Narrowest canvas that the camera goes back for [1]."""
+
+GROWN: Final = 2.0
+"""How many times as large, or as small, a scene becomes before it is shown at another size [1]."""
 
 RING_COUNT: Final = 64
 """Corners of the brush's ring [count]."""
@@ -45,69 +51,161 @@ class Pointer:
     height: float
 
 
+class BodyFrame(NamedTuple):
+    """Where a body is drawn: viser's node and its number, what is shown there, and by chunk its layers' meshes."""
+
+    node: Any
+    number: int
+    shown: ShownBody
+    layers: dict[int, dict[tuple[int, int], Any]]
+
+
 class SceneView:
     """The 3-D part of the page, shared by all who look.
 
     Args:
         server: viser's.
         painting: what is shown.
+        display: of it.
 
     Attributes:
         diagonal_m: of the scene [m].
         colours: of the scene's swatches, "#rrggbb": their own, but none like an earlier one's.
+        file_colours: whether what is unpainted is shown as its file colours it; else all in the colours of swatches.
     """
 
-    def __init__(self, server: Any, painting: Painting) -> None:
+    def __init__(self, server: Any, painting: Painting, display: Display) -> None:
         self._server = server
         self._painting = painting
-        bounds = np.array([bounds_of(body) for body in painting.scene.bodies])
+        self._measure()
+        self._display = display
+        self.colours = self._distinct()
+        self.file_colours = True
+        self._frames: dict[int, BodyFrame] = {}  # by id of what is shown in it
+        self._frame_count = 0
+        self._handles: Any = None
+        self._place_camera()
+        self._light()
+        self._make_marks()
+        self._compose()
+
+    def _measure(self) -> None:
+        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         self.middle_W_m: Vector = (low + high) / 2
         self.diagonal_m = float(np.linalg.norm(high - low))
         self._scale = SHOWN / self.diagonal_m
-        self._display = Display(painting)
-        self.colours = self._distinct()
-        self._layers: dict[ChunkKey, dict[int, Any]] = {}
         self._extent = (high - low) * self._scale
-        self._place_camera()
-        self._light()
-        self._make_marks()
-        self._draw(self._display.chunks())
 
     # --- the bodies ---
 
     def update(self, changes: Changes) -> None:
         """Show what changed: only chunks that look different are sent again."""
         if changes.swatches or changes.shelf:
-            before, self.colours = self.colours, self._distinct()
-            others = {i for i, pair in enumerate(zip(before, self.colours, strict=False)) if pair[0] != pair[1]}
-            for layers in self._layers.values():
-                for swatch in others & set(layers):
-                    layers[swatch].color = _rgb(self.colours[swatch])
+            self.colours = self._distinct()
+        if changes.bodies:
+            changed = self._display.compose()
+            self._compose()
+            self._draw(changed)
+        elif changes.poses:
+            self._place_bodies()
         self._draw(self._display.update(changes))
+        if changes.swatches or changes.shelf:
+            self._recolour()
+
+    def prepare(self, meshes: Sequence[Mesh]) -> None:
+        """Have meshes ready to be shown, in any thread; bodies come with them soon."""
+        self._display.prepare(meshes)
+
+    def _compose(self) -> None:
+        """Have a frame for each body, and all that is shown in it; those that are as they were keep theirs."""
+        bounds = np.array([bounds_of(body) for body in self._painting.scene.bodies])
+        size_m = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
+        if not 1 / GROWN <= size_m / self.diagonal_m <= GROWN:
+            self._measure()
+            for layers in (layers for frame in self._frames.values() for layers in frame.layers.values()):
+                for mesh in layers.values():
+                    mesh.scale = self._scale
+            for client in self._server.get_clients().values():
+                self.look_at_all(client)
+        frames, self._frames, shown = self._frames, {}, self._display.bodies
+        for key in frames.keys() - set(map(id, shown)):
+            frames[key].node.remove()  # with all that is in it
+        fresh = set()
+        for index, body in enumerate(shown):
+            frame = frames.get(id(body))
+            if frame is None:
+                node = self._server.scene.add_frame(f"/body/{self._frame_count}", show_axes=False)
+                frame, self._frame_count = BodyFrame(node, self._frame_count, body, {}), self._frame_count + 1
+                fresh.add(index)
+            self._frames[id(body)] = frame
+        self._place_bodies()
+        self._draw([key for key in self._display.chunks() if key.body in fresh])
+
+    def _place_bodies(self) -> None:
+        """Have the bodies where they are; the hidden ones are not seen."""
+        for body, shown in zip(self._painting.scene.bodies, self._display.bodies, strict=True):
+            node = self._frames[id(shown)].node
+            node.wxyz, node.position = quaternion(body.X_WB[:3, :3]), self.to_view(body.X_WB[:3, 3])
+            node.visible = body.name not in self._painting.hidden
+
+    def show_file_colours(self, on: bool) -> None:
+        """Show what is unpainted as its file colours it, or in the colour of its swatch."""
+        self.file_colours = on
+        self._recolour()
+
+    @property
+    def has_file_colours(self) -> bool:
+        """Whether the file of any body has colours."""
+        return any(body.look is not None for body in self._display.bodies)
+
+    def _recolour(self) -> None:
+        for index, shown in enumerate(self._display.bodies):
+            frame = self._frames.get(id(shown))
+            for layers in frame.layers.values() if frame is not None else ():
+                for kind, mesh in layers.items():
+                    colour = self._colour(index, *kind)
+                    if tuple(mesh.color) != colour:
+                        mesh.color = colour
+
+    def _colour(self, body: int, paint: int, tint: int) -> tuple[int, int, int]:
+        """Of a layer: of its swatches by their weights."""
+        heavier, lighter, weight = parts(paint)
+        if weight == 0:
+            return rgb_bytes(self._swatch_colour(body, int(heavier), tint))
+        mixed = [self._swatch_colour(body, int(swatch), tint) for swatch in (heavier, lighter)]
+        return rgb_bytes((1 - weight) * mixed[0] + weight * mixed[1])
+
+    def _swatch_colour(self, body: int, swatch: int, tint: int) -> Vector:
+        """Of a swatch under the light and dark of a body's file, or, unpainted, the file's own (3,)."""
+        look = self._display.bodies[body].look if self.file_colours else None
+        if look is not None and swatch == self._painting.defaults[body]:
+            return np.asarray(look.rgb[tint])
+        colour = rgb(self.colours[swatch])
+        return colour if look is None else np.clip(colour * look.shade[tint], 0.0, 1.0)
 
     def _draw(self, keys: list[ChunkKey]) -> None:
         for key in keys:
             body = self._painting.scene.bodies[key.body]
-            old, new = self._layers.get(key, {}), {}
+            frame = self._frames[id(self._display.bodies[key.body])]
+            old, new = frame.layers.get(key.chunk, {}), {}
             with self._server.atomic():
                 for layer in self._display.layers(key):
-                    new[layer.swatch] = self._server.scene.add_mesh_simple(
-                        f"/body/{key.body}/{key.chunk}/{layer.swatch}",
+                    kind = layer.paint, layer.tint
+                    new[kind] = self._server.scene.add_mesh_simple(
+                        f"/body/{frame.number}/{key.chunk}/{layer.paint}-{layer.tint}",
                         layer.vertices_m,
                         layer.faces,
-                        color=_rgb(self.colours[layer.swatch]),
+                        color=self._colour(key.body, *kind),
                         flat_shading=True,
                         side="double" if body.two_sided else "front",
                         cast_shadow=False,
                         receive_shadow=False,
                         scale=self._scale,
-                        wxyz=_quaternion(body.X_WB[:3, :3]),
-                        position=self.to_view(body.X_WB[:3, 3]),
                     )
-                for swatch in old.keys() - new.keys():
-                    old[swatch].remove()
-            self._layers[key] = new
+                for gone in old.keys() - new.keys():
+                    old[gone].remove()
+            frame.layers[key.chunk] = new
 
     def _distinct(self) -> list[str]:
         swatches = self._painting.scene.swatches
@@ -119,24 +217,48 @@ class SceneView:
         """Places (…, 3) in W [m] as viser has them."""
         return np.asarray((np.asarray(p_W_m) - self.middle_W_m) * self._scale)
 
-    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
-        """From the eye through the pointer: a point in W [m] and a direction; None where that page is not there."""
+    def eye(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """Pose (4, 4) of a page's eye in W [m], z into the picture and y down, and how far its picture reaches to the
+        right and down (2,) at z = 1; None where that page is not there."""
         client = self._server.get_clients().get(pointer.client)
         if client is None:
             return None
         camera = client.camera
         place = np.concatenate([np.ravel(camera.wxyz), np.ravel(camera.position), [camera.fov]])
-        if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi:
+        if place.shape != (8,) or not np.isfinite(place).all() or not 0.0 < camera.fov < np.pi or not place[:4].any():
             return None  # a browser sends no such camera
-        tangent = np.tan(camera.fov / 2)
-        right = (2 * pointer.x - 1) * tangent * pointer.width / pointer.height
-        down = (2 * pointer.y - 1) * tangent
-        w, x, y, z = camera.wxyz
-        forth = np.array([right, down, 1.0])
-        axis = np.array([x, y, z])
-        direction = forth + 2 * np.cross(axis, np.cross(axis, forth) + w * forth)
-        origin = np.asarray(camera.position) / self._scale + self.middle_W_m
-        return origin, direction / np.linalg.norm(direction)
+        X_WE = np.eye(4)
+        X_WE[:3, :3] = _rotation(place[:4])
+        X_WE[:3, 3] = place[4:7] / self._scale + self.middle_W_m
+        return X_WE, np.tan(camera.fov / 2) * np.array([pointer.width / pointer.height, 1.0])
+
+    def ray(self, pointer: Pointer) -> tuple[Vector, Vector] | None:
+        """From the eye through the pointer: a point in W [m] and a direction; None where that page is not there."""
+        eye = self.eye(pointer)
+        if eye is None:
+            return None
+        X_WE, slope = eye
+        direction = X_WE[:3, :3] @ np.array([*((2 * np.array([pointer.x, pointer.y]) - 1) * slope), 1.0])
+        return X_WE[:3, 3], direction / np.linalg.norm(direction)
+
+    def add_light(self, body: int, faces: NDArray[np.bool_], colour: str, opacity: float) -> Any:
+        """A light over faces (M,) of a body, until it is removed."""
+        vertices_m, corners = self._display.bodies[body].light(faces)
+        scene_body = self._painting.scene.bodies[body]
+        return self._server.scene.add_mesh_simple(
+            "/mark/light",
+            vertices_m,
+            corners,
+            color=_rgb(colour),
+            opacity=opacity,
+            flat_shading=True,
+            side="double" if scene_body.two_sided else "front",
+            cast_shadow=False,
+            receive_shadow=False,
+            scale=self._scale,
+            wxyz=quaternion(scene_body.X_WB[:3, :3]),
+            position=self.to_view(scene_body.X_WB[:3, 3]),
+        )
 
     # --- marks ---
 
@@ -154,14 +276,14 @@ class SceneView:
         laid = self.to_view(laid_W_m) + 0.004 * hit.nhat_W
         self._ring.points = np.stack([laid, np.roll(laid, -1, axis=0)], axis=1).astype(np.float32)
 
-    def show_box(self, low_high_K_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
-        """The edges of a box: its size (3,) [m] and pose; None hides it."""
-        self._box.visible = low_high_K_m is not None
-        if low_high_K_m is None or X_WK is None:
+    def show_box(self, size_m: NDArray[np.float64] | None, X_WK: NDArray[np.float64] | None = None) -> None:
+        """The edges of a box: its size (3,) [m] and pose (4, 4); None hides it."""
+        self._box.visible = size_m is not None
+        if size_m is None or X_WK is None:
             return
         self._box.position = self.to_view(X_WK[:3, 3])
-        self._box.wxyz = _quaternion(X_WK[:3, :3])
-        self._box.scale = tuple((np.maximum(low_high_K_m, 1e-9) * self._scale).tolist())
+        self._box.wxyz = quaternion(X_WK[:3, :3])
+        self._box.scale = tuple((np.maximum(size_m, 1e-9) * self._scale).tolist())
 
     def show_sphere(self, centre_W_m: Vector | None, radius_m: float = 0.0) -> None:
         """A ball; None hides it."""
@@ -186,6 +308,36 @@ class SceneView:
             self._arrow.wxyz = _turn_to(f_W_N / size_N)
             self._arrow.scale = (1.0, 1.0, length)
 
+    def show_handles(self, X_WG: NDArray[np.float64] | None, moved: Callable[[str, NDArray[np.float64]], None]) -> None:
+        """Arrows and rings that a body is moved by, at a pose; None hides them.
+
+        Args:
+            X_WG: (4, 4) where they are.
+            moved: is told what is done ("start", "update", "end"), and where they are by then.
+        """
+        if X_WG is None:
+            if self._handles is not None:
+                self._handles.remove()
+            self._handles = None
+            return
+        if self._handles is None:
+            size = SHOWN / 6
+            self._handles = self._server.scene.add_transform_controls("/handles", size, depth_test=False)
+
+            @self._handles.on_update  # type: ignore[untyped-decorator, unused-ignore]
+            async def tell(event: Any) -> None:
+                wxyz, X = np.asarray(event.target.wxyz), np.eye(4)
+                if np.linalg.norm(wxyz) > 0.5:
+                    X[:3, :3] = _rotation(wxyz)
+                    X[:3, 3] = np.asarray(event.target.position) / self._scale + self.middle_W_m
+                    moved(event.phase, X)
+
+        place, turn = self.to_view(X_WG[:3, 3]), quaternion(X_WG[:3, :3])
+        if not np.allclose(place, self._handles.position, atol=1e-6):
+            self._handles.position = place
+        if not np.allclose(turn, self._handles.wxyz, atol=1e-6):
+            self._handles.wxyz = turn
+
     # --- how it is set up ---
 
     def _place_camera(self) -> None:
@@ -206,8 +358,12 @@ class SceneView:
         """Have all in view of a page that comes, and whose canvas is `aspect` times as wide as high."""
         page = self._server.get_clients().get(client)
         if page is not None and aspect < 1.0:
-            page.camera.position = self._eye(max(aspect, ASPECT_MIN))
-            page.camera.look_at = (0.0, 0.0, 0.0)  # which the other takes along
+            self.look_at_all(page, aspect)
+
+    def look_at_all(self, page: Any, aspect: float = 1.0) -> None:
+        """Have a page look from where all is in view of a canvas `aspect` times as wide as high."""
+        page.camera.position = self._eye(max(aspect, ASPECT_MIN))
+        page.camera.look_at = (0.0, 0.0, 0.0)  # which the other takes along
 
     def _light(self) -> None:
         """Soft from everywhere, and a key light from above left: every face is seen, and its shape."""
@@ -238,15 +394,20 @@ class SceneView:
             mark.visible = False
 
 
+def rgb_bytes(colour: Iterable[float]) -> tuple[int, int, int]:
+    """Of three numbers from 0 to 1."""
+    red, green, blue = (round(255 * float(c)) for c in colour)
+    return red, green, blue
+
+
 def _rgb(colour: str) -> tuple[int, int, int]:
     """Of "#rrggbb"."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+    return rgb_bytes(rgb(colour))
 
 
 def _linear(colour: str) -> tuple[int, int, int]:
     """Of "#rrggbb", for what viser takes in linear light: arrows."""
-    red, green, blue = (round(255 * float(c)) for c in linear(rgb(colour)))
-    return red, green, blue
+    return rgb_bytes(linear(rgb(colour)))
 
 
 def _turn_to(nhat: Vector) -> Vector:
@@ -258,7 +419,21 @@ def _turn_to(nhat: Vector) -> Vector:
     return np.asarray(turn / np.linalg.norm(turn))
 
 
-def _quaternion(R: NDArray[np.float64]) -> Vector:
+def _rotation(wxyz: Vector) -> Vector:
+    """Rotation (3, 3) of a quaternion (w, x, y, z)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
+
+
+def rotation(angles_deg: Vector) -> NDArray[np.float64]:
+    """A rotation (3, 3) about x, then y, then z."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
+
+
+def quaternion(R: NDArray[np.float64]) -> Vector:
     """Quaternion (w, x, y, z) of a rotation (3, 3)."""
     from scipy.spatial.transform import Rotation
 

@@ -63,8 +63,13 @@ if (known && known !== location.pathname) location.replace(known);
 MIME_TYPES: Final = {"css": "text/css; charset=utf-8", "js": "application/javascript; charset=utf-8"}
 """Types of what is served, by suffix."""
 
-HEAD: Final = b'<link rel="stylesheet" href="/hapscene.css"><script src="/hapscene.js" type="module"></script>'
-"""What is put into viser's page."""
+HEAD: Final = b"""<link rel="stylesheet" href="/hapscene.css"><script>
+const real = matchMedia.bind(window);
+window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width: 760px)" : query);
+</script><script src="/hapscene.js" type="module"></script>
+<link rel="stylesheet" href="/hapscene-shelf.css"><script src="/hapscene-shelf.js" type="module"></script>
+<script src="/hapscene-upload.js" type="module"></script><script src="/hapscene-bodies.js" type="module"></script>"""
+"""What is put into viser's page. Where a window is too narrow for both, its panel is a sheet below the picture."""
 
 _building = threading.Lock()
 
@@ -111,7 +116,7 @@ def guarded(
     token: str,
     files: Mapping[str, StaticFile],
     index: Callable[[bytes], bytes],
-    handler: Callable[[Any], Awaitable[None]],
+    handlers: Mapping[str, Callable[[Any], Awaitable[None]]],
     log: logging.Logger,
 ) -> Iterator[None]:
     """While this lasts, a viser server that is made listens behind the gate, and says nothing on the terminal.
@@ -123,7 +128,7 @@ def guarded(
         token: what a path begins with, or gets nothing but `files`.
         files: what is served besides viser's client, by path.
         index: changes viser's page.
-        handler: has the connections to `SOCKET_PATH`.
+        handlers: have the connections that are not viser's, by path.
         log: is told what goes wrong.
     """
     import viser
@@ -176,7 +181,8 @@ def guarded(
                 return answer(http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is no such file")
 
         async def route(connection: Any) -> None:
-            if connection.request.path == SOCKET_PATH:
+            handler = handlers.get(connection.request.path)
+            if handler is not None:
                 await handler(connection)
             elif connection.subprotocol == f"viser-v{viser.__version__}":
                 await viser_handler(CheckedConnection(connection, log))
@@ -226,8 +232,10 @@ def _bind(host: str, port: int) -> None:
         socket.create_server(address, family=family).close()
 
 
-def serve(host: str, port: int, token: str, handler: Callable[[Any], Awaitable[None]], log: CountedLog) -> Any:
-    """viser's server behind the gate, with our page and socket, below a token: see `guarded`.
+def serve(
+    host: str, port: int, token: str, handlers: Mapping[str, Callable[[Any], Awaitable[None]]], log: CountedLog
+) -> Any:
+    """viser's server behind the gate, with our page and sockets, below a token: see `guarded`.
 
     Raises:
         ViewError: viser is missing, or the host or port cannot be had.
@@ -238,12 +246,14 @@ def serve(host: str, port: int, token: str, handler: Callable[[Any], Awaitable[N
         raise ViewError("the painter needs viser, which is missing: pip install 'hapscene[paint]'") from None
     folder = resources.files("hapscene.paint.web")
     names = {"/hapscene.css": "page.css", "/hapscene.js": "page.js"}
-    names |= {f"/hapscene-{name}": name for name in ("number.js", "plot.js", "sound.js")}
+    beside = ("bodies", "cursor", "ear", "keys", "number", "outline", "plot", "shelf", "sound", "upload", "viser")
+    names |= {f"/hapscene-{name}.js": f"{name}.js" for name in beside}
+    names["/hapscene-shelf.css"] = "shelf.css"
     files = {
         place: StaticFile(MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()
     }
     port = free_port(host, port)
-    with guarded(host, token, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handler, log.logger):
+    with guarded(host, token, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handlers, log.logger):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
     server.get_event_loop().set_exception_handler(log.note_loop)
     harden(server, log.logger)
@@ -255,6 +265,17 @@ def stop(server: Any) -> None:
     with contextlib.redirect_stdout(io.StringIO()):
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # what a drawer still had for the page
         server.stop()
+
+
+def own_addresses() -> list[str]:
+    """The addresses that other computers may find this one by, the likeliest first; IPv4."""
+    found = []
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+        way.connect(("192.0.2.1", 9))  # nothing is sent: it says which of our addresses looks outward
+        found.append(way.getsockname()[0])
+    with contextlib.suppress(OSError):
+        found += [place[4][0] for place in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    return [name for name in dict.fromkeys(found) if name not in LOOPBACK and not name.startswith("127.")]
 
 
 def _name(url: str) -> str | None:

@@ -9,15 +9,22 @@ import numpy as np
 
 from hapscene.paint.history import face_count_text
 from hapscene.paint.paintable_mesh import Hit
-from hapscene.paint.session import ERASE, FACET_RAD, Session
+from hapscene.paint.session import ERASE, FACET_RAD, FILLS, Session
+from hapscene.paint.symmetry import NONE
+from hapscene.paint.web.fill_preview import FillPreview
+from hapscene.paint.web.outline_tool import OutlineTool
 from hapscene.paint.web.scene_view import Pointer, SceneView
 from hapscene.paint.web.touch_hand import TouchHand
 from hapscene.surface.swatch import PLAIN, SwatchLike
 
-TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch")
+TOOLS: Final = ("brush", "fill", "box", "sphere", "eraser", "pick", "touch", "lasso", "polygon")
 
-FILLS: Final = ("facet", "whole body", "material", "same swatch")
-"""What the bucket fills from the place that is clicked."""
+STROKES: Final = ("brush", "eraser")
+REGIONS: Final = ("box", "sphere", "lasso")
+"""Tools that paint when the button goes up."""
+
+FORESEEN: Final = "#E69F00"
+"""Of the light over what a fill will take, where its swatch is not in the scene yet."""
 
 FIRST_SWATCH: Final = "wood"
 """The swatch to begin with where a scene has none but plain: a first stroke must be seen."""
@@ -37,9 +44,11 @@ class Tools:
         name: one of `TOOLS`.
         chosen: name of the swatch to paint with.
         radius_m: of brush, eraser, and of box and sphere that are clicked.
+        softness, opacity, symmetry: of what is painted, see `hapscene.paint.stroke.Brush`; a fill has none of them.
         fill: one of `FILLS`.
         angle_rad: of the facet.
         margin_m: what a box reaches beyond the two places that span it, on every side.
+        through: whether what is not seen is painted too: backs, and what something else hides.
         force_N: with which the hand presses.
         client: the page whose pointer is down on the surface; None while none is.
     """
@@ -54,12 +63,17 @@ class Tools:
         self.fill = FILLS[0]
         self.angle_rad = FACET_RAD
         self.margin_m = 0.01 * view.diagonal_m
+        self.through = False
+        self.softness, self.opacity, self.symmetry = 0.0, 1.0, NONE
+        self.outline = OutlineTool()
+        self._preview = FillPreview(view)
+        self._hovered: Pointer | None = None
         self.force_N = 1.0
         self.client: int | None = None
         self._start: Hit | None = None
         self._last: Hit | None = None
+        self._eye_W_m: Any = None
         self._before = 0  # where the history stood when this stroke began
-        self._coarse = False  # whether this stroke has met faces larger than the brush
 
     @property
     def swatch(self) -> int | None:
@@ -93,6 +107,8 @@ class Tools:
 
     def finish(self) -> None:
         """End what the pointer was doing."""
+        self.outline.corners = []
+        self._preview.hide()
         self._session.end_stroke()
         self._touch.lift(time.monotonic())
         self._view.show_box(None)
@@ -103,10 +119,13 @@ class Tools:
         """The pointer moves, its button up."""
         if self.client is not None:
             return
+        self._hovered = pointer
         ray = self._view.ray(pointer)
-        drawn = self.name in ("brush", "eraser", "sphere")
-        hit = self._session.pick(*ray) if ray is not None and drawn else None
-        self._view.show_ring(hit, self.radius_m)
+        drawn = self.name in (*STROKES, "sphere", "fill")
+        hit = self._session.pick(*ray, seen=True) if ray is not None and drawn else None
+        self._view.show_ring(hit if self.name != "fill" else None, self.radius_m)
+        if self.name == "fill":
+            self._foresee(hit)
 
     async def press(self, pointer: Pointer) -> None:
         """The button goes down."""
@@ -115,24 +134,24 @@ class Tools:
             return
         if self.client is not None:  # another page draws, or its end was lost
             self.finish()
-        hit = self._session.pick(*ray)
+        if self.name in ("lasso", "polygon"):
+            self._outline(pointer)
+            return
+        hit = self._session.pick(*ray, seen=True)
         if hit is None:
             self._say("Beside the surface: point at it, then hold Shift and press.")
             return
         swatch = self.ensure_swatch() if self.name in ("brush", "fill", "box", "sphere") else ERASE
-        self.client, self._start, self._last = pointer.client, hit, hit
-        if self.name in ("brush", "eraser"):
-            self._session.begin_stroke(swatch, self.radius_m)
+        self.client, self._start, self._last, self._eye_W_m = pointer.client, hit, hit, ray[0]
+        if self.name in STROKES:
+            self._session.begin_stroke(swatch, self.radius_m, **self._brush)
             self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
-            self._coarse, self._before = False, self._session.history.state
-            self._look_at_faces(hit)
+            self._before = self._session.history.state
         elif self.name == "fill":
             self._fill(hit, swatch)
         elif self.name == "pick":
-            picked = self._session.scene.swatches[self._session.swatch_at(hit)]
-            self.choose_swatch(picked.name, picked)
-            self._say(f"Picked {self.chosen}.")
+            self._take(hit)
         elif self.name == "touch":
             self._touch.press(*self._contact(hit, ray[1]))
         else:
@@ -144,18 +163,21 @@ class Tools:
         ray = self._view.ray(pointer)
         if ray is None or self.client != pointer.client:
             return
-        if self.name in ("brush", "eraser"):
+        if self.name == "lasso":
+            self.outline.add(pointer)
+            return
+        if self.name in STROKES:
             with self._session.lock:
                 if not self._session.stroking:  # ended by what else was done, from another page or by a key
-                    self._session.begin_stroke(ERASE if self.name == "eraser" else self.ensure_swatch(), self.radius_m)
+                    swatch = ERASE if self.name == "eraser" else self.ensure_swatch()
+                    self._session.begin_stroke(swatch, self.radius_m, **self._brush)
                 hit = self._session.drag_to(*ray)
             self._view.show_ring(hit, self.radius_m)
-            self._look_at_faces(hit)
             return
-        hit = self._session.pick(*ray)
+        hit = self._session.pick(*ray, seen=True)
         if hit is None:
             return
-        self._last = hit
+        self._last, self._eye_W_m = hit, ray[0]
         if self.name == "touch":
             self._touch.move(*self._contact(hit, ray[1]))
         else:
@@ -165,23 +187,65 @@ class Tools:
         """The button goes up; None where it was lost: what was begun ends, boxes and spheres without painting."""
         if pointer is not None and self.client != pointer.client:
             return
+        if pointer is not None and self.name == "polygon":
+            return  # it goes on with the next click
         try:
-            if pointer is not None and self._start is not None:
+            if pointer is not None and self.client is not None:
                 await self.drag(pointer)  # where the button went up, it was last
-                self._fill_region()
+                self._fill_region(pointer)
                 self._session.end_stroke()
-                if self.name in ("brush", "eraser") and self._session.history.state == self._before:
+                if self.name in STROKES and self._session.history.state == self._before:
                     self._say(self._why_nothing())
         finally:
             self.finish()
 
-    def _look_at_faces(self, hit: Hit | None) -> None:
-        """Say it once in a stroke, where the faces are larger than the brush."""
-        if hit is None or self._coarse:
+    def sample(self, client: int) -> None:
+        """Take the swatch under the pointer of a page, whatever the tool."""
+        ray = self._view.ray(self._hovered) if self._hovered is not None and self._hovered.client == client else None
+        hit = self._session.pick(*ray, seen=True) if ray is not None else None
+        if hit is None:
+            self._say("Beside the surface: point at the swatch to take.")
+        else:
+            self._take(hit)
+
+    def close_outline(self) -> None:
+        """Paint what the polygon holds, as it is."""
+        if self.name == "polygon" and self.outline.corners and self._hovered is not None:
+            try:
+                self._fill_region(self._hovered)
+            finally:
+                self.finish()
+
+    @property
+    def _brush(self) -> dict[str, Any]:
+        names = ("softness", "opacity", "through", "symmetry")
+        return {name: getattr(self, name) for name in names}
+
+    def _outline(self, pointer: Pointer) -> None:
+        """Begin a lasso; go on with a polygon, or close it."""
+        self.ensure_swatch()
+        self._hovered = pointer
+        if self.name == "lasso":
+            self.client, self.outline.corners = pointer.client, []
+        elif self.outline.closes(pointer):
+            self.close_outline()
             return
-        self._coarse = self._session.shapes[hit.body].longest_edge_m(hit.face) > 2 * self.radius_m
-        if self._coarse:
-            self._say("Whole faces are painted; here they are larger than the brush. A finer mesh has finer borders.")
+        self.outline.add(pointer)
+
+    def _take(self, hit: Hit) -> None:
+        picked = self._session.scene.swatches[self._session.swatch_at(hit)]
+        self.choose_swatch(picked.name, picked)
+        self._say(f"Picked {self.chosen}.")
+
+    def _foresee(self, hit: Hit | None) -> None:
+        """Light up what a click there would fill."""
+        if hit is None:
+            self._preview.hide()
+            return
+        index = self.swatch
+        colour = FORESEEN if index is None else self._view.colours[index]
+        mask, what = self._session.foresee_fill(hit, self.fill, self.angle_rad)
+        self._preview.show(hit.body, mask, colour, (hit.body, what, colour))
 
     def _show_region(self) -> None:
         """See what the box or the ball would hold."""
@@ -191,33 +255,37 @@ class Tools:
         elif self.name == "sphere":
             self._view.show_sphere(*self._sphere())
 
-    def _fill_region(self) -> None:
-        """Paint what the box or the ball holds."""
-        if self.name == "box":
-            X_WK, size_m = self._box()
-            count = self._session.fill_box(X_WK, size_m, self.ensure_swatch())
-        elif self.name == "sphere":
-            count = self._session.fill_sphere(*self._sphere(), self.ensure_swatch())
-        else:
+    def _fill_region(self, pointer: Pointer) -> None:
+        """Paint what the box, the ball or the line holds."""
+        if self.name not in (*REGIONS, "polygon"):
             return
+        more: dict[str, Any] = {"opacity": self.opacity, "symmetry": self.symmetry}
+        more["eye_W_m"] = None if self.through else self._eye_W_m
+        if self.name == "box":
+            count = self._session.fill_box(*self._box(), self.ensure_swatch(), **more)
+        elif self.name == "sphere":
+            count = self._session.fill_sphere(*self._sphere(), self.ensure_swatch(), **more)
+        else:
+            taken = self.outline.take(self._view, pointer)
+            if taken is None:
+                self._say("Draw around what shall be painted.")
+                return
+            more["eye_W_m"] = None if self.through else taken[1]
+            count = self._session.fill_region(self.name, taken[0], self.ensure_swatch(), **more)
         self._say(f"{face_count_text(count)} painted." if count else "There is no face inside that is not painted so.")
 
     def _why_nothing(self) -> str:
         """Why a stroke has changed nothing."""
+        name = None if self._last is None else self._session.scene.bodies[self._last.body].name
+        if name in self._session.painting.locked:
+            return f"{name} is locked: the tab Bodies unlocks it."
         if self.name == "eraser":
             return "Nothing is painted here."
-        return f"It is {self.chosen} already. Choose another swatch at the right: Paint with it."
+        return f"It is {self.chosen} already. Choose another swatch at the right."
 
     def _fill(self, hit: Hit, swatch: int) -> None:
-        session = self._session
-        if self.fill == "whole body":
-            count = session.fill_body(hit.body, swatch)
-        elif self.fill == "material":
-            count = session.fill_group_at(hit, swatch)
-        elif self.fill == "same swatch":
-            count = session.fill_swatch(hit.body, session.swatch_at(hit), swatch)
-        else:
-            count = session.fill_facet(hit, swatch, self.angle_rad)
+        count = self._session.fill_at(hit, self.fill, swatch, self.angle_rad)
+        self._preview.hide()
         self._say(f"{face_count_text(count)} painted." if count else self._why_nothing())
 
     def _contact(self, hit: Hit, direction_W: Any) -> tuple[Any, Any, float, float]:

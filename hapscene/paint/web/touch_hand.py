@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
 from hapscene.paint.web.hand_config import HandConfig, make_servo
+from hapscene.scene.body import Body
 from hapscene.scene.scene import Scene
 from hapscene.servo import State
+from hapscene.servo.servo import TickLog
 
 HOVER_M: Final = 0.002
 """How far over the surface the hand waits before a touch [m]: from higher up it lands with more than it means to."""
@@ -73,6 +75,7 @@ class TouchHand:
         status: "starting", "ready", "failed" or "closed".
         problem: why it failed, in a sentence; else nothing.
         touching: whether the button is held.
+        on_felt: is given what was felt, whenever some was.
         config: what it holds: another grip at once, all else from the next `open` on.
     """
 
@@ -89,6 +92,7 @@ class TouchHand:
         self._servo_made: Any = None
         self.status, self.problem = "closed", ""
         self.touching = False
+        self.on_felt: Callable[[TickLog], None] = lambda felt: None
         self.config = config
         self._contact: Contact | None = None  # waits until the start is through
         self._from_W_m = np.zeros(3)  # where the touch began
@@ -102,6 +106,7 @@ class TouchHand:
         self._numbers: dict[str, dict[str, float]] = {}
         self._scene: Scene | None = None
         self._sending = False
+        self._felt: dict[str, Body] = {}  # as the servo has them
         self._wanted: tuple[Scene, HandConfig, float] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -127,6 +132,7 @@ class TouchHand:
         if self._servo_made is not None:
             self._servo_made.close()
         self._servo_made = self._make(scene, config, tick_s)  # known to `close`, whoever still waits for it
+        self._felt = {body.name: body for body in scene.bodies}
         if self.status == "closed":
             raise HapsceneError("the page is closed")
         return self._servo_made.__enter__()
@@ -215,6 +221,7 @@ class TouchHand:
                 raise
             return None
         self._since = felt.first + len(felt.rows)
+        self.on_felt(felt)
         if state.touching != self._on_surface:
             self._on_surface, self._surface_tick = state.touching, state.tick
             if not state.touching and self._deeper_m < 0.0:  # it bounced: so it might stay off the surface
@@ -252,10 +259,15 @@ class TouchHand:
         self._send()
 
     def repaint(self, scene: Scene) -> None:
-        """Have another painting felt; with it all numbers are as the scene has them."""
+        """Have another painting felt, and other bodies, or elsewhere; with it all numbers are as the scene has them."""
         self._scene = scene
         self._numbers.clear()
         self._send()
+
+    def forget(self) -> None:
+        """What waits is of a scene that is not felt any more."""
+        self._scene = None
+        self._numbers.clear()
 
     def _send(self) -> None:
         if self._servo is not None and not self._sending:
@@ -268,16 +280,37 @@ class TouchHand:
             while self._servo is not None and (self._scene is not None or self._numbers):
                 servo, scene, self._scene = self._servo, self._scene, None
                 if scene is not None:
-                    order = partial(servo.repaint, scene)
+                    order = partial(self._take_scene, servo, scene)
                 else:
                     swatch = next(iter(self._numbers))
                     order = partial(servo.tune, swatch, **self._numbers.pop(swatch))
                 try:
                     await self._in_thread(order)
                 except HapsceneError as error:
-                    self._refused(error)
+                    if scene is not None and any(body.name not in self._felt for body in scene.bodies):
+                        await self.open(scene, servo.tick_s)  # far larger than what was there: with it from the start
+                    else:
+                        self._refused(error)
         finally:
             self._sending = False
+
+    def _take_scene(self, servo: Any, scene: Scene) -> None:
+        """Have the servo feel a scene: bodies that are gone, new or elsewhere, then the painting. Called in the thread.
+
+        A mesh of another size is another body to it.
+        """
+        bodies = {body.name: body for body in scene.bodies}
+        for name, known in list(self._felt.items()):
+            if name not in bodies or bodies[name].mesh is not known.mesh:
+                servo.remove(name)
+                del self._felt[name]
+        for name, body in bodies.items():
+            if name not in self._felt:
+                servo.add(body.mesh, name, pose=body.X_WB, two_sided=body.two_sided)
+            elif not np.array_equal(self._felt[name].X_WB, body.X_WB):
+                servo.move(name, body.X_WB, teleport=True)
+            self._felt[name] = body
+        servo.repaint(scene)
 
     def _start_task(self, order: Awaitable[Any]) -> None:
         """Have an order done without waiting for it; the user is told what it refuses."""

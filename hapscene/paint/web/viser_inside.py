@@ -15,8 +15,10 @@ NUMBER_MAX: Final = 1e15
 """Largest number of a field without bounds, or of a camera [1]: what is larger cannot be sent to the other pages."""
 
 UPDATE: Final = "GuiUpdateMessage"
-TAKEN: Final = ("ViewerCameraMessage", UPDATE)
-"""The messages of viser's that a page of ours sends: where it looks from, and what its user did to a control."""
+HANDLES: Final = tuple(f"TransformControls{what}Message" for what in ("DragStart", "Update", "DragEnd"))
+TAKEN: Final = ("ViewerCameraMessage", UPDATE, *HANDLES)
+"""The messages of viser's that a page of ours sends: where it looks from, what its user did to a control, and to the
+handles that move a body."""
 
 UNWANTED: Final = ("ShareUrlRequest", "ShareUrlDisconnect")
 
@@ -91,8 +93,18 @@ def refusal_of(raw: str | bytes) -> str | None:
 
 
 def _is_near(value: Any) -> bool:
-    """Whether numbers are such that can be calculated with."""
+    """Whether numbers are such that can be calculated with; and names of viser's short."""
+    if isinstance(value, str):
+        return len(value) <= TEXT_MAX
     return all(map(_is_near, value)) if isinstance(value, tuple) else abs(value) <= NUMBER_MAX
+
+
+def button_hints(server: Any) -> dict[str, str]:
+    """The hints of viser's buttons by their names in the page, where viser itself shows none."""
+    from viser import GuiButtonHandle
+
+    handles = server.gui._gui_input_handle_from_uuid.items()
+    return {name: button.hint for name, button in handles if isinstance(button, GuiButtonHandle) and button.hint}
 
 
 async def set_slider(server: Any, client: int, name: str, value: float) -> str | None:

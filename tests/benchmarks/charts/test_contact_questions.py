@@ -13,7 +13,7 @@ from hapscene.renderer import Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.surface.swatch import PLAIN
 from hapscene_benchmarks.case import RADIUS_M, sphere, sphere_cases
-from hapscene_benchmarks.charts import groove, growth, mesh, triangles, whole_tick
+from hapscene_benchmarks.charts import groove, growth, mesh, painting, triangles, whole_tick
 from hapscene_benchmarks.charts.question import Point
 from hapscene_benchmarks.charts.touched_surface import SPHERE, closest_points, reduced, touched
 from hapscene_benchmarks.machine import held_MB
@@ -171,3 +171,11 @@ def test_a_body_alone_is_plain() -> None:
     on = touched(None, SPHERE, 400)
     assert on.scene(sphere(1)).swatches == [PLAIN]
     assert power_gain(ar_from_reflection(np.array([[0.5]])))[0] == pytest.approx(1.0 / 0.75)
+
+
+def test_a_border_inside_faces_is_felt_nearer_its_place_the_finer_it_is_and_costs_as_much_more() -> None:
+    coarse, fine = (painting.error(painting.SHARP, mm) for mm in (2.0, 0.5))
+    soft = painting.error(painting.SOFT, 0.5)
+    assert fine["border"] < 0.5 * coarse["border"] and coarse["border"] < 2.0 and soft["border"] < 0.5
+    assert 2.0 < fine["memory"] / coarse["memory"] < 8.0
+    assert painting.error("whole faces", 1e6)["border"] > 4.0

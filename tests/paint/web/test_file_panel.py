@@ -1,5 +1,6 @@
 """The tab of the file: what would lose somebody's work is asked, and done as it was asked."""
 
+import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
 import hapscene
+from hapscene.errors import SceneError
 from hapscene.fidelity.fidelity import Fidelity, Level
 from hapscene.fidelity.fidelity_file import save_fidelity
 from hapscene.paint.document import autosave_folder, find_recovery
@@ -79,6 +81,18 @@ def test_an_export_is_asked_for_where_a_file_is(page: Page, tab: Tab) -> None:
     tab.set("Save over it", True)
     said(tab, "Exported: ball.ply")
     assert Path("ball.ply").read_bytes().startswith(b"ply")
+
+
+def test_what_an_export_loses_of_this_very_scene_is_told_before(page: Page, tab: Tab) -> None:
+    tab.set("Format", "stl")
+    until(lambda: told(tab, "Will not be in it: bodies and their names"))
+    assert not told(tab, "painting finer than faces")
+    tab.choose("wood")
+    tab.point("down", (0.01, 0.0, 0.02))
+    tab.point("up", (0.01, 0.0, 0.02))
+    until(lambda: told(tab, "painting finer than faces"))
+    tab.send("undo")
+    until(lambda: not told(tab, "painting finer than faces"))
 
 
 def test_a_mesh_of_the_scene_is_neither_offered_nor_written_over(page: Page, tab: Tab) -> None:
@@ -160,6 +174,17 @@ def test_while_it_is_asked_all_is_kept(killed: Path) -> None:
         said(tab, "Saved")
         tab.close()
     assert not page.kept and not autosave_folder(killed).exists()
+
+
+def test_a_scene_whose_copy_cannot_be_recovered_opens_without_it(killed: Path, tmp_path: Path) -> None:
+    session = Session(make_scene(tmp_path), tmp_path / "first.scene.json")
+    with Page(session, port=0, with_hand=False) as page:
+        panel, loop = page._scene_panel, page.server.get_event_loop()
+        with pytest.raises(SceneError, match="its bodies are not those of this scene"):
+            asyncio.run_coroutine_threadsafe(panel.open(killed, recover=True), loop).result(30.0)
+        asyncio.run_coroutine_threadsafe(panel.open(killed), loop).result(30.0)
+        assert page.context.session.path == killed
+    assert find_recovery(killed) is not None
 
 
 def test_without_autosave_no_copy_is_promised(killed: Path) -> None:

@@ -1,7 +1,14 @@
 """The page through its real protocol: what a browser would send and see."""
 
+import contextlib
+import html
+import io
+import json
 import random
+import re
+import tempfile
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +17,23 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
+from PIL import Image
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
 import hapscene
 from hapscene.errors import ViewError
 from hapscene.paint.document import autosave_folder
 from hapscene.paint.session import Session
 from hapscene.paint.web.hand_config import HandConfig
 from hapscene.paint.web.page import Page
-from hapscene.paint.web.page_context import rgb_bytes
+from hapscene.paint.web.scene_view import rgb_bytes
+from hapscene.paint.web.shelf_panel import SURELY
+from hapscene.paint.web.upload import UPLOAD_PATH
 from hapscene.scene.scene import load_scene
+from hapscene.surface.library import add, own_entries
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import save_swatch
 
 from ..conftest import make_scene
 from ..tab import Tab, until
@@ -70,6 +85,24 @@ def test_a_page_half_as_wide_as_high_sees_all_from_twice_as_far(page: Page, tab:
     tab.send("frame", client=tab.client, w=400, h=800)
     far = 2 * np.linalg.norm(page.server.initial_camera.position)
     until(lambda: np.linalg.norm(camera.position) == pytest.approx(far) and not np.any(camera.look_at))
+
+
+def test_a_view_frames_all_or_the_body_under_the_pointer(page: Page, tab: Tab) -> None:
+    camera = page.server.get_clients()[tab.client].camera
+    for bad in ({"client": 99}, {"w": 0}, {"x": "x"}, {"name": None, "x": None}, {"h": -1.0}):
+        tab.send("view", **{"client": tab.client, "w": 800, "h": 600, "x": 0.5, "y": 0.5, "name": "top", **bad})
+    tab.settle()
+    assert np.linalg.norm(camera.position) == pytest.approx(6.0)
+    ball, view = page.context.session.scene.bodies[0], page.context.view
+    place = page.context.view.to_view(TOP)
+    across = 2 * (6.0 - place[2]) * np.tan(0.4)
+    x, y = 0.5 + place[0] / across * 600 / 800, 0.5 - place[1] / across
+    tab.send("view", client=tab.client, w=800, h=600, x=x, y=y, name="")
+    until(lambda: np.allclose(camera.look_at, view.to_view(ball.X_WB[:3, 3]), atol=1e-3))
+    ball_radius = 0.02 * 3.0 / view.diagonal_m
+    assert 2 * ball_radius < np.linalg.norm(camera.position - camera.look_at) < 6.0
+    tab.send("view", client=tab.client, w=800, h=600, x=-1, y=0, name=["top"])
+    until(lambda: np.allclose(camera.look_at, 0.0))
 
 
 def test_only_the_body_that_changed_is_sent_again(page: Page, tab: Tab) -> None:
@@ -158,7 +191,7 @@ def test_a_tuned_swatch_is_saved_as_a_new_one_and_is_on_the_shelf(page: Page, ta
     tab.set("Stiffness [N/m]", 123.0)
     tab.set("New name", "card <b>board")
     tab.settle()
-    tab.set("Save as new swatch", True)
+    tab.set("Save as new", True)
     until(lambda: any("in your library" in said for said in tab.said))
     assert list(library.glob("*.swatch"))
 
@@ -218,8 +251,7 @@ def test_play_and_compare_sound(page: Page, tab: Tab) -> None:
 
 def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
     def names() -> list[str]:
-        cards = [c["props"]["content"] for c in tab.controls.values() if "hs-swatch" in c["props"].get("content", "")]
-        return [card.split("<b>")[1].split("</b>")[0] for card in cards]
+        return card_names(tab)
 
     tab.set("Search", "leather")
     until(lambda: names() == ["leather"])
@@ -232,6 +264,153 @@ def test_the_search_finds_by_word(page: Page, tab: Tab) -> None:
     assert any("friction<" in str(c["props"].get("content")) for c in list(tab.controls.values()))
     tab.settle()
     assert not any("friction" in said for said in tab.said)
+
+
+def card_names(tab: Tab) -> list[str]:
+    """What the shelf shows, in its order."""
+    told = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
+    return [html.unescape(name) for name in re.findall(r'data-shelf="use" data-name="([^"]*)"', told)]
+
+
+def test_the_shelf_is_narrowed_and_sorted(page: Page, tab: Tab, library: Path) -> None:
+    add(Swatch("sponge", friction_dynamic=0.1, friction_static=0.1), inside="kitchen")
+    page.server.get_event_loop().call_soon_threadsafe(page._shelf_panel.show, True)
+    tab.send("shelf", act="where", value="your library: kitchen")
+    until(lambda: card_names(tab) == ["sponge"])
+    tab.send("shelf", act="where", value="computed")
+    tab.send("shelf", act="sort", value="roughness")
+    until(lambda: len(card_names(tab)) > 24 and card_names(tab)[0] == "glass")
+    tab.send("shelf", act="where", value="<b>nowhere")
+    tab.send("shelf", act="sort", value=["x"])
+    tab.send("shelf", act="no such act", name={})
+    tab.send("shelf", act="sort", value="recently used")
+    tab.choose("sponge")
+    tab.choose("slate")
+    until(lambda: card_names(tab)[:2] == ["slate", "sponge"])
+    pictures = "".join(c["props"].get("content") or "" for c in list(tab.controls.values()))
+    until(lambda: "data:image/png;base64," in pictures or len(page._shelf_panel._balls) > 8)
+
+
+def test_compare_takes_the_very_swatch_of_its_card(tab: Tab) -> None:
+    tab.choose("wood")
+    for name, other in (("leather", "wood"), ("wood", "leather"), ("paper", "wood")):
+        tab.send("shelf", act="compare", name=name)
+        until(lambda name=name: tab.control("Swatch A")["value"] == name)
+        assert tab.control("Swatch B")["value"] == other
+    table = next(c for c in tab.controls.values() if "<th>friction" in c["props"].get("content", ""))
+    until(lambda: "paper</th>" in table["props"]["content"])
+
+
+def test_a_swatch_of_the_library_is_renamed_tagged_moved_and_deleted(page: Page, tab: Tab, library: Path) -> None:
+    add(Swatch("sponge", 99.0, albedo_rgb=(0.9, 0.8, 0.1)))
+    page.server.get_event_loop().call_soon_threadsafe(page._shelf_panel.show, True)
+    tab.choose("sponge")
+    tab.send("save")
+    until(lambda: not tab.state["dirty"])
+    tab.send("shelf", act="edit", name="sponge")
+    tab.control("Cancel")  # the dialog is there, and all in it
+    for label, value in (("Name", "old sponge"), ("Tags", "wet, kitchen"), ("Folder", "kitchen")):
+        tab.set(label, value)
+    tab.set("Save", True)  # the newest of its name: that of the question
+    until(lambda: "old sponge" in card_names(tab))
+    (entry,) = own_entries(library / "kitchen")
+    assert (entry.name, entry.tags) == ("old sponge", ("wet", "kitchen")) and not own_entries()
+    assert tab.page.context.tools.chosen == "sponge"  # the scene's stays as it is, in a file of its own from now on
+    assert page.context.session.dirty
+    page.context.session.save()
+    assert {s.name for s in load_scene(page.context.session.path).swatches} >= {"sponge"}
+    tab.send("shelf", act="edit", name="wood")
+    until(lambda: any("not in your library" in said for said in tab.said))
+    tab.send("shelf", act="edit", name="old sponge")
+    tab.control("Delete")
+    tab.send("dismiss")  # Escape
+    until(lambda: not any(c["props"].get("label") == "Delete" for c in list(tab.controls.values())))
+    tab.send("shelf", act="edit", name="old sponge")
+    tab.set("Delete", True)
+    until(lambda: any("for good" in c["props"].get("label", "") for c in list(tab.controls.values())))
+    assert own_entries(library / "kitchen")
+    tab.set(SURELY, True)
+    until(lambda: not own_entries(library / "kitchen") and "old sponge" not in card_names(tab))
+
+
+def test_files_that_are_dropped_become_swatches(page: Page, tab: Tab, library: Path, tmp_path: Path) -> None:
+    save_swatch(Swatch("gift", 99.0), tmp_path / "gift.swatch")
+    gift = (tmp_path / "gift.swatch").read_bytes()
+    drop(page, {"C:\\fun\\gift.swatch": gift})
+    until(lambda: tab.page.context.tools.chosen == "gift" and "gift" in card_names(tab))
+    drop(page, {"again.swatch": gift})
+    until(lambda: {entry.name for entry in own_entries()} == {"gift", "gift 2"})
+    for files, told in (
+        ({"bad.swatch": b"no"}, "bad.swatch: not a swatch"),
+        ({"a.exe": b"no"}, "files that end in .*csv.* can be dropped here"),
+        ({f"{i}.csv": b"" for i in range(201)}, "1 to 200 files"),
+        ({"huge.wav": 1 << 40}, "512 MiB can be dropped at once"),
+        ({"short.wav": 10}, "did not come whole"),
+    ):
+        drop(page, files)
+        until(lambda told=told: any(re.search(told, said) for said in tab.said))
+    assert not list(Path(tempfile.gettempdir()).glob("hapscene-*/bad.swatch"))
+
+
+def test_a_picture_becomes_the_look_of_the_chosen_swatch_and_undo_takes_it_back(page: Page, tab: Tab) -> None:
+    tab.choose("wood")
+    before = page.context.session.scene.swatches[-1]
+    rng = np.random.default_rng(0)
+    noisy, file = rng.integers(0, 100, (600, 400, 3), np.uint8) + np.uint8([155, 0, 0]), io.BytesIO()
+    Image.fromarray(noisy).save(file, "PNG")
+    drop(page, {"red grain.png.look": file.getvalue()})
+    until(lambda: any("wood looks like red grain.png" in said for said in tab.said))
+    swatch = page.context.session.scene.swatches[-1]
+    assert swatch.look is not None and swatch.look.albedo() is not None
+    np.testing.assert_allclose(swatch.albedo_rgb, np.array([204.5, 49.5, 49.5]) / 255, atol=0.01)
+    page.context.session.save()
+    assert load_scene(page.context.session.path).swatches[-1].look == swatch.look
+    drop(page, {"none.png.look": b"no"})
+    until(lambda: any("none.png: not a picture" in said for said in tab.said))
+    tab.send("undo")
+    until(lambda: page.context.session.scene.swatches[-1] == before)
+
+
+def test_what_a_recording_does_not_say_is_asked(page: Page, tab: Tab, library: Path) -> None:
+    rng = np.random.default_rng(0)
+    rows = np.stack([150 + 20 * np.sin(np.arange(4000) / 300), rng.standard_normal(4000)], axis=1)
+    text = io.StringIO()
+    np.savetxt(text, rows, delimiter=",", header="speed,accel", comments="", fmt="%.4f")
+    drop(page, {"oak.csv": text.getvalue().encode()})
+    assert tab.control("Columns")["value"] == "acceleration=accel"
+    tab.set("Rate [Hz]", "2000")
+    tab.set("Units", "acceleration=m/s2,speed=mm/s")
+    tab.set("Name", "my oak")
+    tab.settle()
+    tab.set("Fit", True)
+    until(lambda: tab.page.context.tools.chosen == "my oak", 90.0)
+    (entry,) = own_entries()
+    assert entry.name == "my oak" and "oak.csv" in entry.provenance and entry.figures["roughness_m_s2"] > 0.1
+
+
+def test_a_page_that_closes_leaves_nothing_of_what_was_dropped(page: Page, tab: Tab, library: Path) -> None:
+    drop(page, {"unfinished.csv": b"accel\n1\n2\n"})
+    tab.control("Columns")
+    folder = Path(tempfile.gettempdir())
+    assert list(folder.glob("hapscene-*/unfinished.csv"))
+    page.close()
+    until(lambda: not list(folder.glob("hapscene-*/unfinished.csv")))
+
+
+def drop(page: Page, files: Mapping[str, bytes | int]) -> None:
+    """Drop files on the page, as upload.js does; of those that are a number the size alone, nothing comes."""
+    host = page.url.removeprefix("http://").rstrip("/")
+    origin: Any = f"http://{host.partition('/')[0]}"
+    with connect(f"ws://{host}{UPLOAD_PATH}", origin=origin) as wire:
+        sizes = {name: content if isinstance(content, int) else len(content) for name, content in files.items()}
+        wire.send(json.dumps({"files": [{"name": name, "size": size} for name, size in sizes.items()]}))
+        with contextlib.suppress(ConnectionClosed):
+            for content in files.values():
+                if isinstance(content, bytes) and content:
+                    wire.send(content)
+        if not any(isinstance(content, int) for content in files.values()):
+            with contextlib.suppress(ConnectionClosed):
+                wire.recv(30.0)
 
 
 def test_a_file_that_changed_meanwhile_is_asked_about(page: Page, tab: Tab) -> None:

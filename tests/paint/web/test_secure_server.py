@@ -104,7 +104,9 @@ def server() -> Iterator[Any]:
 
     files = {"/ours.js": StaticFile("application/javascript", b"ours")}
     log = CountedLog().logger
-    with guarded("127.0.0.1", TOKEN, files, lambda p: p.replace(b"<head>", b"<head><!-- ours -->", 1), echo, log):
+    with guarded(
+        "127.0.0.1", TOKEN, files, lambda p: p.replace(b"<head>", b"<head><!-- ours -->", 1), {SOCKET_PATH: echo}, log
+    ):
         made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     harden(made, log)
     yield made

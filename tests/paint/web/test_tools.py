@@ -137,3 +137,83 @@ def test_a_stroke_that_was_saved_in_the_middle_has_painted(page: Page, tab: Tab)
     tab.point("up", TOP)
     tab.settle()
     assert not any("already" in said for said in tab.said)
+
+
+def test_a_lasso_and_a_polygon_paint_what_is_seen_inside(page: Page, tab: Tab) -> None:
+    page.context.tools.choose_swatch("wood", "wood")
+    corners = [TOP + d for d in np.array([(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]) * 1e-3]
+    tab.send("tool", name="lasso")
+    lasso = drawn(page, tab, *corners, corners[0])
+    tab.send("tool", name="polygon")
+    for corner in (*corners, corners[0]):  # a click on the first closes it
+        tab.point("down", corner)
+        tab.point("up", corner)
+        tab.settle()
+    ball = page.context.session.scene.bodies[0]
+    np.testing.assert_array_equal(ball.face_swatch, lasso[0])
+    assert (lasso[0] != 0).any() and ball.fine is not None and tab.state["outline"] is None
+    z = ball.mesh.triangles_m.mean(axis=1) @ ball.X_WB[2, :3]
+    assert z[lasso[0] != 0].min() > 0.0  # not the other side
+    tab.send("undo")
+    page.context.tools.through = True
+    tab.send("tool", name="lasso")
+    through = drawn(page, tab, *corners, corners[0])
+    assert z[through[0] != 0].min() < 0.0
+
+
+def test_a_polygon_closes_by_a_key_and_goes_with_its_tool(page: Page, tab: Tab) -> None:
+    tab.send("tool", name="polygon")
+    for place in (TOP, ASIDE, np.add(TOP, (0.0, 0.006, 0.0))):
+        tab.point("hover", place)
+        tab.point("down", place)
+        tab.point("up", place)
+        tab.settle()
+    assert len(tab.state["outline"]["corners"]) == 3
+    tab.send("close")
+    tab.settle()
+    assert page.context.session.painting.undo_text.startswith("fill polygon")
+    for do, what in (("tool", {"name": "brush"}), ("leave", {})):  # another tool, or Escape
+        tab.send("tool", name="polygon")
+        tab.point("down", TOP)
+        tab.settle()
+        assert tab.state["outline"]
+        tab.send(do, **what)
+        tab.settle()
+        assert tab.state["outline"] is None
+
+
+def test_a_key_takes_the_swatch_under_the_pointer(page: Page, tab: Tab) -> None:
+    page.context.session.fill_body("ball", "paper")
+    page.context.tools.choose_swatch("wood", "wood")
+    tab.point("hover", TOP)
+    tab.send("sample", client=tab.client)
+    tab.settle()
+    assert page.context.tools.chosen == "paper" and page.context.tools.name == "brush"
+
+
+def test_what_a_fill_takes_is_lit_before_the_click(page: Page, tab: Tab) -> None:
+    page.context.tools.angle_rad = 0.01
+    tab.send("tool", name="fill")
+    tab.point("hover", TOP)
+    until(lambda: "/mark/light" in tab.nodes)
+    lit = len(page.context.tools._preview._light.faces)
+    page.context.tools.fill = "whole body"
+    tab.point("hover", TOP)
+    tab.settle()
+    assert 0 < lit < len(page.context.tools._preview._light.faces)
+    tab.point("hover", np.array([0.0, 0.9, 0.0]))
+    until(lambda: "/mark/light" not in tab.nodes)
+
+
+def test_a_step_of_the_list_is_gone_to(page: Page, tab: Tab) -> None:
+    session = page.context.session
+    start = session.scene.bodies[0].face_swatch.copy()
+    for swatch in ("paper", "plain", "paper"):
+        session.fill_body("ball", swatch)
+    tab.send("tool", name="box")  # the page looks again
+    until(lambda: tab.control("● fill whole body, 1,280 faces"))
+    tab.set("As it was at first", True)
+    until(lambda: len(session.history.undone) == 3)
+    np.testing.assert_array_equal(session.scene.bodies[0].face_swatch, start)
+    tab.set("↷ fill whole body, 1,280 faces", True)
+    until(lambda: len(session.history.undone) == 2)  # the last of these rows

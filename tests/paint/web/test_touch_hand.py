@@ -12,6 +12,8 @@ import pytest
 from hapscene.constants import DEFAULT_GRIP
 from hapscene.device.hand import GRIPS
 from hapscene.errors import HapsceneError
+from hapscene.paint.composing import Composing
+from hapscene.paint.painting import Painting
 from hapscene.paint.web.hand_config import HAND_DEVICES, NO_HANDLE, HandConfig
 from hapscene.paint.web.touch_hand import HOVER_M, IDLE_S, LIFT_M, TouchHand, aim_point
 from hapscene.scene.scene import Scene
@@ -352,3 +354,56 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
     start_s = time.monotonic()
     asyncio.run(main())
     assert time.monotonic() - start_s < 30.0 and made[0].closed
+
+
+def test_bodies_that_come_move_and_go_are_felt_where_they_are() -> None:
+    """A plate is moved to the hand, another comes, grows, and the first one goes."""
+
+    async def touched(touch: TouchHand, place: np.ndarray) -> str:
+        touch.press(place, np.array([0.0, 0.0, 1.0]), 1.0, 500.0)
+        end_s = time.monotonic() + 120.0
+        while True:
+            assert time.monotonic() < end_s, "nothing is felt there"
+            await asyncio.sleep(0.02)
+            read = touch.read(time.monotonic())
+            if read is not None and read[0].touching and np.linalg.norm(read[0].p_WP_m - place) < 0.002:
+                touch.lift(time.monotonic())
+                return str(touch.servo.body_names[read[0].body])
+
+    async def act() -> None:
+        said: list[str] = []
+        painting = Painting(one_plate())
+        composing = Composing(painting)
+        touch = TouchHand(lambda text, kind: said.append(text), HandConfig("omni-point", "medium", NO_HANDLE))
+        try:
+            await touch.open(painting.snapshot(), 0.001)
+            X_WB = np.eye(4)
+            X_WB[:3, 3] = (0.0, 0.0, 0.1)
+            composing.move("plate", X_WB)
+            touch.repaint(painting.snapshot())
+            assert await touched(touch, np.array([0.0, 0.0, 0.105])) == "plate"
+            X_WB[:3, 3] = (0.3, 0.0, 0.0)
+            composing.move("plate", X_WB)
+            (other,) = composing.add(one_plate(), beside=False)
+            touch.repaint(painting.snapshot())
+            assert await touched(touch, np.array([0.0, 0.0, 0.005])) == other == "plate 2"
+            composing.scale(other, 2.0)
+            composing.delete("plate")
+            touch.repaint(painting.snapshot())
+            assert await touched(touch, np.array([0.035, 0.0, 0.01])) == other
+            composing.scale(other, 20.0)  # too large to be added: the hand starts anew
+            touch.repaint(painting.snapshot())
+            while touch._sending:
+                await asyncio.sleep(0.02)
+            assert await touched(touch, np.array([0.3, 0.1, 0.2])) == other
+            assert not said
+        finally:
+            touch.close()
+
+    asyncio.run(act())
+
+
+def one_plate() -> Scene:
+    scene = Scene()
+    scene.add(plate_mesh(0.01, cells=1), name="plate", swatch="wood")
+    return scene

@@ -1,0 +1,165 @@
+"""The brush while it is down: where it goes on the surface, and what it paints there."""
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hapscene.errors import SceneError
+from hapscene.paint.paintable_mesh import Hit
+from hapscene.paint.painting import ERASE, Painting
+from hapscene.paint.symmetry import NONE, Symmetry
+from hapscene.scene.region import Tube
+
+Ray = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""From where (3,) [m], and which way (3,), a unit vector."""
+
+SPLIT_MAX: Final = 64
+"""Most pieces that one move of the pointer is split into [count]: a sweep over a window's width at some 20 pixels."""
+
+STEP_SHARE: Final = 0.5
+"""Longest way between two places of a stroke before the move is split, in radii of the brush [1]: a surface curved like
+the brush itself is left by 3 % of the radius."""
+
+
+@dataclass(frozen=True)
+class Brush:
+    """A brush.
+
+    Attributes:
+        radius_m: how far it paints [m].
+        softness: what share of the radius its border goes over, inwards [0, 1]: 0 is sharp.
+        opacity: how much of its swatch it puts over what is there [0, 1].
+        through: whether it paints all that is within its radius: also what the eye does not see.
+        symmetry: where else it paints.
+
+    Raises:
+        SceneError: a number is out of its range.
+    """
+
+    radius_m: float
+    softness: float = 0.0
+    opacity: float = 1.0
+    through: bool = False
+    symmetry: Symmetry = NONE
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.radius_m) and self.radius_m > 0.0):
+            raise SceneError(f"a brush's radius must be above 0 mm, is {self.radius_m * 1e3:g} mm")
+        if not (0.0 <= self.softness <= 1.0 and 0.0 < self.opacity <= 1.0):
+            raise SceneError(
+                f"softness is 0 to 1 and opacity above 0 to 1, they are {self.softness:g} and {self.opacity:g}"
+            )
+
+
+@dataclass(eq=False)
+class _Tip:
+    """The brush itself, or one of its images: where it was last, and the ray that led there."""
+
+    image_W: NDArray[np.float64]
+    last: Hit | None = None
+    ray: Ray | None = field(default=None, repr=False)
+
+
+class Stroke:
+    """Where the brush goes while it is down: opens a step of the painting, and paints in it at once.
+
+    Raises:
+        SceneError: no such swatch.
+    """
+
+    def __init__(self, painting: Painting, swatch: int | str, brush: Brush) -> None:
+        painting.begin_step("eraser" if swatch == ERASE else "brush", swatch)
+        self._painting, self._brush = painting, brush
+        self._tips: list[_Tip] = []
+
+    def to(self, hit: Hit | None) -> int:
+        """As `Session.stroke_to`."""
+        tips = self._tips_of(hit)
+        count = self._draw(tips[0], [hit])
+        for tip in tips[1:]:
+            image = hit
+            if hit is not None:
+                R, above_W_m = tip.image_W[:3, :3], hit.p_W_m + self._brush.radius_m * hit.nhat_W
+                image = self._pick(hit, R @ above_W_m + tip.image_W[:3, 3], -R @ hit.nhat_W)
+            count += self._draw(tip, [image])
+        return count
+
+    def drag_to(self, origin_W_m: ArrayLike, direction_W: ArrayLike) -> Hit | None:
+        """As `Session.drag_to`."""
+        hit = self._painting.pick(origin_W_m, direction_W, seen=True)
+        origin, direction = np.asarray(origin_W_m, np.float64), np.asarray(direction_W, np.float64)
+        length = float(np.linalg.norm(direction))
+        if length > 0.0:
+            for tip in self._tips_of(hit):
+                R = tip.image_W[:3, :3]
+                self._drag(tip, (R @ origin + tip.image_W[:3, 3], R @ direction / length), hit)
+        return hit
+
+    def _drag(self, tip: _Tip, ray: Ray, first: Hit | None) -> None:
+        hit = self._pick(first, *ray)
+        way: list[Hit | None] = []
+        if tip.ray is not None:
+            (o, d), count = tip.ray, self._pieces(tip, ray, hit)
+            shares = np.arange(1, count) / count
+            way = [self._pick(first, o + share * (ray[0] - o), d + share * (ray[1] - d)) for share in shares]
+        tip.ray = ray
+        self._draw(tip, [*way, hit], ray[0])
+
+    def _pick(self, first: Hit | None, origin_W_m: NDArray[np.float64], direction_W: NDArray[np.float64]) -> Hit | None:
+        """What a tip's ray meets; of an image, on the body that the brush itself is on."""
+        hit = self._painting.pick(origin_W_m, direction_W, seen=True)
+        return hit if len(self._tips) == 1 or (hit and first and hit.body == first.body) else None
+
+    def _tips_of(self, hit: Hit | None) -> list[_Tip]:
+        """The brush and its images, which are those of the body that it met first."""
+        if not self._tips or (hit is not None and len(self._tips) == 1 and self._brush.symmetry != NONE):
+            bodies, symmetry = self._painting.scene.bodies, self._brush.symmetry
+            images = [np.eye(4)] if hit is None else symmetry.images_W(bodies[hit.body])
+            known = self._tips[:1]
+            self._tips = [*known, *map(_Tip, images[len(known) :])]
+        return self._tips
+
+    def _draw(self, tip: _Tip, way: list[Hit | None], eye_W_m: NDArray[np.float64] | None = None) -> int:
+        """Paint from where a tip was over places, lifted at each None; how many faces it reached."""
+        count, line = 0, [tip.last] if tip.last is not None else []
+        for hit in way:
+            if line and (hit is None or hit.body != line[0].body):
+                count += self._paint(line, eye_W_m) if line != [tip.last] else 0
+                line = []
+            if hit is not None:
+                line.append(hit)
+        count += self._paint(line, eye_W_m) if line and line != [tip.last] else 0
+        tip.last = way[-1]
+        return count
+
+    def _paint(self, line: list[Hit], eye_W_m: NDArray[np.float64] | None) -> int:
+        """Paint along places on one body; how many faces it reached."""
+        brush, body, shape = self._brush, line[0].body, self._painting.shapes[line[0].body]
+        soft_m = brush.softness * brush.radius_m  # inwards: nothing outside of the ring
+        points_m = np.array([hit.p_B_m for hit in line])
+        region = Tube(points_m, brush.radius_m - soft_m / 2)
+        if brush.through:
+            faces: NDArray[np.integer] = shape.near(Tube(points_m, brush.radius_m))
+            return self._painting.paint_region(body, region, faces, soft_m, brush.opacity)
+        ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
+        touched = [shape.brush((a.face, b.face), (a.p_B_m, b.p_B_m), brush.radius_m, touched=True) for a, b in ends]
+        faces = np.unique(np.concatenate(touched))
+        if eye_W_m is not None:
+            faces = np.union1d(self._painting.seen(body, faces, eye_W_m), [hit.face for hit in line])
+        return self._painting.paint_region(body, region, faces, soft_m, brush.opacity)
+
+    def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
+        """How many pieces a move is split into."""
+        known = [h for h in (hit, tip.last) if h is not None]
+        was = tip.ray
+        if not known or was is None:
+            return 1
+        depth_m = max(h.distance_m for h in known)
+        way_m = float(np.linalg.norm(now[0] - was[0])) + depth_m * float(np.linalg.norm(now[1] - was[1]))
+        if len(known) == 2:
+            way_m = max(way_m, float(np.linalg.norm(known[0].p_W_m - known[1].p_W_m)))
+        return int(min(max(math.ceil(way_m / (STEP_SHARE * self._brush.radius_m)), 1), SPLIT_MAX))

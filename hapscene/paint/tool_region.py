@@ -1,0 +1,72 @@
+"""Regions that tools draw: a box that is turned, and an outline on the screen. In the frame of a body."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.native import native
+from hapscene.scene.region import Volume
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedBox(Volume):
+    """A box by its pose (4, 4), its middle and axes, which may be mirrored, and its edges (3,) [m]."""
+
+    X_BK: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the sides, negative within."""
+        past = np.abs((points_m - self.X_BK[:3, 3]) @ self.X_BK[:3, :3]) - self.size_m / 2
+        return np.asarray(np.linalg.norm(np.maximum(past, 0.0), axis=1) + np.minimum(past.max(axis=1), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Outline(Volume):
+    """What lies behind a closed line on the screen, as an eye sees it.
+
+    Attributes:
+        X_EB: (4, 4) from the body's frame to the eye's: z goes into the picture; mirrored where the picture is.
+        corners: (k, 2) of the line, x and y at z = 1.
+    """
+
+    X_EB: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    is_convex: ClassVar[bool] = False
+
+    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance (n,) [m] of points (n, 3) from the border, negative within; at most the true one.
+
+        A ray that differs by d at z = 1 from that of a point at depth z passes by it no nearer than z d over the
+        ray's own length at z = 1.
+        """
+        p_E = points_m @ self.X_EB[:3, :3].T + self.X_EB[:3, 3]
+        depth = p_E[:, 2]
+        behind = depth <= 0.0
+        seen = p_E[:, :2] / np.where(behind, 1.0, depth)[:, None]
+        away = np.empty(len(seen))
+        signed_distance(seen, np.ascontiguousarray(self.corners), away)
+        longest = np.sqrt(1.0 + (self.corners**2).sum(axis=1).max())
+        return np.where(behind, np.maximum(-depth, 0.0), depth * away / longest)
+
+
+@native
+def signed_distance(places: Any, corners: Any, away: Any) -> None:
+    """Write how far places (n, 2) are from a closed line of corners (k, 2), negative inside, into `away` (n,)."""
+    for i in range(len(places)):
+        x, y = places[i, 0], places[i, 1]
+        nearest2, inside = np.inf, False
+        ax, ay = corners[-1, 0], corners[-1, 1]
+        for k in range(len(corners)):
+            bx, by = corners[k, 0], corners[k, 1]
+            sx, sy, px, py = bx - ax, by - ay, x - ax, y - ay
+            length2 = sx * sx + sy * sy
+            t = min(max((px * sx + py * sy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+            gap_x, gap_y = px - t * sx, py - t * sy
+            nearest2 = min(nearest2, gap_x * gap_x + gap_y * gap_y)
+            if (ay > y) != (by > y) and px < py * sx / sy:
+                inside = not inside
+            ax, ay = bx, by
+        away[i] = -np.sqrt(nearest2) if inside else np.sqrt(nearest2)

@@ -1,0 +1,410 @@
+"""The tab Bodies: what the scene is composed of, as a tree; where each body is, how large, and what it hangs on.
+
+The tree and its fields are a piece of HTML of ours, whose buttons and fields `bodies.js` tells of: viser has no tree,
+and its number fields count at every key.
+"""
+
+import asyncio
+import inspect
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import HapsceneError, MeshError, SceneError
+from hapscene.paint.composing import numbered
+from hapscene.paint.web.page_context import PageContext, aria, escape_html, set_html
+from hapscene.paint.web.scene_view import rotation
+from hapscene.scene.body import Body
+from hapscene.scene.mesh import UNIT_M, Mesh
+from hapscene.scene.mesh_file import FORMATS, UNITLESS, load_mesh
+from hapscene.scene.scene import Scene
+from hapscene.scene.size_advice import LIKELY_M, dimensions, size_advice
+
+MESHES: Final = tuple(f".{suffix}" for suffix in FORMATS if suffix != "zip")
+BESIDE: Final = (".mtl", ".bin", ".png", ".jpg", ".jpeg")
+"""Files that a mesh names beside itself, and that are no meshes."""
+
+ROW_MAX: Final = 200
+"""Most bodies that the tree shows [count]."""
+
+UNITS: Final = ("mm", "cm", "m", "in")
+"""Units that are offered for a mesh whose file says none."""
+
+SHAPES: Final = ("plate", "ball", "cylinder")
+"""What can be added without a file, some centimetres large."""
+
+ASK_MAX: Final = 3
+"""Most bodies whose size is asked for at once [count]: of a whole assembly's parts, the tab tells."""
+
+AXES: Final = "xyz"
+
+
+class BodyPanel:
+    """The tree of bodies, and the fields of the one that is chosen.
+
+    Args:
+        context: the page.
+        container: the tab.
+
+    Attributes:
+        chosen: name of the body whose fields are seen; None for none.
+        dragging: whether its handles are held.
+    """
+
+    def __init__(self, context: PageContext, container: Any) -> None:
+        self._context = context
+        self._composing = context.session.composing
+        self.chosen: str | None = None
+        self.dragging = False
+        self._handles = True
+        with container:
+            self._tree = context.server.gui.add_html("")
+            self._fields = context.server.gui.add_html("")
+        self._acts: Mapping[str, Callable[[str, str], Any]] = {
+            "choose": self._choose,
+            "hide": lambda name, _: self._composing.hide(name, name not in context.session.painting.hidden),
+            "lock": lambda name, _: self._composing.lock(name, name not in context.session.painting.locked),
+            "isolate": self._isolate,
+            "copy": lambda name, _: self._take_up(self._composing.copy(name)),
+            "delete": lambda name, _: self._composing.delete(name),
+            "handles": self._turn_handles,
+            "up": self._composing.stand,
+            "name": self._rename,
+            "parent": lambda name, value: self._composing.hang(name, value or None),
+            "scale": lambda name, value: self._scale(name, _number(value) / self._composing.scale_of(name)),
+            "fit": lambda name, value: self._fit(name, _number(value)),
+            "shape": lambda _, value: self._take_up(self._composing.add(shape_scene(value))[0]),
+            **{f"place {axis}": self._move_to for axis in AXES},
+            **{f"turn {axis}": self._turn_to for axis in AXES},
+            **{f"size {axis}": self._resize for axis in AXES},
+        }
+        self._what = ""
+        self.show()
+
+    async def act(self, message: Mapping[str, Any]) -> None:
+        """Do what a button or field of the tab says.
+
+        Raises:
+            SceneError: what the scene refuses.
+        """
+        self._what, name, value = (str(message.get(key, ""))[:1000] for key in ("act", "body", "value"))
+        if self._what in self._acts:
+            self._context.tools.finish()
+            result = self._acts[self._what](name, value.strip())
+            if inspect.isawaitable(result):
+                await result
+
+    def show(self) -> None:
+        """Have tree and fields as the scene is."""
+        bodies = {body.name: body for body in self._context.session.scene.bodies}
+        if self.chosen not in bodies:
+            self.chosen = None
+        set_html(self._tree, self._tree_html())
+        set_html(self._fields, "" if self.chosen is None else self._fields_html(bodies[self.chosen]))
+        locked = self.chosen in self._context.session.painting.locked
+        if not self.dragging:
+            held = None if self.chosen is None or locked or not self._handles else bodies[self.chosen]
+            self._context.view.show_handles(None if held is None else held.X_WB @ _middle(held), self._drag)
+
+    # --- what is done ---
+
+    def _choose(self, name: str, _: str) -> None:
+        self.chosen = None if name == self.chosen else self._context.session.scene.body(name).name
+
+    def _take_up(self, name: str) -> None:
+        self.chosen = name
+
+    def _rename(self, name: str, value: str) -> None:
+        self._composing.rename(name, value)
+        self.chosen = value
+
+    def _isolate(self, name: str, _: str) -> None:
+        self._composing.isolate(None if self._context.session.painting.hidden else name)
+
+    def _turn_handles(self, name: str, _: str) -> None:
+        self._handles = not self._handles
+
+    def _move_to(self, name: str, value: str) -> None:
+        X_WB = self._context.session.scene.body(name).X_WB.copy()
+        X_WB[AXES.index(self._what[-1]), 3] = 1e-3 * _number(value)
+        self._composing.move(name, X_WB)
+
+    def _turn_to(self, name: str, value: str) -> None:
+        body = self._context.session.scene.body(name)
+        angles = _angles(body)
+        angles[AXES.index(self._what[-1])] = _number(value)
+        self._composing.move(name, _turned(body, rotation(angles)))
+
+    async def _scale(self, name: str, factor: float, beside: bool = False) -> None:
+        """Have a body another size; what takes long is done beside."""
+        composing, view = self._composing, self._context.view
+        await asyncio.to_thread(lambda: view.prepare([composing.scaled_mesh(name, factor)]))
+        composing.scale(name, factor, beside=beside)
+
+    async def _resize(self, name: str, value: str) -> None:
+        size_m = np.ptp(self._context.session.scene.body(name).mesh.bounds_m, axis=0)[AXES.index(self._what[-1])]
+        if not size_m > 0.0:
+            raise SceneError(f"body {name!r} is flat along {self._what[-1]}: give another of its sizes")
+        await self._scale(name, 1e-3 * _number(value) / float(size_m))
+
+    def _drag(self, phase: str, X_WG: NDArray[np.float64]) -> None:
+        """The handles were taken, moved, or let go."""
+        if phase == "start" or not self.dragging:
+            self._composing.begin_move()
+        self.dragging = phase != "end"
+        if self.chosen is not None and phase == "update":
+            body = self._context.session.scene.body(self.chosen)
+            self._composing.move(self.chosen, X_WG @ np.linalg.inv(_middle(body)), goes_on=True)
+        self._context.refresh()
+
+    # --- meshes from files ---
+
+    async def take(self, files: Sequence[Path]) -> None:
+        """Add meshes that were dropped on the page: they are copied into the scene's folder.
+
+        Raises:
+            HapsceneError: one that cannot be loaded; those before it are added.
+        """
+        meshes = [file for file in files if file.suffix.lower() in MESHES]
+        if not meshes:
+            raise MeshError(f"{files[0].name}: goes with a mesh: drop both together")
+        path = self._context.session.path
+        assert path is not None
+        folder, loose = path.parent, len(meshes) == len(files)
+        if not loose:  # what a mesh names beside itself keeps its name there
+            folder = folder / numbered(meshes[0].stem, [other.name for other in folder.iterdir()])
+            folder.mkdir()
+        made = await asyncio.to_thread(lambda: [_put(file, folder) for file in files])
+        copied = {file.name: copy for file, (copy, _) in zip(files, made, strict=True)}
+        try:
+            for mesh in meshes:
+                await self._add(copied[mesh.name])
+        except BaseException as error:
+            used = {body.mesh.path for body in self._context.session.scene.bodies}
+            for copy, is_new in made:
+                if is_new and copy not in used and loose:
+                    copy.unlink(missing_ok=True)
+            if not loose and not any(copy in used for copy, _ in made):
+                shutil.rmtree(folder, ignore_errors=True)
+            if isinstance(error, HapsceneError):  # of the file that was dropped: its copy is gone
+                raise MeshError(str(error).replace(f"{folder}/", "")) from None
+            raise
+
+    async def _add(self, file: Path) -> None:
+        from hapscene.touch import open_scene
+
+        loop, view = asyncio.get_running_loop(), self._context.view
+        unit = None
+        self._context.socket.say(f"Reading {file.name} …")
+
+        def load() -> Scene:
+            scene = open_scene(file, unit)
+            view.prepare([body.mesh for body in scene.bodies])
+            return scene
+
+        if file.suffix.lower().lstrip(".") in UNITLESS:
+            raw = await loop.run_in_executor(None, load_mesh, file, "m")
+            unit = await self._ask_unit(file.name, raw)
+        scene = await loop.run_in_executor(None, load)
+        names = self._composing.add(scene)
+        self.chosen = names[0]
+        self._context.refresh()
+        size_m = np.ptp(scene.bodies[0].mesh.bounds_m, axis=0)
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        self._context.socket.say(f"Added {names[0]}{more}: {dimensions(size_m)}.")
+        self.ask_sizes(scene.bodies)
+
+    def ask_sizes(self, bodies: Sequence[Body]) -> None:
+        """Ask of each body that has no size for a hand and its device whether to have it in another."""
+        asked = []
+        for body in bodies:
+            advice = size_advice(body.mesh, self._context.touch.config.limits)
+            if advice.scale is not None:
+                asked.append(
+                    (body.name, advice.words.rpartition("; ")[0], advice.scale, np.ptp(body.mesh.bounds_m, axis=0))
+                )
+        for name, words, scale, size_m in reversed(asked if len(asked) <= ASK_MAX else []):
+            self._context.ask(
+                "Is it of that size?",
+                f"{words}.",
+                (f"Make it {dimensions(scale * size_m)}", None, partial(self._fit, name, scale)),
+                ("Leave it", "gray", lambda: None),
+            )
+
+    async def _fit(self, name: str, scale: float) -> None:
+        await self._scale(name, scale, beside=True)
+
+    async def _ask_unit(self, name: str, raw: Mesh) -> str:
+        """The unit of a mesh whose file says none, loaded as if in metres."""
+        answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        size_m = np.ptp(raw.bounds_m, axis=0)
+        diagonal_m = float(np.linalg.norm(size_m))
+        likely = [unit for unit in UNITS if LIKELY_M[0] <= UNIT_M[unit] * diagonal_m <= LIKELY_M[1]]
+        choices = [
+            (f"{unit}: {dimensions(UNIT_M[unit] * size_m)}", None if unit in likely else "gray", unit)
+            for unit in sorted(UNITS, key=lambda unit: unit not in likely[:1])
+        ]
+
+        def choose(unit: str) -> Callable[[], None]:
+            return lambda: None if answer.done() else answer.set_result(unit)
+
+        self._context.ask(
+            "Which unit?",
+            f"{name} does not say the unit of its numbers. How large is it?",
+            *((text, colour, choose(unit)) for text, colour, unit in (*choices, ("Do not add it", "gray", ""))),
+        )
+        question = self._context.questions[-1]
+        while not answer.done() and not question.closed:  # Escape closes it
+            await asyncio.wait([answer], timeout=0.3)
+        if not answer.done() or not answer.result():
+            raise MeshError(f"{name}: not added")
+        return answer.result()
+
+    # --- what is seen ---
+
+    def _tree_html(self) -> str:
+        painting, tree = self._context.session.painting, self._composing.tree()
+        rows = []
+        for body, depth in tree[:ROW_MAX]:
+            name, hidden, locked = escape_html(body.name), body.name in painting.hidden, body.name in painting.locked
+            row = _button("choose", name, name, body.name == self.chosen, f"{len(body.mesh.faces):,} faces")
+            marks = _button("hide", "Show" if hidden else "Hide", name, hidden, "It is not seen, nor painted")
+            marks += _button("lock", "Unlock" if locked else "Lock", name, locked, "It is not painted, nor moved")
+            rows.append(
+                f'<div role="treeitem" aria-level="{depth + 1}" aria-selected="{aria(body.name == self.chosen)}" '
+                f'style="--depth:{depth}"{" class=off" * hidden}>{row}{marks}</div>'
+            )
+        if len(tree) > ROW_MAX:
+            rows.append(f"<div>… and {len(tree) - ROW_MAX:,} more</div>")
+        accept = ",".join((*MESHES, *BESIDE))
+        shapes = "".join(f"<option>{shape}</option>" for shape in SHAPES)
+        return (
+            f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
+            f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, 3MF, STEP …">Add meshes …</button>'
+            f'<select data-body-set="shape" aria-label="Add a shape"><option value="">Add a shape …</option>{shapes}'
+            '</select></p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p></div>'
+        )
+
+    def _fields_html(self, body: Body) -> str:
+        name, bodies = escape_html(body.name), self._context.session.scene.bodies
+        parent = body.parent and escape_html(body.parent)
+        below = {child.name for child in self._context.session.scene.hanging_on(body.name)} | {body.name}
+        parents = "".join(
+            f'<option value="{other}"{" selected" * (other == parent)}>{other}</option>'
+            for other in (escape_html(other.name) for other in bodies[:ROW_MAX] if other.name not in below)
+        )
+        size_m = np.ptp(body.mesh.bounds_m, axis=0)
+        rows = [
+            ("Name", f'<input data-body-set="name" data-body="{name}" value="{name}" aria-label="Name">'),
+            (
+                "Hangs on",
+                f'<select data-body-set="parent" data-body="{name}" aria-label="Hangs on"><option value="">nothing'
+                f"</option>{parents}</select>",
+            ),
+            ("Place [mm]", _three("place", name, 1e3 * body.X_WB[:3, 3])),
+            ("Turn [°]", _three("turn", name, _angles(body))),
+            ("Size [mm]", _three("size", name, 1e3 * size_m)),
+            ("Scale", _field("scale", name, self._composing.scale_of(body.name))),
+        ]
+        table = "".join(f"<tr><th>{label}</th><td>{field}</td></tr>" for label, field in rows)
+        device = self._context.touch.config.limits
+        advice, hint = size_advice(body.mesh, device), ""
+        if advice.scale is not None:
+            fitting = dimensions(advice.scale * size_m)
+            hint = f'<p class="dim">It is {escape_html(advice.size)}. '
+            hint += _button("fit", f"Make it {fitting}", name, None, escape_html(advice.words), f"{advice.scale!r}")
+            hint += "</p>"
+        hidden = bool(self._context.session.painting.hidden)
+        buttons = [
+            _button("copy", "Copy", name, None, "Another body of the same mesh, beside it"),
+            _button("delete", "Delete", name, None, "Ctrl Z brings it back"),
+            _button("isolate", "Show all" if hidden else "Isolate", name, None, "See this body alone, or all again"),
+            _button("handles", "Handles", name, self._handles, "Arrows and rings in the picture that move and turn it"),
+            _button("up", "Up: y → z", name, None, "Turn it by 90° about x, to stand", "y"),
+            _button("up", "z → y", name, None, "Turn it back", "z"),
+        ]
+        return f'<div class="hs-bodies"><table>{table}</table>{hint}<p>{"".join(buttons)}</p></div>'
+
+
+def _button(act: str, text: str, name: str, pressed: bool | None, title: str, value: str = "") -> str:
+    """A button of the tab, of escaped texts."""
+    held = "" if pressed is None else f' aria-pressed="{aria(pressed)}"'
+    return f'<button data-body-act="{act}" data-body="{name}" value="{value}" title="{title}"{held}>{text}</button>'
+
+
+def _field(act: str, name: str, value: float) -> str:
+    shown = f"{round(float(value), 6) + 0.0:.6g}"
+    label = act.capitalize()
+    return f'<input data-body-set="{act}" data-body="{name}" value="{shown}" inputmode="numeric" aria-label="{label}">'
+
+
+def _three(act: str, name: str, values: NDArray[np.float64]) -> str:
+    return "".join(_field(f"{act} {axis}", name, value) for axis, value in zip(AXES, values.tolist(), strict=True))
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text.replace(",", ".")) if "_" not in text else np.nan
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or abs(value) > 1e9:
+        raise SceneError(f"{text!r:.40} is no number")
+    return value
+
+
+def _angles(body: Body) -> NDArray[np.float64]:
+    """By how much a body is turned about x, then y, then z [°]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(body.X_WB[:3, :3]).as_euler("xyz", degrees=True, suppress_warnings=True))
+
+
+def _middle(body: Body) -> NDArray[np.float64]:
+    """X_BG (4, 4) of a frame in the middle of a body."""
+    X_BG = np.eye(4)
+    X_BG[:3, 3] = body.mesh.bounds_m.mean(axis=0)
+    return X_BG
+
+
+def _turned(body: Body, R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Its pose turned to R, its middle where it is."""
+    X_BG = _middle(body)
+    X_WG = body.X_WB @ X_BG
+    X_WG[:3, :3] = R
+    return np.asarray(X_WG @ np.linalg.inv(X_BG))
+
+
+def _put(file: Path, folder: Path) -> tuple[Path, bool]:
+    """Copy a file into a folder, over no other; the copy, and whether it is new: one of that content may be there."""
+    there = folder / file.name
+    if there.is_file() and there.stat().st_size == file.stat().st_size and there.read_bytes() == file.read_bytes():
+        return there, False
+    stem = numbered(file.stem, [other.stem for other in folder.iterdir() if other.suffix == file.suffix])
+    there = folder / f"{stem}{file.suffix}"
+    shutil.copyfile(file, there)
+    return there, True
+
+
+def shape_scene(shape: str) -> Scene:
+    """A scene of one simple body, some centimetres large.
+
+    Raises:
+        SceneError: no such shape.
+    """
+    from trimesh import creation
+
+    if shape not in SHAPES:
+        raise SceneError(f"no shape {shape!r:.40}; there are: {', '.join(SHAPES)}")
+    made = {
+        "plate": lambda: creation.box((0.1, 0.1, 0.01)),
+        "ball": lambda: creation.icosphere(subdivisions=4, radius=0.03),
+        "cylinder": lambda: creation.cylinder(radius=0.02, height=0.08, sections=96),
+    }[shape]()
+    scene = Scene()
+    scene.add(Mesh.from_trimesh(made, "m"), name=shape)
+    return scene

@@ -1,0 +1,85 @@
+"""A phase of the tick of its own: the paint at a place, and two swatches at once where it is a blend of two.
+
+The effects know nothing of it. They have two memories, *banks*: each swatch of a blend is felt through one of them, and
+keeps it as long as it is felt. So what was pure, goes over into another and is that alone at the end never begins anew.
+"""
+
+from typing import Any
+
+from hapscene.constants import BLEND_S
+from hapscene.native import native
+from hapscene.surface.surface_arrays import CLEARED
+
+
+@native
+def paint_at(leaf: Any, low: int, high: int, bary: Any) -> int:
+    """Paint (see `hapscene.scene.fine_paint`) at barycentric coordinates (3,) of a face, leaves `low` to `high`."""
+    a, b, c = bary[0], bary[1], bary[2]
+    shift = 31
+    while high - low > 1 and shift >= 0:
+        edge = leaf[low].edge >> 2 * shift & 3
+        u, v = (b, c) if edge == 0 else (c, a) if edge == 1 else (a, b)
+        first, last = low, high  # of the second half: its leaves come last
+        while first < last:
+            middle = (first + last) // 2
+            if leaf[middle].path >> shift & 1 == 1:
+                last = middle
+            else:
+                first = middle + 1
+        if u >= v:
+            u, v, high = u - v, 2.0 * v, first
+        else:
+            u, v, low = 2.0 * u, v - u, first
+        if edge == 0:
+            b, c = u, v
+        elif edge == 1:
+            c, a = u, v
+        else:
+            a, b = u, v
+        shift -= 1
+    return int(leaf[low].paint)
+
+
+@native
+def take_paint(touch: Any, memory: Any, states: Any, passed_on: Any, paint: int) -> None:
+    """Have `touch` say what is felt of a paint: the swatches, the weight of the other one, what is new."""
+    swatch, other, wanted = paint & 0xFFFF, paint >> 16 & 0xFFFF, (paint >> 32) / 256.0
+    if wanted == 0.0:
+        other = -1
+    was = touch.swatch
+    if swatch != was and (swatch == touch.other or (other == was and was >= 0)):
+        if swatch != touch.other:  # a new one in the place of what was beside
+            if touch.other < 0:
+                _begin(touch, memory, states, passed_on)
+            touch.crossed = 1
+        memory.bank = 1 - memory.bank
+        touch.other, touch.weight = was, 1.0 - touch.weight
+    elif swatch != was:
+        touch.crossed = 1
+    touch.swatch = swatch
+    if other < 0 and touch.weight == 0.0:
+        touch.other = -1
+    if other >= 0 and other != touch.other:
+        if touch.other < 0:
+            _begin(touch, memory, states, passed_on)
+        touch.other, memory.other_crossed = other, 1
+    if touch.other < 0:
+        return
+    most = 1.0 if touch.began == 1 else touch.tick_s / BLEND_S
+    touch.weight += min(max(wanted - touch.weight, -most), most)
+
+
+@native
+def _begin(touch: Any, memory: Any, states: Any, passed_on: Any) -> None:
+    """Have the bank that is not in use go on from the other one, or begin anew; its random numbers stay its own."""
+    size = len(states) // 2
+    new, used = size * (1 - memory.bank), size * memory.bank
+    for k in range(len(passed_on)):
+        first, stop, fate = passed_on[k]
+        if fate == CLEARED:
+            states[new + first : new + stop] = 0
+        else:
+            for i in range(first, stop):
+                states[new + i] = states[used + i]
+    touch.weight = 0.0
+    memory.gain[memory.bank], memory.gain[1 - memory.bank] = 1.0, 0.0

@@ -1,0 +1,115 @@
+"""What a swatch looks like, where its colour alone does not say it: small pictures that repeat over the surface.
+
+A swatch's file comes from anybody, and so do its pictures: they are PNG, bounded in bytes and in pixels, which is known
+from their head before anything is unpacked.
+"""
+
+import io
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import SwatchError
+
+PICTURE_BYTES_MAX: Final = 256 * 1024
+"""Largest picture [bytes]."""
+
+PICTURE_PX_MAX: Final = 512
+"""Longest side of a picture [pixels]."""
+
+SIZE_M: Final = (1e-4, 10.0)
+"""Least and largest side of what a picture shows [m]."""
+
+_HEAD: Final = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+
+
+@dataclass(frozen=True)
+class Look:
+    """Pictures of a surface, which repeat.
+
+    Attributes:
+        roughness: from 0, a mirror, to 1, matt.
+        size_m: side of the square that the pictures show [m].
+        albedo_png: its colour, as a PNG file's content; empty for the swatch's one colour.
+        normal_png: its normals (x right, y up, z out of it, 0 to 255 for −1 to 1), likewise; empty where the relief is
+            made from the texture's spectrum.
+
+    Raises:
+        SwatchError: a number out of range; a picture that is no PNG, or too large.
+    """
+
+    roughness: float = 0.6
+    size_m: float = 0.01
+    albedo_png: bytes = b""
+    normal_png: bytes = b""
+
+    def __post_init__(self) -> None:
+        low, high = SIZE_M
+        for name, least, most in (("roughness", 0.0, 1.0), ("size_m", low, high)):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and least <= value <= most):
+                raise SwatchError(f"look.{name} must be from {least:g} to {most:g}, is {value}")
+        for name in ("albedo_png", "normal_png"):
+            _check_png(name, getattr(self, name))
+
+    def __repr__(self) -> str:
+        pictures = [name for name in ("albedo", "normal") if getattr(self, f"{name}_png")]
+        return f"<Look: roughness {self.roughness:g}, {' and '.join(pictures) or 'no'} picture>"
+
+    def albedo(self) -> NDArray[np.float64] | None:
+        """Colours (h, w, 3), 0 to 1; None without a picture, or where it is damaged."""
+        return _pixels(self.albedo_png)
+
+    def normal(self) -> NDArray[np.float64] | None:
+        """Unit normals (h, w, 3), likewise."""
+        pixels = _pixels(self.normal_png)
+        if pixels is None:
+            return None
+        n = 2.0 * pixels - 1.0
+        n[..., 2] = np.maximum(n[..., 2], 0.05)
+        return np.asarray(n / np.linalg.norm(n, axis=2, keepdims=True))
+
+
+def picture_png(pixels: NDArray[np.uint8]) -> bytes:
+    """Pixels (h, w, 3 or 4) as a PNG file's content that a look may have: smaller, where they are too large."""
+    from PIL import Image
+
+    image, px = Image.fromarray(pixels).convert("RGB"), PICTURE_PX_MAX
+    while True:
+        image.thumbnail((px, px))
+        file = io.BytesIO()
+        image.save(file, "PNG")
+        if file.tell() <= PICTURE_BYTES_MAX:
+            return file.getvalue()
+        px = px * 3 // 4
+
+
+def _check_png(name: str, content: bytes) -> None:
+    """Refuses what is no PNG, or too large, by its length and its head."""
+    if not content:
+        return
+    if len(content) > PICTURE_BYTES_MAX:
+        raise SwatchError(f"look.{name} has {len(content)} bytes; a picture has {PICTURE_BYTES_MAX} at most")
+    if not content.startswith(_HEAD) or len(content) < len(_HEAD) + 8:
+        raise SwatchError(f"look.{name} is no PNG picture")
+    width, height = (int.from_bytes(content[i : i + 4], "big") for i in (len(_HEAD), len(_HEAD) + 4))
+    if not (1 <= width <= PICTURE_PX_MAX and 1 <= height <= PICTURE_PX_MAX):
+        raise SwatchError(f"look.{name} is {width} × {height} pixels; each side must be 1 to {PICTURE_PX_MAX}")
+
+
+def _pixels(png: bytes) -> NDArray[np.float64] | None:
+    """Pixels (h, w, 3), 0 to 1; None where there are none, or they cannot be read."""
+    if not png:
+        return None
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(png), formats=("PNG",)) as picture:
+            if max(picture.size) > PICTURE_PX_MAX:  # a second head
+                return None
+            return np.asarray(picture.convert("RGB"), np.float64) / 255.0
+    except Exception:  # whatever a damaged picture brings about costs the picture alone
+        return None

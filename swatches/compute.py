@@ -1,0 +1,442 @@
+"""Computes the swatches of `swatches/computed`: python swatches/compute.py
+
+No surface was measured. Each is a height profile and an assumed material, slid under a steel ball that a hand holds:
+
+1. **Trace.** The ball (radius R) follows the highest place under it: a profile that repeats is dilated by the ball and
+   cut into its Fourier series h_n; a random one has the self-affine spectrum of heights C(q) ∝ (1 + (q L)²)^−(H + ½)
+   over the spatial frequency q, with the corner at the length L and the Hurst exponent H; a sandpaper's is its grain,
+   with the cusps' slope of −4.
+2. **Contact.** The patch of Hertz's contact, of radius a = (¾ F R/E*)^⅓, averages what is shorter than itself:
+   |W|² = 1/(1 + π/4 (2π q a)³), as rolling noise is reckoned. Nor does the ball reach into a random profile's valleys
+   narrower than its chord: a is √(2 R h) at least, h the rms height.
+3. **Speed.** f = q v: a line of the period λ lies at v/λ, a corner of the length L at v/L.
+4. **Tool.** Its mass on the contact's stiffness k = (6 E*² R F)^⅓, Hertz's too, in series with the tool's own, follows
+   what lies below its resonance, and is isolated from what lies above it. Acceleration is (2π f)² times the height.
+5. **Level.** The tool cannot be thrown harder than it is pressed: P = P₀/(1 + P₀/A²) with A = F/(c m), c the crest
+   factor: √2 of lines, 3 of noise.
+
+Speed is geometry, and Hertz's two formulas follow from his F = 4/3 E* √R d^(3/2). The spectrum, the filter of the patch
+and the bound on the level are assumptions, for which no paper was looked up. Each swatch says which of its material's
+numbers are from a table.
+
+The models stand at forces and speeds that are spaced evenly in ratio: the line spectral frequencies of a line move in
+proportion to its frequency, so that between two models it lies where it should.
+"""
+
+import io
+import math
+import sys
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.linalg import solve_toeplitz
+from scipy.special import gamma
+
+from hapscene.dsp.ar_filter import power_gain
+from hapscene.dsp.warped_prediction import warp_at, warped_angle
+from hapscene.surface.library import entry_of, write_index
+from hapscene.surface.look import Look
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import save_swatch
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 10_000.0
+TIP_M = 1.6e-3  # radius of the steel ball; assumed
+MASS_KG = 0.1  # of the tool and the fingers that move with it; assumed
+TOOL_HZ = 300.0  # where the tool rings on the hardest ground; assumed
+DAMPING = 0.05  # of the hand, beside half of the material's loss factor; assumed
+FORCES_N = (0.25, 1.0, 3.0)
+SPEED_COUNT = 14
+SPEED_MAX_M_S = 0.4
+SPEED_MIN_M_S = 0.01
+FELT_HZ = 20.0  # lines below it are not felt as texture: there the models end
+HEARD = 0.1  # acceleration of a harmonic over the first line's, below which it is left out
+LINE_COUNT = 3  # of a profile that repeats
+NOISE_ORDER = 10
+STIFFNESS_MAX_N_M = 700.0  # what a Phantom Omni renders
+TAP_SHARE = 0.08  # of a free mass's v ω: gives wood the 50 m/s² per m/s of the measured wood's assumption
+TAP_M_S = 0.3
+TIP = 212e9, 0.293  # steel, as below: Young's modulus [Pa], Poisson's ratio
+LICENCE = "MIT"
+SOURCE = (
+    "Computed, not measured: {what}, on {material}, under a steel ball of 1.6 mm radius that 0.1 kg press and hold. "
+    "Model: the ball's trace; Hertz's contact with a filter of its patch; a mass on that contact; the level bounded by "
+    "the pressing force; see swatches/compute.py. {tables}Assumed, from no source: {assumed}.{more} "
+    "Stiffness is what the contact has at 1 N, and 700 N/m at most, which devices render."
+)
+
+ASSUMED = ("elasticity", "loss", "friction", "the filter", "the bound", "mass and damping of tool and hand")
+
+# Where numbers of materials are from: each was looked up, and begins with what it is of.
+DOWLING = "elasticity by N. E. Dowling, Mechanical Behavior of Materials, table 5.2"
+GERE = "elasticity within the range of J. M. Gere, Mechanics of Materials, 5th ed."
+IRVINE = "loss by T. Irvine, Damping Properties of Materials (2004), table 2"
+ONTARIO = "friction by eCampusOntario, Physics Fundamentals, table A.1, clean and dry"
+LUST = "friction within the range of the Lust CDA3000 Engineering Guide, table 7.21, dry"
+SCHNEIDER = (
+    "friction at rest by the reference chart of Schneider & Company, greasy as what is touched, a little less sliding"
+)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What is assumed of a material, and how it looks.
+
+    Attributes:
+        said: its name.
+        young_Pa, poisson, loss: Young's modulus, Poisson's ratio, loss factor.
+        friction: on steel, at rest and sliding.
+        albedo_rgb, roughness: colour, and 0 for a mirror to 1 for matt.
+        tables: where numbers are from; the others are assumed.
+    """
+
+    said: str
+    young_Pa: float
+    poisson: float
+    loss: float
+    friction: tuple[float, float]
+    albedo_rgb: tuple[float, float, float]
+    roughness: float
+    tables: tuple[str, ...] = ()
+
+    @property
+    def contact_Pa(self) -> float:
+        """E* of the contact with the tip."""
+        return 1.0 / ((1 - self.poisson**2) / self.young_Pa + (1 - TIP[1] ** 2) / TIP[0])
+
+
+MATERIALS = {
+    "aluminium": Material(
+        "aluminium", 70.3e9, 0.345, 1e-4, (0.61, 0.47), (0.80, 0.81, 0.83), 0.35, (DOWLING, IRVINE, ONTARIO)
+    ),
+    "steel": Material("steel", *TIP, 3e-4, (0.25, 0.20), (0.62, 0.64, 0.67), 0.3, (DOWLING, IRVINE, LUST)),
+    "brass": Material(
+        "brass wire", 101e9, 0.350, 1e-3, (0.51, 0.44), (0.78, 0.63, 0.30), 0.35, (DOWLING, IRVINE, ONTARIO)
+    ),
+    "acrylic": Material("acrylic", 2.7e9, 0.35, 0.05, (0.40, 0.35), (0.45, 0.68, 0.86), 0.3, (DOWLING, LUST)),
+    "corundum": Material("corundum in resin", 20e9, 0.25, 0.03, (0.70, 0.60), (0.62, 0.36, 0.22), 1),
+    "silk": Material("silk yarn", 80e6, 0.35, 0.15, (0.25, 0.20), (0.80, 0.55, 0.67), 0.6),
+    "linen": Material("linen yarn", 20e6, 0.35, 0.20, (0.35, 0.30), (0.85, 0.78, 0.62), 0.95),
+    "cotton": Material("cotton yarn", 10e6, 0.35, 0.25, (0.45, 0.38), (0.20, 0.29, 0.47), 0.95),
+    "glass": Material("glass", 69e9, 0.20, 0.005, (0.25, 0.20), (0.66, 0.82, 0.80), 0.1, (DOWLING, SCHNEIDER)),
+    "soft rubber": Material("soft rubber", 1.5e6, 0.49, 0.25, (1.10, 0.95), (0.20, 0.20, 0.22), 0.8),
+    "hard rubber": Material("hard rubber", 20e6, 0.49, 0.15, (0.80, 0.65), (0.30, 0.27, 0.27), 0.65, (GERE,)),
+    "soft foam": Material("open-cell polyurethane foam", 60e3, 0.30, 0.40, (0.70, 0.60), (0.93, 0.84, 0.45), 1),
+    "firm foam": Material("closed-cell polyethylene foam", 1e6, 0.25, 0.30, (0.50, 0.45), (0.92, 0.93, 0.95), 0.85),
+    "granite": Material("granite", 49.6e9, 0.213, 0.01, (0.45, 0.40), (0.55, 0.50, 0.49), 0.35, (DOWLING,)),
+    "slate": Material("slate", 40e9, 0.25, 0.01, (0.45, 0.40), (0.30, 0.34, 0.38), 0.85),
+    "sandstone": Material("sandstone", 15e9, 0.25, 0.02, (0.60, 0.50), (0.80, 0.66, 0.47), 1),
+}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A profile that repeats with a period, or a random one, on a material.
+
+    Attributes:
+        what: the profile in words.
+        period_m: of a profile that repeats; 0 for a random one.
+        form: "wave", a sinusoid of the depth; "wires", cylinders of that diameter side by side; "ribs", half cylinders
+            of that height on a plane; or "noise".
+        depth_m: of a wave from top to bottom, the diameter of wires, the height of ribs; the rms of a random profile.
+        corner_m, hurst: length L and exponent H of a random profile.
+        grain_m: diameter of the grain that the ball touches one at a time; 0 for none.
+        sharpness: frequency over width of the lines: the evenness of the profile.
+    """
+
+    what: str
+    material: str
+    form: str
+    depth_m: float
+    period_m: float = 0.0
+    corner_m: float = 0.0
+    hurst: float = 0.8
+    grain_m: float = 0.0
+    sharpness: float = 30.0
+    more: str = ""
+
+
+def grating(period_mm: float, depth_um: float) -> Surface:
+    """A sinusoidal grating."""
+    what = f"a sinusoidal grating of {period_mm:g} mm, {depth_um:g} µm deep"
+    return Surface(what, "acrylic", "wave", 1e-6 * depth_um, 1e-3 * period_mm)
+
+
+def mesh(period_mm: float, wire_mm: float) -> Surface:
+    """Woven wire."""
+    what = f"woven wire of {wire_mm:g} mm, {period_mm:g} mm apart"
+    return Surface(what, "brass", "wires", 1e-3 * wire_mm, 1e-3 * period_mm)
+
+
+def weave(material: str, period_mm: float, yarn_mm: float, sharpness: float) -> Surface:
+    """A plain weave: its crowns as cylinders of the yarn's diameter, none as even as wires."""
+    what = f"a plain weave with a crown each {period_mm:g} mm, of yarn of {yarn_mm:g} mm"
+    more = " The yarn's elasticity is chosen for a plausible level."
+    return Surface(what, material, "wires", 1e-3 * yarn_mm, 1e-3 * period_mm, sharpness=sharpness, more=more)
+
+
+def ribs(period_mm: float, height_mm: float) -> Surface:
+    """Half-round ribs on a plane."""
+    what = f"half-round ribs of {height_mm:g} mm, {period_mm:g} mm apart"
+    return Surface(what, "acrylic", "ribs", 1e-3 * height_mm, 1e-3 * period_mm)
+
+
+def sandpaper(grit: int, grain_um: float) -> Surface:
+    """Sandpaper: its heights are the ball's sag between two grains, parabolas d²/(8 R)."""
+    what = f"sandpaper of FEPA grit P{grit}, grain of {grain_um:g} µm"
+    grain = 1e-6 * grain_um
+    more = (
+        " Grain: the mean diameter in charts of FEPA's P grades (stusshed.wordpress.com, March 2008; sizes.com), not "
+        "in the standard itself, ISO 6344; heights: the ball's sag between two grains."
+    )
+    sag_m = grain**2 / (8 * TIP_M)
+    return Surface(what, "corundum", "noise", sag_m * math.sqrt(4 / 45), 0.0, grain, 1.5, grain, more=more)
+
+
+def noise(what: str, material: str, rms_um: float, corner_mm: float, hurst: float = 0.8) -> Surface:
+    """A random profile; its heights are chosen, not measured."""
+    heights = f"{rms_um:g} µm rms, with a corner at {corner_mm:g} mm and a Hurst exponent of {hurst:g}"
+    more = f" Heights chosen so that surfaces order by roughness as they do by hand: {heights}."
+    return Surface(what, material, "noise", 1e-6 * rms_um, 0.0, 1e-3 * corner_mm, hurst, more=more)
+
+
+SURFACES = {
+    "grating-0.5mm-10um": grating(0.5, 10), "grating-0.7mm-20um": grating(0.7, 20),
+    "grating-1mm-10um": grating(1, 10), "grating-1mm-50um": grating(1, 50),
+    "grating-2mm-50um": grating(2, 50), "grating-2mm-200um": grating(2, 200), "grating-4mm-400um": grating(4, 400),
+    "sandpaper-p60": sandpaper(60, 269), "sandpaper-p120": sandpaper(120, 125), "sandpaper-p180": sandpaper(180, 82),
+    "sandpaper-p240": sandpaper(240, 58.5), "sandpaper-p400": sandpaper(400, 35),
+    "sandpaper-p800": sandpaper(800, 21.8),
+    "mesh-0.5mm": mesh(0.5, 0.2), "mesh-1mm": mesh(1, 0.4), "mesh-2mm": mesh(2, 0.8),
+    "weave-silk": weave("silk", 0.25, 0.15, 5), "weave-linen": weave("linen", 0.8, 0.5, 6),
+    "weave-denim": weave("cotton", 1.2, 0.7, 8),
+    "ribs-3mm": ribs(3, 0.3), "ribs-6mm": ribs(6, 1),
+    "glass": noise("float glass", "glass", 0.003, 0.1), "glass-frosted": noise("frosted glass", "glass", 0.3, 0.3),
+    "rubber-soft": noise("a moulded sheet", "soft rubber", 4, 0.5),
+    "rubber-hard": noise("a moulded sheet", "hard rubber", 3, 0.4),
+    "foam-soft": noise("a cut face", "soft foam", 60, 0.8), "foam-firm": noise("a cut face", "firm foam", 25, 0.5),
+    "steel-lapped": noise("a lapped face", "steel", 0.05, 0.25),
+    "aluminium-brushed": noise("a brushed face, across", "aluminium", 0.12, 0.2),
+    "granite-polished": noise("a polished face", "granite", 0.03, 0.5), "slate": noise("a split face", "slate", 4, 6),
+    "sandstone": noise("a sawn face", "sandstone", 10, 1),
+}  # fmt: skip
+
+
+# The closed form.
+
+
+@cache
+def traced(surface: Surface, count: int = 1024) -> Array:
+    """Amplitudes (n,) [m] of the path of the ball's middle over a profile that repeats: of the lines that are heard."""
+    p, d = surface.period_m, surface.depth_m
+    reach = max(math.ceil(TIP_M / p), 1)
+    x = (np.arange(-reach * count, (reach + 1) * count) / count) * p
+    near = (x + p / 2) % p - p / 2  # from the next top
+    arc = np.sqrt(np.maximum((d / 2) ** 2 - near**2, 0.0))
+    height = {"wave": d / 2 * np.cos(2 * np.pi * x / p), "wires": arc, "ribs": np.minimum(2 * arc, d)}[surface.form]
+    ball = np.abs(x) <= TIP_M
+    lift = np.sqrt(TIP_M**2 - x[ball] ** 2)
+    at = reach * count + np.arange(count)
+    offset = np.flatnonzero(ball) - reach * count
+    path = np.array([np.max(height[(i + offset) % len(x)] + lift) for i in at])
+    series = 2.0 * np.abs(np.fft.rfft(path))[1 : LINE_COUNT + 1] / count
+    n = np.arange(1, LINE_COUNT + 1)
+    heard = (n**2 * series > HEARD * series[0]) & (n * SPEED_MAX_M_S / p < 0.4 * RATE_HZ)
+    return np.asarray(series[: np.argmin([*heard, False])])
+
+
+def tool_response(surface: Surface, force_N: float, frequency_Hz: Array) -> Array:
+    """Power that the tool's acceleration has of that of the trace, (n,): a damped mass on the contact and the tool."""
+    resonance_Hz, damping = resonance(surface, force_N)
+    r = frequency_Hz / resonance_Hz
+    return np.asarray((1 + (2 * damping * r) ** 2) / ((1 - r**2) ** 2 + (2 * damping * r) ** 2))
+
+
+def contact_N_m(surface: Surface, force_N: float) -> float:
+    """Stiffness of Hertz's contact [N/m]."""
+    E, R = MATERIALS[surface.material].contact_Pa, _radius_m(surface)
+    return float((6 * E**2 * R * force_N) ** (1 / 3))
+
+
+def resonance(surface: Surface, force_N: float) -> tuple[float, float]:
+    """Where the tool rings on the surface [Hz], and its damping ratio."""
+    tool_N_m = MASS_KG * (2 * math.pi * TOOL_HZ) ** 2
+    stiffness = 1 / (1 / contact_N_m(surface, force_N) + 1 / tool_N_m)
+    return math.sqrt(stiffness / MASS_KG) / (2 * math.pi), DAMPING + MATERIALS[surface.material].loss / 2
+
+
+def patch_response(surface: Surface, force_N: float, q_1_m: Array) -> Array:
+    """Power that the contact's patch leaves of a spatial frequency, (n,)."""
+    E, R = MATERIALS[surface.material].contact_Pa, _radius_m(surface)
+    a_m = (0.75 * force_N * R / E) ** (1 / 3)
+    if surface.form == "noise" and not surface.grain_m:
+        a_m = max(a_m, math.sqrt(2 * TIP_M * surface.depth_m))
+    return np.asarray(1 / (1 + math.pi / 4 * (2 * math.pi * q_1_m * a_m) ** 3))
+
+
+def _radius_m(surface: Surface) -> float:
+    """Of the contact: of the tip, against the grain's where there is one."""
+    return 1 / (1 / TIP_M + 2 / surface.grain_m) if surface.grain_m else TIP_M
+
+
+def line_powers(surface: Surface, force_N: float, speed_m_s: float) -> Array:
+    """Power of each line (n,) [(m/s²)²], the first at speed/period, without the bound on the level."""
+    f = speed_m_s / surface.period_m * np.arange(1, len(traced(surface)) + 1)
+    passed = tool_response(surface, force_N, f) * patch_response(surface, force_N, f / speed_m_s)
+    return np.asarray(0.5 * (traced(surface) * (2 * np.pi * f) ** 2) ** 2 * passed)
+
+
+def noise_density(surface: Surface, force_N: float, speed_m_s: float, frequency_Hz: Array) -> Array:
+    """Power spectral density (n,) [(m/s²)²/Hz] of a random profile, without the bound on the level."""
+    q, s = frequency_Hz / speed_m_s, surface.hurst + 0.5
+    whole = math.sqrt(math.pi) * gamma(s - 0.5) / (2 * gamma(s)) / surface.corner_m
+    height = surface.depth_m**2 / whole * (1 + (q * surface.corner_m) ** 2) ** -s / speed_m_s
+    passed = tool_response(surface, force_N, frequency_Hz) * patch_response(surface, force_N, q)
+    return np.asarray((2 * np.pi * frequency_Hz) ** 4 * height * passed)
+
+
+def bounded(surface: Surface, power_m2_s4: float, force_N: float) -> float:
+    """The power that the pressing force allows [(m/s²)²]."""
+    crest = 3.0 if surface.form == "noise" else math.sqrt(2)
+    return power_m2_s4 / (1 + power_m2_s4 * (crest * MASS_KG / force_N) ** 2)
+
+
+# Its models.
+
+
+def line_model(surface: Surface, force_N: float, speed_m_s: float) -> tuple[Array, float]:
+    """The warped filter of a profile that repeats, a pair of poles a line, and the power [(m/s²)²].
+
+    Poles in cascade have the powers that their widths give them: a line's is its width's inverse over the squared
+    distances from the others. The widths are chosen for the powers, about f/`sharpness` in the mean.
+    """
+    power = line_powers(surface, force_N, speed_m_s)
+    f = speed_m_s / surface.period_m * np.arange(1, len(power) + 1)
+    warp = warp_at(RATE_HZ)
+    angle = warped_angle(2 * np.pi * f / RATE_HZ, warp)
+    steep = (1 - warp**2) / (1 + warp**2 - 2 * warp * np.cos(2 * np.pi * f / RATE_HZ))  # d angle over d ω
+    apart = np.cos(angle)[:, None] - np.cos(angle)
+    np.fill_diagonal(apart, 1.0)
+    width = 1 / (power * steep * np.sin(angle) ** 2 * np.prod(apart**2, axis=1))
+    share = width / steep * RATE_HZ / (2 * np.pi) / f  # width in Hz over frequency
+    share *= np.exp(-np.mean(np.log(share))) / surface.sharpness
+    width = np.clip(share, 0.2 / surface.sharpness, 5 / surface.sharpness) * f * 2 * np.pi / RATE_HZ * steep
+    a = np.array([1.0])
+    for theta, w in zip(angle, width, strict=True):
+        r = math.exp(-w / 2)
+        a = np.convolve(a, [1.0, -2 * r * math.cos(theta), r * r])
+    return a, bounded(surface, float(power.sum()), force_N)
+
+
+def noise_model(surface: Surface, force_N: float, speed_m_s: float, bins: int = 4096) -> tuple[Array, float]:
+    """The warped filter of a random profile, predicted from its spectrum on the warped axis, and the power."""
+    phase = np.linspace(0.0, np.pi, bins + 1)
+    f = warped_angle(phase, -warp_at(RATE_HZ)) * RATE_HZ / (2 * np.pi)
+    density = noise_density(surface, force_N, speed_m_s, np.maximum(f, 1.0))
+    density = np.maximum(density, 1e-8 * density.max())  # below what is felt
+    r = np.fft.irfft(density)[: NOISE_ORDER + 1]
+    r[0] *= 1 + 1e-9
+    power = float(np.trapezoid(density, f))
+    return np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])]), bounded(surface, power, force_N)
+
+
+def texture_of(surface: Surface) -> Texture:
+    """Models at `FORCES_N` and `SPEED_COUNT` speeds, and the slope of the level at their end as its way beyond."""
+    slowest = max(FELT_HZ * surface.period_m, SPEED_MIN_M_S)
+    speeds = np.geomspace(slowest, SPEED_MAX_M_S, SPEED_COUNT)
+    made = line_model if surface.period_m else noise_model
+    places = [(F, v) for F in FORCES_N for v in speeds]
+    models = [made(surface, F, v) for F, v in places]
+    a, power = np.array([m[0] for m in models]), np.array([m[1] for m in models])
+    level = np.log(power.reshape(len(FORCES_N), -1))
+    slope_F = (level[-1, -1] - level[-2, -1]) / math.log(FORCES_N[-1] / FORCES_N[-2])
+    slope_v = (level[-1, -1] - level[-1, -2]) / math.log(speeds[-1] / speeds[-2])
+    warp = warp_at(RATE_HZ)
+    texture = Texture.from_models(
+        RATE_HZ,
+        [F for F, _ in places],
+        [float(f"{v:.4g}") for _, v in places],
+        a=a,
+        variance_m2_s4=power / power_gain(a, warp),
+        warp=warp,
+        exponents=[round(slope_F, 3), round(slope_v, 3)],
+    )
+    lsf = np.round(texture.lsf_rad, 7)  # a text of half the size
+    variance = [float(f"{x:.6g}") for x in texture.variance_m2_s4]
+    return replace(texture, lsf_rad=lsf, variance_m2_s4=np.array(variance))
+
+
+def look_of(surface: Surface, pixels: int = 40) -> Look:
+    """Wires and yarns have a picture of their relief, over and under each other; others have it of their spectrum."""
+    roughness = MATERIALS[surface.material].roughness
+    if surface.form != "wires":
+        return Look(roughness)
+    p, r = surface.period_m, surface.depth_m / 2
+    x, y = np.meshgrid(*2 * [(np.arange(pixels) + 0.5) / pixels * 2 * p])
+
+    def strands(across: Array, along: Array, phase: float) -> Array:
+        i, near = np.floor(across / p), across % p - p / 2
+        arc = np.sqrt(np.maximum(r**2 - near**2, 0.0))
+        wave = r / 2 * np.cos(np.pi * (along / p - 0.5) + np.pi * (i + phase))
+        return np.where(arc > 0.0, arc + wave, -r)
+
+    height = np.maximum(strands(x, y, 0.0), strands(y, x, 1.0))
+    step = 2 * p / pixels
+    slope = [(np.roll(height, -1, a) - np.roll(height, 1, a)) / (2 * step) for a in (1, 0)]
+    normal = np.dstack([-slope[0], slope[1], np.ones_like(x)])  # rows go down, y goes up
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    file = io.BytesIO()
+    Image.fromarray(np.rint((normal + 1) * 127.5).astype(np.uint8), "RGB").quantize(64).save(file, "PNG", optimize=True)
+    return Look(roughness, size_m=2 * p, normal_png=file.getvalue())
+
+
+def compute(name: str) -> Swatch:
+    """The swatch of that name."""
+    surface = SURFACES[name]
+    material = MATERIALS[surface.material]
+    resonance_Hz, damping = resonance(surface, 1.0)
+    omega = 2 * math.pi * resonance_Hz
+    stiffness = min(contact_N_m(surface, 1.0), STIFFNESS_MAX_N_M)
+    return Swatch(
+        name,
+        stiffness_N_m=float(f"{stiffness:.3g}"),
+        friction_static=material.friction[0],
+        friction_dynamic=material.friction[1],
+        texture=texture_of(surface),
+        taps=Taps(
+            [TAP_M_S], [round(TAP_SHARE * omega * TAP_M_S, 2)], [round(resonance_Hz, 1)], [round(damping * omega, 1)]
+        ),
+        albedo_rgb=material.albedo_rgb,
+        look=look_of(surface),
+        provenance=SOURCE.format(
+            what=surface.what,
+            material=material.said,
+            tables=f"Looked up: {'; '.join(material.tables)}. " if material.tables else "",
+            assumed=", ".join(a for a in ASSUMED if not any(t.startswith(a) for t in material.tables)),
+            more=surface.more,
+        ),
+        licence=LICENCE,
+    )
+
+
+def main(folder: Path) -> None:
+    """Computes all, and writes them into a folder, with its index: each has a tag of its kind."""
+    entries = []
+    for name in SURFACES:
+        swatch = compute(name)
+        save_swatch(swatch, folder / f"{name}.swatch")
+        file = (folder / f"{name}.swatch").read_bytes()
+        entry = entry_of(swatch, file, tags=("computed", name.partition("-")[0]))
+        entries.append(replace(entry, file=f"{name}.swatch"))
+    write_index(folder, entries)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) == 2 else Path(__file__).parent / "computed")

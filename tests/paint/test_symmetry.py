@@ -1,0 +1,94 @@
+"""Symmetry: images of places, and strokes that are painted at all of them."""
+
+import numpy as np
+import pytest
+from trimesh.creation import box
+
+from hapscene.errors import SceneError
+from hapscene.paint.session import Session
+from hapscene.paint.stroke import Brush
+from hapscene.paint.symmetry import Symmetry
+from hapscene.scene.scene import Scene
+
+from .conftest import mesh_of, turned
+
+POSE, MIDDLE = turned(0.8, (0.02, -0.01, 0.03)), np.array([0.1, 0.0, 0.0])
+
+
+@pytest.fixture
+def session() -> Session:
+    """A cube of 12 faces at a pose, its middle beside its frame's."""
+    cube = box((0.04, 0.04, 0.04))
+    cube.apply_translation((0.1, 0.0, 0.0))
+    scene = Scene()
+    scene.add(mesh_of(cube), name="cube", pose=POSE)
+    session = Session(scene)
+    session.add_swatch("wood")
+    return session
+
+
+def painted(session: Session, p_m: np.ndarray) -> bool:
+    """Whether the cube wears wood there, in axes through its middle."""
+    out = np.zeros(3)
+    out[np.argmax(np.abs(p_m))] = np.sign(p_m[np.argmax(np.abs(p_m))])
+    p_B = p_m + MIDDLE
+    hit = session.pick(POSE[:3, :3] @ (p_B + 0.1 * out) + POSE[:3, 3], -POSE[:3, :3] @ out)
+    assert hit is not None
+    return session.swatch_at(hit) == 1
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "images"),
+    [
+        (Symmetry(), [(1, 1)]),
+        (Symmetry("x"), [(1, 1), (-1, 1)]),
+        (Symmetry("xy"), [(1, 1), (-1, 1), (1, -1), (-1, -1)]),
+        (Symmetry(turns=2), [(1, 1), (-1, -1)]),
+    ],
+)
+def test_a_stroke_is_painted_at_its_images_and_nowhere_else(session: Session, symmetry: Symmetry, images) -> None:
+    top = np.array([0.012, 0.007, 0.02])
+    p_W = POSE[:3, :3] @ (top + MIDDLE) + POSE[:3, 3]
+    session.begin_stroke("wood", 0.003, symmetry=symmetry)
+    session.drag_to(p_W + 0.2 * POSE[:3, 2], -POSE[:3, 2])
+    session.end_stroke()
+    for sx in (1, -1):
+        for sy in (1, -1):
+            assert painted(session, top * [sx, sy, 1]) == ((sx, sy) in images)
+    assert not painted(session, np.array([0.0, 0.0, 0.02]))
+    assert session.undo() is not None and session.scene.bodies[0].fine is None
+
+
+def test_a_box_goes_round_the_axis_and_an_eye_with_it(session: Session) -> None:
+    side = np.array([0.02, 0.01, 0.0])
+    pose = POSE @ turned(0.0, tuple(side + MIDDLE))
+    eye = POSE[:3, :3] @ np.array([0.5, 0.0, 0.0]) + POSE[:3, 3]
+    session.fill_box(pose, [0.004] * 3, "wood", eye_W_m=eye, symmetry=Symmetry(turns=4))
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for _ in range(4):
+        assert painted(session, side) and not painted(session, side * [1, -1, 1])
+        side = turn @ side
+
+
+def test_soft_and_thin_paint_is_a_blend_that_ends_at_the_ring(session: Session) -> None:
+    from hapscene.scene.fine_paint import parts
+
+    p_W = POSE[:3, :3] @ np.array([0.1, 0.0, 0.02]) + POSE[:3, 3]
+    for opacity in (0.25, 0.25, 0.4):  # a stroke over another does not add to it
+        session.begin_stroke("wood", 0.008, softness=1.0, opacity=opacity)
+        session.drag_to(p_W + 0.2 * POSE[:3, 2], -POSE[:3, 2])
+        session.end_stroke()
+        body = session.scene.bodies[0]
+        middle_m = body.fine.leaf_corners_m(body.mesh).mean(axis=1) - [0.1, 0.0, 0.02]
+        weight, away_m = parts(body.fine.paint)[2], np.linalg.norm(middle_m, axis=1)
+        assert weight.max() == pytest.approx(opacity, abs=0.02)
+        assert (weight[away_m > 0.0082] == 0.0).all() and (weight[away_m < 0.006] > 0.0).all()
+
+
+def test_a_brush_and_a_symmetry_are_checked() -> None:
+    for bad, message in (({"mirrors": "w"}, "an axis is x, y or z"), ({"turns": 65}, "1 to 64 images")):
+        with pytest.raises(SceneError, match=message):
+            Symmetry(**bad)
+    for softness, opacity in ((1.1, 1.0), (0.0, 0.0), (np.nan, 1.0)):
+        with pytest.raises(SceneError, match="softness is 0 to 1 and opacity above 0"):
+            Brush(0.001, softness, opacity)

@@ -1,0 +1,336 @@
+"""Paint finer than faces: where its borders lie, what it holds, and what a scene file makes of it."""
+
+import base64
+import json
+import math
+import zlib
+
+import numpy as np
+import pytest
+import trimesh
+
+import hapscene
+from hapscene.errors import SceneError
+from hapscene.scene import Box, PlaneSide, Sphere, Tube
+from hapscene.scene.fine_paint import (
+    LEVEL_MAX,
+    NOTHING,
+    blend,
+    paint_faces,
+    paint_region,
+    painted_over,
+    parts,
+    whole_faces,
+)
+from hapscene.scene.scene_file import decode_fine, encode_fine
+
+SIDE_M = 0.1
+CENTRE, RADIUS_M = np.array([0.01, -0.005, SIDE_M / 2]), 0.03
+
+
+def cube(unit="m"):
+    scene = hapscene.Scene()
+    body = scene.add(trimesh.creation.box((SIDE_M,) * 3), "cube", unit=unit)
+    for name in ("steel", "foam", "glass"):
+        scene.swatch_index(hapscene.Swatch(name))
+    return scene, body
+
+
+def area_m2(body, swatch):
+    """Area of a swatch on a body, by weight."""
+    fine = body.fine or NOTHING
+    a, b, w = parts(fine.paint)
+    whole = np.setdiff1d(np.flatnonzero(body.face_swatch == swatch), fine.faces)
+    leaves = ((a == swatch) * (1 - w) + (b == swatch) * w) @ fine.leaf_areas_m2(body.mesh)
+    return leaves + whole_faces(whole, whole).leaf_areas_m2(body.mesh).sum()
+
+
+def check(body):
+    """Leaves cover each of their faces once, are sorted, sound, and joined as far as they can be."""
+    fine = body.fine
+    start = fine.path.astype(np.int64)
+    size = 1 << (LEVEL_MAX - fine.level.astype(np.int64))
+    for face in fine.faces:
+        mine = fine.face == face
+        assert start[mine][0] == 0 and (start[mine][1:] == (start + size)[mine][:-1]).all()
+        assert (start + size)[mine][-1] == 1 << LEVEL_MAX
+    assert fine.is_sound() and len(fine.joined()) == len(fine)
+    assert (np.diff(fine.face) >= 0).all()
+    b = fine.corners()
+    area = np.abs(np.linalg.det(b))  # of the face's, by its corners
+    np.testing.assert_allclose(area, 0.5**fine.level, rtol=1e-12)
+    assert (np.linalg.det(b) > 0).all()  # wound as the face
+
+
+def test_a_sphere_paints_a_disc_of_its_size_on_a_cube_of_twelve_triangles():
+    scene, body = cube()
+    assert scene.paint("cube", hapscene.Swatch("steel"), Sphere(CENTRE, RADIUS_M)) == 2
+    check(body)
+    assert area_m2(body, 1) == pytest.approx(math.pi * RADIUS_M**2, rel=1e-4)
+    assert body.fine.leaf_areas_m2(body.mesh).sum() == pytest.approx(SIDE_M**2)
+    assert (body.face_swatch == 0).all()  # most of each side is still plain
+    assert body.fine.nbytes < 1500 * 2 * math.pi * 1e3 * RADIUS_M  # bytes a millimetre of border
+
+
+@pytest.mark.parametrize("finest_m", [2e-4, 2e-3])
+def test_a_border_lies_within_the_finest_side_of_its_place(finest_m):
+    _, body = cube()
+    region = Tube([(-0.03, -0.02, 0.05), (0.0, 0.03, 0.05), (0.03, -0.01, 0.05)], 0.004)
+    paint_region(body, region, 1, finest_m=finest_m)
+    corners = body.fine.leaf_corners_m(body.mesh)
+    off_m = np.abs(region.distance_m(corners.mean(axis=1)))
+    wrong = (region.distance_m(corners.reshape(-1, 3)).reshape(-1, 3) <= 0) != (body.fine.paint == 1)[:, None]
+    assert np.abs(region.distance_m(corners[wrong])).max() < finest_m
+    assert off_m.max() > 5 * finest_m  # and elsewhere the leaves are coarse
+    side_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    assert side_m.min() > finest_m / 2.1 and side_m.max() > 8 * finest_m
+
+
+def test_slivers_are_cut_into_pieces_as_wide_as_long():
+    scene = hapscene.Scene()
+    body = scene.add(trimesh.creation.cylinder(0.01, 0.1, sections=64), unit="m")
+    paint_region(body, PlaneSide((0, 0, 0.0123), (0, 0, 1)), 0, finest_m=1e-4)
+    assert body.fine is None  # it was all of that
+    paint_region(body, PlaneSide((0, 0, 0.0123), (0, 0, 1)), 1, finest_m=1e-4)
+    check(body)
+    assert len(body.fine) < 300 * 63  # for 63 mm of border; cut in similar triangles, they would be 500,000
+
+
+def test_painted_and_painted_back_leaves_nothing():
+    _, body = cube()
+    hit = paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
+    before = body.fine
+    paint_region(body, Sphere((0.0, 0.0, 0.06), 0.02), 2, soft_m=0.004, finest_m=5e-4)
+    check(body)
+    body.fine = body.fine.with_faces(hit, before.of_faces(hit))
+    for mine, old in zip(body.fine.columns, before.columns, strict=True):
+        np.testing.assert_array_equal(mine, old)
+    paint_region(body, Box((-1, -1, -1), (1, 1, 1)), 3)
+    assert body.fine is None and (body.face_swatch == 3).all()
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1)
+    paint_faces(body, np.array([4, 6]), 2)
+    assert body.fine is None and body.face_swatch[4] == 2
+
+
+def test_a_region_that_ends_in_a_side_has_the_side_whole():
+    _, body = cube()
+    hit = paint_region(body, Box((-0.05, -0.05, 0.05), (0.0, 0.05, 0.06)), 1)
+    assert area_m2(body, 1) == pytest.approx(SIDE_M**2 / 2, rel=5e-3) and len(hit) == 2
+    _, body = cube()
+    assert paint_region(body, PlaneSide((0, 0, 0.05), (0, 0, 1)), 1).size == 2 and body.fine is None
+
+
+def test_whole_faces_by_centroid_where_the_finest_is_infinite():
+    _, body = cube()
+    region = PlaneSide((0, 0, 0.01), (0, 0, 1))
+    paint_region(body, region, 1, finest_m=math.inf)
+    assert body.fine is None and ((body.face_swatch == 1) == region.pick(body.mesh)).all()
+
+
+def test_a_soft_border_goes_over_in_its_width_and_a_stroke_does_not_add_to_itself():
+    _, body = cube()
+    soft_m = 0.006
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, soft_m=soft_m)
+    check(body)
+    # of the weight ½ − d / soft over the disc: π (r² + soft² / 12)
+    assert area_m2(body, 1) == pytest.approx(math.pi * (RADIUS_M**2 + soft_m**2 / 12), rel=1e-4)
+    before = body.fine
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, soft_m=soft_m)
+    for mine, old in zip(body.fine.columns, before.columns, strict=True):
+        np.testing.assert_array_equal(mine, old)
+    rng = np.random.default_rng(1)
+    face = int(body.fine.faces[0])
+    for bary in rng.dirichlet((1, 1, 1), 200):
+        p = bary @ body.mesh.triangles_m[face]
+        a, b, w = (x.item() for x in parts(body.fine.at(face, bary)))
+        got = {a: 1 - w, b: w} if w else {a: 1.0}
+        wanted = float(np.clip(0.5 - (np.linalg.norm(p - CENTRE) - RADIUS_M) / soft_m, 0, 1))
+        assert got.get(1, 0.0) == pytest.approx(wanted, abs=0.07)
+
+
+def test_the_paint_at_a_point_is_that_of_the_leaf_around_it():
+    _, body = cube()
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
+    rng, fine = np.random.default_rng(2), body.fine
+    assert fine.at(0, (0.2, 0.3, 0.5)) is None
+    corners = fine.corners()
+    for row in rng.integers(0, len(fine), 300):
+        assert fine.at(fine.face[row], rng.dirichlet((1, 1, 1)) @ corners[row]) == fine.paint[row]
+
+
+def test_of_three_swatches_the_smallest_goes():
+    half = blend(1, 2, 0.4)
+    over = painted_over(half[None], 3, np.array([0.3]))
+    assert [x.item() for x in parts(over)] == pytest.approx([1, 3, 0.3 / (0.3 + 0.7 * 0.6)], abs=1 / 256)
+    assert painted_over(half[None], 3, np.array([0.1])) == half  # itself the smallest
+    assert painted_over(half[None], 2, np.array([0.2])) == half  # more already
+    assert [x.item() for x in parts(painted_over(half[None], 2, np.array([0.75])))] == [2, 1, 0.25]
+    assert painted_over(half[None], 3, np.array([1.0])) == 3 and blend(5, 5, 0.3) == 5
+    assert blend(4, 2, 0.5) == blend(2, 4, 0.5)
+
+
+def test_only_the_faces_that_are_told_are_painted_and_opacity_is_a_blend_of_whole_faces():
+    _, body = cube()
+    hit = paint_region(body, Sphere(CENTRE, RADIUS_M), 1, faces=np.array([4]))
+    assert hit.tolist() == body.fine.faces.tolist() == [4]
+    _, body = cube()
+    paint_region(body, Box((-1, -1, -1), (1, 1, 1)), 1, opacity=0.25)
+    assert len(body.fine) == 12 and (body.fine.level == 0).all() and (body.face_swatch == 0).all()
+    assert area_m2(body, 1) == pytest.approx(6 * SIDE_M**2 / 4)
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"finest_m": 0.0}, "finest_m must be positive"),
+        ({"soft_m": -1.0}, "soft_m 0 or more"),
+        ({"opacity": math.nan}, "opacity within 0 and 1"),
+        ({"finest_m": 1e-7}, "needs more than 4,000,000 pieces"),
+    ],
+)
+def test_bad_numbers(told, message, monkeypatch):
+    _, body = cube()
+    if "pieces" in message:
+        monkeypatch.setattr("hapscene.scene.fine_paint.LEAF_MAX", 4000)
+        message = message.replace("4,000,000", "4,000")
+    with pytest.raises(SceneError, match=message):
+        paint_region(body, Sphere(CENTRE, RADIUS_M), 1, **told)
+    assert body.fine is None
+
+
+def test_a_soft_border_needs_a_region_of_space():
+    scene, _ = cube()
+    with pytest.raises(SceneError, match="soft_m needs a region that cuts"):
+        scene.paint("cube", "wood", [1, 2], soft_m=0.01)
+
+
+@pytest.mark.parametrize(
+    "region",
+    [Sphere((0.1, 0, 0), 0.3), Box((-0.1, -0.2, 0), (0.2, 0.1, 0.3)), PlaneSide((0.1, 0, 0), (1, 2, 3)),
+     Tube([(0, 0, 0)], 0.2), Tube([(0, 0, 0), (0.2, 0.1, 0), (0.2, 0.1, 0), (0, 0.3, 0.1)], 0.1)],
+)  # fmt: skip
+def test_distances_change_no_faster_than_the_way_and_are_negative_within(region):
+    rng = np.random.default_rng(3)
+    p, q = rng.uniform(-0.5, 0.5, (2, 4000, 3))
+    a, b = region.distance_m(p), region.distance_m(q)
+    assert (np.abs(a - b) <= np.linalg.norm(p - q, axis=1) + 1e-12).all()
+    # stepped along the steepest way, the border is where it was told
+    step = np.stack([region.distance_m(p + d) - region.distance_m(p - d) for d in 1e-7 * np.eye(3)], 1) / 2e-7
+    smooth = np.abs(np.linalg.norm(step, axis=1) - 1) < 1e-5
+    away = region.distance_m(p - a[:, None] * step)
+    assert smooth.mean() > 0.9 and np.median(np.abs(away[smooth])) < 1e-6
+
+
+def saved(tmp_path):
+    scene, body = cube()
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
+    paint_region(body, Sphere((0.05, 0, 0), 0.02), 2, soft_m=0.01, finest_m=1e-3)
+    path = tmp_path / "my.scene.json"
+    scene.save(path)
+    return scene, path
+
+
+def test_a_scene_file_brings_it_back_to_the_bit(tmp_path):
+    scene, path = saved(tmp_path)
+    content = json.loads(path.read_text())
+    assert content["version"] == 3
+    again = hapscene.load_scene(path)
+    for mine, old in zip(again.bodies[0].fine.columns, scene.bodies[0].fine.columns, strict=True):
+        np.testing.assert_array_equal(mine, old)
+        assert mine.dtype == old.dtype
+    np.testing.assert_array_equal(again.bodies[0].face_swatch, scene.bodies[0].face_swatch)
+    copy = scene.copy()
+    scene.paint("cube", "wood")
+    assert scene.bodies[0].fine is None and len(copy.bodies[0].fine) == len(again.bodies[0].fine)
+    scene.save(path)
+    assert json.loads(path.read_text())["version"] == 1  # older readers can read that
+
+
+def columns(told):
+    m, k = told["faces"], told["leaves"]
+    raw = zlib.decompress(base64.b64decode(told["packed"]))
+    at = np.cumsum([0, 4 * m, k, 8 * k, 8 * k])
+    kinds = ("face", "<i4"), ("level", "u1"), ("edge", "<u8"), ("paint", "<i8")
+    return {
+        name: np.frombuffer(raw[a:b], kind).copy()
+        for (name, kind), a, b in zip(kinds, at, at[1:], strict=False)
+    }  # fmt: skip
+
+
+def packed(told, **changed):
+    whole = {**columns(told), **changed}
+    text = base64.b64encode(zlib.compress(b"".join(values.tobytes() for values in whole.values()))).decode()
+    return {"faces": len(whole["face"]), "leaves": len(whole["level"]), "packed": text}
+
+
+def turned(values, **to):
+    out = values.copy()
+    for i, value in to.items():
+        out[int(i[1:])] = value
+    return out
+
+
+STRANGE = [
+    (lambda t, c: 7, "must have whole numbers"),
+    (lambda t, c: {**t, "leaves": True}, "must have whole numbers"),
+    (lambda t, c: {**t, "leaves": 10**12}, "are read"),
+    (lambda t, c: {**t, "faces": 13}, "the mesh has 12"),
+    (lambda t, c: {**t, "faces": 0}, "the mesh has 12"),
+    (lambda t, c: {**t, "leaves": t["leaves"] - 1}, "cut off"),
+    (lambda t, c: {**t, "packed": t["packed"][:-8]}, "packed"),
+    (lambda t, c: {**t, "packed": "£"}, "damaged"),
+    (lambda t, c: packed(t, face=c["face"][::-1].copy()), "not in order"),
+    (lambda t, c: packed(t, face=c["face"] * 0 + c["face"][0]), "not in order"),
+    (lambda t, c: packed(t, face=c["face"] + np.int32(12)), "none of the mesh's 12"),
+    (lambda t, c: packed(t, level=turned(c["level"], _0=33)), "cut 33 times"),
+    (lambda t, c: packed(t, level=turned(c["level"], _0=c["level"][0] + 1)), "overlap, or leave gaps"),
+    (lambda t, c: packed(t, level=turned(c["level"], _3=0)), "overlap, or leave gaps"),
+    (lambda t, c: packed(t, edge=c["edge"] | np.uint64(3 << 62)), "cut one piece in two ways"),
+    (lambda t, c: packed(t, edge=c["edge"] | np.uint64(1)), "cut one piece in two ways"),
+    (lambda t, c: packed(t, edge=turned(c["edge"], _5=c["edge"][5] ^ np.uint64(1 << 62))), "cut one piece in two ways"),
+    (lambda t, c: packed(t, paint=turned(c["paint"], _2=4)), "there are 4 swatches"),
+    (lambda t, c: packed(t, paint=turned(c["paint"], _2=-1)), "paint that is none"),
+    (lambda t, c: packed(t, paint=turned(c["paint"], _2=1 | 2 << 16 | 200 << 32)), "paint that is none"),
+    (lambda t, c: packed(t, paint=turned(c["paint"], _2=1 | 2 << 16)), "paint that is none"),
+    (lambda t, c: packed(t, paint=turned(c["paint"], _2=2**62)), "paint that is none"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), STRANGE)
+def test_a_stranger_s_fine_paint_is_refused_in_one_sentence(tmp_path, change, message):
+    _, path = saved(tmp_path)
+    content = json.loads(path.read_text())
+    told = content["bodies"][0]["fine"]
+    content["bodies"][0]["fine"] = change(told, columns(told))
+    path.write_text(json.dumps(content))
+    with pytest.raises(SceneError, match=message) as refused:
+        hapscene.load_scene(path)
+    assert "bodies[0]: 'fine'" in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_the_leaves_of_a_whole_scene_are_bounded(tmp_path):
+    _, body = cube()
+    paint_region(body, Sphere(CENTRE, RADIUS_M), 1, finest_m=1e-3)
+    told = encode_fine(body.fine)
+    assert len(decode_fine(told, 12, [0, 1, 2, 3], len(body.fine))) == len(body.fine)
+    with pytest.raises(ValueError, match="are read"):
+        decode_fine(told, 12, [0, 1, 2, 3], len(body.fine) - 1)
+
+
+def test_unsorted_leaves_of_two_strokes_at_random_are_always_sound():
+    rng = np.random.default_rng(4)
+    scene = hapscene.Scene()
+    body = scene.add(trimesh.creation.icosphere(1, 0.05), unit="m")
+    for _ in range(12):
+        at = rng.normal(size=(2, 3)) * 0.03
+        paint_region(
+            body,
+            Tube(at, rng.uniform(0.002, 0.02)),
+            int(rng.integers(0, 4)),
+            soft_m=float(rng.choice([0, 0.01])),
+            opacity=float(rng.choice([0.5, 1.0])),
+            finest_m=5e-4,
+        )
+        if body.fine is not None:
+            check(body)
+    assert len(body.fine) > 1000

@@ -1,0 +1,91 @@
+"""What is said of a size that is none for a hand, and that nothing is said of one that is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.command.options import load_input, tell_size
+from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.scene import Scene
+from hapscene.scene.size_advice import REACH_M, size_advice
+
+WIDE = trimesh.creation.box((0.16, 0.15, 0.12))
+
+
+@pytest.fixture
+def wide(tmp_path: Path) -> Path:
+    WIDE.export(tmp_path / "wide.stl")
+    return tmp_path / "wide.stl"
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "option", "words"),
+    [
+        ("mm", 1000.0, "--unit m", "wide.stl is 160 × 150 × 120 µm in size, too small"),
+        ("ft", None, "", ""),  # 4 to 5 cm
+        ("m", None, "", ""),
+        ("cm", 100.0, "--unit m", "probably in m or in, not cm: --unit m makes it 160 × 150 × 120 mm"),
+    ],
+)
+def test_unit_that_is_wrong(wide: Path, unit: str, scale: float | None, option: str, words: str) -> None:
+    mesh = load_mesh(wide, unit)
+    found = size_advice(mesh)
+    assert (found.scale, found.option) == (pytest.approx(scale), option) and words in found.words
+    if found.unit is not None:
+        assert size_advice(load_mesh(wide, found.unit)).words == ""
+
+
+@pytest.mark.parametrize("name", ["bunny.ply", "Duck.glb", "teapot.stl", "base_interface_AP214.STEP"])
+def test_real_files_are_mended_by_what_is_said(shared: Path, name: str) -> None:
+    path = shared / "data" / "meshes" / name
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    if name.endswith("STEP"):
+        pytest.importorskip("cascadio")
+    mesh = load_mesh(path, {"bunny.ply": "mm", "teapot.stl": "m"}.get(name))
+    found = size_advice(mesh)
+    assert found.scale is not None and found.option in found.words
+    mended = load_mesh(path, found.unit or mesh.unit, scale=1.0 if found.unit else found.scale)
+    assert size_advice(mended).words == ""
+    assert mended.diagonal_m == pytest.approx(mesh.diagonal_m * found.scale)
+
+
+def test_scale_is_on_top_of_the_one_given(wide: Path) -> None:
+    mesh = load_mesh(wide, "m", scale=20.0)
+    found = size_advice(mesh)
+    assert found.unit is None
+    assert found.option == f"--scale {20.0 * found.scale:.10g}"
+    size_m = np.array(found.size_m) * found.scale
+    assert (size_m <= REACH_M["omni"]).all() and (2.5 * size_m >= REACH_M["omni"]).any()
+
+
+def test_scene_as_it_stands_by_what_the_device_reaches() -> None:
+    scene = Scene()
+    assert size_advice(scene).words == ""
+    for x in (0.0, 0.7):
+        scene.add(WIDE, unit="m", pose=[[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    found = size_advice(scene)
+    assert found.words.startswith("the scene is 860 × 150 × 120 mm in size; the omni reaches 160 × 70 × 120 mm of it")
+    assert found.scale == 0.1 and found.option == ""
+    assert size_advice(scene, "premium-1.5").words == size_advice(scene, "a device of its own").words == ""
+
+
+def test_commands_say_it_once_and_nothing_of_a_size_for_a_hand(
+    wide: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    load_input(str(wide), "m")
+    assert len(capsys.readouterr().out.splitlines()) == 1  # that it is loaded
+    scene = load_input(str(wide), "mm")
+    assert capsys.readouterr().out.count("--unit m makes it") == 1
+    scene.save(tmp_path / "wide.scene.json")
+    load_input(str(tmp_path / "wide.scene.json"))
+    told = capsys.readouterr().out
+    assert "the scene is 160 × 150 × 120 µm" in told and "--" not in told  # which a scene file would refuse
+    (tmp_path / "speck.stl").write_bytes(wide.read_bytes())
+    both = Scene()
+    both.add(wide, unit="m")
+    both.add(tmp_path / "speck.stl", unit="mm")
+    tell_size(both, str(wide))
+    assert capsys.readouterr().out.startswith("speck.stl is 160 × 150 × 120 µm")

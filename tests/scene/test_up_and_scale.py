@@ -1,0 +1,131 @@
+"""Which axis of a mesh's file is up, and how much larger it is made: in a scene z is up, and sizes are in metres."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.command.options import load_input
+from hapscene.errors import HapsceneError, MeshError, SceneError
+from hapscene.exchange import EXPORTS, export_scene, import_scene
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.scene import Scene, load_scene
+
+TALL = trimesh.creation.box((0.02, 0.05, 0.03))  # as its file has it: its height is along y
+STANDING = [0.02, 0.03, 0.05]
+
+
+def size_of(mesh: Mesh) -> list[float]:
+    return np.round(mesh.bounds_m[1] - mesh.bounds_m[0], 7).tolist()
+
+
+@pytest.mark.filterwarnings("ignore:.*says that it is in mm")
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "stl", "obj", "ply", "off", "3mf"])
+def test_y_up_is_turned_by_the_convention_of_the_format_or_as_told(suffix: str, tmp_path: Path) -> None:
+    file = tmp_path / f"tall.{suffix}"
+    marked = TALL.copy()
+    marked.apply_translation((0.0, 0.1, 0.0))  # above the origin
+    marked.export(file)
+    by_format, standing, lying = (load_mesh(file, "m", up=up) for up in (None, "y", "z"))
+    assert size_of(standing) == STANDING
+    assert standing.bounds_m[0, 2] == pytest.approx(0.075) and standing.bounds_m[0, 1] == pytest.approx(-0.015)
+    assert size_of(lying) == [0.02, 0.05, 0.03]
+    assert by_format.up == ("y" if suffix in ("glb", "gltf") else "z")
+    assert by_format.digest == (standing if by_format.up == "y" else lying).digest
+    assert edges_outward(standing)
+
+
+def edges_outward(mesh: Mesh) -> bool:
+    middle = mesh.bounds_m.mean(axis=0)
+    return bool((np.einsum("ij,ij->i", mesh.normals, mesh.triangles_m.mean(axis=1) - middle) > 0.0).all())
+
+
+def test_scale_makes_it_larger_after_its_unit(tmp_path: Path) -> None:
+    TALL.export(tmp_path / "tall.stl")
+    assert size_of(load_mesh(tmp_path / "tall.stl", "cm", scale=50.0)) == [0.01, 0.025, 0.015]
+    assert size_of(Mesh.from_trimesh(TALL, "m", up="y", scale=2.0)) == [0.04, 0.06, 0.1]
+
+
+def test_scene_file_keeps_both(tmp_path: Path) -> None:
+    TALL.export(tmp_path / "tall.glb")
+    scene = Scene()
+    scene.add(tmp_path / "tall.glb", name="as it is")
+    scene.add(tmp_path / "tall.glb", name="lying, half", up="z", scale=0.5)
+    scene.save(tmp_path / "two.scene.json")
+    content = json.loads((tmp_path / "two.scene.json").read_text())
+    assert content["version"] == 3 and content["meshes"][1]["scale"] == 0.5
+    back = load_scene(tmp_path / "two.scene.json")
+    assert [size_of(body.mesh) for body in back.bodies] == [STANDING, [0.01, 0.025, 0.015]]
+
+
+def test_files_of_before_load_gltf_as_it_lay(tmp_path: Path) -> None:
+    TALL.export(tmp_path / "tall.glb")
+    scene = Scene()
+    scene.add(tmp_path / "tall.glb", up="z")  # as every glTF was
+    scene.save(tmp_path / "old.scene.json")
+    content = json.loads((tmp_path / "old.scene.json").read_text())
+    assert content["version"] == 1 and set(content["meshes"][0]) == {"path", "unit", "sha256", "face_count"}
+    assert size_of(load_scene(tmp_path / "old.scene.json").bodies[0].mesh) == [0.02, 0.05, 0.03]
+
+
+@pytest.mark.parametrize(
+    ("told", "problem"),
+    [
+        ({"up": "x"}, "no axis 'x' is up"),
+        *(({"scale": bad}, "scaled by a number") for bad in (0.0, -1.0, np.nan, np.inf, True, 10**400, "2")),
+    ],
+)
+def test_what_is_no_axis_or_scale_is_refused(told: dict, problem: str, tmp_path: Path) -> None:
+    TALL.export(tmp_path / "tall.stl")
+    with pytest.raises(MeshError, match=problem):
+        load_mesh(tmp_path / "tall.stl", "m", **told)
+    scene = Scene()
+    scene.add(tmp_path / "tall.stl", unit="m")
+    scene.save(tmp_path / "a.scene.json")
+    content = json.loads((tmp_path / "a.scene.json").read_text())
+    content["meshes"][0] |= {"up": ["y"]} if "up" in told else told
+    (tmp_path / "a.scene.json").write_text(json.dumps(content))
+    with pytest.raises(SceneError, match=r"a.scene.json: meshes\[0\]: "):
+        load_scene(tmp_path / "a.scene.json")
+
+
+@pytest.mark.filterwarnings("ignore:.*holds a painted scene")
+def test_what_says_this_itself_takes_neither(tmp_path: Path) -> None:
+    scene = Scene()
+    scene.add(TALL, unit="m")
+    scene.save(tmp_path / "a.scene.json")
+    export_scene(scene, tmp_path / "a.ply")
+    with pytest.raises(MeshError, match="up= and scale="):
+        scene.add(scene.bodies[0].mesh, up="y")
+    for name in ("a.scene.json", "a.ply"):
+        with pytest.raises(HapsceneError, match=f"{name}: .*which says this itself; leave .*--up"):
+            load_input(str(tmp_path / name), up="y")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", EXPORTS)
+def test_foreign_mesh_stands_as_it_stood_after_a_round_trip(name: str, tmp_path: Path) -> None:
+    corners = [[0, 0, 0], [0.02, 0, 0], [0, 0.05, 0], [0, 0, 0.03]]
+    ramp = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    ramp.export(tmp_path / "ramp.glb")
+    scene = Scene()
+    scene.add(tmp_path / "ramp.glb", pose=trimesh.transformations.rotation_matrix(0.5, (1, 2, 3), (0.1, 0.2, 0.3)))
+    file = tmp_path / f"out{EXPORTS[name].suffix}"
+    export_scene(scene, file, name)
+    unit = "m" if file.suffix in (".obj", ".stl", ".ply") else None
+    opened = [import_scene(file, unit)]
+    if file.suffix != ".x3d":  # as a mesh of anybody's, too
+        opened.append(Scene())
+        opened[1].add(file, unit=unit)
+    for back in opened:
+        np.testing.assert_allclose(corners_of(back), corners_of(scene), atol=1e-8)
+
+
+def corners_of(scene: Scene) -> np.ndarray:
+    """Corners (n, 3) of all faces in W [m], in an order that does not depend on theirs."""
+    body = scene.bodies[0]
+    corners = (body.mesh.triangles_m @ body.X_WB[:3, :3].T + body.X_WB[:3, 3]).reshape(-1, 3)
+    return corners[np.lexsort(corners.round(6).T)]

@@ -1,0 +1,81 @@
+"""A swatch's look: comes back to the bit, and a stranger's picture costs nothing but itself."""
+
+import base64
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import hapscene
+from hapscene.errors import SwatchError
+from hapscene.surface.look import PICTURE_BYTES_MAX, Look
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import swatch_from_json, swatch_to_json
+
+
+def png(width: int = 4, height: int = 3, colour: tuple[int, int, int] = (255, 0, 0)) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGB", (width, height), colour).save(file, "PNG")
+    return file.getvalue()
+
+
+FELT = Swatch("felt", look=Look(0.9, 0.02, png(), png(colour=(127, 127, 255))))
+
+
+def changed(**keys: object) -> str:
+    content = json.loads(swatch_to_json(FELT))
+    content["look"] |= keys
+    return json.dumps(content)
+
+
+def test_a_look_comes_back() -> None:
+    text = swatch_to_json(FELT)
+    assert swatch_from_json(text) == FELT and json.loads(text)["version"] == 3
+    look = swatch_from_json(text).look
+    assert look is not None
+    np.testing.assert_array_equal(look.albedo(), np.full((3, 4, 3), [1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(look.normal(), np.full((3, 4, 3), [0.0, 0.0, 1.0]), atol=0.01)
+
+
+def test_what_has_no_look_is_written_as_ever() -> None:
+    content = json.loads(swatch_to_json(hapscene.load_swatch("wood")))
+    assert content["version"] == 2 and "look" not in content
+    with pytest.raises(SwatchError, match="unknown key 'look'"):
+        swatch_from_json(json.dumps(content | {"look": {}}))
+    assert swatch_from_json(json.dumps(content | {"version": 3, "look": {}})).look == Look()
+
+
+@pytest.mark.parametrize(
+    ("keys", "problem"),
+    [
+        ({"albedo_png": "no base64!"}, "albedo_png must be a PNG picture as base64"),
+        ({"albedo_png": 7}, "albedo_png must be a PNG picture as base64"),
+        ({"albedo_png": "A" * (2 * PICTURE_BYTES_MAX + 4)}, "bytes at most"),
+        ({"albedo_png": base64.b64encode(b"GIF89a" + bytes(50)).decode()}, "is no PNG picture"),
+        ({"albedo_png": base64.b64encode(png()[:20]).decode()}, "is no PNG picture"),
+        ({"normal_png": base64.b64encode(png(600, 2)).decode()}, "600 × 2 pixels"),
+        ({"roughness": 1.1}, "look.roughness must be from 0 to 1"),
+        ({"size_m": 0.0}, "look.size_m must be from 0.0001 to 10"),
+        ({"size_m": "wide"}, "look.size_m must be a finite number"),
+        ({"metalness": 1.0}, "unknown key 'look.metalness'"),
+    ],
+)
+def test_strangers_looks_are_refused(keys: dict[str, object], problem: str) -> None:
+    with pytest.raises(SwatchError, match=problem):
+        swatch_from_json(changed(**keys))
+
+
+def test_a_damaged_picture_costs_the_picture_alone() -> None:
+    good = png(64, 64)
+    for bad in (good[:-30], good[:40] + bytes(60), good[:16] + (2**31 - 1).to_bytes(4, "big") * 2 + good[24:]):
+        if int.from_bytes(bad[16:20], "big") > 512:
+            with pytest.raises(SwatchError, match="pixels"):
+                Look(albedo_png=bad)
+        else:
+            assert Look(albedo_png=bad).albedo() is None
+    twice = good[:33] + good[8:33] + good[33:]  # a second head, which may say anything
+    twice = twice[:41] + (4096).to_bytes(4, "big") + twice[45:]
+    found = Look(albedo_png=twice).albedo()
+    assert found is None or found.shape == (64, 64, 3)
