@@ -26,6 +26,8 @@ __all__ = [
     "ViewError",
 ]
 
+NAMED = 16  # names that one sentence lists
+
 
 class HapsceneError(Exception):
     """An error with a message for the user: bad input, not a fault of the program."""
@@ -83,9 +85,14 @@ class ViewError(HapsceneError):
 
 
 def no_such(kind: str, name: str, known: Iterable[str]) -> str:
-    """The one sentence for an unknown name: "no swatch 'oka'; there are: oak, paper"."""
-    names = ", ".join(sorted(known))
-    return f"no {kind} {name!r}; there are: {names}" if names else f"no {kind} {name!r}; there are none"
+    """The one sentence for an unknown name: "no swatch 'oka'; there are: oak, paper". Of many, the nearest."""
+    names = sorted(known)
+    if not names:
+        return f"no {kind} {name!r}; there are none"
+    more = len(names) - NAMED
+    if more > 0:
+        names = sorted(difflib.get_close_matches(name, names, n=NAMED, cutoff=0.0))
+    return f"no {kind} {name!r}; there are: {', '.join(names)}{f' and {more} more' if more > 0 else ''}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
