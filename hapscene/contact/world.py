@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
+from hapscene.contact.neighbours import faces_beyond
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.native import native
@@ -39,7 +40,8 @@ BODY: Final = np.dtype(
         ("center_B_m", "f8", (3,)),  # origin of the search structure's frame
         ("radius_m", "f8"),  # of the ball around it that holds the mesh
         ("skin_m", "f8"),  # distance the proxy keeps while it is searched for
-        ("face", "i8"),  # the mesh's first row in World.corners_m
+        ("face", "i8"),  # the first row in World.corners_m of the shape it has
+        ("mesh_row", "i8"),  # the mesh's first row in World.beyond
         ("two_sided", "i8"),  # 1: both sides of a face hold, 0: only its outside
         ("moved", "i8"),  # 1 where the pose is not that of the last tick
         ("passed", "i8"),  # not 0 while the tool was let in: 1 from the outside of a face, −1 from its back
@@ -124,6 +126,7 @@ class World(NamedTuple):
     # (f, 3, 3) corners in the body's frame, mesh after mesh: side by side, a face is one read; with shading (f, 6, 3),
     # the corners and their normals: in an array of their own they cost every tick 0.06 µs, asked for or not
     corners_m: NDArray[np.float64]
+    beyond: NDArray[np.int32]  # (f, 3) the face of the mesh across each edge, see `faces_beyond`
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,), at most NEAR_MAX and those that hold the proxy
     moved: NDArray[np.int64]  # (b + 1,) how many bodies have moved in this tick, and which
@@ -165,8 +168,8 @@ class Shapes:
 
     Attributes:
         searches: one for each mesh, by its identity.
-        first: the mesh's first row in `corners_m`, likewise.
-        corners_m: as `World` has them.
+        first: the mesh's first row in `corners_m` and `beyond`, likewise.
+        corners_m, beyond: as `World` has them.
         skin_m: for all of them.
     """
 
@@ -177,11 +180,13 @@ class Shapes:
         first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
         self.first = dict(zip(self.searches, first, strict=False))
         self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
+        self.beyond = np.empty((first[-1], 3), np.int32)
         for mesh, start in zip(meshes, first, strict=False):
             rows = self.corners_m[start : start + len(mesh.faces)]
             np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
             if crease_rad > 0.0:
                 rows[:, 3:] = corner_normals(mesh, crease_rad)
+            self.beyond[start : start + len(mesh.faces)] = faces_beyond(mesh.vertices_m, mesh.faces)
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()
@@ -207,12 +212,13 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shape
     """
     shapes = shapes_of(bodies, crease_rad) if shapes is None else shapes
     rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
-    _place(rows, balls, bodies, shapes)
+    _place(rows, balls, bodies, shapes, (0, 0))
     proxy = records(1, PROXY)
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
     return World(
         bodies=rows,
         corners_m=shapes.corners_m,
+        beyond=shapes.beyond,
         ball_W_m=balls,
         near=np.zeros(min(len(rows), NEAR_MAX + ASIDE), np.int64),
         moved=np.zeros(len(rows) + 1, np.int64),
@@ -228,23 +234,25 @@ def _place(
     balls: NDArray[np.float64],
     bodies: "Sequence[Body]",
     shapes: Shapes | None,
-    first: int = 0,
+    first: tuple[int, int],
     like: Mapping[int, Any] = MappingProxyType({}),
 ) -> None:
     """Fill the records of bodies, and their balls (b, 4).
 
-    Their shapes are those of the records `like` has by mesh, or else of `shapes`, whose corners begin at `first`.
+    Their shapes are those of the records `like` has by mesh, or else of `shapes`, whose first rows in `corners_m` and
+    `beyond` are `first`.
     """
     for row, ball, body in zip(rows, balls, bodies, strict=True):
         key = id(body.mesh)
         if key in like:
             row.search, row.radius_m, row.skin_m = like[key].search, like[key].radius_m, like[key].skin_m
-            row.center_B_m, row.face = like[key].center_B_m, like[key].face
+            row.center_B_m, row.face, row.mesh_row = like[key].center_B_m, like[key].face, like[key].mesh_row
         else:
             assert shapes is not None
             search = shapes.searches[key]
             row.search, row.radius_m, row.skin_m = search.handle, search.radius_m, shapes.skin_m
-            row.center_B_m, row.face = search.center_m, first + shapes.first[key]
+            row.center_B_m = search.center_m
+            row.face, row.mesh_row = (start + shapes.first[key] for start in first)
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
@@ -288,6 +296,7 @@ class Growth:
         self._shapes = shapes_of(new, crease_rad, skin_m) if new else None
         self._bodies, self._before = bodies, world.corners_m
         self._corners_m = self._longer(world.corners_m)
+        self._beyond = np.concatenate((world.beyond, self._shapes.beyond)) if self._shapes else world.beyond
 
     def _longer(self, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Corners, and behind them those of what is new."""
@@ -305,7 +314,8 @@ class Growth:
             if row.face_count > 0:  # and other shapes
                 first, end = int(row.shape_face[0]), int(row.shape_face[-1] + row.face_count)
                 corners_m[first:end] = world.corners_m[first:end]
-        _place(rows[before:], balls[before:], self._bodies, self._shapes, len(world.corners_m), self._rows)
+        ends = len(world.corners_m), len(world.beyond)
+        _place(rows[before:], balls[before:], self._bodies, self._shapes, ends, self._rows)
         moved, impulse = np.zeros(count + 1, np.int64), world.impulse
         moved[: before + 1] = world.moved
         if len(impulse) < count:
@@ -313,7 +323,15 @@ class Growth:
             impulse[:before] = world.impulse
         world.proxy[0].near_count, world.proxy[0].near_room_m = 0, 0.0  # which are near is looked up anew
         near = np.zeros(min(count, NEAR_MAX + ASIDE), np.int64)
-        return world._replace(bodies=rows, corners_m=corners_m, ball_W_m=balls, near=near, moved=moved, impulse=impulse)
+        return world._replace(
+            bodies=rows,
+            corners_m=corners_m,
+            beyond=self._beyond,
+            ball_W_m=balls,
+            near=near,
+            moved=moved,
+            impulse=impulse,
+        )
 
 
 def crowd(world: World) -> tuple[int, int]:

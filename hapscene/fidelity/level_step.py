@@ -160,6 +160,7 @@ def _put_shapes(world: Any, levels: Any, to: int) -> None:
         if body.radius_m < 0.0:  # it was removed
             continue
         body.search, body.radius_m, body.face = levels.search[to, k], levels.radius_m[to, k], levels.face[to, k]
+        body.mesh_row = levels.face[to, k]  # such worlds have no other rows
         for i in range(3):
             body.center_B_m[i] = levels.center_B_m[to, k, i]
         place_ball(body, world.ball_W_m[k])
