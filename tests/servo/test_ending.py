@@ -219,7 +219,7 @@ def enter_with(mount: str, folder: Path) -> str:
     [
         ("-o size=1m tmpfs /dev/shm", "bytes of shared memory; /dev/shm has 1,048,576 left: make it larger"),
         ("-o ro tmpfs /dev/shm", "bytes of shared memory; /dev/shm must be there and be writable"),
-        ("-o size=5600k tmpfs /dev/shm", "it runs"),  # nothing else of ours lies there
+        ("-o size=7000k tmpfs /dev/shm", "it runs"),  # nothing else of ours lies there
     ],
     ids=["small", "read-only", "just enough"],
 )

@@ -178,7 +178,7 @@ def test_the_hand_follows_the_aim_critically_damped(desk: Desk) -> None:
 @pytest.mark.parametrize("desk", [1e-3], indirect=True)
 def test_a_hand_that_rests_goes_on_resting_whatever_is_painted(desk: Desk) -> None:
     channel, cube = desk._channel.channel[0], make_cube()
-    painting = cube.swatches, [body.face_swatch for body in cube.bodies]
+    painting = cube.swatches, [(body.face_swatch, body.fine) for body in cube.bodies]
     assert not desk.rest()
     desk.repaint(*painting)
     assert not desk.rest() and channel.done == 0

@@ -48,10 +48,12 @@ def test_force_and_motors_do_the_same_work(hardware: str) -> None:
 def test_place_and_force_on_the_wire(emulate) -> None:
     board = emulate("haply2diy")
     with DRIVER.open(port=board.place, homed=True) as device:
-        for _ in range(10):
+        known = 0
+        while known < 10:  # on a busy machine the first answers come late
             device.read()
             device.state.f_D_N = (0.0, 1.0, 0.0)  # away from the hand
             device.write()
+            known += bool(device.state.p_DT_m[0].any())
         np.testing.assert_allclose(device.state.p_DT_m[0], (0, 0.09 - 0.13262, 0), atol=1e-4)
     assert tuple(board.rows()[0][2:]) == tuple(setup_message(HARDWARE["v3"]))
     second, first = next(row[1:3] for row in reversed(board.rows()) if any(row[1:3]))
