@@ -79,15 +79,16 @@ def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: fl
     if start > skin:
         stop = (start - skin) / (start - left)
     if stop < best:
-        _append(proxy, body, index, face, side, n, offset)
+        put_plane(proxy, proxy.count, body, index, face, side, n, offset)
     return stop
 
 
 @native
-def _append(proxy: Any, body: Any, index: int, face: int, side: float, n_B: Vector, offset_B: float) -> None:
-    """Write a plane, given in the body's frame, into the slot after the last one."""
+def put_plane(
+    proxy: Any, k: int, body: Any, index: int, face: int, side: float, n_B: Vector, offset_B: float
+) -> None:
+    """Write a plane, given in the body's frame, into slot k."""
     n = turn_to_world(body, n_B)
-    k = proxy.count
     o = body.p_WB_m
     for i in range(3):
         proxy.nhat_W[k, i] = n[i]

@@ -9,7 +9,7 @@ from typing import Any
 
 from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
-from hapscene.contact.world import ASIDE, SLOTS
+from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector
 from hapscene.native import native
 
@@ -193,7 +193,7 @@ def drop_unsupported(world: Any, p_W: Vector) -> bool:
                 copy_plane(proxy, i, kept)
             kept += 1
         else:
-            copy_plane(proxy, i, ASIDE + proxy.aside % (SLOTS - ASIDE))
+            copy_plane(proxy, i, ASIDE + proxy.aside % (SAVED - ASIDE))
             proxy.aside += 1
     proxy.count = kept
     return bool(kept < count)
@@ -206,10 +206,10 @@ def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
     So it is at a concave edge of a fraction of a degree: too flat for a ray a skin above one face to meet the other.
     """
     proxy = world.proxy[0]
-    for k in range(min(proxy.aside, SLOTS - ASIDE)):
+    for k in range(min(proxy.aside, SAVED - ASIDE)):
         i = ASIDE + k
         skin = proxy.skin_m[i]
-        if _above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or _above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
+        if above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
             continue
         if lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], goal_W, skin):
             copy_plane(proxy, i, proxy.count)
@@ -220,7 +220,7 @@ def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
 
 
 @native
-def _above(proxy: Any, slot: int, p_W: Vector) -> float:
+def above(proxy: Any, slot: int, p_W: Vector) -> float:
     """Height of a point over the plane in a slot [m]."""
     n = proxy.nhat_W[slot]
     return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])

@@ -14,6 +14,7 @@ from typing import Any
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
+from hapscene.contact.crossing import AROUND, DIRECT, STAYS, UNKNOWN, look_beyond, swap_planes
 from hapscene.contact.passing import leave
 from hapscene.contact.planes import (
     copy_plane,
@@ -26,12 +27,15 @@ from hapscene.contact.planes import (
     trust,
 )
 from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
-from hapscene.contact.world import ASIDE, SLOTS
+from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector, along, norm, sub
 from hapscene.native import native
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
+
+TRIES = 2
+"""How often in a tick the faces beyond edges are tried before rays are asked for them [count]."""
 
 DEPTH_MAX_M = 1e3
 """More than any plane pushes [m]."""
@@ -218,6 +222,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     settled = False
     last_m = math.inf  # from the proxy to the tool, where it last came to a halt
     proxy.aside = 0
+    tries = TRIES
     for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
         found, goal = nearest(proxy, tool_W, 1.0)
         if not found:  # planes that moved apart enclose nothing: let the oldest go
@@ -228,6 +233,19 @@ def _settle(world: Any, tool_W: Vector) -> bool:
         drop_idle(proxy)
         if proxy.aside > 0 and take_back(world, p, goal):
             continue
+        beyond, ahead, place = UNKNOWN, 0, goal
+        if tries > 0 and proxy.count > 0:
+            tries -= 1
+            beyond, ahead, place = look_beyond(world, p, tool_W, goal)
+            if beyond == DIRECT:
+                count = proxy.count
+                swap_planes(world, max(count, ahead), ahead)
+                if cast(world, p, place) > 1.0:
+                    p = place
+                    settled = True
+                    break
+                proxy.count = ahead
+                swap_planes(world, max(count, ahead), count)
         way = sub(goal, p)
         if norm(way) > STILL * _skin(world):
             stop = cast(world, p, goal)
@@ -239,13 +257,31 @@ def _settle(world: Any, tool_W: Vector) -> bool:
                 met = p
                 continue
             p = goal
+        if beyond == STAYS:
+            settled = True
+            break
+        if beyond == DIRECT or beyond == AROUND:
+            count = proxy.count
+            swap_planes(world, max(count, ahead), ahead)
+            stop = cast(world, p, place)
+            if stop > 1.0:
+                p = place
+                settled = True
+                break
+            if count == 1:  # over the last face it is no more
+                copy_plane(proxy, ahead, 0)
+                proxy.count = 1
+                p = along(p, stop, sub(place, p))
+                met = p
+                continue
+            swap_planes(world, max(count, ahead), count)
         left_m = norm(sub(tool_W, p))
         if left_m >= last_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
             settled = True
             break
         last_m = left_m - STILL * proxy.skin_m[ASIDE]
     if proxy.count == 0 and proxy.aside > 0 and not settled:  # past the edge of the last face, not over the next
-        copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SLOTS - ASIDE), 0)
+        copy_plane(proxy, ASIDE + (proxy.aside - 1) % (SAVED - ASIDE), 0)
         proxy.count = 1
         p = met
     for i in range(3):

@@ -86,14 +86,14 @@ def lies_over_in_body(world: Any, body: Any, face: int, p: Vector, margin_m: flo
     a, b, c = corners(world, body, face)
     n, _ = plane(a, b, c)
     return (
-        _past_edge(a, b, n, p) >= -margin_m
-        and _past_edge(b, c, n, p) >= -margin_m
-        and _past_edge(c, a, n, p) >= -margin_m
+        past_edge(a, b, n, p) >= -margin_m
+        and past_edge(b, c, n, p) >= -margin_m
+        and past_edge(c, a, n, p) >= -margin_m
     )
 
 
 @native
-def _past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
+def past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
     """Signed distance of p from the edge a → b within the plane, positive inside [m]."""
     edge = sub(b, a)
     return dot(cross(n, edge), sub(p, a)) / norm(edge)

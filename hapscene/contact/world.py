@@ -24,8 +24,14 @@ if TYPE_CHECKING:
 ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
 
-SLOTS: Final = ASIDE + 6
-"""Slots for planes in all. About a vertex of a scan lie 6 faces."""
+SAVED: Final = ASIDE + 6
+"""First slot of the planes beyond an edge that is being crossed. About a vertex of a scan lie 6 faces."""
+
+SPARE: Final = SAVED + 4
+"""A slot for moving planes about."""
+
+SLOTS: Final = SPARE + 1
+"""Slots for planes in all."""
 
 SHAPES: Final = 3
 """Shapes of a body that is given others [count]: one that is felt, one that is to be, and one that is being written."""

@@ -26,7 +26,7 @@ session = Session.open(Path(sys.argv[1]))
 session.document.start_autosave()
 made = session.add_swatch(Swatch("slate", stiffness_N_m=900.0))
 session.tune(session.painting.swatch_named("paper"), stiffness_N_m=123.0)
-session.begin_stroke(made, 1e-6)  # a stroke that never ends: it is not lost either
+session.begin_stroke(made, 1e-3)  # a stroke that never ends: it is not lost either
 for face in range(1280):
     session.stroke_to(session.hit_at("ball", face))
     print(face, time.time(), flush=True)
