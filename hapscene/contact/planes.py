@@ -11,7 +11,7 @@ from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 TOLERANCE = 1e-3
 """How far behind a plane a solution may lie and still be allowed, in skins [1]."""
@@ -20,7 +20,7 @@ PARALLEL = 1e-12
 """Squared sine of the angle below which two planes count as one [1]."""
 
 
-@native
+@inlined
 def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
 
@@ -152,7 +152,7 @@ NEARBY = 10.0
 """How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
 
 
-@native
+@inlined
 def trust(proxy: Any, first: int, moved_m: float) -> None:
     """The proxy has moved: only planes from `first` on were met on the way it is on.
 
@@ -164,7 +164,7 @@ def trust(proxy: Any, first: int, moved_m: float) -> None:
             proxy.met[i] = 0
 
 
-@native
+@inlined
 def drop_idle(proxy: Any) -> None:
     """Drop the planes that do not push; at most three are left."""
     kept = 0
@@ -258,7 +258,7 @@ def place_plane(world: Any, i: int) -> None:
     proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
 
 
-@native
+@inlined
 def copy_plane(proxy: Any, source: int, target: int) -> None:
     for k in range(3):
         proxy.nhat_W[target, k] = proxy.nhat_W[source, k]

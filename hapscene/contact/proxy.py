@@ -14,7 +14,7 @@ from typing import Any
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
-from hapscene.contact.crossing import AROUND, DIRECT, STAYS, UNKNOWN, look_beyond, swap_planes
+from hapscene.contact.crossing import MET, NONE, RESTS, cross_edges, edge_passed
 from hapscene.contact.passing import leave
 from hapscene.contact.planes import (
     copy_plane,
@@ -233,19 +233,17 @@ def _settle(world: Any, tool_W: Vector) -> bool:
         drop_idle(proxy)
         if proxy.aside > 0 and take_back(world, p, goal):
             continue
-        beyond, ahead, place = UNKNOWN, 0, goal
-        if tries > 0 and proxy.count > 0:
+        edge = edge_passed(world, goal)
+        if edge >= 0 and tries > 0:
             tries -= 1
-            beyond, ahead, place = look_beyond(world, p, tool_W, goal)
-            if beyond == DIRECT:
-                count = proxy.count
-                swap_planes(world, max(count, ahead), ahead)
-                if cast(world, p, place) > 1.0:
-                    p = place
-                    settled = True
-                    break
-                proxy.count = ahead
-                swap_planes(world, max(count, ahead), count)
+            outcome, p = cross_edges(world, p, tool_W, goal, edge)
+            if outcome == RESTS:
+                settled = True
+                break
+            if outcome == MET:
+                met = p
+                continue
+            tries = 0
         way = sub(goal, p)
         if norm(way) > STILL * _skin(world):
             stop = cast(world, p, goal)
@@ -257,24 +255,9 @@ def _settle(world: Any, tool_W: Vector) -> bool:
                 met = p
                 continue
             p = goal
-        if beyond == STAYS:
+        if edge == NONE:
             settled = True
             break
-        if beyond == DIRECT or beyond == AROUND:
-            count = proxy.count
-            swap_planes(world, max(count, ahead), ahead)
-            stop = cast(world, p, place)
-            if stop > 1.0:
-                p = place
-                settled = True
-                break
-            if count == 1:  # over the last face it is no more
-                copy_plane(proxy, ahead, 0)
-                proxy.count = 1
-                p = along(p, stop, sub(place, p))
-                met = p
-                continue
-            swap_planes(world, max(count, ahead), count)
         left_m = norm(sub(tool_W, p))
         if left_m >= last_m or not drop_unsupported(world, p):  # no nearer than at the last halt: flat, let it be
             settled = True

@@ -3,17 +3,17 @@
 from typing import Any
 
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 
-@native
+@inlined
 def to_world(body: Any, p_B: Vector) -> Vector:
     """Point from the body's frame to the world's."""
     o = body.p_WB_m
     return along((o[0], o[1], o[2]), 1.0, turn_to_world(body, p_B))
 
 
-@native
+@inlined
 def to_body(body: Any, p_W: Vector) -> Vector:
     """Point from the world's frame to the body's, at this tick's pose."""
     return _into(body.R_WB, body.p_WB_m, p_W)
@@ -25,7 +25,7 @@ def to_body_before(body: Any, p_W: Vector) -> Vector:
     return _into(body.was_R_WB, body.was_p_WB_m, p_W)
 
 
-@native
+@inlined
 def _into(R: Any, o: Any, p: Vector) -> Vector:
     """Rᵀ (p − o)."""
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
@@ -36,7 +36,7 @@ def _into(R: Any, o: Any, p: Vector) -> Vector:
     )
 
 
-@native
+@inlined
 def turn_to_world(body: Any, v_B: Vector) -> Vector:
     """Direction from the body's frame to the world's."""
     R = body.R_WB
@@ -53,19 +53,19 @@ def turn_to_body(body: Any, v_W: Vector) -> Vector:
     return _into(body.R_WB, (0.0, 0.0, 0.0), v_W)
 
 
-@native
+@inlined
 def corners(world: Any, body: Any, face: int) -> tuple[Vector, Vector, Vector]:
     """The three corners of a face in the body's frame [m]."""
     row = body.face + face
     return _corner(world, row, 0), _corner(world, row, 1), _corner(world, row, 2)
 
 
-@native
+@inlined
 def _corner(world: Any, row: int, k: int) -> Vector:
     return world.corners_m[row, k, 0], world.corners_m[row, k, 1], world.corners_m[row, k, 2]
 
 
-@native
+@inlined
 def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
     """Unit normal of a triangle, counter-clockwise outward, and the plane's offset [m]."""
     n = cross(sub(b, a), sub(c, a))
@@ -84,19 +84,24 @@ def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) ->
 def lies_over_in_body(world: Any, body: Any, face: int, p: Vector, margin_m: float) -> bool:
     """The same of a point in the body's axes."""
     a, b, c = corners(world, body, face)
-    n, _ = plane(a, b, c)
-    return (
-        past_edge(a, b, n, p) >= -margin_m
-        and past_edge(b, c, n, p) >= -margin_m
-        and past_edge(c, a, n, p) >= -margin_m
-    )
+    return edge_past(a, b, c, p, margin_m) < 0
 
 
-@native
-def past_edge(a: Vector, b: Vector, n: Vector, p: Vector) -> float:
-    """Signed distance of p from the edge a → b within the plane, positive inside [m]."""
-    edge = sub(b, a)
-    return dot(cross(n, edge), sub(p, a)) / norm(edge)
+@inlined
+def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> int:
+    """The edge of a triangle, 0 being a to b, that a point's foot is farthest past; −1 where by at most a margin."""
+    n = cross(sub(b, a), sub(c, a))
+    most2 = margin_m * margin_m * dot(n, n)
+    edge, least = -1, 0.0
+    for k in range(3):
+        start, end = (a, b, c)[k], (b, c, a)[k]
+        way = sub(end, start)
+        inside = dot(cross(n, way), sub(p, start))
+        if inside < 0.0:
+            far2 = inside * inside / dot(way, way)
+            if far2 > most2 and far2 > least:
+                edge, least = k, far2
+    return edge
 
 
 @native

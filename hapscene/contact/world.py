@@ -25,13 +25,13 @@ ASIDE: Final = 4
 """First slot of the planes that were dropped in this tick."""
 
 SAVED: Final = ASIDE + 6
-"""First slot of the planes beyond an edge that is being crossed. About a vertex of a scan lie 6 faces."""
+"""First slot of the planes that held the proxy before an edge was crossed. About a vertex of a scan lie 6 faces."""
 
-SPARE: Final = SAVED + 4
-"""A slot for moving planes about."""
-
-SLOTS: Final = SPARE + 1
+SLOTS: Final = SAVED + 3
 """Slots for planes in all."""
+
+FACES_MAX: Final = 8
+"""Most edges that are followed over in one tick [count]."""
 
 SHAPES: Final = 3
 """Shapes of a body that is given others [count]: one that is felt, one that is to be, and one that is being written."""
@@ -89,6 +89,7 @@ PROXY: Final = np.dtype(
             (SLOTS,),
         ),  # 1 where the face was met by a ray from where the proxy is, 2 where it was taken back
         ("aside", "i8"),  # how many planes were dropped in this tick
+        ("left", "i8", (FACES_MAX, 2)),  # edges crossed in this tick: body, 3 face + edge
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
