@@ -52,6 +52,16 @@ def native(function: Function) -> Function:
     return compiled
 
 
+def inlined(function: Function) -> Function:
+    """Decorator: `native`, and a part of whatever calls it.
+
+    For what a tick calls with all of `world` or `surface`, in one or two places: an array is seven words, so that the
+    call would hand over up to 250 of them, and the tick, whose calls lie in one another, write 8 kB of stack.
+    """
+    compiled: Function = kept(function, partial(_njit, forceinline=True, **_OPTIONS))
+    return compiled
+
+
 def native_for(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile at once for one signature; cached where the function's source is a file."""
     return kept(function, partial(_njit, signature, **_OPTIONS))

@@ -12,13 +12,13 @@ from hapscene.constants import LOOK_AHEAD
 from hapscene.contact.embree import first_face
 from hapscene.contact.triangle import corners, plane, to_body, turn_to_world
 from hapscene.geometry import Vector, dot, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 SATISFIED = 0.01
 """How far inside a skin the goal may be before the face counts as in the way, in skins [1]."""
 
 
-@native
+@inlined
 def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
     """Cast against all bodies in `world.near`; the nearest stop wins.
 
@@ -39,7 +39,7 @@ def cast(world: Any, origin_W: Vector, goal_W: Vector) -> float:
     return best
 
 
-@native
+@inlined
 def cast_body(world: Any, index: int, origin_B: Vector, goal_B: Vector, best: float) -> float:
     """Cast against one body, in its frame; as `cast`, but leaves the plane in the slot after the last one.
 

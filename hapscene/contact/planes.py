@@ -11,7 +11,7 @@ from hapscene.contact.cast import SATISFIED
 from hapscene.contact.triangle import corners, lies_over, plane, turn_to_world
 from hapscene.contact.world import ASIDE, SLOTS
 from hapscene.geometry import Vector
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 TOLERANCE = 1e-3
 """How far behind a plane a solution may lie and still be allowed, in skins [1]."""
@@ -176,7 +176,7 @@ def drop_idle(proxy: Any) -> None:
     proxy.count = kept
 
 
-@native
+@inlined
 def drop_unsupported(world: Any, p_W: Vector) -> bool:
     """Drop the planes whose faces do not reach under the proxy; True where there was one.
 
@@ -199,7 +199,7 @@ def drop_unsupported(world: Any, p_W: Vector) -> bool:
     return bool(kept < count)
 
 
-@native
+@inlined
 def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
     """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
 

@@ -28,7 +28,7 @@ from hapscene.contact.planes import (
 from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
 from hapscene.contact.world import ASIDE, SLOTS
 from hapscene.geometry import Vector, along, norm, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
@@ -68,7 +68,7 @@ def put(world: Any, p_W: Vector) -> None:
         proxy.p_WP_m[i] = p_W[i]
 
 
-@native
+@inlined
 def move(world: Any, tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
@@ -99,7 +99,7 @@ def move(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@native
+@inlined
 def _chief(world: Any, p_W: Vector) -> int:
     """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
     proxy = world.proxy[0]
@@ -113,7 +113,7 @@ def _chief(world: Any, p_W: Vector) -> int:
     return by
 
 
-@native
+@inlined
 def _ride(world: Any) -> Vector:
     """Where the body that the proxy rests on takes it in this tick."""
     proxy = world.proxy[0]
@@ -125,7 +125,7 @@ def _ride(world: Any) -> Vector:
     return p
 
 
-@native
+@inlined
 def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
 
@@ -178,7 +178,7 @@ def _is_held_by(proxy: Any, index: int) -> bool:
     return False
 
 
-@native
+@inlined
 def _carry(world: Any, carried_W: Vector) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
@@ -209,7 +209,7 @@ def _carry(world: Any, carried_W: Vector) -> None:
         proxy.p_W_m[i] = p[i]
 
 
-@native
+@inlined
 def _settle(world: Any, tool_W: Vector) -> bool:
     """Move the proxy until it rests."""
     proxy = world.proxy[0]
@@ -253,7 +253,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@native
+@inlined
 def _skin(world: Any) -> float:
     """Skin of what holds the proxy, 0 in the air: there every move counts."""
     proxy = world.proxy[0]
