@@ -1,16 +1,15 @@
 """A phase of the tick of its own: the contact, described once as a `Touch`, so that all effects agree on it."""
 
-import math
 from typing import Any
 
-from hapscene.constants import SLIP_CUTOFF_HZ, TINY
+from hapscene.constants import TINY
 from hapscene.contact.triangle import barycentric, to_body, to_body_before, to_world, turn_to_world
 from hapscene.geometry import Vector, along, dot, norm, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 from hapscene.surface.blending import paint_at, take_paint
 
 
-@native
+@inlined
 def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     """Fill `surface.touch[0]` from the proxy's result and the last tick."""
     touch, memory, proxy = surface.touch[0], surface.memory[0], world.proxy[0]
@@ -35,7 +34,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
         drag = _drag(world.bodies[touch.body], p_WP, touch.tick_s)
         _set(memory.drag_m_s, drag)
         v_rel = sub(v, drag)
-        _press(touch, v_rel, was_depth)
+        _press(touch, memory.smoothing, v_rel, was_depth)
         _slide(touch, memory, slip, v_rel, n)
     else:
         if touch.ended == 1:
@@ -55,7 +54,7 @@ def describe(world: Any, surface: Any, p_WT: Vector) -> None:
     memory.fresh = memory.jumped = 0
 
 
-@native
+@inlined
 def _enter(world: Any, touch: Any) -> None:
     """The bodies that the tool is in, and where they are."""
     proxy = world.proxy[0]
@@ -102,7 +101,7 @@ def shade(world: Any, surface: Any) -> None:
     n[0], n[1], n[2] = s[0] / length, s[1] / length, s[2] / length
 
 
-@native
+@inlined
 def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
     """What is touched: body, face, swatch, depth and normal. Returns the normal."""
     touch, proxy = surface.touch[0], world.proxy[0]
@@ -149,7 +148,7 @@ def _slip(body: Any, memory: Any, p_WP: Vector, n: Vector) -> Vector:
 
 
 @native
-def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
+def _press(touch: Any, smoothing: float, v_rel: Vector, was_depth: float) -> None:
     """Depth over time: its rate within a contact, the speed of approach where one begins."""
     n = touch.nhat_W
     if touch.began == 1:
@@ -159,7 +158,7 @@ def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
         touch.force_N = 0.0
     else:
         touch.depth_rate_m_s = (touch.depth_m - was_depth) / touch.tick_s
-    touch.force_N += _smoothing(touch.tick_s) * (touch.normal_force_N - touch.force_N)
+    touch.force_N += smoothing * (touch.normal_force_N - touch.force_N)
     if touch.force_N < TINY:
         touch.force_N = 0.0
 
@@ -167,7 +166,7 @@ def _press(touch: Any, v_rel: Vector, was_depth: float) -> None:
 @native
 def _slide(touch: Any, memory: Any, slip: Vector, v_rel: Vector, n: Vector) -> None:
     """Slip of this tick, and its low-passed speed; a contact starts with the tool's own."""
-    k = _smoothing(touch.tick_s)
+    k = memory.smoothing
     s = (memory.slip_m_s[0], memory.slip_m_s[1], memory.slip_m_s[2])
     if touch.began == 1:
         s = v_rel
@@ -190,12 +189,6 @@ def _leave(touch: Any) -> None:
     touch.depth_m = touch.depth_rate_m_s = touch.normal_force_N = touch.force_N = touch.slip_m_s = 0.0
     _set(touch.slip_W_m, (0.0, 0.0, 0.0))
     _set(touch.bary, (0.0, 0.0, 0.0))
-
-
-@native
-def _smoothing(tick_s: float) -> float:
-    """Share of the new value that a one-pole low-pass at `SLIP_CUTOFF_HZ` takes in one tick [1]."""
-    return 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
 
 
 @native

@@ -9,10 +9,10 @@ so that whoever looks at them seldom, or misses a look, loses nothing.
 from typing import Any
 
 from hapscene.geometry import Vector, along, cross, dot, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 
-@native
+@inlined
 def react(world: Any, surface: Any) -> None:
     """Note the force on the touched body, and add what all got in this tick; `surface.total` is of contact alone."""
     touch, proxy, memory = surface.touch[0], world.proxy[0], surface.memory[0]

@@ -212,11 +212,11 @@ class Renderer:
         surface = self.surface
         clear_states(surface, self._effects, self.seed)
         memory, touch = surface.memory, surface.touch
-        keep = {name: touch[name].copy() for name in ("tick_s", "rate_Hz", "block")}
-        memory.view(np.uint8)[:] = 0
-        touch.view(np.uint8)[:] = 0
-        for name, value in keep.items():
-            touch[name] = value
+        for record, stays in ((touch, ("tick_s", "rate_Hz", "block")), (memory, ("smoothing",))):
+            keep = {name: record[name].copy() for name in stays}
+            record.view(np.uint8)[:] = 0
+            for name, value in keep.items():
+                record[name] = value
         touch["body"] = touch["face"] = touch["swatch"] = touch["other"] = touch["left_body"] = -1
         touch["nhat_W"] = (0.0, 0.0, 1.0)
         memory["p_WT_m"] = memory["tool_W_m"] = p

@@ -33,7 +33,7 @@ from hapscene.device.stabilisers import couple, guard
 from hapscene.fidelity.level_step import hand_over
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
-from hapscene.native import native
+from hapscene.native import inlined, native
 from hapscene.reaction import react
 from hapscene.surface.mixer import limit, read_poses, render
 
@@ -43,7 +43,7 @@ _CROWDED = int(Flag.CROWDED)
 _POSE = int(Flag.POSE_REFUSED)
 
 
-@native
+@inlined
 def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     """One tick with the tool at (x, y, z) [m] in W; `row` is one `ROW`, `a_m_s2` (block,) its samples."""
     start_ns = now_ns(surface.clock)
@@ -100,7 +100,7 @@ def run_ticks(
         tick(world, surface, p_WT_m[k, 0], p_WT_m[k, 1], p_WT_m[k, 2], rows[k], a_m_s2[k])
 
 
-@native
+@inlined
 def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
     """The tool's position, or the last good one where it is not finite."""
     if math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
@@ -109,14 +109,14 @@ def _read(surface: Any, x: float, y: float, z: float) -> tuple[Vector, int]:
     return (last[0], last[1], last[2]), _NOT_FINITE
 
 
-@native
+@inlined
 def _keep(surface: Any, tool_W: Vector) -> None:
     """Remember the tool as it was measured."""
     last = surface.memory[0].tool_W_m
     last[0], last[1], last[2] = tool_W[0], tool_W[1], tool_W[2]
 
 
-@native
+@inlined
 def _note(surface: Any, row: Any, a_m_s2: NDArray[np.float64]) -> None:
     """Write the tick's row."""
     touch, total = surface.touch[0], surface.total[0]

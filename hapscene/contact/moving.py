@@ -11,7 +11,7 @@ from hapscene.contact.passing import hold_again
 from hapscene.contact.planes import copy_plane
 from hapscene.contact.proxy import put
 from hapscene.contact.world import place_ball
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 EXACT: Final = 1e-12
 """How far a matrix may be from a rotation and still be taken as it is [1]: a few roundings of float64."""
@@ -24,7 +24,7 @@ LAST_TICK: Final = 2
 """Value of `moved` while a tick begins: it moved in the last one, and has no pose for this one yet."""
 
 
-@native
+@inlined
 def place_bodies(
     world: Any, surface: Any, moving: NDArray[Any], X_WB: NDArray[Any], teleported: NDArray[Any], k: int
 ) -> None:
@@ -34,11 +34,23 @@ def place_bodies(
     there; it is set to 0. A pose that is not finite or no rotation and translation is left out
     (`world.proxy[0].refused`): the body stays at its last one.
     """
+    proxy = world.proxy[0]
+    proxy.refused = 0
+    if len(moving) > 0 or world.moved[0] > 0:
+        _place(world, surface, moving, X_WB, teleported, k)
+    if proxy.reshaped > 0:
+        reshape_bodies(world, surface)
+
+
+@native
+def _place(
+    world: Any, surface: Any, moving: NDArray[Any], X_WB: NDArray[Any], teleported: NDArray[Any], k: int
+) -> None:
+    """The same, where bodies move or moved in the last tick."""
     proxy, moved = world.proxy[0], world.moved
     last = moved[0]
     for i in range(1, last + 1):
         world.bodies[moved[i]].moved = LAST_TICK
-    proxy.refused = 0
     nearer, jumps, fresh = 0.0, 0, surface.memory[0].fresh
     for m in range(len(moving)):
         body = world.bodies[moving[m]]
@@ -76,7 +88,6 @@ def place_bodies(
         _let_go(world, surface, moving, teleported)
     for m in range(len(teleported) if jumps > 0 else 0):
         teleported[m] = 0
-    reshape_bodies(world, surface)
 
 
 @native

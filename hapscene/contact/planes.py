@@ -20,7 +20,7 @@ PARALLEL = 1e-12
 """Squared sine of the angle below which two planes count as one [1]."""
 
 
-@inlined
+@native
 def nearest(proxy: Any, tool: Vector, skins: float) -> tuple[bool, Vector]:
     """The point closest to `tool` in front of all planes of `proxy`, each moved out by `skins` of its skin.
 
@@ -152,7 +152,7 @@ NEARBY = 10.0
 """How far the proxy moves before a plane that was taken back must lie under it again, in skins [1]."""
 
 
-@inlined
+@native
 def trust(proxy: Any, first: int, moved_m: float) -> None:
     """The proxy has moved: only planes from `first` on were met on the way it is on.
 
@@ -164,7 +164,7 @@ def trust(proxy: Any, first: int, moved_m: float) -> None:
             proxy.met[i] = 0
 
 
-@inlined
+@native
 def drop_idle(proxy: Any) -> None:
     """Drop the planes that do not push; at most three are left."""
     kept = 0
@@ -176,7 +176,7 @@ def drop_idle(proxy: Any) -> None:
     proxy.count = kept
 
 
-@native
+@inlined
 def drop_unsupported(world: Any, p_W: Vector) -> bool:
     """Drop the planes whose faces do not reach under the proxy; True where there was one.
 
@@ -199,7 +199,7 @@ def drop_unsupported(world: Any, p_W: Vector) -> bool:
     return bool(kept < count)
 
 
-@native
+@inlined
 def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
     """Take a dropped plane back where the next goal lies under it and over its face, and the proxy still above it.
 
@@ -258,7 +258,7 @@ def place_plane(world: Any, i: int) -> None:
     proxy.offset_m[i] = side * (offset + n[0] * o[0] + n[1] * o[1] + n[2] * o[2])
 
 
-@inlined
+@native
 def copy_plane(proxy: Any, source: int, target: int) -> None:
     for k in range(3):
         proxy.nhat_W[target, k] = proxy.nhat_W[source, k]

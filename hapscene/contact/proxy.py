@@ -29,7 +29,7 @@ from hapscene.contact.planes import (
 from hapscene.contact.triangle import lies_over, to_body, to_body_before, to_world
 from hapscene.contact.world import ASIDE, SAVED
 from hapscene.geometry import Vector, along, norm, sub
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 STILL = 1e-3
 """A move shorter than this is none, in skins [1]."""
@@ -72,7 +72,7 @@ def put(world: Any, p_W: Vector) -> None:
         proxy.p_WP_m[i] = p_W[i]
 
 
-@native
+@inlined
 def move(world: Any, tool_W: Vector) -> bool:
     """Move the proxy for one tick, bodies first, then towards the tool.
 
@@ -103,7 +103,7 @@ def move(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@native
+@inlined
 def _chief(world: Any, p_W: Vector) -> int:
     """Of the planes that hold the proxy, the one that pushes most, before all of those whose face it lies over."""
     proxy = world.proxy[0]
@@ -117,7 +117,7 @@ def _chief(world: Any, p_W: Vector) -> int:
     return by
 
 
-@native
+@inlined
 def _ride(world: Any) -> Vector:
     """Where the body that the proxy rests on takes it in this tick."""
     proxy = world.proxy[0]
@@ -129,7 +129,7 @@ def _ride(world: Any) -> Vector:
     return p
 
 
-@native
+@inlined
 def _list_near(world: Any, tool_W: Vector, carried_W: Vector) -> None:
     """List the bodies whose ball meets the ball around the tool that holds all rays of this tick.
 
@@ -182,7 +182,7 @@ def _is_held_by(proxy: Any, index: int) -> bool:
     return False
 
 
-@native
+@inlined
 def _carry(world: Any, carried_W: Vector) -> None:
     """Let moving bodies take the proxy along: the one it rests on carries it, any other pushes it ahead."""
     proxy = world.proxy[0]
@@ -213,7 +213,7 @@ def _carry(world: Any, carried_W: Vector) -> None:
         proxy.p_W_m[i] = p[i]
 
 
-@native
+@inlined
 def _settle(world: Any, tool_W: Vector) -> bool:
     """Move the proxy until it rests."""
     proxy = world.proxy[0]
@@ -272,7 +272,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     return settled
 
 
-@native
+@inlined
 def _skin(world: Any) -> float:
     """Skin of what holds the proxy, 0 in the air: there every move counts."""
     proxy = world.proxy[0]

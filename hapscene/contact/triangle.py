@@ -74,7 +74,7 @@ def plane(a: Vector, b: Vector, c: Vector) -> tuple[Vector, float]:
     return n, dot(n, a)
 
 
-@native
+@inlined
 def lies_over(world: Any, body: Any, face: int, p_W: Vector, margin_m: float) -> bool:
     """Whether the foot of a point on the face's plane is inside the face, or at most `margin_m` past an edge."""
     return lies_over_in_body(world, body, face, to_body(body, p_W), margin_m)

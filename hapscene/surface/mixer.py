@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from hapscene.flags import Flag
-from hapscene.native import native
+from hapscene.native import inlined, native
 from hapscene.surface.effect_compile import call_effect
 from hapscene.surface.surface_arrays import FAILED
 
@@ -14,7 +14,7 @@ _SLEW = int(Flag.SLEW_LIMITED)
 _ACCELERATION = int(Flag.ACCELERATION_LIMITED)
 
 
-@native
+@inlined
 def render(surface: Any, of_scene: bool) -> int:
     """Call the effects of contact with the touched swatch's parameters, or those of the scene; returns flags.
 
@@ -91,7 +91,7 @@ def read_poses(world: Any, surface: Any) -> None:
             surface.tables[start + 9 + i] = body.p_WB_m[i]
 
 
-@native
+@inlined
 def limit(surface: Any) -> int:
     """Keep the sum inside the device's limits. Returns flags."""
     limits, total, touch, memory = surface.limits[0], surface.total[0], surface.touch[0], surface.memory[0]

@@ -1,5 +1,6 @@
 """The memory of the compiled tick, filled in Python: swatches, effects, parameters and states in flat arrays."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
+from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
@@ -29,6 +31,7 @@ MEMORY: Final = np.dtype(
         ("f_W_N", "f8", (3,)),  # force sent in the last tick
         ("nhat_W", "f8", (3,)),  # normal that the last tick saw
         ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 in the air
+        ("smoothing", "f8"),  # share of what is new that a low-pass at SLIP_CUTOFF_HZ takes in a tick; stays
         ("tool_W_m", "f8", (3,)),  # the tool as measured in the last tick: with a virtual coupling, not p_WT_m
         ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
         ("made_J", "f8"),  # energy that the wall gave out and never took in
@@ -172,6 +175,7 @@ def build_surface(
     )
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
+    surface.memory[0].smoothing = 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)
     return surface
 
 
