@@ -209,10 +209,15 @@ def _sources(source: str) -> set[Path]:
         file = waiting.pop()
         if file not in found and file.is_file():
             found.add(file)
-            for name in _IMPORT.findall(_text(file)):
-                module = _HERE.joinpath(*name.decode().split("."))
-                waiting += [module.with_suffix(".py"), module / "__init__.py"]
+            waiting += _imported(file)
     return found
+
+
+@cache
+def _imported(file: Path) -> list[Path]:
+    """Where the modules of hapscene's are that a file imports."""
+    modules = [_HERE.joinpath(*name.decode().split(".")) for name in _IMPORT.findall(_text(file))]
+    return [place for module in modules for place in (module.with_suffix(".py"), module / "__init__.py")]
 
 
 @cache

@@ -8,6 +8,8 @@ Embree works in float32: it only names the face, everything else is computed in 
 import ctypes
 import importlib.util
 import math
+import mmap
+import sys
 import weakref
 from functools import cache, partial
 from pathlib import Path
@@ -202,7 +204,7 @@ class RefittedSearch:
         self.handle = int(_embree.rtcNewScene(device))
         _embree.rtcSetSceneFlags(self.handle, _DYNAMIC | _FILTER_IN_ARGUMENTS)
         _embree.rtcSetSceneBuildQuality(self.handle, _LOW_QUALITY)  # has each geometry keep a tree of its own
-        self._geometry, self._corners = _triangles(device, len(faces))
+        self._geometry, self._corners, _ = _triangles(device, len(faces))
         _embree.rtcSetGeometryBuildQuality(self._geometry, _REFIT)
         _embree.rtcAttachGeometry(self.handle, self._geometry)
         weakref.finalize(self, _embree.rtcReleaseScene, self.handle)
@@ -285,25 +287,43 @@ def _build(
     device = _device()
     scene = _embree.rtcNewScene(device)
     _embree.rtcSetSceneFlags(scene, _FILTER_IN_ARGUMENTS)
-    geometry, corners = _triangles(device, len(faces))
+    geometry, corners, index = _triangles(device, len(faces))
     overlap_faces(vertices_m, faces, center_m, overlap_m, corners)
     _embree.rtcCommitGeometry(geometry)
     _embree.rtcAttachGeometry(scene, geometry)
     _embree.rtcReleaseGeometry(geometry)
     _embree.rtcCommitScene(scene)
+    _give_back(corners)
+    _give_back(index)
     error = _embree.rtcGetDeviceError(device)
     if error:
         raise HapsceneError(f"Embree could not build a search structure over {len(faces):,} faces (error {error})")
     return int(scene)
 
 
-def _triangles(device: int, count: int) -> tuple[int, NDArray[np.float32]]:
-    """A geometry of triangles that share no corners, and its corners (3 count, 3), to be written."""
+def _give_back(buffer: NDArray[Any]) -> None:
+    """Have the system take the memory of a buffer that is not read again: the leaves of Embree's tree have copies.
+
+    48 bytes a face. It stays a buffer, of zeros; where the system is another than Linux, it stays as it is.
+    """
+    first, end = buffer.ctypes.data, buffer.ctypes.data + buffer.nbytes
+    first, end = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE, end // mmap.PAGESIZE * mmap.PAGESIZE
+    if sys.platform == "linux" and end > first:
+        _libc().madvise(ctypes.c_void_p(first), ctypes.c_size_t(end - first), mmap.MADV_DONTNEED)
+
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None)
+
+
+def _triangles(device: int, count: int) -> tuple[int, NDArray[np.float32], NDArray[np.uint32]]:
+    """A geometry of triangles that share no corners, its corners (3 count, 3), to be written, and its index."""
     geometry = _embree.rtcNewGeometry(device, _TRIANGLE)
     corners = _buffer(geometry, _VERTEX_BUFFER, _FLOAT3, 3 * count, ctypes.c_float)
     index = _buffer(geometry, _INDEX_BUFFER, _UINT3, count, ctypes.c_uint32)
     index[:] = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
-    return geometry, corners
+    return geometry, corners, index
 
 
 def _buffer(geometry: int, kind: int, layout: int, count: int, number: type[Any]) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from weakref import WeakValueDictionary
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
-from hapscene.contact.neighbours import faces_beyond
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.native import native
@@ -133,7 +133,7 @@ class World(NamedTuple):
     # (f, 3, 3) corners in the body's frame, mesh after mesh: side by side, a face is one read; with shading (f, 6, 3),
     # the corners and their normals: in an array of their own they cost every tick 0.06 µs, asked for or not
     corners_m: NDArray[np.float64]
-    beyond: NDArray[np.int32]  # (f, 3) the face of the mesh across each edge, see `faces_beyond`
+    beyond: NDArray[np.int32]  # (f, 3) the face of the mesh across each edge, see `Neighbours`
     ball_W_m: NDArray[np.float64]  # (b, 4) centre and radius of the ball in which a body can be met in this tick
     near: NDArray[np.int64]  # (b,), at most NEAR_MAX and those that hold the proxy
     moved: NDArray[np.int64]  # (b + 1,) how many bodies have moved in this tick, and which
@@ -183,17 +183,19 @@ class Shapes:
     def __init__(self, meshes: "Sequence[Mesh]", crease_rad: float, skin_m: float | None = None) -> None:
         self.meshes = list(meshes)  # keeps their identities theirs
         self.skin_m = skin_of(*meshes) if skin_m is None else skin_m
-        self.searches = {id(mesh): Search(mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes}
         first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
-        self.first = dict(zip(self.searches, first, strict=False))
+        self.first = dict(zip(map(id, meshes), first, strict=False))
         self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
-        self.beyond = np.empty((first[-1], 3), np.int32)
-        for mesh, start in zip(meshes, first, strict=False):
-            rows = self.corners_m[start : start + len(mesh.faces)]
-            np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
-            if crease_rad > 0.0:
-                rows[:, 3:] = corner_normals(mesh, crease_rad)
-            self.beyond[start : start + len(mesh.faces)] = faces_beyond(mesh.vertices_m, mesh.faces)
+        with ThreadPoolExecutor(1) as beside:  # compiled code and Embree's hold no lock of Python's
+            built = [beside.submit(Search, mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes]
+            for mesh, start in zip(meshes, first, strict=False):
+                rows = self.corners_m[start : start + len(mesh.faces)]
+                np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
+                if crease_rad > 0.0:
+                    rows[:, 3:] = corner_normals(mesh, crease_rad)
+            beyond = [mesh.neighbours.beyond for mesh in meshes]
+            self.beyond = beyond[0] if len(beyond) == 1 else np.concatenate(beyond)
+        self.searches = {id(mesh): search.result() for mesh, search in zip(meshes, built, strict=True)}
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()

@@ -17,6 +17,8 @@ from hapscene.scene.topology import normals_of
 if TYPE_CHECKING:
     import trimesh
 
+    from hapscene.contact.neighbours import Neighbours
+
 
 UNIT_M: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Length of each known unit [m]."""
@@ -126,6 +128,13 @@ class Mesh:
         """Lowest and highest corner of the faces' bounding box (2, 3) [m]."""
         columns = columns_of(self.vertices_m, used_by(self.faces))
         return np.array([[column.min() for column in columns], [column.max() for column in columns]])
+
+    @cached_property
+    def neighbours(self) -> "Neighbours":
+        """The faces across each face's edges."""
+        from hapscene.contact.neighbours import neighbours_of
+
+        return neighbours_of(self.vertices_m, self.faces)
 
     @property
     def diagonal_m(self) -> float:

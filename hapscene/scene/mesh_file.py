@@ -32,7 +32,7 @@ from hapscene.scene.mesh import (
     unit_name,
 )
 from hapscene.scene.obj import LINE_MAX
-from hapscene.scene.ply import declared, ply_groups
+from hapscene.scene.ply import binary_ply, declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
 from hapscene.scene.topology import edges_of, weld
@@ -334,6 +334,8 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
         return _confined_parts(path, content)
     if suffix == "stl" and not _is_text(content):
         return [_binary_stl(content)], None
+    if suffix == "ply" and (plain := binary_ply(content)) is not None:
+        return [plain], None
     loaded = _load(path, suffix, content, resolver)
     parts = parts_of(loaded, str(path))
     if (found := sum(len(part.faces) for part in parts)) < face_count:

@@ -360,13 +360,16 @@ def _is_flat(mesh: Mesh) -> bool:
 
 def _warn_of_winding(body: Body) -> None:
     mesh = body.mesh
-    edges = edges_of(mesh.faces, weld(mesh.vertices_m))
+    _, mixed, closed = mesh.neighbours
+    if mixed is None or closed is None:
+        edges = edges_of(mesh.faces, weld(mesh.vertices_m))
+        mixed, closed = winding_is_mixed(edges), edges.closed
     turned, what = 0, ""
-    if winding_is_mixed(edges):
+    if mixed:
         # none, where they are copies, or have no area
         turned = int(np.count_nonzero(mesh_structure(mesh).winding.turned))
         what = "wound against their neighbours, so they are felt from inside alone"
-    elif edges.closed and volume_of(mesh.vertices_m, mesh.faces) < 0:
+    elif closed and volume_of(mesh.vertices_m, mesh.faces) < 0:
         turned = len(mesh.faces)
         what = "wound inward, so the tool goes in from outside unfelt, and is held inside"
     if turned:

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from hapscene.contact.neighbours import FAN_MAX, faces_beyond
+from hapscene.contact.neighbours import FAN_MAX, neighbours_of
+from hapscene.scene.topology import edges_of, weld, winding_is_mixed
+
+
+def faces_beyond(vertices_m, faces):
+    return neighbours_of(np.asarray(vertices_m, np.float64), np.asarray(faces)).beyond
 
 
 @pytest.mark.parametrize(
@@ -56,5 +61,30 @@ def test_about_a_vertex_of_too_many_edges_none_and_elsewhere_all():
     np.testing.assert_array_equal(beyond[:n, 1], n + k)
 
 
+    assert neighbours_of(np.vstack(([[0.0, 0.0, 0.0]], rim, foot)), np.vstack((fan, wall)))[1:] == (None, None)
+
+
+def test_a_face_with_two_corners_at_one_place_is_not_between_its_neighbours():
+    box = trimesh.creation.box()
+    a, b, _ = box.faces[0]
+    faces = np.vstack((box.faces, [[a, b, a]]))
+    found = neighbours_of(box.vertices, faces)
+    np.testing.assert_array_equal(found.beyond[:-1], faces_beyond(box.vertices, box.faces))
+    assert found.closed and not found.mixed and (found.beyond[-1] == -1).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_winding_and_closedness_are_those_of_the_edges(seed):
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.creation.icosphere(2)
+    faces = mesh.faces[rng.random(len(mesh.faces)) < rng.choice([1.0, 0.99])]
+    flip = rng.random(len(faces)) < rng.choice([0.0, 0.01])
+    faces = np.where(flip[:, None], faces[:, ::-1], faces)
+    faces = np.vstack((faces, faces[: rng.integers(2)], np.tile([0, 0, 1], (rng.integers(2), 1)))).astype(np.int32)
+    edges, found = edges_of(faces, weld(mesh.vertices)), neighbours_of(mesh.vertices, faces)
+    assert (found.mixed, found.closed) == (winding_is_mixed(edges), edges.closed)
+
+
 def test_no_faces():
-    assert faces_beyond(np.zeros((3, 3)), np.zeros((0, 3), np.int32)).shape == (0, 3)
+    found = neighbours_of(np.zeros((3, 3)), np.zeros((0, 3), np.int32))
+    assert found.beyond.shape == (0, 3) and not found.closed and not found.mixed
