@@ -52,6 +52,13 @@ def native(function: Function) -> Function:
     return compiled
 
 
+def inlined(function: Function) -> Function:
+    """Decorator: `native`, and a part of each caller, whatever its size: where the call would take longer than a part of
+    the work. Compilers see to small functions, and those of one caller, by themselves only within one file's unit."""
+    compiled: Function = kept(function, partial(_njit, forceinline=True, **_OPTIONS))
+    return compiled
+
+
 def native_for(signature: Any, function: Callable[..., Any]) -> Any:
     """Compile at once for one signature; cached where the function's source is a file."""
     return kept(function, partial(_njit, signature, **_OPTIONS))

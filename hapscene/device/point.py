@@ -3,8 +3,8 @@
     m ẍ = F − b ẋ − c sgn(ẋ) + f_hand(x, ẋ)
 
 F is held between ticks. Between two changes of friction's sign this is linear, and it is solved exactly: by the
-Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast. Where friction
-changes sign inside a step, the instant is found and the step is cut there; where it can hold the tool, the tool sticks.
+Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast; once for all
+pieces of one length, as what acceleration and jerk do in one. Where friction changes sign inside a step, the instant is found and the step is cut there; where it can hold the tool, the tool sticks.
 So nothing depends on the step but that within one step friction holds or lets go as at its start: the closed forms for
 walls are met to rounding (`hapscene.stability`).
 """
@@ -30,6 +30,8 @@ POINT: Final = np.dtype(
         ("x_m", "f8", (3,)),  # tool, in W
         ("v_m_s", "f8", (3,)),
         ("f_N", "f8", (3,)),  # force of the motors, held
+        ("piece", "f8", (3,)),  # stiffness and damping over the mass, and length, of the pieces of which
+        ("gain", "f8", (4,)),  # this is known: position and speed after one by acceleration, and by jerk
     ],
     align=True,
 )
@@ -115,13 +117,14 @@ def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
     """One axis: pieces between which friction changes its sign."""
     mass = point.mass_kg + hand.mass_kg
     damping, spring = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m
-    rate = max(damping / mass, math.sqrt(spring / mass))
-    piece_count = max(1.0, math.ceil(rate * h_s / PIECE))
+    k, b = spring / mass, damping / mass
+    piece_count = max(1.0, math.ceil(max(b, math.sqrt(k)) * h_s / PIECE))
+    piece_s = h_s / piece_count
     x, v, left, done = point.x_m[i], point.v_m_s[i], h_s, 0.0
     for _ in range(int(piece_count) + EVENT_MAX):
         if left <= 0.0:
             break
-        h = min(left, h_s / piece_count)
+        h = min(left, piece_s)
         target = hand.target_m[i] + hand.target_m_s[i] * done
         force = point.f_N[i] + spring * (target - x) + hand.b_Ns_m * hand.target_m_s[i] + hand.push_N[i]
         if v == 0.0 and abs(force) <= point.c_N:
@@ -130,11 +133,11 @@ def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
             sign = math.copysign(1.0, v if v != 0.0 else force)
             # acceleration now, and how it changes: m a' = spring (target' − v) − damping a
             a = (force - damping * v - sign * point.c_N) / mass
-            x1, v1 = _series(x, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
+            jerk = k * (hand.target_m_s[i] - v) - b * a
+            x1, v1 = _piece(point, x, v, a, jerk, k, b, h) if h == piece_s else _series(x, v, a, jerk, k, b, h)
             if point.c_N > 0.0 and v1 * sign < 0.0:
-                h = _stop(sign, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
-                x1, v1 = _series(x, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
-                v1 = 0.0
+                h = _stop(sign, v, a, jerk, k, b, h)
+                x1, v1 = _series(x, v, a, jerk, k, b, h)[0], 0.0
         x, v = x1, v1
         left -= h
         done += h
@@ -142,9 +145,21 @@ def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
 
 
 @native
-def _series(x: float, v: float, a: float, k: float, b: float, u: float, h: float) -> tuple[float, float]:
-    """Position and velocity after `h`: the Taylor series, with x‴ = k (u − v) − b a and so on (k, b over the mass)."""
-    s2, s3 = a, k * (u - v) - b * a  # derivatives of x
+def _piece(point: Any, x: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> tuple[float, float]:
+    """`_series`, by what is known of such pieces."""
+    piece, gain = point.piece, point.gain
+    if piece[0] != k or piece[1] != b or piece[2] != h:
+        piece[0], piece[1], piece[2] = k, b, h
+        gain[0], gain[1] = _series(0.0, 0.0, 1.0, 0.0, k, b, h)
+        gain[2], gain[3] = _series(0.0, 0.0, 0.0, 1.0, k, b, h)
+    return x + (h * v + gain[0] * a + gain[2] * jerk), v + (gain[1] * a + gain[3] * jerk)
+
+
+@native
+def _series(x: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> tuple[float, float]:
+    """Position and velocity after `h`: the Taylor series, whose further terms are x⁗ = −k a − b x‴ and so on (k, b over
+    the mass)."""
+    s2, s3 = a, jerk  # derivatives of x
     x1, v1 = x + h * (v + h * a / 2.0), v + h * a
     power = h * h / 2.0  # h^n / n!
     for n in range(3, TERM_MAX):
@@ -159,12 +174,12 @@ def _series(x: float, v: float, a: float, k: float, b: float, u: float, h: float
 
 
 @native
-def _stop(sign: float, v: float, a: float, k: float, b: float, u: float, h: float) -> float:
+def _stop(sign: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> float:
     """When within `h` the velocity passes zero [s]."""
     low, high = 0.0, h
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        if _series(0.0, v, a, k, b, u, middle)[1] * sign > 0.0:
+        if _series(0.0, v, a, jerk, k, b, middle)[1] * sign > 0.0:
             low = middle
         else:
             high = middle

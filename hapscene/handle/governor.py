@@ -25,7 +25,7 @@ from typing import Any, Final
 
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 LOOK_AHEAD_S: Final = 0.004
 """How much later than asked for the signal is played [s]. A tenth of what is felt (Okamoto et al. 2009: 40 ms changes a
@@ -53,27 +53,36 @@ ONE: Final = 1 << 40
 """The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
 
 
-@native
+@inlined
 def yield_corner(h: Any) -> float:
     """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher.
 
     What counts is the swing of the nominal handle, or where that is much more, of the one that was learnt.
     """
-    r, v = h.scout_x[2], h.scout_x[3] / h.scout_rad_s
-    swing = math.sqrt(r * r + v * v) / (h.room * h.yield_m)
-    r, v = h.plain_x[2], h.plain_x[3] / h.scout_rad_s
-    swing = max(swing, math.sqrt(r * r + v * v) / (h.room * h.plain_m))
-    u = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0)
+    learnt, plain = _swing2(h, h.scout_x) / (h.yield_m * h.yield_m), _swing2(h, h.plain_x) / (h.plain_m * h.plain_m)
+    swing2, room2 = max(learnt, plain), h.room * h.room
+    if swing2 <= YIELD[0] * YIELD[0] * room2:  # nearly always, and foretold: the filter need not wait for a root
+        return float(h.g_low)
+    u = min((math.sqrt(swing2 / room2) - YIELD[0]) / (YIELD[1] - YIELD[0]), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 
 
-@native
+@inlined
+def _swing2(h: Any, x: Any) -> float:
+    """How far the coil in the state x (4,) goes if nothing more is done, squared [m²]."""
+    r, v = x[2], x[3] / h.scout_rad_s
+    return float(r * r + v * v)
+
+
+@inlined
 def foresee(h: Any, needed_N: float) -> float:
     """The gain that the sample asked for now will bear, when it is played a look-ahead from now; 0 … 1.
 
     `needed_N` is the force that the handle needs for it, as far as it is known.
     """
-    bound = min(1.0, h.force_share * h.force_limit_N / max(abs(needed_N), 1e-12))
+    bound, most_N = 1.0, h.force_share * h.force_limit_N
+    if abs(needed_N) > most_N:
+        bound = most_N / abs(needed_N)
     s, x, ahead = h.scout_x, h.applied_x, h.ahead
     advance(h.scout_step, s, needed_N)
     old = h.scouted[(h.count - h.delay) & MASK]
@@ -100,7 +109,7 @@ def foresee(h: Any, needed_N: float) -> float:
     return float(min(bound, gain))
 
 
-@native
+@inlined
 def fade(h: Any, target: float) -> float:
     """The gain for the sample of `delay` samples ago, once this one's is known; 0 … 1."""
     h.released = min(target, h.released + (1.0 - h.released) * h.release)
