@@ -90,7 +90,7 @@ def _bend(angle: float, knee: float) -> tuple[float, float]:
     return knee + BEND_RAD * level, 1.0 - level * level
 
 
-@inlined
+@native
 def slopes_at(q2: float, q3: float, turns: Turns) -> Slopes:
     """M11, M12, M23 [kg·m²] and their derivatives ∂M11/∂q2, ∂M11/∂q3, ∂M12/∂q2, ∂M23/∂q3 = −∂M23/∂q2."""
     _, _, s2, c2, s3, c3 = turns
@@ -190,7 +190,7 @@ Symmetric = tuple[float, float, float, float, float, float]
 """A11, A22, A33, A12, A13, A23."""
 
 
-@inlined
+@native
 def solve(A: Symmetric, b: Vector) -> Vector:
     """x with A x = b, by cofactors. A is positive definite."""
     a11, a22, a33, a12, a13, a23 = A
@@ -342,7 +342,7 @@ def kick_tool(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> t
     return new, (x, y, _pull(omni, 2, end[2], ends[2], new[2], h_s))
 
 
-@inlined
+@native
 def _kick_axes(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> Vector:
     """The tool's velocity after the step."""
     x = _kick_axis(omni, 0, grip, end[0], ends[0], h_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hapscene.errors import HandleError, no_such
 from hapscene.handle.plant import Array, Plant
-from hapscene.native import inlined, native
+from hapscene.native import native
 
 # What the inverse of the handle is a sum of: an acceleration, and its leaky integrals. Compiled.
 #
@@ -41,7 +41,7 @@ def weights(plant: Plant, corner_Hz: float) -> Array:
     return np.asarray(plant.denominator() / plant.m_c_kg / omega ** np.arange(COUNT))
 
 
-@inlined
+@native
 def section(state: Any, at: int, g: float, d: float, x: float) -> tuple[float, float, float]:
     """One section of second order, its state at [at, at+1]: (s², ω₀s, ω₀²)/(s² + dω₀s + ω₀²) of x; g = tan(ω₀T/2).
 
@@ -56,7 +56,7 @@ def section(state: Any, at: int, g: float, d: float, x: float) -> tuple[float, f
     return high, band, low
 
 
-@inlined
+@native
 def integrals(state: Any, g: float, d1: float, d2: float, a: float) -> tuple[float, float, float, float, float]:
     """φ_0 … φ_4 of the next sample a; state (6,)."""
     high, _, low = section(state, 0, g, d1, a)
@@ -77,7 +77,7 @@ def retune(state: Any, ratio: float) -> None:
     state[5] *= square * square
 
 
-@inlined
+@native
 def differences(state: Any, g: float, d1: float, d2: float, f: float) -> float:
     """s⁴/D(s) of the next sample f; state (4,)."""
     high = section(state, 0, g, d1, f)[0]

@@ -25,7 +25,7 @@ from typing import Any, Final
 
 from hapscene.handle.handle_dynamics import MASK as MASK
 from hapscene.handle.handle_dynamics import advance
-from hapscene.native import inlined, native
+from hapscene.native import native
 
 LOOK_AHEAD_S: Final = 0.004
 """How much later than asked for the signal is played [s]. A tenth of what is felt (Okamoto et al. 2009: 40 ms changes a
@@ -53,7 +53,7 @@ ONE: Final = 1 << 40
 """The gain 1 as a whole number, for a running sum of whole numbers never drifts: steps of 1e-12, far from overflow."""
 
 
-@inlined
+@native
 def yield_corner(h: Any) -> float:
     """tan(ω₀T/2) of the corner for the next sample: the low one while the coil swings little, then higher.
 
@@ -67,14 +67,14 @@ def yield_corner(h: Any) -> float:
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
 
 
-@inlined
+@native
 def _swing2(h: Any, x: Any) -> float:
     """How far the coil in the state x (4,) goes if nothing more is done, squared [m²]."""
     r, v = x[2], x[3] / h.scout_rad_s
     return float(r * r + v * v)
 
 
-@inlined
+@native
 def foresee(h: Any, needed_N: float) -> float:
     """The gain that the sample asked for now will bear, when it is played a look-ahead from now; 0 … 1.
 
@@ -109,7 +109,7 @@ def foresee(h: Any, needed_N: float) -> float:
     return float(min(bound, gain))
 
 
-@inlined
+@native
 def fade(h: Any, target: float) -> float:
     """The gain for the sample of `delay` samples ago, once this one's is known; 0 … 1."""
     h.released = min(target, h.released + (1.0 - h.released) * h.release)

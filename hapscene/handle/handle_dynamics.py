@@ -9,7 +9,7 @@ import math
 from typing import Any, Final
 
 from hapscene.dsp.noise import normal
-from hapscene.native import inlined, native
+from hapscene.native import native
 
 RING: Final = 512
 """Room for what is delayed or played ahead [samples], a power of two: a look-ahead at up to 100 kHz."""
@@ -83,7 +83,7 @@ def _product(a: Any, b: Any, c: Any) -> None:
             c[i, j] = total
 
 
-@inlined
+@native
 def amplify(h: Any, command_N: float) -> float:
     """The mean force of this sample [N], for a command held over it: one pole at the amplifier's bandwidth."""
     mean = command_N + (h.amplifier_N - command_N) * h.amplifier_mean
@@ -91,7 +91,7 @@ def amplify(h: Any, command_N: float) -> float:
     return float(mean)
 
 
-@inlined
+@native
 def advance(step: Any, x: Any, force_N: float) -> None:
     """The state x (4,) one sample later, by step (5, 5)."""
     x0, x1, x2, x3 = x[0], x[1], x[2], x[3]
@@ -99,7 +99,7 @@ def advance(step: Any, x: Any, force_N: float) -> None:
         x[i] = step[i, 0] * x0 + step[i, 1] * x1 + step[i, 2] * x2 + step[i, 3] * x3 + step[i, 4] * force_N
 
 
-@inlined
+@native
 def move(h: Any, force_N: float) -> float:
     """Advance the handle by a sample; returns its acceleration [m/s²] at the beginning, with that force on.
 
@@ -124,7 +124,7 @@ def move(h: Any, force_N: float) -> float:
     return float(acceleration)
 
 
-@inlined
+@native
 def sense(h: Any, acceleration_m_s2: float) -> float:
     """What the accelerometer reads [m/s²]: one pole, noise, and late."""
     noisy = acceleration_m_s2 + h.noise_m_s2 * normal(h.rng)
@@ -144,7 +144,7 @@ def set_late(late: Any, samples: float) -> None:
                 late.taps[i] *= (at - j) / (i - j)
 
 
-@inlined
+@native
 def delay(late: Any, x: float) -> float:
     """The signal whose next sample is x, late by one `LATE`."""
     n = late.count

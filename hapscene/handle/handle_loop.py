@@ -246,14 +246,14 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
     return float(command)
 
 
-@inlined
+@native
 def _across(a: Any, b: Any) -> float:
     """Σ a_i b_i over what is estimated, in pairs: a long sum would wait for each of its terms in turn."""
     first, second = a[0] * b[0] + a[1] * b[1], a[2] * b[2] + a[3] * b[3]
     return float((first + second) + ((a[4] * b[4] + a[5] * b[5]) + a[6] * b[6]))
 
 
-@inlined
+@native
 def _weighted(theta: Any, phi: tuple[float, float, float, float, float]) -> float:
     """Σ θ_i φ_i [N]."""
     first, second = theta[0] * phi[0] + theta[1] * phi[1], theta[2] * phi[2] + theta[3] * phi[3]
@@ -276,7 +276,7 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
     return acceleration, h.x[0], force
 
 
-@inlined
+@native
 def _integrate(h: Any, wanted_m_s2: float) -> tuple[float, float, float, float, float]:
     """φ of a sample, its corner as high as the coil's travel asks for; scaled as θ is, for the corner of learning."""
     g = yield_corner(h)
@@ -288,7 +288,7 @@ def _integrate(h: Any, wanted_m_s2: float) -> tuple[float, float, float, float, 
     return phi[0], r * phi[1], r * r * phi[2], r * r * r * phi[3], r * r * r * r * phi[4]
 
 
-@inlined
+@native
 def _lead(h: Any, a: float) -> float:
     """What the amplifier makes a of: gain (1 − pole z⁻¹)/(1 + zero z⁻¹)."""
     h.lead_m_s2[1] = h.lead[0] * (a - h.lead[1] * h.lead_m_s2[0]) - h.lead[2] * h.lead_m_s2[1]
