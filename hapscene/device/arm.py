@@ -117,8 +117,7 @@ def advance_arm(arm: Any, h_s: float, count: int = 1) -> None:
     if arm.kind == SIMULATED_OMNI:
         advance_omni(arm.omni[0], arm.hand[0], h_s, count)
     elif arm.kind == SIMULATED_POINT:
-        for _ in range(count):
-            advance_point(arm.point[0], arm.hand[0], h_s)
+        advance_point(arm.point[0], arm.hand[0], h_s, count)
 
 
 @native

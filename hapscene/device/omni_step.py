@@ -208,8 +208,6 @@ def solve(A: Symmetric, b: Vector) -> Vector:
 def _moving(A: Symmetric, b: Vector, s: Vector) -> Vector:
     """x with A x = b over the joints with s ≠ 0, and 0 for the others."""
     m1, m2, m3 = abs(s[0]), abs(s[1]), abs(s[2])
-    if m1 * m2 * m3 == 1.0:
-        return solve(A, b)
     reduced = (
         A[0] * m1 + 1.0 - m1,
         A[1] * m2 + 1.0 - m2,
@@ -358,7 +356,7 @@ def _kick_axis(omni: Any, i: int, grip: Grip, end: float, ends: float, h_s: floa
     p, v, m = omni.p_DT_m[i], omni.v_DT_m_s[i], omni.tool_kg + kg
     lag = 0.5 * h_s * (damping + b) + 0.25 * h_s * h_s * (stiffness + k)
     force = stiffness * (end - p) + damping * ends + k * (target[i] - p) + push[i]
-    return float(((m - lag) * v + h_s * force) * (1.0 / (m + lag)))  # which waits for nothing, as a quotient would
+    return float(((m - lag) * v + h_s * force) / (m + lag))
 
 
 @native
@@ -437,7 +435,7 @@ def step(omni: Any, grip: Grip, h_s: float) -> None:
         now = _kick_rigid(omni, grip, (q1, q2, q3), h_s)
     q[0], q[1], q[2] = q1 + half * now[0], q2 + half * now[1], q3 + half * now[2]
     for i in range(3):
-        omni.ddq[i] = (now[i] - w[i]) * (1.0 / h_s)
+        omni.ddq[i] = (now[i] - w[i]) / h_s
         w[i] = now[i]
     _keep(omni)
     if omni.compliant == 0:

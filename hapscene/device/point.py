@@ -96,12 +96,17 @@ def hold_point(point: Any, x_N: float, y_N: float, z_N: float) -> None:
 
 
 @native
-def advance_point(point: Any, hand: Any, h_s: float) -> None:
-    """Move on by `h_s`, the hand's target moving on with it."""
-    for i in range(3):
-        _advance_axis(point, hand, i, h_s)
-    for i in range(3):
-        hand.target_m[i] += hand.target_m_s[i] * h_s
+def advance_point(point: Any, hand: Any, h_s: float, count: int = 1) -> None:
+    """Move on by `h_s` `count` times, the hand's target moving on with it."""
+    mass = point.mass_kg + hand.mass_kg
+    k, b = hand.k_N_m / mass, (point.b_Ns_m + hand.b_Ns_m) / mass
+    pieces = max(1.0, math.ceil(max(b, math.sqrt(k)) * h_s / PIECE))
+    _know(point, k, b, h_s / pieces)
+    for _ in range(count):
+        for i in range(3):
+            _advance_axis(point, hand, i, h_s, mass, pieces)
+        for i in range(3):
+            hand.target_m[i] += hand.target_m_s[i] * h_s
 
 
 @native
@@ -113,28 +118,38 @@ def _counted(point: Any, i: int) -> float:
 
 
 @native
-def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
+def _know(point: Any, k: float, b: float, h: float) -> None:
+    """Have what is known of pieces be that of those of this stiffness and damping over the mass, and length."""
+    piece, gain = point.piece, point.gain
+    if piece[0] != k or piece[1] != b or piece[2] != h:
+        piece[0], piece[1], piece[2] = k, b, h
+        gain[0], gain[1] = _series(0.0, 0.0, 1.0, 0.0, k, b, h)
+        gain[2], gain[3] = _series(0.0, 0.0, 0.0, 1.0, k, b, h)
+
+
+@native
+def _advance_axis(point: Any, hand: Any, i: int, h_s: float, mass: float, pieces: float) -> None:
     """One axis: pieces between which friction changes its sign."""
-    mass = point.mass_kg + hand.mass_kg
-    damping, spring = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m
-    k, b = spring / mass, damping / mass
-    piece_count = max(1.0, math.ceil(max(b, math.sqrt(k)) * h_s / PIECE))
-    piece_s = h_s / piece_count
+    damping, spring, target_m_s = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m, hand.target_m_s[i]
+    k, b, piece_s, gain = point.piece[0], point.piece[1], point.piece[2], point.gain
     x, v, left, done = point.x_m[i], point.v_m_s[i], h_s, 0.0
-    for _ in range(int(piece_count) + EVENT_MAX):
+    for _ in range(int(pieces) + EVENT_MAX):
         if left <= 0.0:
             break
         h = min(left, piece_s)
-        target = hand.target_m[i] + hand.target_m_s[i] * done
-        force = point.f_N[i] + spring * (target - x) + hand.b_Ns_m * hand.target_m_s[i] + hand.push_N[i]
+        target = hand.target_m[i] + target_m_s * done
+        force = point.f_N[i] + spring * (target - x) + hand.b_Ns_m * target_m_s + hand.push_N[i]
         if v == 0.0 and abs(force) <= point.c_N:
             v1, x1 = 0.0, x
         else:
             sign = math.copysign(1.0, v if v != 0.0 else force)
             # acceleration now, and how it changes: m a' = spring (target' − v) − damping a
             a = (force - damping * v - sign * point.c_N) / mass
-            jerk = k * (hand.target_m_s[i] - v) - b * a
-            x1, v1 = _piece(point, x, v, a, jerk, k, b, h) if h == piece_s else _series(x, v, a, jerk, k, b, h)
+            jerk = k * (target_m_s - v) - b * a
+            if h == piece_s:
+                x1, v1 = x + (h * v + gain[0] * a + gain[2] * jerk), v + (gain[1] * a + gain[3] * jerk)
+            else:
+                x1, v1 = _series(x, v, a, jerk, k, b, h)
             if point.c_N > 0.0 and v1 * sign < 0.0:
                 h = _stop(sign, v, a, jerk, k, b, h)
                 x1, v1 = _series(x, v, a, jerk, k, b, h)[0], 0.0
@@ -142,17 +157,6 @@ def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
         left -= h
         done += h
     point.x_m[i], point.v_m_s[i] = x, v
-
-
-@native
-def _piece(point: Any, x: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> tuple[float, float]:
-    """`_series`, by what is known of such pieces."""
-    piece, gain = point.piece, point.gain
-    if piece[0] != k or piece[1] != b or piece[2] != h:
-        piece[0], piece[1], piece[2] = k, b, h
-        gain[0], gain[1] = _series(0.0, 0.0, 1.0, 0.0, k, b, h)
-        gain[2], gain[3] = _series(0.0, 0.0, 0.0, 1.0, k, b, h)
-    return x + (h * v + gain[0] * a + gain[2] * jerk), v + (gain[1] * a + gain[3] * jerk)
 
 
 @native
