@@ -283,13 +283,14 @@ def _twin(sheet: Sheet) -> str:
     rows = []
     for case in sheet.cases("twin, "):
         times = f"{sheet.number(case, 'times real time'):,.0f}"
-        rows.append((case.removeprefix("twin, "), times, shown(sheet.number(case, "tick"))))
+        figures = (shown(sheet.number(case, name)) for name in ("tick", "rendering median"))
+        rows.append((case.removeprefix("twin, "), times, *figures))
     said = """A hand that scrubs wood, five effects, 1 kHz force and 10 kHz acceleration, the device and the handle
         (`adaptive`) advanced ten times a tick; the fastest of seven runs, making of the arrays included."""
     return f"""## The twin in closed loop
 {paragraph(said)}
 
-{table(("device", "times real time", "tick [µs]"), rows)}"""
+{table(("device", "times real time", "tick [µs]", "of it rendering [µs]"), rows)}"""
 
 
 def _handle(sheet: Sheet, charts: dict[str, str]) -> str:

@@ -112,12 +112,12 @@ def drive_arm(arm: Any, f_N: Vector) -> None:
 
 
 @native
-def advance_arm(arm: Any, h_s: float) -> None:
-    """Move on by `h_s`, the hand's target with it; a real one moves by itself."""
+def advance_arm(arm: Any, h_s: float, count: int = 1) -> None:
+    """Move on `count` times by `h_s`, the hand's target with it; a real one moves by itself."""
     if arm.kind == SIMULATED_OMNI:
-        advance_omni(arm.omni[0], arm.hand[0], h_s)
+        advance_omni(arm.omni[0], arm.hand[0], h_s, count)
     elif arm.kind == SIMULATED_POINT:
-        advance_point(arm.point[0], arm.hand[0], h_s)
+        advance_point(arm.point[0], arm.hand[0], h_s, count)
 
 
 @native

@@ -45,7 +45,7 @@ from hapscene.device.omni_kinematics import (
     turns_at,
 )
 from hapscene.device.omni_record import OMNI, OmniFlag
-from hapscene.device.omni_step import STEP_MAX_S, apparent_mass, gravity_at, grip_in_D, step
+from hapscene.device.omni_step import STEP_MAX_S, ahead, apparent_mass, gravity_at, grip_in_D, step
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, rigid
 from hapscene.native import native
@@ -252,17 +252,18 @@ def _warm(omni: Any, i: int, kept: float) -> float:
 
 
 @native
-def advance_omni(omni: Any, hand: Any, h_s: float) -> None:
-    """Move arm, tool and hand (a `HAND` record) on by `h_s` [s], the hand's target moving on with it."""
+def advance_omni(omni: Any, hand: Any, h_s: float, count: int = 1) -> None:
+    """Move arm, tool and hand (a `HAND` record) on by `h_s` [s] `count` times, the hand's target moving on with it."""
     if not 0.0 < h_s < math.inf:
         return
-    count = math.ceil(h_s / STEP_MAX_S - 1e-6)
-    h = h_s / count
-    for k in range(count):
-        step(omni, grip_in_D(omni, hand, (k + 0.5) * h), h)
-    omni.held_s += h_s
+    steps = math.ceil(h_s / STEP_MAX_S - 1e-6)
+    h = h_s / steps
+    grip, rate = grip_in_D(omni, hand)
+    for k in range(count * steps):
+        step(omni, ahead(grip, rate, (k + 0.5) * h), h)
+    omni.held_s += count * h_s
     for i in range(3):
-        hand.target_m[i] += hand.target_m_s[i] * h_s
+        hand.target_m[i] += hand.target_m_s[i] * (count * h_s)
 
 
 @native

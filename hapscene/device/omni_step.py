@@ -37,7 +37,7 @@ from hapscene.device.omni_kinematics import (
 )
 from hapscene.device.omni_record import OmniFlag
 from hapscene.geometry import Vector
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 # What moves the Phantom Omni's arm: mass matrix, Coriolis and gravity in joint space.
 #
@@ -204,7 +204,7 @@ def solve(A: Symmetric, b: Vector) -> Vector:
     )
 
 
-@native
+@inlined
 def _moving(A: Symmetric, b: Vector, s: Vector) -> Vector:
     """x with A x = b over the joints with s ≠ 0, and 0 for the others."""
     m1, m2, m3 = abs(s[0]), abs(s[1]), abs(s[2])
@@ -236,7 +236,7 @@ def _sign(x: float) -> float:
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
 
 
-@native
+@inlined
 def slow(A: Symmetric, push: Vector, most: Vector, before: Vector) -> Vector:
     """Speeds w after a step under dry friction.
 
@@ -280,8 +280,8 @@ Grip = tuple[float, float, float, Vector, Vector]
 
 
 @native
-def grip_in_D(omni: Any, hand: Any, after_s: float) -> Grip:
-    """The hand (a `HAND` record, in W), `after_s` on, as the tool in D feels it.
+def grip_in_D(omni: Any, hand: Any) -> tuple[Grip, Vector]:
+    """The hand (a `HAND` record, in W) as the tool in D feels it now; and how fast the place moves where it wants it.
 
     What is not finite counts as 0 and is flagged; what no hand can do is cut to what one can.
     """
@@ -293,8 +293,14 @@ def grip_in_D(omni: Any, hand: Any, after_s: float) -> Grip:
     push, bad6 = _in_D(omni, hand.push_N, 0.0, 2.0 * HAND_MAX_N)
     if bad1 + bad2 + bad3 + bad4 + bad5 + bad6 > 0:
         omni.trouble |= _HAND_NOT_FINITE
-    aim = (target[0] + after_s * rate[0], target[1] + after_s * rate[1], target[2] + after_s * rate[2])
-    return k, b, kg, aim, (push[0] + b * rate[0], push[1] + b * rate[1], push[2] + b * rate[2])
+    return (k, b, kg, target, (push[0] + b * rate[0], push[1] + b * rate[1], push[2] + b * rate[2])), rate
+
+
+@native
+def ahead(grip: Grip, rate: Vector, after_s: float) -> Grip:
+    """The hand of `grip_in_D`, `after_s` on."""
+    k, b, kg, p, push = grip
+    return k, b, kg, (p[0] + after_s * rate[0], p[1] + after_s * rate[1], p[2] + after_s * rate[2]), push
 
 
 @native
@@ -320,7 +326,7 @@ def _bounded(x: float, low: float, high: float) -> tuple[float, int]:
     return min(max(x, low), high), 0
 
 
-@native
+@inlined
 def kick_tool(omni: Any, grip: Grip, end: Vector, ends: Vector, h_s: float) -> tuple[Vector, Vector]:
     """The tool's velocity after the step, and the structure's pull [N] on the arm's end, which is at `end`, `ends`."""
     new = _kick_axes(omni, grip, end, ends, h_s)
@@ -417,7 +423,7 @@ _AT_STOP = int(OmniFlag.AT_STOP)
 _SPEED_LIMITED = int(OmniFlag.SPEED_LIMITED)
 
 
-@native
+@inlined
 def step(omni: Any, grip: Grip, h_s: float) -> None:
     """One step of at most `STEP_MAX_S` under a hand that is constant over it."""
     q, w = omni.q, omni.dq
@@ -440,7 +446,7 @@ def step(omni: Any, grip: Grip, h_s: float) -> None:
             omni.v_DT_m_s[i] = J[i][0] * w[0] + J[i][1] * w[1] + J[i][2] * w[2]
 
 
-@native
+@inlined
 def _kick_compliant(omni: Any, grip: Grip, q: Vector, h_s: float) -> Vector:
     """Joint speeds after the step, with the arm at mid-step at `q`; moves the tool, which is a mass of its own."""
     p, v = omni.p_DT_m, omni.v_DT_m_s
@@ -485,7 +491,7 @@ def _speeds(omni: Any, h_s: float) -> tuple[Vector, Vector]:
     return (w[0], w[1], w[2]), (w[0] + half * rate[0], w[1] + half * rate[1], w[2] + half * rate[2])
 
 
-@native
+@inlined
 def _kick_arm(
     omni: Any,
     slopes: Slopes,
@@ -548,7 +554,7 @@ def _stop(angle: float, speed: float, low: float, high: float) -> float:
     return 0.0
 
 
-@native
+@inlined
 def _keep(omni: Any) -> None:
     """Keep joints within what the stops give at most, and their speeds within `SPEED_MAX_RAD_S`."""
     q, w = omni.q, omni.dq

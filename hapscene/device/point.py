@@ -3,8 +3,8 @@
     m ẍ = F − b ẋ − c sgn(ẋ) + f_hand(x, ẋ)
 
 F is held between ticks. Between two changes of friction's sign this is linear, and it is solved exactly: by the
-Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast. Where friction
-changes sign inside a step, the instant is found and the step is cut there; where it can hold the tool, the tool sticks.
+Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast; once for all
+pieces of one length, as what acceleration and jerk do in one. Where friction changes sign inside a step, the instant is found and the step is cut there; where it can hold the tool, the tool sticks.
 So nothing depends on the step but that within one step friction holds or lets go as at its start: the closed forms for
 walls are met to rounding (`hapscene.stability`).
 """
@@ -30,6 +30,8 @@ POINT: Final = np.dtype(
         ("x_m", "f8", (3,)),  # tool, in W
         ("v_m_s", "f8", (3,)),
         ("f_N", "f8", (3,)),  # force of the motors, held
+        ("piece", "f8", (3,)),  # stiffness and damping over the mass, and length, of the pieces of which
+        ("gain", "f8", (4,)),  # this is known: position and speed after one by acceleration, and by jerk
     ],
     align=True,
 )
@@ -94,12 +96,17 @@ def hold_point(point: Any, x_N: float, y_N: float, z_N: float) -> None:
 
 
 @native
-def advance_point(point: Any, hand: Any, h_s: float) -> None:
-    """Move on by `h_s`, the hand's target moving on with it."""
-    for i in range(3):
-        _advance_axis(point, hand, i, h_s)
-    for i in range(3):
-        hand.target_m[i] += hand.target_m_s[i] * h_s
+def advance_point(point: Any, hand: Any, h_s: float, count: int = 1) -> None:
+    """Move on by `h_s` `count` times, the hand's target moving on with it."""
+    mass = point.mass_kg + hand.mass_kg
+    k, b = hand.k_N_m / mass, (point.b_Ns_m + hand.b_Ns_m) / mass
+    pieces = max(1.0, math.ceil(max(b, math.sqrt(k)) * h_s / PIECE))
+    _know(point, k, b, h_s / pieces)
+    for _ in range(count):
+        for i in range(3):
+            _advance_axis(point, hand, i, h_s, mass, pieces)
+        for i in range(3):
+            hand.target_m[i] += hand.target_m_s[i] * h_s
 
 
 @native
@@ -111,30 +118,41 @@ def _counted(point: Any, i: int) -> float:
 
 
 @native
-def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
+def _know(point: Any, k: float, b: float, h: float) -> None:
+    """Have what is known of pieces be that of those of this stiffness and damping over the mass, and length."""
+    piece, gain = point.piece, point.gain
+    if piece[0] != k or piece[1] != b or piece[2] != h:
+        piece[0], piece[1], piece[2] = k, b, h
+        gain[0], gain[1] = _series(0.0, 0.0, 1.0, 0.0, k, b, h)
+        gain[2], gain[3] = _series(0.0, 0.0, 0.0, 1.0, k, b, h)
+
+
+@native
+def _advance_axis(point: Any, hand: Any, i: int, h_s: float, mass: float, pieces: float) -> None:
     """One axis: pieces between which friction changes its sign."""
-    mass = point.mass_kg + hand.mass_kg
-    damping, spring = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m
-    rate = max(damping / mass, math.sqrt(spring / mass))
-    piece_count = max(1.0, math.ceil(rate * h_s / PIECE))
+    damping, spring, target_m_s = point.b_Ns_m + hand.b_Ns_m, hand.k_N_m, hand.target_m_s[i]
+    k, b, piece_s, gain = point.piece[0], point.piece[1], point.piece[2], point.gain
     x, v, left, done = point.x_m[i], point.v_m_s[i], h_s, 0.0
-    for _ in range(int(piece_count) + EVENT_MAX):
+    for _ in range(int(pieces) + EVENT_MAX):
         if left <= 0.0:
             break
-        h = min(left, h_s / piece_count)
-        target = hand.target_m[i] + hand.target_m_s[i] * done
-        force = point.f_N[i] + spring * (target - x) + hand.b_Ns_m * hand.target_m_s[i] + hand.push_N[i]
+        h = min(left, piece_s)
+        target = hand.target_m[i] + target_m_s * done
+        force = point.f_N[i] + spring * (target - x) + hand.b_Ns_m * target_m_s + hand.push_N[i]
         if v == 0.0 and abs(force) <= point.c_N:
             v1, x1 = 0.0, x
         else:
             sign = math.copysign(1.0, v if v != 0.0 else force)
             # acceleration now, and how it changes: m a' = spring (target' − v) − damping a
             a = (force - damping * v - sign * point.c_N) / mass
-            x1, v1 = _series(x, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
+            jerk = k * (target_m_s - v) - b * a
+            if h == piece_s:
+                x1, v1 = x + (h * v + gain[0] * a + gain[2] * jerk), v + (gain[1] * a + gain[3] * jerk)
+            else:
+                x1, v1 = _series(x, v, a, jerk, k, b, h)
             if point.c_N > 0.0 and v1 * sign < 0.0:
-                h = _stop(sign, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
-                x1, v1 = _series(x, v, a, spring / mass, damping / mass, hand.target_m_s[i], h)
-                v1 = 0.0
+                h = _stop(sign, v, a, jerk, k, b, h)
+                x1, v1 = _series(x, v, a, jerk, k, b, h)[0], 0.0
         x, v = x1, v1
         left -= h
         done += h
@@ -142,9 +160,10 @@ def _advance_axis(point: Any, hand: Any, i: int, h_s: float) -> None:
 
 
 @native
-def _series(x: float, v: float, a: float, k: float, b: float, u: float, h: float) -> tuple[float, float]:
-    """Position and velocity after `h`: the Taylor series, with x‴ = k (u − v) − b a and so on (k, b over the mass)."""
-    s2, s3 = a, k * (u - v) - b * a  # derivatives of x
+def _series(x: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> tuple[float, float]:
+    """Position and velocity after `h`: the Taylor series, whose further terms are x⁗ = −k a − b x‴ and so on (k, b over
+    the mass)."""
+    s2, s3 = a, jerk  # derivatives of x
     x1, v1 = x + h * (v + h * a / 2.0), v + h * a
     power = h * h / 2.0  # h^n / n!
     for n in range(3, TERM_MAX):
@@ -159,12 +178,12 @@ def _series(x: float, v: float, a: float, k: float, b: float, u: float, h: float
 
 
 @native
-def _stop(sign: float, v: float, a: float, k: float, b: float, u: float, h: float) -> float:
+def _stop(sign: float, v: float, a: float, jerk: float, k: float, b: float, h: float) -> float:
     """When within `h` the velocity passes zero [s]."""
     low, high = 0.0, h
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        if _series(0.0, v, a, k, b, u, middle)[1] * sign > 0.0:
+        if _series(0.0, v, a, jerk, k, b, middle)[1] * sign > 0.0:
             low = middle
         else:
             high = middle

@@ -47,9 +47,10 @@ def section(state: Any, at: int, g: float, d: float, x: float) -> tuple[float, f
 
     Zavalishin 2012, "The Art of VA Filter Design", the trapezoidal state-variable filter.
     """
-    high = (x - (g + d) * state[at] - state[at + 1]) / (1.0 + g * (g + d))
-    band = g * high + state[at]
-    low = g * band + state[at + 1]
+    share = 1.0 / (1.0 + g * (g + d))  # what comes of the state first: x, which others wait for, goes its own short way
+    rest = -((g + d) * state[at] + state[at + 1]) * share
+    swing = g * rest + state[at]
+    high, band, low = share * x + rest, g * share * x + swing, g * g * share * x + (g * swing + state[at + 1])
     state[at] = band + g * high
     state[at + 1] = low + g * band
     return high, band, low

@@ -59,12 +59,19 @@ def yield_corner(h: Any) -> float:
 
     What counts is the swing of the nominal handle, or where that is much more, of the one that was learnt.
     """
-    r, v = h.scout_x[2], h.scout_x[3] / h.scout_rad_s
-    swing = math.sqrt(r * r + v * v) / (h.room * h.yield_m)
-    r, v = h.plain_x[2], h.plain_x[3] / h.scout_rad_s
-    swing = max(swing, math.sqrt(r * r + v * v) / (h.room * h.plain_m))
-    u = min(max((swing - YIELD[0]) / (YIELD[1] - YIELD[0]), 0.0), 1.0)
+    learnt, plain = _swing2(h, h.scout_x) / (h.yield_m * h.yield_m), _swing2(h, h.plain_x) / (h.plain_m * h.plain_m)
+    swing2, room2 = max(learnt, plain), h.room * h.room
+    if swing2 <= YIELD[0] * YIELD[0] * room2:  # nearly always, and foretold: the filter need not wait for a root
+        return float(h.g_low)
+    u = min((math.sqrt(swing2 / room2) - YIELD[0]) / (YIELD[1] - YIELD[0]), 1.0)
     return float(h.g_low + (h.g_high - h.g_low) * u * u)
+
+
+@native
+def _swing2(h: Any, x: Any) -> float:
+    """How far the coil in the state x (4,) goes if nothing more is done, squared [m²]."""
+    r, v = x[2], x[3] / h.scout_rad_s
+    return float(r * r + v * v)
 
 
 @native
@@ -73,7 +80,9 @@ def foresee(h: Any, needed_N: float) -> float:
 
     `needed_N` is the force that the handle needs for it, as far as it is known.
     """
-    bound = min(1.0, h.force_share * h.force_limit_N / max(abs(needed_N), 1e-12))
+    bound, most_N = 1.0, h.force_share * h.force_limit_N
+    if abs(needed_N) > most_N:
+        bound = most_N / abs(needed_N)
     s, x, ahead = h.scout_x, h.applied_x, h.ahead
     advance(h.scout_step, s, needed_N)
     old = h.scouted[(h.count - h.delay) & MASK]

@@ -108,7 +108,7 @@ def move(h: Any, force_N: float) -> float:
     """
     x = h.x
     spring = h.k_s_N_m * x[2] + h.b_s_Ns_m * x[3]
-    acceleration = (force_N + spring - h.k_u_N_m * x[0] - h.b_u_Ns_m * x[1]) / h.m_h_kg
+    acceleration = (force_N + (spring - h.k_u_N_m * x[0] - h.b_u_Ns_m * x[1])) * (1.0 / h.m_h_kg)
     before = abs(x[2])
     advance(h.step, x, force_N)
     if abs(x[2]) > h.travel_limit_m:

@@ -27,7 +27,7 @@ from hapscene.handle.handle_record import ACCELEROMETER_HZ as ACCELEROMETER_HZ
 from hapscene.handle.handle_record import ACCELEROMETER_NOISE_M_S2_RTHZ as ACCELEROMETER_NOISE_M_S2_RTHZ
 from hapscene.handle.handle_record import HANDLE as HANDLE
 from hapscene.handle.handle_record import new_handle as new_handle
-from hapscene.native import native
+from hapscene.native import inlined, native
 
 # The inverse learnt from the handle's accelerometer, while it plays. Compiled.
 #
@@ -75,7 +75,7 @@ FOLD: Final = 0.1
 """How much of it [1]: slowly, for what the filters hold was delayed as before."""
 
 
-@native
+@inlined
 def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
     """Hear what a sample did, one `HANDLE`: the force that acted [N], the acceleration that was read with it [m/s²].
 
@@ -120,7 +120,7 @@ def learn(handle: Any, sample: int, force_N: float, read_m_s2: float) -> None:
             _fold(h)
 
 
-@native
+@inlined
 def _hear(h: Any, force_N: float, read_m_s2: float) -> float:
     """Fill φ and its instruments z; returns the force that φ are to explain, s⁴/D · F [N]."""
     if h.force_measured == 0:
@@ -147,7 +147,7 @@ def _hear(h: Any, force_N: float, read_m_s2: float) -> float:
     return float(differences(h.pushed, h.g, h.d1, h.d2, h.heard_d * f))
 
 
-@native
+@inlined
 def _update(h: Any, y: float, surprise: float) -> None:
     """The Kalman filter's step: θ, lag, snap and their covariance, which goes back to what it was before with time.
 
@@ -158,22 +158,21 @@ def _update(h: Any, y: float, surprise: float) -> None:
     variance = h.doubt_N2 * (1.0 + h.quiet / (h.loud + 1e-12)) + (h.doubt * y) ** 2
     variance += h.noise_weight * max(h.noise_N2, h.noise_least_N2)
     for i in range(COUNT + 2):
-        k[i] = 0.0
-        for j in range(COUNT + 2):
-            k[i] += p[i, j] * z[j]
-        variance += z[i] * k[i]
+        k[i] = _across(p[i], z)
+    variance += _across(z, k)
     share = 1.0 / variance
     h.lag += k[COUNT] * surprise * share
     h.snap += k[COUNT + 1] * surprise * share
     for i in range(COUNT):
         theta[i] = min(max(theta[i] + k[i] * surprise * share, h.theta_low[i]), h.theta_high[i])
-        off = theta[i] / h.nominal[i] - 1.0
-        h.used[i] = h.nominal[i] * (1.0 + off * off * off / (off * off + h.slight))
+        off = theta[i] * (1.0 / h.nominal[i]) - 1.0
+        h.used[i] = h.nominal[i] * (1.0 + off * (off * off / (off * off + h.slight)))
     forget = h.forget_played + (h.forget - h.forget_played) * h.hush / (h.hush + h.loud)
     keep = 1.0 - forget
     for i in range(COUNT + 2):
+        x = keep * share * k[i]
         for j in range(i + 1):
-            p[i, j] = p[j, i] = keep * (p[i, j] - k[i] * k[j] * share) + forget * h.spread_before[i, j]
+            p[i, j] = p[j, i] = keep * p[i, j] - x * k[j] + forget * h.spread_before[i, j]
 
 
 @native
@@ -217,7 +216,7 @@ DESIRED_MAX_M_S2: Final = 1e6
 """Largest acceleration that is listened to [m/s²]: 20,000 times what the actuator can do. Keeps the filters finite."""
 
 
-@native
+@inlined
 def command_force(handle: Any, desired_m_s2: float) -> float:
     """The force to be commanded in the next sample [N], one `HANDLE`, for the acceleration that is asked for [m/s²].
 
@@ -229,13 +228,10 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
         desired_m_s2 = 0.0
     wanted = _lead(h, min(max(desired_m_s2, -DESIRED_MAX_M_S2), DESIRED_MAX_M_S2))
     phi = _integrate(h, wanted) if h.kind >= 2 else (wanted, 0.0, 0.0, 0.0, 0.0)
-    asked, needed, pushed = 0.0, 0.0, 0.0
     late, slot, due = h.late, h.count & MASK, (h.count - h.delay) & MASK
-    for i in range(COUNT):
-        asked += h.nominal[i] * phi[i]
-        needed += h.used[i] * phi[i]
-        late[slot, i] = phi[i]
-        pushed += h.used[i] * late[due, i]
+    late[slot, 0], late[slot, 1], late[slot, 2], late[slot, 3], late[slot, 4] = phi
+    asked, needed = _weighted(h.nominal, phi), _weighted(h.used, phi)
+    pushed = _weighted(h.used, (late[due, 0], late[due, 1], late[due, 2], late[due, 3], late[due, 4]))
     advance(h.scout_step, h.plain_x, asked)
     gain = fade(h, foresee(h, needed))
     h.due_m_s2[slot], h.due_gain[slot] = gain * late[due, 0], gain
@@ -248,6 +244,20 @@ def command_force(handle: Any, desired_m_s2: float) -> float:
         h.clips += 1
     advance(h.scout_step, h.applied_x, command if h.kind > 0 else gain * pushed)
     return float(command)
+
+
+@native
+def _across(a: Any, b: Any) -> float:
+    """Σ a_i b_i over what is estimated, in pairs: a long sum would wait for each of its terms in turn."""
+    first, second = a[0] * b[0] + a[1] * b[1], a[2] * b[2] + a[3] * b[3]
+    return float((first + second) + ((a[4] * b[4] + a[5] * b[5]) + a[6] * b[6]))
+
+
+@native
+def _weighted(theta: Any, phi: tuple[float, float, float, float, float]) -> float:
+    """Σ θ_i φ_i [N]."""
+    first, second = theta[0] * phi[0] + theta[1] * phi[1], theta[2] * phi[2] + theta[3] * phi[3]
+    return float((first + second) + theta[4] * phi[4])
 
 
 @native
@@ -270,8 +280,9 @@ def vibrate(handle: Any, desired_m_s2: float) -> tuple[float, float, float]:
 def _integrate(h: Any, wanted_m_s2: float) -> tuple[float, float, float, float, float]:
     """φ of a sample, its corner as high as the coil's travel asks for; scaled as θ is, for the corner of learning."""
     g = yield_corner(h)
-    retune(h.wanted, g / h.g_now)
-    h.g_now = g
+    if g != h.g_now:
+        retune(h.wanted, g / h.g_now)
+        h.g_now = g
     phi = integrals(h.wanted, g, h.d1, h.d2, wanted_m_s2)
     r = h.g / g
     return phi[0], r * phi[1], r * r * phi[2], r * r * r * phi[3], r * r * r * r * phi[4]

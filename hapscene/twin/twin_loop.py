@@ -24,7 +24,7 @@ from hapscene.device.safety import protect
 from hapscene.geometry import Vector
 from hapscene.handle.handle_dynamics import grip_handle
 from hapscene.handle.handle_loop import vibrate
-from hapscene.native import native
+from hapscene.native import inlined, native
 from hapscene.tick import tick
 
 DELAY_MAX: Final = 256
@@ -74,7 +74,7 @@ def live(
         beat(world, surface, body, rows[k], a_m_s2[k], felt[k], a_handle_m_s2[k])
 
 
-@native
+@inlined
 def beat(
     world: Any,
     surface: Any,
@@ -86,7 +86,6 @@ def beat(
 ) -> None:
     """One tick of the closed loop, the hand's intention being set."""
     touch, arm = surface.touch[0], body.arm
-    h_s = touch.tick_s / touch.block
     x, y, z = _read(body)
     felt.read_W_m[0], felt.read_W_m[1], felt.read_W_m[2] = x, y, z
     tick(world, surface, x, y, z, row, a_m_s2)
@@ -94,7 +93,7 @@ def beat(
     _note(arm, felt)
     for i in range(touch.block):
         a_handle_m_s2[i] = _shake(body, a_m_s2[i], felt)
-        advance_arm(arm, h_s)
+    advance_arm(arm, touch.tick_s / touch.block, touch.block)
     _close(body, felt)
 
 

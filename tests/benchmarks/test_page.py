@@ -83,6 +83,7 @@ def _add_rest(sheet: Sheet) -> None:
         sheet.add("synthesis, wood", f"{figure} for 10 s", 0.025, "s")
     sheet.add("twin, Omni, handle", "times real time", 110.0, "1")
     sheet.add("twin, Omni, handle", "tick", 9.0, "µs")
+    sheet.add("twin, Omni, handle", "rendering median", 1.2, "µs")
     for k, name in enumerate(COMPENSATORS):
         sheet.add(f"handle, {name}", "sample least", 0.1 + 0.05 * k, "µs")
         for signal in SIGNALS:
