@@ -1,10 +1,10 @@
 """Several samples of the plain lattice at once, in the lanes of the processor's vectors. Compiled.
 
-A sample may begin before the one before it has ended: its step m needs b_{m−1} of that one, so it lags by two steps.
-So `LANES` samples go down the lattice together, each two steps behind the one before it: lane l holds sample LANES−1−l,
-at step m + 2 (LANES−1−l) while the first is at step m. What the step of one sample leaves in b goes to the next sample
-in the lane beside it, and only the first reads the memory and the last writes it. Lanes do what one sample after the
-other would do, operation for operation, so that the bits are the same.
+A sample may begin before the one before it has ended: its step m needs b_{m−1} of that one, and no more. So the samples
+go down the lattice together, each `LAG` steps behind the one before it: the last lane holds the first sample, at step
+m, the lane before it the second, at step m + `LAG`. What they need goes from lane to lane: k_m and c_m by `LAG` steps
+after the sample before, what that one left in b by one less. Only the first sample reads the memory, and only the last
+writes it. Each does what one sample after the other would do, operation for operation, so that the bits are the same.
 """
 
 from typing import Any, Final
@@ -14,76 +14,66 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES: Final = 8
-"""Samples at once [count]: twice as many, or those of a tick at 10 kHz, were measured to be no faster."""
-
-LANES_ORDER: Final = 2 * LANES - 1
-"""Lowest order at which there are steps that all lanes take [1]."""
+LAG: Final = 3
+"""Steps between two samples [count]. Two would do, but then each step waits for the one before it, and half as many
+samples are made in a time."""
 
 
-@intrinsic
-def advance_lanes(typing: Any, k: Any, c: Any, b: Any, order: Any, f: Any) -> Any:
-    """`hapscene.dsp.lattice.advance` of `LANES` samples f, in place: k, c, b (order+1,), f are addresses."""
-    return types.void(*5 * [types.int64]), _generate
+def lanes_of(n: int) -> tuple[Any, int]:
+    """`hapscene.dsp.lattice.advance` of n samples f, in place, and the lowest order for which it can be called.
 
+    Its arguments are addresses of numbers, and the order: (k, c, b, order, f); k, c, b (order+1,), f (n,).
+    """
+    apart = LAG * (n - 1)  # steps from the first sample to the last
 
-def _generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    number, index, n = ir.DoubleType(), ir.IntType(64), LANES
-    lanes, order = ir.VectorType(number, n), arguments[3]
-    k, c, b, samples = (builder.inttoptr(arguments[i], number.as_pointer()) for i in (0, 1, 2, 4))
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number, index, place, order = ir.DoubleType(), ir.IntType(64), ir.IntType(32), arguments[3]
+        k, c, b, samples = (builder.inttoptr(arguments[i], number.as_pointer()) for i in (0, 1, 2, 4))
+        silent = ir.Constant(ir.VectorType(number, n), [0.0] * n)
+        along = ir.Constant(ir.VectorType(place, n), [*range(1, n), n])
 
-    def at(array: Any, i: Any) -> Any:
-        return builder.gep(array, [index(i) if isinstance(i, int) else i])
+        def at(array: Any, i: Any, less: int = 0) -> Any:
+            return builder.gep(array, [builder.sub(i, index(less))])
 
-    def below(value: Any, less: int) -> Any:
-        return builder.sub(value, index(less))
+        def read(m: Any, less: int) -> list[Any]:
+            return [builder.load(at(*one)) for one in ((k, m, less), (c, m, less), (b, m, less + 1))]
 
-    def chosen(vector: Any, other: Any, places: list[int]) -> Any:
-        return builder.shuffle_vector(vector, other, ir.Constant(ir.VectorType(ir.IntType(32), n), places))
+        def step(past: list[Any], first: list[Any]) -> list[Any]:
+            """On from f, b of the last LAG − 1 steps, and k and c of LAG; `first` are the first sample's k, c and b."""
+            f, bs, rows = past[0], past[1:LAG], past[LAG:]
+            ones = (builder.insert_element(silent, one, place(0)) for one in first)
+            k, c, before = map(builder.shuffle_vector, (rows[0], rows[1], bs[0]), ones, [along] * 3)
+            left = builder.fsub(builder.fmul(c, f), builder.fmul(k, before))
+            return [left, *bs[1:], builder.fadd(builder.fmul(k, f), builder.fmul(c, before)), *rows[2:], k, c]
 
-    def window(array: Any, first: Any) -> tuple[Any, Any]:
-        """The 2 n numbers from `first` on."""
-        pointers = (builder.bitcast(at(array, i), lanes.as_pointer()) for i in (first, builder.add(first, index(n))))
-        low, high = (builder.load(pointer, align=8) for pointer in pointers)
-        return low, high
+        def write(past: list[Any], m: Any, less: int = 0) -> None:
+            builder.store(builder.extract_element(past[LAG - 1], place(0)), at(b, m, less))
 
-    def step(rows: Any, places: list[int], f: Any, passed: Any, into: Any) -> tuple[Any, Any]:
-        """f and b after a step with the k and c that lie at `places` of a window; `into` is b for the first sample."""
-        memory = builder.insert_element(ir.Constant(lanes, ir.Undefined), into, ir.IntType(32)(0))
-        before = chosen(passed, memory, [*range(1, n), n])
-        k, c = (chosen(*row, places) for row in rows)
-        left = builder.fsub(builder.fmul(c, f), builder.fmul(k, before))
-        return left, builder.fadd(builder.fmul(k, f), builder.fmul(c, before))
+        past = [silent] * (3 * LAG)
+        for i in range(apart + 1):  # the samples begin one by one
+            if i % LAG == 0:
+                sample = builder.load(at(samples, index(i // LAG)))
+                past[0] = builder.insert_element(past[0], sample, place(n - 1 - i // LAG))
+            past = step(past, read(order, i)) if i < apart else past
+        kept = [cgutils.alloca_once_value(builder, value) for value in past]
+        with cgutils.for_range(builder, builder.sub(order, index(apart))) as loop:
+            m = builder.sub(order, loop.index)
+            past = step([builder.load(where) for where in kept], read(m, apart))
+            write(past, m)
+            for value, where in zip(past, kept, strict=True):
+                builder.store(value, where)
+        past = [builder.load(where) for where in kept]
+        for i in range(apart + 1):  # and end: b_0 is f_0
+            lane = place(n - 1 - i // LAG)
+            heard = builder.extract_element(past[0], lane)
+            past = step(past, [number(0.0)] * 3)
+            if i % LAG == 0:
+                builder.store(heard, at(samples, index(i // LAG)))
+                past[LAG - 1] = builder.insert_element(past[LAG - 1], heard, lane)
+            write(past, index(apart), i)
+        return context.get_dummy_value()
 
-    def lane(sample: int) -> Any:
-        return ir.IntType(32)(n - 1 - sample)
+    def advance_lanes(typing: Any, k: Any, c: Any, b: Any, order: Any, f: Any) -> Any:
+        return types.void(*5 * [types.int64]), generate
 
-    back = range(n - 1, -1, -1)  # the sample in each lane
-    f = passed = ir.Constant(lanes, [0.0] * n)
-    rows = [window(array, below(order, 2 * n - 1)) for array in (k, c)]
-    for i in range(2 * n - 1):  # the samples begin one by one
-        if i % 2 == 0:
-            f = builder.insert_element(f, builder.load(at(samples, i // 2)), lane(i // 2))
-        if i < 2 * n - 2:
-            places = [2 * n - 1 - i + 2 * j if 2 * j <= i else 0 for j in back]
-            f, passed = step(rows, places, f, passed, builder.load(at(b, below(order, i + 1))))
-    kept = [cgutils.alloca_once_value(builder, value) for value in (f, passed)]
-    with cgutils.for_range(builder, below(order, 2 * n - 2)) as loop:
-        m = below(builder.sub(order, loop.index), 2 * n - 2)
-        rows = [window(array, below(m, 1)) for array in (k, c)]
-        f, passed = (builder.load(value) for value in kept)
-        f, passed = step(rows, [1 + 2 * j for j in back], f, passed, builder.load(at(b, below(m, 1))))
-        builder.store(builder.extract_element(passed, ir.IntType(32)(0)), at(b, builder.add(m, index(2 * n - 2))))
-        for value, place in zip((f, passed), kept, strict=True):
-            builder.store(value, place)
-    f, passed = (builder.load(value) for value in kept)
-    rows = [window(array, index(0)) for array in (k, c)]
-    for i in range(2 * n - 1):  # and end: b_0 is f_0
-        heard = builder.extract_element(f, lane(i // 2))
-        places = [max(0, 2 * j - i) for j in back]
-        f, passed = step(rows, places, f, passed, number(0.0))
-        if i % 2 == 0:
-            passed = builder.insert_element(passed, heard, lane(i // 2))
-            builder.store(heard, at(samples, i // 2))
-        builder.store(builder.extract_element(passed, ir.IntType(32)(0)), at(b, 2 * n - 2 - i))
-    return context.get_dummy_value()
+    return intrinsic(advance_lanes), apart
