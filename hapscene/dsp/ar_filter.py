@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 STEP_MAX = 12
 """Most Newton steps towards a root [count]. Four are the rule; a root that needs more lies beside another."""
 
-_LSF_BYTES = 1 << 24  # temporary memory of ar_from_lsf: longer stacks are worked off in parts
+_LSF_BYTES = 1 << 22  # ar_from_lsf works stacks off in parts so small that BLAS starts no threads, which cost more
 
 
 def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
@@ -39,12 +39,21 @@ def ar_from_lsf(lsf_rad: ArrayLike) -> Array:
         done = [ar_from_lsf(rows[i : i + part]) for i in range(0, len(rows), part)]
         return np.concatenate(done).reshape(*lsf.shape[:-1], order + 1)
     cos_2, gain_p, gain_q, to_p, to_q = _circle(order)
-    roots_2 = 2.0 * np.cos(rows)
-    p = np.prod(cos_2[:, None] - roots_2[:, None, 0::2], axis=2) * gain_p
-    q = np.prod(cos_2[:, None] - roots_2[:, None, 1::2], axis=2) * gain_q
-    a: Array = p @ to_p + q @ to_q
+    p, q = np.ones((2, len(rows), len(cos_2)))
+    _multiply(2.0 * np.cos(rows), cos_2, p, q)
+    a: Array = (p * gain_p) @ to_p + (q * gain_q) @ to_q
     a[:, 0] = 1.0
     return a.reshape(*lsf.shape[:-1], order + 1)
+
+
+@native
+def _multiply(roots_2: Array, cos_2: Array, p: Array, q: Array) -> None:
+    """P and Q (n, h) times their factors at h points, of roots (n, p) in turn. Compiled, as `_step_down` is."""
+    for i in range(roots_2.shape[0]):
+        for k in range(roots_2.shape[1]):
+            row = p[i] if k % 2 == 0 else q[i]
+            for j in range(row.size):
+                row[j] *= cos_2[j] - roots_2[i, k]
 
 
 @lru_cache(maxsize=16)
@@ -181,10 +190,11 @@ def _step_down(rest: Array, k: Array) -> None:
             scale = (1.0 - km) * (1.0 + km)
             if not scale > 0.0:
                 break
+            over = 1.0 / scale  # a division for each number would take twice as long
             for j in range(1, m // 2 + 1):  # in place, from both ends
                 low, high = row[j], row[m - j]
-                row[j] = (low - km * high) / scale
-                row[m - j] = (high - km * low) / scale
+                row[j] = (low - km * high) * over
+                row[m - j] = (high - km * low) * over
 
 
 def ar_from_reflection(k: ArrayLike) -> Array:

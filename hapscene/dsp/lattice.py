@@ -29,22 +29,49 @@ it, and the level is taken over its root. So no change is louder than the models
 import math
 from typing import Any
 
-from hapscene.dsp.noise import normal
+from numba.extending import overload
+
+from hapscene.constants import BLOCK_MAX
+from hapscene.dsp.lattice_lanes import lanes_of
+from hapscene.dsp.noise import fill_normal
 from hapscene.dsp.slow_gain import advance_gain, advance_state
 from hapscene.native import native
 
 
 @native
 def advance(k: Any, c: Any, b: Any, order: int, f: float) -> float:
-    """The lattice's next sample f_0, for the excitation f_p = `f`; k, c (order+1,), memory b (order+1,).
-
-    A chain of dependent steps, but the processor begins the next sample while one is under way: to interleave two by
-    hand was measured to be no faster.
-    """
+    """The lattice's next sample f_0, for the excitation f_p = `f`; k, c (order+1,), memory b (order+1,)."""
     for m in range(order, 0, -1):
         f, b[m] = c[m] * f - k[m] * b[m - 1], k[m] * f + c[m] * b[m - 1]
     b[0] = f
     return f
+
+
+_eight, _EIGHT_ORDER = lanes_of(8)
+_four, _FOUR_ORDER = lanes_of(4)
+
+
+def advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
+    """`advance` of the samples f[:stop], in place; compiled some at a time, the same to the bit in a third of it."""
+    for i in range(stop):
+        f[i] = advance(k, c, b, order, f[i])
+
+
+@overload(advance_all)
+def _advance_all(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
+    def compiled(k: Any, c: Any, b: Any, order: int, f: Any, stop: int) -> Any:
+        i = 0
+        while order >= _EIGHT_ORDER and i + 8 <= stop:
+            _eight(k.ctypes.data, c.ctypes.data, b.ctypes.data, order, f.ctypes.data + 8 * i)
+            i += 8
+        while order >= _FOUR_ORDER and i + 4 <= stop:
+            _four(k.ctypes.data, c.ctypes.data, b.ctypes.data, order, f.ctypes.data + 8 * i)
+            i += 4
+        while i < stop:
+            f[i] = advance(k, c, b, order, f[i])
+            i += 1
+
+    return compiled
 
 
 @native
@@ -122,7 +149,7 @@ def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> floa
 def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of what playing a texture remembers, for models up to an order; zero to begin with."""
     size = 4 * math.ceil(order / 4) + 1
-    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size))]
+    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size)), ("f", (BLOCK_MAX,)), ("r2", (BLOCK_MAX,))]
     return [*lattice, *((name, ()) for name in ("order", "warp", "scale", "level_m_s2", "gain"))]
 
 
@@ -143,13 +170,16 @@ def play(s: Any, level_m_s2: float, gain: float, rng: Any, out: Any, start: int,
     """Add samples to out[start:stop]; in a whole `block` they are ramped to a level √P [m/s²] times a gain."""
     order, now = int(s.order), s.level_m_s2 * s.gain
     step = (level_m_s2 * gain - now) / block
-    if s.warp == 0.0:
-        for i in range(start, stop):
-            out[i] += (now + (i + 1 - start) * step) * advance(s.k, s.c, s.b, order, normal(rng))
-    else:
-        for i in range(start, stop):
-            f = advance_warped(s.rows, s.b, order, s.warp, normal(rng))
-            out[i] += (now + (i + 1 - start) * step) * (s.scale * f)
+    for at in range(start, stop, BLOCK_MAX):
+        count = min(BLOCK_MAX, stop - at)
+        fill_normal(rng, s.f, s.r2, count)
+        if s.warp == 0.0:
+            advance_all(s.k, s.c, s.b, order, s.f, count)
+        else:
+            for i in range(count):
+                s.f[i] = s.scale * advance_warped(s.rows, s.b, order, s.warp, s.f[i])
+        for i in range(count):
+            out[at + i] += (now + (at + i + 1 - start) * step) * s.f[i]
     s.level_m_s2, s.gain = level_m_s2, gain
 
 

@@ -27,6 +27,8 @@ def strike(s: Any, amplitude_m_s2: float, frequency_Hz: float, decay_1_s: float)
 @native
 def resonate(touch: Any, s: Any, out: Any) -> None:
     """Add the ringing of this tick to the acceleration [m/s²]."""
+    if s.real_m_s2 == 0.0 and s.imag_m_s2 == 0.0:
+        return
     if abs(s.real_m_s2) + abs(s.imag_m_s2) < SILENCE_M_S2:
         s.real_m_s2 = s.imag_m_s2 = 0.0
         return

@@ -336,15 +336,15 @@ class Texture:
         The coefficients have one row where one filter holds everywhere. Power in (m/s²)².
         """
         force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
-        if self.single:
-            sounding = (force > 0.0) & (slip > 0.0)
-            k = reflection_from_ar(filters(self.interpolation, self._form[:1]))
-            return k, np.where(sounding, self.power(force, slip), 0.0)
-        a, variance = self.models(force, slip)
-        k = reflection_from_ar(a)
-        if self.warp == 0.0:
-            return k, variance / np.prod((1.0 - k) * (1.0 + k), axis=1)
-        return k, variance * power_gain(a, self.warp)
+        if self.interpolation == "hatt" and not self.single:
+            a, variance = self.models(force, slip)
+            return reflection_from_ar(a), variance * power_gain(a, self.warp)
+        blended = self._form[:1]
+        if not self.single:
+            corner, weight = self.locate(force, slip)
+            blended = np.einsum("nc,ncp->np", weight, self._form[corner])
+        k = reflection_from_ar(filters(self.interpolation, blended))
+        return k, np.where((force > 0.0) & (slip > 0.0), self.power(force, slip), 0.0)
 
     @old_spellings()
     def density(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike) -> Array:

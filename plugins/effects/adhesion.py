@@ -31,6 +31,8 @@ GONE: Final = 0.01
 
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the pull towards where the tool left [N]."""
+    if s.share == 0.0 and not touch.ended:
+        return
     if touch.left_body < 0 or touch.tick != s.tick + 1.0:
         s.share = 0.0
     s.tick = touch.tick

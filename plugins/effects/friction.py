@@ -86,7 +86,9 @@ def coefficient(p: Any, slip_m_s: float) -> float:
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the force of friction [N], tangential and no more than µ F_n, and what is heard when it breaks loose."""
     resonate(touch, s, out)
-    if touch.began or not touch.touching:
+    if not touch.touching:
+        return
+    if touch.began:
         for i in range(3):
             s.z_W_m[i] = 0.0
             s.nhat_W[i] = touch.nhat_W[i]

@@ -41,6 +41,7 @@ from hapscene.dsp.noise import normal
 from hapscene.dsp.slow_gain import CHANGE_S, advance_gain, advance_state, draw_state
 from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
+from hapscene.surface.resonator import SILENCE_M_S2
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -73,7 +74,8 @@ SILENT_M_S2 = 1e-3
 def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: float, fill: bool) -> float:
     """Power [m²/s⁴] of the section `at` at a force and a speed; with `fill` its model goes into the lattice.
 
-    With a `share` below 1 it goes as much of the way there from where it is; to 0 beyond the section's order.
+    With a `share` below 1 it goes as much of the way there from where it is; to 0 beyond the section's order. Where
+    nothing is heard before and after, the lattice is left as it is.
     """
     row = min(max(force_N / table[at], 0.0), 1.0) * (GRID - 1)
     column = min(max(slip_m_s / table[at + 1], 0.0), 1.0) * (GRID - 1)
@@ -85,7 +87,16 @@ def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: 
     size = 1 if single else 1 + order
     at00 = (first + order if single else first) + (i * GRID + j) * size
     at01, at10, at11 = at00 + size, at00 + GRID * size, at00 + GRID * size + size
-    if fill:
+    power = w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11]
+    if force_N > table[at] or slip_m_s > table[at + 1]:
+        log = table[at + 4] * math.log(max(force_N / table[at], 1.0))
+        log += table[at + 5] * math.log(max(slip_m_s / table[at + 1], 1.0))
+        power *= math.exp(min(max(log, -BOUND), BOUND))
+    if power < SILENCE_M_S2**2:
+        power = 0.0
+    if fill and power == 0.0 and s.level_m_s2 == 0.0:
+        s.stale = 1.0
+    elif fill:
         for m in range(1, order + 1):
             if single:
                 to = table[first + m - 1]
@@ -97,11 +108,6 @@ def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: 
         s.order = order if share == 1.0 else max(order, int(s.order))
         s.warp = table[at + WARP] if share == 1.0 else s.warp + share * (table[at + WARP] - s.warp)
         settle(s)
-    power = w00 * table[at00] + w01 * table[at01] + w10 * table[at10] + w11 * table[at11]
-    if force_N > table[at] or slip_m_s > table[at + 1]:
-        log = table[at + 4] * math.log(max(force_N / table[at], 1.0))
-        log += table[at + 5] * math.log(max(slip_m_s / table[at + 1], 1.0))
-        power *= math.exp(min(max(log, -BOUND), BOUND))
     return float(power)
 
 

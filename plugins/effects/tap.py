@@ -93,6 +93,8 @@ def strike_wave(approach_m_s: float, gain: float, table: Any, s: Any) -> None:
 @native
 def ring(touch: Any, s: Any, out: Any) -> None:
     """Read off what the ring holds for this tick."""
+    if s.left == 0.0:
+        return
     at = int(s.at)
     for i in range(min(touch.block, int(s.left))):
         out.a_m_s2[i] += s.ring_m_s2[at]
