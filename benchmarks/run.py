@@ -114,8 +114,8 @@ def bench_peers(
         _say("without the bunny, whose mesh and path are in the zoo: --zoo DIR")
     cases = side_by_side.find_cases(names or side_by_side.CASES, zoo, 2000 if quick else 10_000)
     _say(f"side by side: {', '.join(drivers)}")
-    sheet = side_by_side.measure(drivers, cases, *rounds, huge, _say)
     out.mkdir(parents=True, exist_ok=True)
+    sheet = side_by_side.measure(drivers, cases, *rounds, huge, _say)
     made = [out / "peers.csv", out / "peers.md"]
     sheet.write(made[0])
     with whole_file(made[1]) as part:

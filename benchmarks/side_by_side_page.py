@@ -13,9 +13,9 @@ AIMS: Final = (("CHAI3D static", 1.3, 1.0), ("CHAI3D dynamic", 2.0, 2.0), ("HAPI
 METHOD: Final = f"""The same meshes and paths, one machine, one run. In each round every renderer runs every case in a
 process of its own, in an order that turns by one from round to round. Hot: each tick's least time of five runs after
 one to warm up. Cold: {COLD_TICKS} ticks from the middle of the path on, once, with {FLUSH_MB} MiB rewritten before
-each. Only ticks in which both are in contact count. Every number is the median of the rounds; ratios are of each
-round's own numbers, the other renderer's time over hapscene's, with the least–greatest of the rounds, in bold where
-hapscene is the slower."""
+each. Ticks count in which a renderer and hapscene both are in contact. Numbers are medians of the rounds; ratios are of
+each round's own numbers, the other renderer's time over hapscene's, with the least–greatest of the rounds, in bold
+where hapscene is the slower."""
 
 UNFAIR: Final = """### What is unfair
 - CHAI3D: timed is `cAlgorithmFingerProxy::computeForces`, proxy and force; not what an application does besides (global
