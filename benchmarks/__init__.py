@@ -20,6 +20,8 @@ alone calls stands by itself because it measures one thing.
 | `paint` | painting large meshes: `python -m hapscene_benchmarks.paint` |
 | `paint_page` | the painter's page in a browser: `python -m hapscene_benchmarks.paint_page` |
 | `paint_browser`, `idle`, `screen` | for that: the browser and a hand, an empty loop, a screen where there is none |
+| `side_by_side`, `side_by_side_page` | other renderers turn by turn: `bench --peers`; their part of the page |
+| `path_driver` | hapscene as one of them, in a process of its own |
 | `sheet`, `machine`, `peer` | the figures, the machine, other renderers' figures |
 | `charts` | speed against accuracy, a question each: `hapscene chart`; `charts.run` lists them |
 | `comparison` | two tables of figures: `hapscene bench compare` |

@@ -15,6 +15,7 @@ from .order import ORDERS, RECORDINGS
 from .peer import CITED, PEERS, TRIANGLES
 from .projection import ANGLES_DEG, STEPS
 from .sheet import QUANTILES, Sheet
+from .side_by_side_page import section
 
 AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),
@@ -48,11 +49,11 @@ whole contact took 0.462 µs at rest; and whenever bodies had moved, a tenth of 
 """What Embree's instances cost, stated: nothing here measures it any more."""
 
 
-def write_page(sheet: Sheet, path: Path, charts: Sequence[str]) -> None:
-    """Write the page; `charts` are paths of the pictures as seen from it."""
+def write_page(sheet: Sheet, path: Path, charts: Sequence[str], peers: Sheet | None = None) -> None:
+    """Write the page; `charts` are paths of the pictures as seen from it, `peers` other renderers side by side."""
     known = {Path(chart).stem: chart for chart in charts}
-    parts = [_head(sheet), _aims(sheet), _contact(sheet, known), _tick(sheet), _cold(sheet), _rays(sheet)]
-    parts += [_accuracy(sheet, known), _groove(sheet, known)]
+    parts = [_head(sheet), _aims(sheet), _contact(sheet, known), section(peers)]
+    parts += [_tick(sheet), _cold(sheet), _rays(sheet), _accuracy(sheet, known), _groove(sheet, known)]
     if "texture" in known:
         parts.append(_texture(sheet, known))
     if sheet.cases("synthesis, "):

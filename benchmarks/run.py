@@ -1,12 +1,13 @@
 """The whole benchmark, in order: measure, then write bench.csv, bench.md and the charts."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 from hapscene.constants import TICK_S
 from hapscene.errors import HapsceneError
+from hapscene.files import whole_file
 from hapscene.native import INTERPRETED
 
 from . import (
@@ -20,6 +21,7 @@ from . import (
     order,
     projection,
     ray,
+    side_by_side,
     surface_fit,
     synthesis,
     tick_time,
@@ -28,6 +30,7 @@ from . import (
 from .chart import write_charts
 from .page import write_page
 from .sheet import Sheet
+from .side_by_side_page import section
 
 SHARED: Final = Path(__file__).resolve().parents[2] / "shared"
 """Reference data beside the checkout, used where it is there."""
@@ -52,44 +55,72 @@ def bench(
         HapsceneError: under NUMBA_DISABLE_JIT=1, where times mean nothing; no such `docs` or `zoo`; `table` is none.
         OSError: `out` cannot be written.
     """
-    if INTERPRETED and table is None:
-        raise HapsceneError("the benchmark times compiled code: run it without NUMBA_DISABLE_JIT")
-    for folder in (docs, zoo):
-        if folder is not None and not folder.is_dir():
-            raise HapsceneError(f"{folder}: no such folder")
-    if zoo is None and (SHARED / "zoo").is_dir():
-        zoo = SHARED / "zoo"
+    zoo = _checked(docs, zoo, table is not None)
     sheet = Sheet.read(table) if table is not None else None
     out.mkdir(parents=True, exist_ok=True)
     if sheet is None:
         sheet = measure(quick, zoo, SHARED / "data" / "recordings", _say)
     made = write_results(sheet, out)
-    if docs is not None:
-        made.append(publish(made, docs))
-    _say("made:")
-    for file in made:
-        _say(f"  {file}")
+    _tell_made(made if docs is None else [*made, publish(made, docs)])
 
 
 def write_results(sheet: Sheet, out: Path) -> list[Path]:
     """Write bench.csv, the charts and bench.md of a sheet into a folder; return their paths."""
     sheet.write(out / "bench.csv")
     charts = write_charts(sheet, out)
-    write_page(sheet, out / "bench.md", [chart.name for chart in charts])
+    write_page(sheet, out / "bench.md", [chart.name for chart in charts], _peers(out))
     return [out / "bench.csv", *charts, out / "bench.md"]
 
 
 def publish(made: list[Path], docs: Path) -> Path:
-    """Copy table and charts into docs/bench, and write docs/benchmark.md from that table; return its path."""
+    """Copy tables and charts into docs/bench, and write docs/benchmark.md from the tables there; return its path."""
     folder = docs / "bench"
     folder.mkdir(exist_ok=True)
     kept = [file for file in made if file.suffix in (".csv", ".png")]
     for file in kept:
         shutil.copyfile(file, folder / file.name)
     page = docs / "benchmark.md"
-    charts = [f"bench/{file.name}" for file in kept if file.suffix == ".png"]
-    write_page(Sheet.read(folder / "bench.csv"), page, charts)
+    charts = [file for file in kept if file.suffix == ".png"] or sorted(folder.glob("*.png"))
+    write_page(Sheet.read(folder / "bench.csv"), page, [f"bench/{chart.name}" for chart in charts], _peers(folder))
     return page
+
+
+def _peers(folder: Path) -> Sheet | None:
+    """The table of other renderers, where one was made."""
+    return Sheet.read(folder / "peers.csv") if (folder / "peers.csv").is_file() else None
+
+
+def bench_peers(
+    build: Path, out: Path, quick: bool, docs: Path | None, zoo: Path | None,
+    names: Sequence[str], rounds: tuple[int, int], huge: bool,
+) -> None:  # fmt: skip
+    """Time other renderers beside hapscene, turn by turn, and write peers.csv and peers.md into `out`.
+
+    Args:
+        build: folder of their programs, chai_path and hapi_path.
+        out, quick, docs, zoo: as of `bench`; the zoo has the bunny.
+        names: of the cases; all that can be had where there are none.
+        rounds: how often everybody has a turn, hot and cold.
+        huge: huge pages for everybody.
+
+    Raises:
+        HapsceneError: as `bench`; `build` holds no program; an unknown case; a program fails.
+        OSError: `out` or `docs` cannot be written.
+    """
+    zoo = _checked(docs, zoo)
+    drivers = side_by_side.find_drivers(build)
+    if not names and zoo is None:
+        names = tuple(side_by_side.SPHERES)
+        _say("without the bunny, whose mesh and path are in the zoo: --zoo DIR")
+    cases = side_by_side.find_cases(names or side_by_side.CASES, zoo, 2000 if quick else 10_000)
+    _say(f"side by side: {', '.join(drivers)}")
+    out.mkdir(parents=True, exist_ok=True)
+    sheet = side_by_side.measure(drivers, cases, *rounds, huge, _say)
+    made = [out / "peers.csv", out / "peers.md"]
+    sheet.write(made[0])
+    with whole_file(made[1]) as part:
+        part.write_text(section(sheet), encoding="utf-8")
+    _tell_made(made if docs is None else [*made, publish(made, docs)])
 
 
 def measure(quick: bool, zoo: Path | None, recordings: Path, say: Callable[[str], None]) -> Sheet:
@@ -154,6 +185,20 @@ def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[s
         say(f"{main.name}: whole tick, order {p}")
         tick_time.measure_tick(sheet, main, order.swatch_of_order(p), p, repeats)
     tick_time.measure_harness(sheet, main, repeats)
+
+
+def _checked(docs: Path | None, zoo: Path | None, measured: bool = False) -> Path | None:
+    """Refuse what `bench` refuses; return the folder of the zoo, where there is one."""
+    if INTERPRETED and not measured:
+        raise HapsceneError("the benchmark times compiled code: run it without NUMBA_DISABLE_JIT")
+    for folder in (docs, zoo):
+        if folder is not None and not folder.is_dir():
+            raise HapsceneError(f"{folder}: no such folder")
+    return SHARED / "zoo" if zoo is None and (SHARED / "zoo").is_dir() else zoo
+
+
+def _tell_made(made: Sequence[Path]) -> None:
+    _say("\n".join(["made:", *(f"  {file}" for file in made)]))
 
 
 def _say(text: str) -> None:

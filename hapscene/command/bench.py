@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hapscene.command.console import tell
-from hapscene.command.options import add_command, add_out_folder, check_there
+from hapscene.command.options import add_command, add_out_folder, check_out_folder, check_there, whole
 
 
 def add_bench(commands: Any) -> None:
@@ -15,6 +15,13 @@ def add_bench(commands: Any) -> None:
     command.add_argument("--docs", metavar="DIR", help="write benchmark.md and its charts into this folder too")
     command.add_argument("--from", dest="table", type=Path, metavar="CSV", help="draw this bench.csv; measure nothing")
     command.add_argument("--zoo", metavar="DIR", help="folder of recorded paths and meshes to run as well")
+    rounds = whole("a number of rounds", 0)
+    peers = command.add_argument_group("other renderers beside it, turn by turn, and nothing else")
+    peers.add_argument("--peers", type=Path, metavar="BUILD", help="folder that holds chai_path and hapi_path")
+    peers.add_argument("--rounds", type=rounds, default=5, metavar="N", help="with hot caches (default 5)")
+    peers.add_argument("--cold-rounds", type=rounds, default=3, metavar="N", help="with cold caches (default 3)")
+    peers.add_argument("--cases", default="", metavar="NAME,…", help="these of 1k, 20k, 82k, 328k, 1.31M, bunny alone")
+    peers.add_argument("--huge", action="store_true", help="huge pages for all memory of all of them, by glibc")
     further = command.add_subparsers(
         metavar="compare A B", help="ratios between two tables of figures, with their spread"
     )
@@ -31,13 +38,21 @@ def _bench(options: argparse.Namespace) -> int:
       hapscene bench --quick --out out/quick
       hapscene bench --from out/bench/bench.csv --out out/again
       hapscene bench compare docs/bench/bench.csv out/bench/bench.csv
+      hapscene bench --peers BUILD --rounds 3 --cases 1k,bunny
     """
     check_there(options.table)
-    from hapscene_benchmarks.run import bench
+    check_there(options.peers, what="folder", prefix="--peers ")
+    from hapscene_benchmarks.run import bench, bench_peers
 
     docs = None if options.docs is None else Path(options.docs)
     zoo = None if options.zoo is None else Path(options.zoo)
-    bench(Path(options.out), options.quick, docs, zoo, options.table)
+    if options.peers is None:
+        bench(Path(options.out), options.quick, docs, zoo, options.table)
+    else:
+        check_out_folder(options.out)
+        names = [name.strip() for name in options.cases.split(",") if name.strip()]
+        rounds = (options.rounds, options.cold_rounds)
+        bench_peers(options.peers, Path(options.out), options.quick, docs, zoo, names, rounds, options.huge)
     return 0
 
 
