@@ -30,7 +30,7 @@ SAVED: Final = ASIDE + 6
 SLOTS: Final = SAVED + 3
 """Slots for planes in all."""
 
-FACES_MAX: Final = 8
+FACES_MAX: Final = 16
 """Most edges that are followed over in one tick [count]."""
 
 SHAPES: Final = 3
