@@ -34,7 +34,8 @@ def measure_synthesis(sheet: Sheet) -> None:
 
     The case "synthesis, order p" has "one model" (one filter for all forces and speeds; the level follows them), "nine
     models" (all differ, along a stroke through all), the same "alive", with a slow gain, and "lfilter": one call of
-    `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level. The case "synthesis, wood"
+    `scipy.signal.lfilter` on noise that is there already, with one fixed filter and level; each "over lfilter" is the
+    ratio to it. The case "synthesis, wood"
     has "swatch" along the same stroke, and "lfilter" at its order.
     """
     for order in ORDERS:
@@ -45,9 +46,11 @@ def measure_synthesis(sheet: Sheet) -> None:
         many = _texture(common + rng.uniform(-0.1, 0.1, (9, order)), force, speed)
         case = f"synthesis, order {order}"
         alive = replace(many, life=LIFE)
+        filtered_s = _time_filtered(ar_from_reflection(common))
         for name, texture in (("one model", one), ("nine models", many), ("nine models, alive", alive)):
-            _add(sheet, case, name, _time_played(texture))
-        _add(sheet, case, "lfilter", _time_filtered(ar_from_reflection(common)))
+            _add(sheet, case, name, time_s := _time_played(texture))
+            sheet.add(case, f"{name} over lfilter", time_s / filtered_s, "times")
+        _add(sheet, case, "lfilter", filtered_s)
     for name in SHIPPED:
         shipped = load_swatch(name).texture
         if shipped is not None:

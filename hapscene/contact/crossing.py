@@ -7,13 +7,13 @@ a sharp edge there are two, which meet a skin off both faces. Where the mesh doe
 something, the proxy is moved as ever.
 """
 
-import math
 from typing import Any, Final
 
+from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
 from hapscene.contact.planes import copy_plane, drop_idle, nearest
-from hapscene.contact.triangle import corners, edge_past, plane, to_body, to_world
-from hapscene.contact.world import FACES_MAX, SAVED
+from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_body, to_world
+from hapscene.contact.world import ASIDE, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
 from hapscene.native import inlined, native
 
@@ -96,7 +96,7 @@ def _next_corner(world: Any, first: int, passed: int, p_W: Vector, place_W: Vect
         if inside > 0.0 and outside > 0.0:
             double_area = norm(n)
             here, there = dot(n, sub(p, o)) / double_area, dot(n, sub(place, o)) / double_area
-            side = math.copysign(1.0, here)
+            side = float(proxy.left[i, 2])
             part = inside / (inside + outside)
             height = side * (here + part * (there - here))
             if height < CLEAR * body.skin_m:
@@ -148,7 +148,7 @@ def _pass(world: Any, i: int, edge: int, passed: int) -> bool:
     face = int(world.beyond[body.mesh_row + proxy.face[i], edge])
     if face < 0:
         return False
-    proxy.left[passed, 0], proxy.left[passed, 1] = index, 3 * proxy.face[i] + edge
+    proxy.left[passed, 0], proxy.left[passed, 1], proxy.left[passed, 2] = index, 3 * proxy.face[i] + edge, int(side)
     holds = False
     for j in range(proxy.count):
         holds |= proxy.face[j] == face and proxy.body[j] == index
@@ -159,11 +159,15 @@ def _pass(world: Any, i: int, edge: int, passed: int) -> bool:
         proxy.count -= 1
         return bool(proxy.count > 0)
     a, b, c = corners(world, body, face)
+    if is_narrow(a, b, c, EDGE_OVERLAP * body.skin_m):
+        return False
     o, u, v = corners(world, body, proxy.face[i])
     n = cross(sub(u, o), sub(v, o))
     slot = i
     if side * (dot(n, sub(a, o)) + dot(n, sub(b, o)) + dot(n, sub(c, o))) > 0.0:
         slot = proxy.count
+        if slot == ASIDE:
+            return False
         proxy.count += 1
     n, offset = plane(a, b, c)
     put_plane(proxy, slot, body, index, face, side, (side * n[0], side * n[1], side * n[2]), side * offset)

@@ -37,6 +37,9 @@ STILL = 1e-3
 TRIES = 2
 """How often in a tick the faces beyond edges are tried before rays are asked for them [count]."""
 
+FEW = 16
+"""Most bodies near with which they are [count]: one that is followed over many edges is cast as often."""
+
 DEPTH_MAX_M = 1e3
 """More than any plane pushes [m]."""
 
@@ -222,7 +225,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
     settled = False
     last_m = math.inf  # from the proxy to the tool, where it last came to a halt
     proxy.aside = 0
-    tries = TRIES
+    tries = TRIES if proxy.near_count <= FEW else 0
     for _ in range(min(PASS_MAX, CAST_MAX // max(1, proxy.near_count))):
         found, goal = nearest(proxy, tool_W, 1.0)
         if not found:  # planes that moved apart enclose nothing: let the oldest go

@@ -88,6 +88,14 @@ def lies_over_in_body(world: Any, body: Any, face: int, p: Vector, margin_m: flo
 
 
 @inlined
+def is_narrow(a: Vector, b: Vector, c: Vector, least_m: float) -> bool:
+    """Whether a triangle is lower than `least_m` over its longest edge, as those are that a search leaves out."""
+    ab, bc, ca = sub(b, a), sub(c, b), sub(a, c)
+    n = cross(ab, bc)
+    return not dot(n, n) >= least_m * least_m * max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+
+
+@inlined
 def edge_past(a: Vector, b: Vector, c: Vector, p: Vector, margin_m: float) -> int:
     """The edge of a triangle, 0 being a to b, that a point's foot is farthest past; −1 where by at most a margin."""
     n = cross(sub(b, a), sub(c, a))

@@ -89,7 +89,7 @@ PROXY: Final = np.dtype(
             (SLOTS,),
         ),  # 1 where the face was met by a ray from where the proxy is, 2 where it was taken back
         ("aside", "i8"),  # how many planes were dropped in this tick
-        ("left", "i8", (FACES_MAX, 2)),  # edges crossed in this tick: body, 3 face + edge
+        ("left", "i8", (FACES_MAX, 3)),  # edges crossed in this tick: body, 3 face + edge, side
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes

@@ -33,7 +33,7 @@ from numba.extending import overload
 
 from hapscene.constants import BLOCK_MAX
 from hapscene.dsp.lattice_lanes import lanes_of
-from hapscene.dsp.noise import fill_normal
+from hapscene.dsp.noise import normal
 from hapscene.dsp.slow_gain import advance_gain, advance_state
 from hapscene.native import native
 
@@ -149,7 +149,7 @@ def advance_warped(rows: Any, b: Any, order: int, warp: float, f: float) -> floa
 def voice_fields(order: int) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of what playing a texture remembers, for models up to an order; zero to begin with."""
     size = 4 * math.ceil(order / 4) + 1
-    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size)), ("f", (BLOCK_MAX,)), ("r2", (BLOCK_MAX,))]
+    lattice = [("k", (size,)), ("c", (size,)), ("b", (size,)), ("rows", (8, size)), ("f", (BLOCK_MAX,))]
     return [*lattice, *((name, ()) for name in ("order", "warp", "scale", "level_m_s2", "gain"))]
 
 
@@ -172,7 +172,8 @@ def play(s: Any, level_m_s2: float, gain: float, rng: Any, out: Any, start: int,
     step = (level_m_s2 * gain - now) / block
     for at in range(start, stop, BLOCK_MAX):
         count = min(BLOCK_MAX, stop - at)
-        fill_normal(rng, s.f, s.r2, count)
+        for i in range(count):
+            s.f[i] = normal(rng)
         if s.warp == 0.0:
             advance_all(s.k, s.c, s.b, order, s.f, count)
         else:

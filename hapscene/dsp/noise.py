@@ -39,24 +39,6 @@ def normal(rng: NDArray[np.uint64]) -> float:
             return x * math.sqrt(-2.0 * math.log(r2) / r2)
 
 
-@native
-def fill_normal(rng: NDArray[np.uint64], z: NDArray[np.float64], r2: NDArray[np.float64], count: int) -> None:
-    """The next `count` numbers of `normal` into z, to the bit; `r2` is scratch of that size.
-
-    Pass by pass it takes less time: what is refused is written over, so that no branch is foreseen wrongly.
-    """
-    n = 0
-    while n < count:
-        x = 2.0 * uniform(rng) - 1.0
-        y = 2.0 * uniform(rng) - 1.0
-        z[n], r2[n] = x, x * x + y * y
-        n += int(r2[n] < 1.0) & int(r2[n] > 0.0)
-    for i in range(count):
-        r2[i] = math.log(r2[i]) / r2[i]
-    for i in range(count):
-        z[i] *= math.sqrt(-2.0 * r2[i])
-
-
 def seeded_state(seed: int, name: str) -> NDArray[Any]:
     """State (4,) uint64 for the effect `name` under the renderer's `seed`."""
     sequence = np.random.SeedSequence([seed, zlib.crc32(name.encode())])

@@ -6,8 +6,9 @@ from numpy.polynomial.polynomial import polymul, polypow
 from scipy.signal import lfilter
 
 from hapscene.dsp.ar_filter import ar_from_reflection
-from hapscene.dsp.lattice import advance, advance_warped, run_texture, solve_loop, voice_fields
+from hapscene.dsp.lattice import advance, advance_all, advance_warped, run_texture, solve_loop, voice_fields
 from hapscene.dsp.noise import normal, seeded_state
+from hapscene.native import native
 
 
 def rows(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -33,6 +34,24 @@ def test_each_step_keeps_the_sum_of_the_squares_whatever_models_follow_one_anoth
         before = f**2 + np.sum(b[:-1] ** 2)
         advance(*rows(rng.uniform(-0.99, 0.99, order)), b, order, f)
         assert np.sum(b**2) == pytest.approx(before, rel=1e-12)
+
+
+@native
+def all_at_once(k, c, b, order, f):
+    advance_all(k, c, b, order, f, f.size)
+
+
+@pytest.mark.parametrize("order", [1, 8, 9, 10, 20, 21, 22, 41, 576])
+@pytest.mark.parametrize("count", [1, 4, 10, 31])
+def test_many_samples_at_once_are_those_one_after_the_other_to_the_bit(order: int, count: int) -> None:
+    rng = np.random.default_rng(order)
+    k, c = rows(rng.uniform(-0.9, 0.9, order))
+    one_by_one = rng.standard_normal(order + 1)
+    b, f = one_by_one.copy(), rng.standard_normal(count)
+    made = [advance(k, c, one_by_one, order, x) for x in f]
+    all_at_once(k, c, b, order, f)
+    np.testing.assert_array_equal(f, made)
+    np.testing.assert_array_equal(b, one_by_one)
 
 
 def voice(order: int) -> np.void:
