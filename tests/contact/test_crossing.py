@@ -1,0 +1,165 @@
+"""Crossing edges by what the mesh says: as by rays alone, and what is met on the way, or not known."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hapscene.contact.crossing import MET, RESTS, UNKNOWN, cross_edges, edge_passed
+from hapscene.contact.planes import nearest
+from hapscene.contact.proxy import move, put
+from hapscene.contact.world import build_world
+from hapscene.scene.scene import Scene
+
+
+def world_of(*meshes: trimesh.Trimesh, known: bool = True, two_sided: bool = False):
+    scene = Scene()
+    for mesh in meshes:
+        scene.add(mesh, unit="m", two_sided=two_sided)
+    world = build_world(scene.bodies)
+    if not known:
+        world.beyond[:] = -1
+    return world
+
+
+def roof(angle_deg: float) -> trimesh.Trimesh:
+    """Two slopes, the second turned down by an angle (up where it is below 0), that meet at x = 0; 0.2 m long."""
+    slope = np.radians(angle_deg)
+    ridge = [[0, -0.1, 0], [0, 0.1, 0]]
+    far = [[0.1 * np.cos(slope), y, -0.1 * np.sin(slope)] for y in (-0.1, 0.1)]
+    near = [[-0.1, -0.1, 0], [-0.1, 0.1, 0]]
+    return trimesh.Trimesh([*ridge, *far, *near], [[0, 2, 3], [0, 3, 1], [4, 0, 1], [4, 1, 5]], process=False)
+
+
+def glide(world, start, *tools):
+    """The proxies of a tool that goes from place to place, from `start` on."""
+    put(world, tuple(map(float, start)))
+    return np.array([(move(world, tuple(map(float, tool))), world.proxy[0].p_WP_m.copy())[1] for tool in tools])
+
+
+@pytest.mark.parametrize("angle_deg", [0.01, 1.0, 20.0, 60.0, -0.01, -1.0, -20.0, -60.0])
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_over_an_edge_as_by_rays_alone(angle_deg, two_sided) -> None:
+    x = np.linspace(-0.004, 0.004, 101)
+    tools = np.c_[x, 0.3 * x, np.full(len(x), -0.003)]
+    known, alone = (
+        glide(world_of(roof(angle_deg), known=known, two_sided=two_sided), (-0.004, 0, 0.01), *tools)
+        for known in (True, False)
+    )
+    np.testing.assert_allclose(known, alone, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_over_a_ball_as_by_rays_alone(seed) -> None:
+    """Beside a corner two facets may be as near to the tool: then both places are, to 2 µm."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(4, radius=0.05)
+    way = np.array([0.0, 0.0, 60.0]) + np.cumsum(rng.normal(size=(400, 3)), axis=0)
+    tools = 0.049 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    known, alone = (glide(world_of(ball, known=known), 1.2 * tools[0], *tools) for known in (True, False))
+    away = np.linalg.norm(known - alone, axis=1)
+    assert np.median(away) < 1e-12
+    np.testing.assert_allclose(
+        np.linalg.norm(known - tools, axis=1), np.linalg.norm(alone - tools, axis=1), rtol=0.0, atol=2e-6
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_on_rough_ground_the_proxy_stays_outside_and_on_the_surface(seed) -> None:
+    rng = np.random.default_rng(seed)
+    n = 40
+    x, y = np.meshgrid(np.linspace(-0.05, 0.05, n), np.linspace(-0.05, 0.05, n), indexing="ij")
+    ground = np.c_[x.ravel(), y.ravel(), rng.normal(scale=0.0008, size=n * n)]
+    k = np.arange(n * n).reshape(n, n)
+    a, b, c, d = k[:-1, :-1].ravel(), k[1:, :-1].ravel(), k[1:, 1:].ravel(), k[:-1, 1:].ravel()
+    mesh = trimesh.Trimesh(ground, np.r_[np.c_[a, b, c], np.c_[a, c, d]], process=False)
+    t = np.linspace(0.0, 6.0, 3000)
+    tools = np.c_[0.03 * np.cos(t), 0.03 * np.sin(1.3 * t), -0.004 + 0.001 * np.sin(11 * t)]
+    world = world_of(mesh)
+    found = glide(world, tools[0] + [0, 0, 0.02], *tools)
+    height = height_over(ground.reshape(n, n, 3)[..., 2], found)
+    assert height.min() > -20e-6 and height.max() < 100e-6
+
+
+def height_over(z, p):
+    """Height of points over the grid's triangles, each cell being cut from its first to its third corner."""
+    n = len(z)
+    u, v = (p[:, 0] + 0.05) / 0.1 * (n - 1), (p[:, 1] + 0.05) / 0.1 * (n - 1)
+    i, j = np.minimum(u.astype(int), n - 2), np.minimum(v.astype(int), n - 2)
+    u, v = u - i, v - j
+    a, b, c, d = z[i, j], z[i + 1, j], z[i + 1, j + 1], z[i, j + 1]
+    return p[:, 2] - np.where(u >= v, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
+
+
+def on_the_first_slope(world):
+    """The proxy rests near the ridge, and the tool goes on over it: what `cross_edges` is given."""
+    glide(world, (-0.001, 0, 0.01), (-0.001, 0.0, -0.002))
+    tool = (0.001, 0.0, -0.002)
+    proxy = world.proxy[0]
+    proxy.met[:] = 0
+    found, goal = nearest(proxy, tool, 1.0)
+    assert found
+    return tuple(proxy.p_W_m), tool, goal, edge_passed(world, goal)
+
+
+@pytest.mark.parametrize("angle_deg", [0.01, 5.0, 40.0, -0.5])
+def test_it_rests_beyond(angle_deg) -> None:
+    world = world_of(roof(angle_deg))
+    p, tool, goal, edge = on_the_first_slope(world)
+    assert edge >= 0
+    outcome, place = cross_edges(world, p, tool, goal, edge)
+    assert outcome == RESTS and world.proxy[0].count == 1 and world.proxy[0].face[0] in (0, 1)
+    n = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
+    assert n @ place == pytest.approx(world.bodies[0].skin_m, rel=1e-9)
+
+
+def test_what_stands_on_the_edge_is_met() -> None:
+    wall = trimesh.creation.box(bounds=[[0.0002, -0.02, 0.0], [0.0004, 0.02, 0.02]])
+    world = world_of(roof(0.0), wall)
+    p, tool, goal, edge = on_the_first_slope(world)
+    assert edge >= 0
+    outcome, place = cross_edges(world, p, tool, goal, edge)
+    assert outcome == MET and world.proxy[0].body[0] == 1 and place[0] < 0.0002
+    assert move(world, tool)
+    assert world.proxy[0].p_WP_m[0] == pytest.approx(0.0002, abs=1e-9)
+
+
+def test_what_the_mesh_does_not_say_changes_nothing() -> None:
+    world = world_of(roof(5.0), known=False)
+    p, tool, goal, edge = on_the_first_slope(world)
+    before = world.proxy[0].copy()
+    assert cross_edges(world, p, tool, goal, edge) == (UNKNOWN, p)
+    after = world.proxy[0]
+    assert (after.count, after.face[0], after.offset_m[0]) == (before.count, before.face[0], before.offset_m[0])
+    np.testing.assert_array_equal(after.nhat_W[0], before.nhat_W[0])
+
+
+def test_needles_and_faces_of_no_area_are_none_to_rest_on() -> None:
+    """Between the slopes lies a strip that is narrower than the search can tell, and one of no width at all."""
+    strip = 2e-7
+    for width in (strip, 0.0):
+        vertices = [[-0.1, -0.1, 0], [0, -0.1, 0], [0, 0.1, 0], [-0.1, 0.1, 0]]
+        vertices += [[width, -0.1, 0], [width, 0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0]]
+        faces = [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2], [4, 6, 7], [4, 7, 5]]
+        world = world_of(trimesh.Trimesh(vertices, faces, process=False))
+        tools = np.c_[np.linspace(-0.003, 0.003, 61), np.zeros(61), np.full(61, -0.002)]
+        found = glide(world, (-0.003, 0, 0.01), *tools)
+        np.testing.assert_allclose(found, tools * [1, 1, 0], atol=1e-9)
+        assert world.proxy[0].face[0] in (4, 5)
+
+
+def test_many_planes_about_a_corner_stay_within_their_room() -> None:
+    """A funnel of many faces, into which the tool is pressed and moved about: no more than four planes at a time."""
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rim = np.c_[0.05 * np.cos(angle), 0.05 * np.sin(angle), 0.03 * np.ones(24)]
+    vertices = np.r_[[[0.0, 0.0, 0.0]], rim]
+    k = np.arange(24)
+    faces = np.c_[np.zeros(24, int), 1 + k, 1 + (k + 1) % 24]
+    world = world_of(trimesh.Trimesh(vertices, faces, process=False))
+    rng = np.random.default_rng(0)
+    put(world, (0.0, 0.0, 0.02))
+    for tool in rng.normal(scale=2e-4, size=(3000, 3)).cumsum(axis=0) * [1, 1, 0] - [0, 0, 0.004]:
+        move(world, tuple(tool))
+        proxy = world.proxy[0]
+        assert proxy.count <= 4 and np.isfinite(proxy.p_WP_m).all()
+        r = np.hypot(*proxy.p_WP_m[:2])
+        assert proxy.p_WP_m[2] >= 0.6 * r * np.cos(np.pi / 24) - 2e-5
