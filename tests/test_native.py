@@ -16,7 +16,7 @@ from numba import config, from_dtype
 from numba.core.itanium_mangler import mangle_type
 
 from hapscene import native as module
-from hapscene.native import INTERPRETED, compiling_told, native
+from hapscene.native import INTERPRETED, compiling_told, inlined, native
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="nothing is compiled: NUMBA_DISABLE_JIT")
 
@@ -52,6 +52,16 @@ def hits(function: Any) -> int:
 def test_what_is_compiled_is_kept(twice: Callable[[], Any], tmp_path: Path) -> None:
     assert hits(twice()) == 0 and hits(twice()) == 1
     assert sorted(file.suffix for file in kept_files(tmp_path)) == [".nbc", ".nbi"]
+
+
+def test_what_is_inlined_does_the_same_by_itself_and_in_a_caller() -> None:
+    """By itself it can be called too: `learn` of a handle is."""
+
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
+    part = inlined(doubled)
+    assert part(21.0) == native(lambda x: part(x) + part(x))(10.5) == 42.0
 
 
 def folder_instead(file: Path) -> None:

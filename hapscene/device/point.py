@@ -4,9 +4,10 @@
 
 F is held between ticks. Between two changes of friction's sign this is linear, and it is solved exactly: by the
 Taylor series of the solution, summed to the last bit, in pieces short enough for it to converge fast; once for all
-pieces of one length, as what acceleration and jerk do in one. Where friction changes sign inside a step, the instant is found and the step is cut there; where it can hold the tool, the tool sticks.
-So nothing depends on the step but that within one step friction holds or lets go as at its start: the closed forms for
-walls are met to rounding (`hapscene.stability`).
+pieces of one length, as what acceleration and jerk do in one. Where friction changes sign inside a step, the instant
+is found and the step is cut there; where it can hold the tool, the tool sticks. So nothing depends on the step but
+that within one step friction holds or lets go as at its start: the closed forms for walls are met to rounding
+(`hapscene.stability`).
 """
 
 import math

@@ -305,5 +305,4 @@ def prior(nominal: Plant, corner_Hz: float) -> Array:
     for name, spread in SPREAD.items():
         there = replace(nominal, **{name: getattr(nominal, name) * (1.0 + step)})
         rows.append((weights(there, corner_Hz) - base) * (spread / step))
-    spread = np.array(rows)
-    return np.asarray(spread.T @ spread)  # symmetric to the bit
+    return np.asarray(np.transpose(rows) @ rows)

@@ -157,13 +157,15 @@ def test_with_encoders_halving_the_step_moves_the_tip_by_less_than_a_count() -> 
 
 
 def test_a_long_call_is_many_short_ones() -> None:
-    a, b = Omni().record(ORIGIN), Omni().record(ORIGIN)
-    one, other = (hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.1, 0.0, 0.0)) for _ in range(2))
+    a, b, c = (Omni().record(ORIGIN) for _ in range(3))
+    one, other, third = (hand(k_N_m=200.0, b_Ns_m=2.0, target_m_s=(0.1, 0.0, 0.0)) for _ in range(3))
     advance_omni(a[0], one[0], 1e-3)
+    advance_omni(c[0], third[0], 1e-4, 10)
     for _ in range(10):
         advance_omni(b[0], other[0], 1e-4)
-    assert np.array(tip_omni(a[0])) == pytest.approx(np.array(tip_omni(b[0])), abs=1e-15)
-    assert one.target_m == pytest.approx(other.target_m)
+    for same, with_hand in ((b, other), (c, third)):
+        assert np.array(tip_omni(a[0])) == pytest.approx(np.array(tip_omni(same[0])), abs=1e-15)
+        assert one.target_m == pytest.approx(with_hand.target_m)
     before = a.copy()
     for h_s in (0.0, -1.0, np.nan, np.inf):
         advance_omni(a[0], one[0], h_s)

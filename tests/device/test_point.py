@@ -80,6 +80,20 @@ def test_friction_holds_up_to_its_limit_and_no_further() -> None:
     assert x == pytest.approx(0.1 / 0.045 * 0.01**2 / 2, rel=1e-12)
 
 
+@settings(deadline=None)
+@given(st.floats(0.0, 2e4), st.floats(0.0, 20.0), st.floats(-0.5, 0.5), st.floats(0.0, 0.3))
+def test_many_steps_in_one_call_are_the_same_to_the_bit(k: float, b: float, u: float, c: float) -> None:
+    """Whatever was known of another hand's pieces before."""
+    one, other = (PointMass(0.045, 0.1, c).record((0.0, 0.0, 0.0)) for _ in range(2))
+    hands = [make_hand(Grip(k, b), 0.001, u) for _ in range(2)]
+    advance_point(one[0], make_hand(Grip(k + 1.0, b))[0], 1e-9)
+    one.x_m = one.v_m_s = 0.0
+    advance_point(one[0], hands[0][0], 1e-4, 30)
+    for _ in range(30):
+        advance_point(other[0], hands[1][0], 1e-4)
+    assert one.tobytes() == other.tobytes() and hands[0].tobytes() == hands[1].tobytes()
+
+
 def test_encoders_count_whole_steps_from_their_zero() -> None:
     point = PointMass(0.045, quantum_m=5.5e-5).record((1.23e-3, -1e-6, 0.0), zero_m=(1e-3, 0.0, 0.0))
     x, y, z = read_point(point[0])
