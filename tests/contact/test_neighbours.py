@@ -60,7 +60,6 @@ def test_about_a_vertex_of_too_many_edges_none_and_elsewhere_all():
     assert (beyond[:n, [0, 2]] == -1).all()
     np.testing.assert_array_equal(beyond[:n, 1], n + k)
 
-
     assert neighbours_of(np.vstack(([[0.0, 0.0, 0.0]], rim, foot)), np.vstack((fan, wall)))[1:] == (None, None)
 
 
