@@ -3,7 +3,7 @@
 The proxy moves towards the point closest to the tool that its planes allow. A face in the way stops it and becomes a
 plane; a plane that does not push any more, or whose face does not reach under the proxy any more, is dropped. It
 rests where neither happens. Planes are kept from tick to tick, so that a proxy that glides over one face costs one
-ray; crossing to another face costs two more.
+ray; over an edge it costs one or two (`hapscene.contact.crossing`).
 
 While it is searched for, the proxy stays one skin off every face: rays never start on one. What is reported is the
 solution of the same planes without the skin, which lies on the surface itself.

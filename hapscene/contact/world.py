@@ -188,14 +188,14 @@ class Shapes:
         self.corners_m = np.empty((first[-1], 6 if crease_rad > 0.0 else 3, 3))
         with ThreadPoolExecutor(1) as beside:  # compiled code and Embree's hold no lock of Python's
             built = [beside.submit(Search, mesh.vertices_m, mesh.faces, self.skin_m) for mesh in meshes]
-            for mesh, start in zip(meshes, first, strict=False):
-                rows = self.corners_m[start : start + len(mesh.faces)]
-                np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
-                if crease_rad > 0.0:
-                    rows[:, 3:] = corner_normals(mesh, crease_rad)
             beyond = [mesh.neighbours.beyond for mesh in meshes]
             self.beyond = beyond[0] if len(beyond) == 1 else np.concatenate(beyond)
-        self.searches = {id(mesh): search.result() for mesh, search in zip(meshes, built, strict=True)}
+            self.searches = {id(mesh): search.result() for mesh, search in zip(meshes, built, strict=True)}
+        for mesh, start in zip(meshes, first, strict=False):
+            rows = self.corners_m[start : start + len(mesh.faces)]
+            np.take(mesh.vertices_m, mesh.faces, axis=0, out=rows[:, :3], mode="clip")  # "raise" would take a copy
+            if crease_rad > 0.0:
+                rows[:, 3:] = corner_normals(mesh, crease_rad)
 
 
 _shapes: "WeakValueDictionary[tuple[Any, ...], Shapes]" = WeakValueDictionary()

@@ -60,6 +60,8 @@ def _add_rest(sheet: Sheet) -> None:
     sheet.add("start", "import hapscene", 0.004, "s")
     sheet.add("start", "sphere 82 k, load to first tick", 3.5, "s")
     sheet.add("start", "sphere 1.31 M, load to first tick", 2.5, "s")
+    sheet.add("start", "sphere 1.31 M, STL, load to first tick", 2.5, "s")
+    sheet.add("sphere 1.31 M", "memory a triangle", 190.0, "B")
     for angle_deg in ANGLES_DEG:
         for steps in STEPS:
             sheet.add(f"groove {angle_deg:g}°", f"{steps} projections time", 5.0 * steps, "ns")

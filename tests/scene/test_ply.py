@@ -7,7 +7,7 @@ import trimesh
 from hapscene.errors import MeshError
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.mesh_file import load_mesh
-from hapscene.scene.ply import save_mesh
+from hapscene.scene.ply import binary_ply, mesh_to_ply, save_mesh
 
 
 def random_mesh(seed: int = 0) -> Mesh:
@@ -34,6 +34,42 @@ def test_others_read_it_too(tmp_path):
     mesh = random_mesh()
     save_mesh(mesh, tmp_path / "m.ply")
     np.testing.assert_array_equal(trimesh.load_mesh(tmp_path / "m.ply", process=False).vertices, mesh.vertices_m)
+
+
+def test_plain_files_are_read_without_trimesh_and_alike(tmp_path, monkeypatch):
+    ball = trimesh.creation.icosphere(2)
+    for k, content in enumerate((mesh_to_ply(random_mesh()), *(ball.export(None, "ply", **v) for v in NORMALS))):
+        (tmp_path / f"{k}.ply").write_bytes(content)
+        own = load_mesh(tmp_path / f"{k}.ply", "mm")
+        assert binary_ply(content) is not None
+        with monkeypatch.context() as patched:
+            patched.setattr("hapscene.scene.mesh_file.binary_ply", lambda content: None)
+            other = load_mesh(tmp_path / f"{k}.ply", "mm")
+        assert own.digest == other.digest and own.group_names == other.group_names
+        np.testing.assert_array_equal(own.group, other.group)
+        np.testing.assert_array_equal(own.colour_rgb, other.colour_rgb)
+
+
+NORMALS = ({"vertex_normal": False}, {"vertex_normal": True})
+
+
+def test_files_that_have_more_or_less_are_left_to_trimesh():
+    plain = mesh_to_ply(Mesh(np.eye(3), [[0, 1, 2]]))
+    count = plain.index(b"end_header\n") + 11 + 72
+    assert binary_ply(plain) is not None
+    for content in (
+        plain[:-1],
+        plain + b"\0",
+        plain.replace(b"little", b"big"),
+        plain.replace(b"double x", b"float x"),
+        plain.replace(b"double x", b"double y"),
+        plain.replace(b"property double z", b"property uchar red"),
+        plain[:count] + b"\4" + plain[count + 1 :],
+        trimesh.creation.icosphere(1).export(None, "ply", encoding="ascii"),
+        b"",
+        b"ply",
+    ):
+        assert binary_ply(content) is None
 
 
 def test_no_other_suffix_and_nothing_half_written(tmp_path):
