@@ -6,6 +6,7 @@ from typing import Final
 
 from hapscene.files import whole_file
 from hapscene.handle.sensor import ACCELEROMETER_HZ
+from hapscene.renderer import EFFECTS
 from hapscene.view.chart import picture
 
 from .handle import DRAGS, FIRM, PLANTS, SIGNALS, SPREAD, TAPS, TELEOPERATED
@@ -16,6 +17,7 @@ from .peer import CITED, PEERS, TRIANGLES
 from .projection import ANGLES_DEG, STEPS
 from .sheet import QUANTILES, Sheet
 from .side_by_side_page import section
+from .tick_time import PARTS
 
 AIMS: Final = (  # what it is, case and figure, most it may be, unit
     ("contact, 1 k triangles, median", "sphere 1 k", "contact median", 0.65, "µs"),
@@ -154,7 +156,19 @@ played for 10 s at 1 N and 0.1 m/s and fitted again at each order.
 
 {table(head, rows)}
 A tick without effects takes {bare} µs; calling five effects that do nothing adds {harness} ns.
-"""
+{_profile(sheet)}"""
+
+
+def _profile(sheet: Sheet) -> str:
+    """What the parts of a tick take; empty where an older table has no such figures."""
+    if ("profile", "clock") not in sheet:
+        return ""
+    parts = [(name, shown(sheet.number("profile", name))) for name in (*PARTS, "clock", *EFFECTS)]
+    return f"""
+The parts of a tick in contact, on the mean: of one with the wall alone, read by a clock between them; the clock, of
+which a tick reads two in the time it tells; and what each effect by itself adds to a tick without.
+
+{table([name for name, _ in parts], [[f"{ns} ns" for _, ns in parts]])}"""
 
 
 def _cold(sheet: Sheet) -> str:

@@ -185,6 +185,7 @@ def _measure_ticks(sheet: Sheet, main: case.Case, repeats: int, say: Callable[[s
         say(f"{main.name}: whole tick, order {p}")
         tick_time.measure_tick(sheet, main, order.swatch_of_order(p), p, repeats)
     tick_time.measure_harness(sheet, main, repeats)
+    tick_time.measure_profile(sheet, main, order.swatch_of_order(40), repeats)
 
 
 def _checked(docs: Path | None, zoo: Path | None, measured: bool = False) -> Path | None:

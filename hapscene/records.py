@@ -4,6 +4,7 @@ The records are NumPy structured dtypes, so that compiled and interpreted code r
 frames: W world, B body; vectors are in W. An effect reads `touch.depth_m`, and adds to `out.f_W_N[i]`.
 """
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -25,8 +26,6 @@ TOUCH: Final = np.dtype(
         ("swatch", "i8"),  # touched swatch; in the air the one touched last, −1 before any
         ("crossed", "i8"),  # 1 where the swatch is not the last tick's, or its effects' memory was another one's
         ("inside", "i8"),  # how many bodies have let the tool in (`OUTPUT`'s release) and still hold its shaft
-        ("inside_body", "i8", (PASSED_MAX,)),  # which, in the order of their letting in
-        ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # and their poses: R_WB row by row, p_WB
         ("bary", "f8", (3,)),  # barycentric coordinates of the proxy on the face
         ("p_WT_m", "f8", (3,)),  # tool
         ("p_WP_m", "f8", (3,)),  # proxy: on the surface in contact, at the tool in the air
@@ -49,6 +48,9 @@ TOUCH: Final = np.dtype(
             "i8",
         ),  # of a blend the swatch that is felt besides, else −1; each swatch's effects see it in `swatch`
         ("weight", "f8"),  # and its weight [0, 1], which follows that of the paint within BLEND_S
+        # of those that have let it in; last, since few ticks read them
+        ("inside_body", "i8", (PASSED_MAX,)),  # which, in the order of their letting in
+        ("inside_X_WB", "f8", (PASSED_MAX, 12)),  # and their poses: R_WB row by row, p_WB
     ],
     align=True,
 )
@@ -57,9 +59,9 @@ TOUCH: Final = np.dtype(
 OUTPUT: Final = np.dtype(
     [
         ("f_W_N", "f8", (3,)),
-        ("f_inside_W_N", "f8", (PASSED_MAX, 3)),
         ("release", "i8"),
         ("a_m_s2", "f8", (BLOCK_MAX,)),
+        ("f_inside_W_N", "f8", (PASSED_MAX, 3)),
     ],
     align=True,
 )
@@ -97,6 +99,39 @@ def records(count: int, dtype: np.dtype[Any]) -> Any:
     """Zeroed records whose fields are attributes, in compiled code and out of it."""
     return np.zeros(count, dtype).view(np.recarray)
 
+
+class Owning(bytearray):
+    """Memory of arrays that hold addresses; keeps alive what they lead to."""
+
+    owned: Any
+
+
+def together(arrays: Sequence[Any], owned: Any = None) -> list[Any]:
+    """The same arrays, the small ones copied side by side into one block of memory: few pages for a tick to touch.
+
+    `owned` lives as long as any of those.
+    """
+    small = [array.nbytes <= SMALL_B for array in arrays]
+    memory = Owning(sum(array.nbytes + _LINE for array, moves in zip(arrays, small, strict=True) if moves) + _PAGE)
+    memory.owned = owned
+    raw = np.frombuffer(memory, np.uint8)
+    raw, at, found = raw[-raw.ctypes.data % _PAGE :], 0, []
+    for array, moves in zip(arrays, small, strict=True):
+        if moves:
+            at += -at % (_LINE if array.nbytes >= _LINE else 16)
+            flat = raw[at : at + array.nbytes].view(array.dtype)
+            at += array.nbytes
+            flat[:] = array.ravel()
+            array = (flat.view(np.recarray) if array.dtype.fields else flat).reshape(array.shape)
+        found.append(array)
+    return found
+
+
+SMALL_B: Final = 4096
+"""Largest array that is put beside others [bytes]."""
+
+_LINE: Final = 64
+_PAGE: Final = 4096
 
 _WHOLE: Final = 1e-6
 """How far a tick's samples may be from a whole number [1]: rates such as 44.1 kHz have no exact period."""

@@ -15,7 +15,7 @@ from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
 from hapscene.errors import SceneError
 from hapscene.native import native
-from hapscene.records import records
+from hapscene.records import Owning, records, together
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
@@ -76,6 +76,20 @@ PROXY: Final = np.dtype(
     [
         ("p_W_m", "f8", (3,)),  # the proxy, a skin off every face that holds it
         ("count", "i8"),  # planes that hold it, 0 to 3; a fourth while one is added
+        ("near_at_W_m", "f8", (3,)),  # where the tool was when the bodies near it were listed
+        ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
+        ("near_count", "i8"),  # bodies close enough to be met in this tick, as far as they are asked
+        ("crowded", "i8"),  # 1 where there were more
+        ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
+        ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
+        ("passed_count", "i8"),  # how many of `passed`
+        ("aside", "i8"),  # how many planes were dropped in this tick
+        ("held", "i8"),  # result: 1 while the tool is inside a surface
+        ("by", "i8"),  # result: which plane pushes most
+        ("p_WP_m", "f8", (3,)),  # result: the proxy on the surface itself; at the tool where it touches nothing
+        ("crease_cos", "f8"),  # planes count as one round surface down to this cosine; `NO_SHADE` without shading
+        ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
+        ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
         # slots 0 to 2: the planes that hold the proxy; 3: one just met; from ASIDE on: those dropped in this tick
         ("nhat_W", "f8", (SLOTS, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
         ("offset_m", "f8", (SLOTS,)),
@@ -83,34 +97,12 @@ PROXY: Final = np.dtype(
         ("body", "i8", (SLOTS,)),
         ("face", "i8", (SLOTS,)),
         ("side", "f8", (SLOTS,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
-        (
-            "met",
-            "i8",
-            (SLOTS,),
-        ),  # 1 where the face was met by a ray from where the proxy is, 2 where it was taken back
-        ("aside", "i8"),  # how many planes were dropped in this tick
+        ("met", "i8", (SLOTS,)),  # 1: the face was met by a ray from where the proxy is, 2: it was taken back
         ("left", "i8", (FACES_MAX, 3)),  # edges crossed in this tick: body, 3 face + edge, side
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
-        ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
-        ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
-        ("near_count", "i8"),  # bodies close enough to be met in this tick, as far as they are asked
-        ("crowded", "i8"),  # 1 where there were more
-        ("refused", "i8"),  # 1 where a body was given a pose in this tick that is none
         ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
-        ("passed_count", "i8"),
-        ("reshaped", "i8"),  # 1 + the first body that is given other shapes, 0 for none
         ("seen", "i8", (WAYS,)),  # faces around the proxy where a body takes another shape, −1 for none
         ("seen_side", "f8", (WAYS,)),  # 1 before them, −1 behind
-        ("near_at_W_m", "f8", (3,)),  # where the tool was when they were listed
-        ("near_room_m", "f8"),  # how far the nearest body that is not listed was from there
-        (
-            "p_WP_m",
-            "f8",
-            (3,),
-        ),  # result: the proxy on the surface itself; at the tool where it touches nothing
-        ("crease_cos", "f8"),  # planes count as one round surface down to this cosine; `NO_SHADE` without shading
-        ("held", "i8"),  # result: 1 while the tool is inside a surface
-        ("by", "i8"),  # result: which plane pushes most
     ],
     align=True,
 )
@@ -141,6 +133,10 @@ class World(NamedTuple):
     ray: NDArray[np.float32]
     fronts_only: NDArray[np.uint64]  # how to cast a ray that passes through faces from behind
     proxy: Any  # (1,) PROXY
+
+
+HOT: Final = ("proxy", "bodies", "ray", "near", "moved", "impulse", "ball_W_m", "fronts_only")
+"""What a tick touches of a world wherever the tool is."""
 
 
 @native
@@ -224,7 +220,7 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shape
     _place(rows, balls, bodies, shapes, (0, 0))
     proxy = records(1, PROXY)
     proxy.crease_cos = math.cos(crease_rad) if crease_rad > 0.0 else NO_SHADE
-    return World(
+    world = World(
         bodies=rows,
         corners_m=shapes.corners_m,
         beyond=shapes.beyond,
@@ -236,6 +232,8 @@ def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shape
         fronts_only=fronts_only(),
         proxy=proxy,
     )
+    near = together([getattr(world, name) for name in HOT], shapes)
+    return world._replace(**dict(zip(HOT, near, strict=True)))
 
 
 def _place(
@@ -365,14 +363,8 @@ def _size_of(mesh: "Mesh") -> float:
     return float(np.linalg.norm([np.ptp(column) for column in mesh.vertices_m.T]))
 
 
-class _Owning(bytearray):
-    """Memory of an array that holds addresses; keeps alive what they lead to."""
-
-    owned: Any
-
-
 def _owning_records(count: int, dtype: np.dtype[Any], owned: Any) -> Any:
     """`records` that keep `owned` alive as long as any view of them is there."""
-    memory = _Owning(count * dtype.itemsize)
+    memory = Owning(count * dtype.itemsize)
     memory.owned = owned
     return np.frombuffer(memory, dtype).view(np.recarray)

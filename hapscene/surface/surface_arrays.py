@@ -13,7 +13,7 @@ from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
 from hapscene.errors import EffectError
-from hapscene.records import OUTPUT, TOUCH, records
+from hapscene.records import OUTPUT, TOUCH, records, together
 from hapscene.surface.device_clipping import WALL, Numbers
 from hapscene.surface.effect import Effect
 from hapscene.surface.effect_compile import compile_effect
@@ -33,7 +33,6 @@ MEMORY: Final = np.dtype(
         ("drag_m_s", "f8", (3,)),  # velocity of the touched body at the proxy, 0 in the air
         ("smoothing", "f8"),  # share of what is new that a low-pass at SLIP_CUTOFF_HZ takes in a tick; stays
         ("tool_W_m", "f8", (3,)),  # the tool as measured in the last tick: with a virtual coupling, not p_WT_m
-        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
         ("made_J", "f8"),  # energy that the wall gave out and never took in
         ("stored_J", "f8"),  # energy that its spring held in the last tick
         ("f_body_W_N", "f8", (3,)),  # force on the touched body in this tick, 0 in the air
@@ -48,6 +47,7 @@ MEMORY: Final = np.dtype(
         ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
         ("other_crossed", "i8"),  # as `touch.crossed`
         ("gain", "f8", (2,)),  # of each bank's acceleration at the end of the last tick, where two are felt
+        ("held_N", "f8", (DELAY_MAX + 1, 3)),  # normal part of the forces sent in the last ticks, by tick
     ],
     align=True,
 )
@@ -104,6 +104,13 @@ class Surface(NamedTuple):
     limits: Any  # (1,) LIMIT
     fold_mass_kg: NDArray[np.float64]  # (s,) mass by which a swatch's acceleration is folded into the force
     clock: NDArray[np.int64]
+
+
+HOT: Final = (
+    *("touch", "memory", "clock", "paint_start", "stiffness_N_m", "contact_count", "muted", "effects", "state_start"),
+    *("param_start", "table_start", "params", "fold_mass_kg", "limits", "part", "total", "states", "tables"),
+)
+"""What a tick touches of a surface wherever the tool is."""
 
 
 def build_surface(
@@ -173,6 +180,8 @@ def build_surface(
         fold_mass_kg=np.full(len(swatches), limits.fold_mass_kg),
         clock=new_clock(),
     )
+    near = together([getattr(surface, name) for name in HOT])
+    surface = surface._replace(**dict(zip(HOT, near, strict=True)))
     touch = surface.touch[0]
     touch.tick_s, touch.rate_Hz, touch.block = tick_s, a_rate_Hz, round(a_rate_Hz * tick_s)
     surface.memory[0].smoothing = 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * tick_s)

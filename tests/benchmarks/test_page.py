@@ -7,6 +7,7 @@ import pytest
 
 from hapscene.errors import HapsceneError
 from hapscene.handle.compensator import COMPENSATORS
+from hapscene.renderer import EFFECTS
 from hapscene_benchmarks import machine, synthesis
 from hapscene_benchmarks.case import short
 from hapscene_benchmarks.handle import SIGNALS, TELEOPERATED
@@ -16,6 +17,7 @@ from hapscene_benchmarks.peer import TRIANGLES
 from hapscene_benchmarks.projection import ANGLES_DEG, STEPS
 from hapscene_benchmarks.run import bench, publish, write_results
 from hapscene_benchmarks.sheet import Sheet
+from hapscene_benchmarks.tick_time import PARTS
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,8 @@ def sheet() -> Sheet:
 def _add_rest(sheet: Sheet) -> None:
     for figure in ("four idle effects median", "tick without effects median"):
         sheet.add("harness", figure, 0.0625, "µs")
+    for part in (*PARTS, "clock", *EFFECTS):
+        sheet.add("profile", part, 25.0, "ns")
     for figure in ("contact", "tick", "late"):
         sheet.add_spread("sphere 82 k, 1 kHz loop", figure, [1.0, 9.0], "µs")
     sheet.add_spread("empty 1 kHz loop", "late", [50.0], "µs")

@@ -2,11 +2,19 @@
 
 import numpy as np
 
-from hapscene.renderer import Renderer
+from hapscene.renderer import EFFECTS, Renderer
 from hapscene_benchmarks.case import sphere_cases
 from hapscene_benchmarks.order import swatch_of_order
 from hapscene_benchmarks.sheet import Sheet
-from hapscene_benchmarks.tick_time import hot, measure_clock, measure_contact, measure_harness, measure_tick
+from hapscene_benchmarks.tick_time import (
+    PARTS,
+    hot,
+    measure_clock,
+    measure_contact,
+    measure_harness,
+    measure_profile,
+    measure_tick,
+)
 
 (CASE,) = sphere_cases((2,), 400)
 
@@ -30,6 +38,8 @@ def test_all_figures_are_noted() -> None:
     assert sheet.number(CASE.name, "ticks in contact") > 100
     assert ("tick, order 8", "tick p99.9") in sheet
     assert ("harness", "four idle effects median") in sheet
+    measure_profile(sheet, CASE, swatch_of_order(8), repeats=1)
+    assert all(("profile", name) in sheet for name in (*PARTS, "clock", *EFFECTS))
 
 
 def test_swatch_has_the_order_asked_for() -> None:

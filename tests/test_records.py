@@ -1,0 +1,40 @@
+"""Arrays put side by side: as they were, in few pages, and alive as long as one of them."""
+
+import gc
+import weakref
+
+import numpy as np
+
+from hapscene.records import OUTPUT, SMALL_B, records, together
+
+
+class _Owner:
+    pass
+
+
+def test_arrays_put_together_are_as_they_were_side_by_side_and_keep_what_they_own() -> None:
+    record, large = records(1, OUTPUT), np.arange(SMALL_B, dtype=np.float64)
+    record.f_W_N = 1.0, 2.0, 3.0
+    given = [np.arange(6.0).reshape(2, 3), record, np.zeros(0, np.int64), np.array([7], np.uint8), large]
+    owner = _Owner()
+    gone = weakref.ref(owner)
+    found = together(given, owner)
+    for one, was in zip(found, given, strict=True):
+        assert type(one) is type(was) and one.dtype == was.dtype and np.array_equal(one, was)
+        assert one.flags.c_contiguous and one.flags.aligned and one.flags.writeable
+    assert found[-1] is large
+    moved = [one for one in found[:-1] if one.nbytes]  # one of no bytes lies nowhere
+    assert not any(np.shares_memory(one, was) for one in moved for was in given)
+    starts = [one.ctypes.data for one in moved]
+    assert starts[0] % 64 == starts[1] % 64 == 0 and starts == sorted(starts)
+    assert starts[-1] - starts[0] < sum(one.nbytes + 64 for one in moved)
+    found[1].f_W_N[0, 0] = 5.0
+    assert record.f_W_N[0, 0] == 1.0
+    del owner, given
+    kept = found.pop(0)
+    del found, one, moved
+    gc.collect()
+    assert gone() is not None and kept[1, 2] == 5.0
+    del kept, was
+    gc.collect()
+    assert gone() is None
