@@ -491,5 +491,5 @@ def test_a_3mf_of_which_a_part_would_be_lost_is_refused(tmp_path, items, said):
 def test_a_3mf_that_names_an_object_over_and_over_is_given_up(tmp_path, monkeypatch):
     write_3mf(tmp_path / "a.3mf", '<item objectid="1"/>' * 300_000)
     monkeypatch.setattr(mesh_file, "TIME_3MF_S", (0.5, 0.0))
-    with pytest.raises(MeshError, match=r"had not read it after 0\.5 s"):
+    with pytest.raises(MeshError, match=r"had not read it after 0\.5 s|takes more than \d+ MiB"):  # which comes first
         load_mesh(tmp_path / "a.3mf")
