@@ -88,7 +88,7 @@ def find_cases(names: Iterable[str], zoo: Path | None, ticks: int) -> list[Case]
         elif zoo is None:
             raise HapsceneError("the bunny's mesh and path are in the zoo: --zoo DIR says where that is")
         else:
-            cases += zoo_cases(zoo)[-1:]
+            cases += [case for case in zoo_cases(zoo) if "bunny" in case.name]
     return cases
 
 

@@ -35,7 +35,7 @@ LOOK_AHEAD: Final = 300.0
 `LOOK_AHEAD * s` skins away, so even a wall met at a slope of 1 in 10,000 is seen before rounding hides it."""
 
 PASS_MAX: Final = 64
-"""Most moves of the proxy within one tick [count], about 0.25 µs each. A tool that strokes needs 1 to 9; one that cuts
+"""Most moves of the proxy within one tick [count], about 0.2 µs each. A tool that strokes needs 1 to 9; one that cuts
 straight through a body can send the proxy over more faces than this. Then it is left where it has got to, a skin off
 the surface, flagged `Flag.UNSETTLED`, and goes on in the next tick."""
 

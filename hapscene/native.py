@@ -55,8 +55,9 @@ def native(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Decorator: `native`, and a part of whatever calls it.
 
-    For what a tick calls with all of `world` or `surface`, in one or two places: an array is seven words, so that the
-    call would hand over up to 250 of them, and the tick, whose calls lie in one another, write 8 kB of stack.
+    For what a tick calls with all of `world` or `surface`, in few places, and for its small geometry: an array is seven
+    words, so that the call would hand over up to 250 of them, and the tick, whose calls lie in one another, write 8 kB
+    of stack.
     """
     compiled: Function = kept(function, partial(_njit, forceinline=True, **_OPTIONS))
     return compiled

@@ -2,16 +2,17 @@
 
 Else a proxy that leaves its face casts three rays: over the edge, down until a face stops it, and along that one. Here
 the faces are followed from edge to edge, until those that hold the proxy lie under it: over a convex edge the next one
-takes the place of the last, over a concave one both may hold. Where the straight way there is free it is one ray; over
-a sharp edge there are two, which meet a skin off both faces. Where the mesh does not say what comes, or a ray meets
-something, the proxy is moved as ever.
+takes the place of the last, over a concave one both may hold. Where the straight way there is free it is one ray; one
+more for each edge that it would cut, above which they meet. What a ray meets holds the proxy, as ever. Where the mesh
+does not say what comes, the proxy is moved by rays alone.
 """
 
+import math
 from typing import Any, Final
 
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.contact.cast import cast, put_plane
-from hapscene.contact.planes import copy_plane, drop_idle, nearest
+from hapscene.contact.planes import copy_plane, drop_idle, nearest, trust
 from hapscene.contact.triangle import corners, edge_past, is_narrow, plane, to_body, to_world
 from hapscene.contact.world import ASIDE, FACES_MAX, SAVED
 from hapscene.geometry import Vector, along, cross, dot, norm, sub
@@ -26,11 +27,14 @@ MET: Final = 1
 UNKNOWN: Final = 2
 """Rays have to find out what holds it."""
 
-NONE: Final = -1
-"""No edge: a point lies over the faces of all planes."""
+OVER: Final = 0
+"""A point lies over the faces of all planes."""
 
-NONE_KNOWN: Final = -2
-"""No edge, as far as faces were looked at."""
+NOT_PAST: Final = 1
+"""It is past no edge of those faces that were looked at."""
+
+PAST: Final = 2
+"""It is past an edge of one."""
 
 LIFT: Final = 20.0
 """How far above an edge the way passes that would cut it [skins]."""
@@ -40,8 +44,8 @@ CLEAR: Final = 0.2
 
 
 @native
-def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector, edge: int) -> tuple[int, Vector]:
-    """Move a proxy at `p_W`, whose planes allow `goal_W`, on over `edge`, which `edge_passed` has found.
+def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector) -> tuple[int, Vector]:
+    """Move a proxy at `p_W`, whose planes allow `goal_W`, on over the edges that this is past.
 
     Returns `RESTS`, `MET` or `UNKNOWN`, and where it is.
     """
@@ -49,44 +53,47 @@ def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector, edge: i
     count = proxy.count
     for i in range(count):
         copy_plane(proxy, i, SAVED + i)
-    place_W, passed = goal_W, 0
-    while edge != NONE and edge != NONE_KNOWN:
+    place_W, crossed, where = goal_W, 0, PAST
+    while where == PAST:
         for i in range(proxy.count - 1, -1, -1):  # all at one place: along a groove both go on
-            edge = _edge_of(world, i, place_W)
+            edge = _edge_past(world, i, place_W)
             if edge < 0:
                 continue
-            if passed == FACES_MAX or not _pass(world, i, edge, passed):
-                _put_back(proxy, count)
-                return UNKNOWN, p_W
-            passed += 1
+            if crossed == FACES_MAX or not _cross(world, i, edge, crossed):
+                return _give_up(proxy, count, p_W)
+            crossed += 1
         found, place_W = nearest(proxy, tool_W, 1.0)
         if not found:
-            _put_back(proxy, count)
-            return UNKNOWN, p_W
+            return _give_up(proxy, count, p_W)
         drop_idle(proxy)
-        edge = edge_passed(world, place_W)
+        where = lies_over_planes(world, place_W)
+    if norm(sub(place_W, tool_W)) > norm(sub(p_W, tool_W)):
+        return _give_up(proxy, count, p_W)
     at_W, first = p_W, 0
     while True:
-        first, to_W = _next_corner(world, first, passed, at_W, place_W)
+        first, to_W = _next_corner(world, first, crossed, at_W, place_W)
         stop = cast(world, at_W, to_W)
         if stop <= 1.0:
             copy_plane(proxy, proxy.count - 1, 0)
             proxy.count, proxy.met[0] = 1, 0
             return MET, along(at_W, stop, sub(to_W, at_W))
-        if first > passed:
-            return RESTS, place_W
+        if first > crossed:
+            if where == OVER:
+                return RESTS, place_W
+            trust(proxy, proxy.count, math.inf)  # it is no more where a ray met the face of a plane
+            return MET, place_W
         at_W = to_W
 
 
 @inlined
-def _next_corner(world: Any, first: int, passed: int, p_W: Vector, place_W: Vector) -> tuple[int, Vector]:
-    """The first of the edges left, from `first` on, that the straight way to a place would cut, and a point above it.
+def _next_corner(world: Any, first: int, crossed: int, p_W: Vector, place_W: Vector) -> tuple[int, Vector]:
+    """The first crossed edge, from `first` on, that the straight way to a place would cut, and a point above it.
 
-    Returns the number of the edge after it, and the point; more than `passed`, and the place, where it is straight.
+    Returns the number of the edge after it, and the point; more than `crossed`, and the place, where it is straight.
     """
     proxy = world.proxy[0]
-    for i in range(first, passed):
-        body, face, k = world.bodies[proxy.left[i, 0]], proxy.left[i, 1] // 3, proxy.left[i, 1] % 3
+    for i in range(first, crossed):
+        body, face, k = world.bodies[proxy.crossed[i, 0]], proxy.crossed[i, 1] // 3, proxy.crossed[i, 1] % 3
         triangle = corners(world, body, face)
         p, place = to_body(body, p_W), to_body(body, place_W)
         o = triangle[k]
@@ -96,51 +103,52 @@ def _next_corner(world: Any, first: int, passed: int, p_W: Vector, place_W: Vect
         if inside > 0.0 and outside > 0.0:
             double_area = norm(n)
             here, there = dot(n, sub(p, o)) / double_area, dot(n, sub(place, o)) / double_area
-            side = float(proxy.left[i, 2])
+            side = float(proxy.crossed[i, 2])
             part = inside / (inside + outside)
             height = side * (here + part * (there - here))
             if height < CLEAR * body.skin_m:
                 lift = side * (LIFT * body.skin_m - height) / double_area
                 return i + 1, to_world(body, along(along(p, part, sub(place, p)), lift, n))
-    return passed + 1, place_W
+    return crossed + 1, place_W
 
 
 @native
-def _put_back(proxy: Any, count: int) -> None:
+def _give_up(proxy: Any, count: int, p_W: Vector) -> tuple[int, Vector]:
     """Have the planes hold the proxy that did before."""
     for i in range(count):
         copy_plane(proxy, SAVED + i, i)
     proxy.count = count
+    return UNKNOWN, p_W
 
 
 @inlined
-def edge_passed(world: Any, p_W: Vector) -> int:
-    """Of the faces of the planes the first that a point does not lie over, and its edge: 3 i + k, or `NONE`.
+def lies_over_planes(world: Any, p_W: Vector) -> int:
+    """Whether a point lies over the faces of all planes: `OVER`, `NOT_PAST` or `PAST`.
 
-    A plane that was met from where the proxy is holds it wherever its face lies: where there is one, `NONE_KNOWN`.
+    A plane that was met from where the proxy is holds it wherever its face lies: that is not looked at.
     """
-    none = NONE
+    where = OVER
     for i in range(world.proxy[0].count):
-        edge = _edge_of(world, i, p_W)
-        if edge >= 0:
-            return 3 * i + edge
-        none = min(none, edge)
-    return none
+        if world.proxy[0].met[i] != 0:
+            where = NOT_PAST
+        elif _edge_past(world, i, p_W) >= 0:
+            return PAST
+    return where
 
 
 @inlined
-def _edge_of(world: Any, i: int, p_W: Vector) -> int:
-    """The edge of the face of plane i that a point is past, or `NONE` or `NONE_KNOWN`."""
+def _edge_past(world: Any, i: int, p_W: Vector) -> int:
+    """The edge of the face of plane i that a point is past, −1 for none; none of one that a ray has just met."""
     proxy = world.proxy[0]
     if proxy.met[i] != 0:
-        return NONE_KNOWN
+        return -1
     body = world.bodies[proxy.body[i]]
     a, b, c = corners(world, body, proxy.face[i])
     return edge_past(a, b, c, to_body(body, p_W), proxy.skin_m[i])
 
 
 @inlined
-def _pass(world: Any, i: int, edge: int, passed: int) -> bool:
+def _cross(world: Any, i: int, edge: int, crossed: int) -> bool:
     """Take the face beyond an edge in the place of plane i, or to it where it rises; False where that is not known."""
     proxy = world.proxy[0]
     index, side = proxy.body[i], proxy.side[i]
@@ -148,12 +156,13 @@ def _pass(world: Any, i: int, edge: int, passed: int) -> bool:
     face = int(world.beyond[body.mesh_row + proxy.face[i], edge])
     if face < 0:
         return False
-    proxy.left[passed, 0], proxy.left[passed, 1], proxy.left[passed, 2] = index, 3 * proxy.face[i] + edge, int(side)
+    here = proxy.crossed[crossed]
+    here[0], here[1], here[2] = index, 3 * proxy.face[i] + edge, int(side)
     holds = False
     for j in range(proxy.count):
         holds |= proxy.face[j] == face and proxy.body[j] == index
-    for j in range(passed):  # it was there
-        holds |= proxy.left[j, 1] // 3 == face and proxy.left[j, 0] == index
+    for j in range(crossed):  # it was there
+        holds |= proxy.crossed[j, 1] // 3 == face and proxy.crossed[j, 0] == index
     if holds:
         copy_plane(proxy, proxy.count - 1, i)
         proxy.count -= 1

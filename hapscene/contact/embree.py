@@ -157,7 +157,6 @@ def first_face(
     words[11] = 0
     words[18] = _NO_HIT
     words[19] = _NO_HIT
-    ray[22] += 1.0  # TEMP
     _intersect(int(search), ray.ctypes.data, int(arguments))
     if words[18] == _NO_HIT:
         return -1

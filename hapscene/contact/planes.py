@@ -209,7 +209,7 @@ def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
     for k in range(min(proxy.aside, SAVED - ASIDE)):
         i = ASIDE + k
         skin = proxy.skin_m[i]
-        if above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
+        if _above(proxy, i, goal_W) >= (1.0 - SATISFIED) * skin or _above(proxy, i, p_W) < 0.0 or _holds(proxy, i):
             continue
         if lies_over(world, world.bodies[proxy.body[i]], proxy.face[i], goal_W, skin):
             copy_plane(proxy, i, proxy.count)
@@ -220,7 +220,7 @@ def take_back(world: Any, p_W: Vector, goal_W: Vector) -> bool:
 
 
 @native
-def above(proxy: Any, slot: int, p_W: Vector) -> float:
+def _above(proxy: Any, slot: int, p_W: Vector) -> float:
     """Height of a point over the plane in a slot [m]."""
     n = proxy.nhat_W[slot]
     return float(n[0] * p_W[0] + n[1] * p_W[1] + n[2] * p_W[2] - proxy.offset_m[slot])

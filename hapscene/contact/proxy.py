@@ -14,7 +14,7 @@ from typing import Any
 
 from hapscene.constants import CAST_MAX, LOOK_AHEAD, NEAR_MAX, PASS_MAX
 from hapscene.contact.cast import cast, cast_body
-from hapscene.contact.crossing import MET, NONE, RESTS, cross_edges, edge_passed
+from hapscene.contact.crossing import MET, OVER, PAST, RESTS, cross_edges, lies_over_planes
 from hapscene.contact.passing import leave
 from hapscene.contact.planes import (
     copy_plane,
@@ -38,7 +38,7 @@ TRIES = 2
 """How often in a tick the faces beyond edges are tried before rays are asked for them [count]."""
 
 FEW = 16
-"""Most bodies near with which they are [count]: one that is followed over many edges is cast as often."""
+"""Most bodies near with which they are [count]: a try may cast 17 times, and with more `CAST_MAX` would not hold."""
 
 DEPTH_MAX_M = 1e3
 """More than any plane pushes [m]."""
@@ -236,10 +236,10 @@ def _settle(world: Any, tool_W: Vector) -> bool:
         drop_idle(proxy)
         if proxy.aside > 0 and take_back(world, p, goal):
             continue
-        edge = edge_passed(world, goal)
-        if edge >= 0 and tries > 0:
+        where = lies_over_planes(world, goal)
+        if where == PAST and tries > 0:
             tries -= 1
-            outcome, p = cross_edges(world, p, tool_W, goal, edge)
+            outcome, p = cross_edges(world, p, tool_W, goal)
             if outcome == RESTS:
                 settled = True
                 break
@@ -258,7 +258,7 @@ def _settle(world: Any, tool_W: Vector) -> bool:
                 met = p
                 continue
             p = goal
-        if edge == NONE:
+        if where == OVER:
             settled = True
             break
         left_m = norm(sub(tool_W, p))

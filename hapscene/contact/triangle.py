@@ -92,7 +92,7 @@ def is_narrow(a: Vector, b: Vector, c: Vector, least_m: float) -> bool:
     """Whether a triangle is lower than `least_m` over its longest edge, as those are that a search leaves out."""
     ab, bc, ca = sub(b, a), sub(c, b), sub(a, c)
     n = cross(ab, bc)
-    return not dot(n, n) >= least_m * least_m * max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+    return not dot(n, n) > least_m * least_m * max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
 
 
 @inlined

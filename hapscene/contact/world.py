@@ -90,7 +90,8 @@ PROXY: Final = np.dtype(
         ("crease_cos", "f8"),  # planes count as one round surface down to this cosine; `NO_SHADE` without shading
         ("push_m", "f8", (4,)),  # result of `nearest`: how hard each plane pushes
         ("short_m", "f8", (4,)),  # scratch of `nearest`: how far the tool is behind each plane
-        # slots 0 to 2: the planes that hold the proxy; 3: one just met; from ASIDE on: those dropped in this tick
+        # slots 0 to 2: the planes that hold the proxy; 3: one just met; from ASIDE on: those dropped in this tick; from
+        # SAVED on: those that held it before an edge was crossed
         ("nhat_W", "f8", (SLOTS, 3)),  # plane i: nhat · x = offset, nhat on the proxy's side
         ("offset_m", "f8", (SLOTS,)),
         ("skin_m", "f8", (SLOTS,)),
@@ -98,7 +99,7 @@ PROXY: Final = np.dtype(
         ("face", "i8", (SLOTS,)),
         ("side", "f8", (SLOTS,)),  # +1 where nhat is the face's own normal, −1 where it is turned (two-sided)
         ("met", "i8", (SLOTS,)),  # 1: the face was met by a ray from where the proxy is, 2: it was taken back
-        ("left", "i8", (FACES_MAX, 3)),  # edges crossed in this tick: body, 3 face + edge, side
+        ("crossed", "i8", (FACES_MAX, 3)),  # edges, as the faces are followed: body, 3 face + edge, side
         ("gram", "f8", (4, 4)),  # scratch of `nearest`: products of the normals
         ("passed", "i8", (PASSED_MAX,)),  # bodies that let the tool in, the last one last
         ("seen", "i8", (WAYS,)),  # faces around the proxy where a body takes another shape, −1 for none

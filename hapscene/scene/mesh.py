@@ -17,7 +17,7 @@ from hapscene.scene.topology import normals_of
 if TYPE_CHECKING:
     import trimesh
 
-    from hapscene.contact.neighbours import Neighbours
+    from hapscene.scene.neighbours import Neighbours
 
 
 UNIT_M: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -132,7 +132,7 @@ class Mesh:
     @cached_property
     def neighbours(self) -> "Neighbours":
         """The faces across each face's edges."""
-        from hapscene.contact.neighbours import neighbours_of
+        from hapscene.scene.neighbours import neighbours_of
 
         return neighbours_of(self.vertices_m, self.faces)
 

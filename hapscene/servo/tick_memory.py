@@ -26,7 +26,7 @@ def memory_of(world: "World", surface: "Surface") -> tuple[NDArray[np.uint8], ..
     return tuple(np.atleast_1d(array).view(np.ndarray).reshape(-1).view(np.uint8) for array in arrays)
 
 
-_ADDRESSES: Final = ("search", "shape_search", "face", "shape_face", "next")
+_ADDRESSES: Final = ("search", "shape_search", "face", "mesh_row", "shape_face", "next")
 """Fields of a body that are of this process alone, or of how it was loaded."""
 
 
@@ -38,7 +38,9 @@ def remember(world: "World", surface: "Surface", memory: NDArray[np.uint8]) -> N
     """
     parts = memory_of(world, surface)
     if sum(map(len, parts)) != len(memory):
-        raise HapsceneError("the scene has other bodies or effects than the one that was flown")
+        raise HapsceneError(
+            "the scene has other bodies or effects than the one that was flown, or another version flew it"
+        )
     own = {name: world.bodies[name].copy() for name in _ADDRESSES}
     at = 0
     for part in parts:

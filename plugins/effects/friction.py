@@ -86,13 +86,13 @@ def coefficient(p: Any, slip_m_s: float) -> float:
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the force of friction [N], tangential and no more than µ F_n, and what is heard when it breaks loose."""
     resonate(touch, s, out)
-    if not touch.touching:
-        return
-    if touch.began:
+    if touch.began or touch.ended:
         for i in range(3):
             s.z_W_m[i] = 0.0
             s.nhat_W[i] = touch.nhat_W[i]
         s.slipping = 0.0
+        return
+    if not touch.touching:
         return
     length = carry(s.z_W_m, s.nhat_W, touch.nhat_W, touch.slip_W_m)
     stiffness, damper = p.tangential_stiffness_N_m, p.tangential_damping_Ns_m / touch.tick_s

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from hapscene.native import native
 from hapscene.scene.topology import weld
 
-FAN_MAX: Final = 256
-"""Most edges of one vertex among which pairs are looked for [count]: each is compared with each."""
+FAN_MAX: Final = 512
+"""Most sides of faces at one vertex among which pairs are looked for [count]: each is compared with each."""
 
 _MIXED, _OPEN, _UNSEEN = 1, 2, 4
 
@@ -17,9 +17,8 @@ _MIXED, _OPEN, _UNSEEN = 1, 2, 4
 class Neighbours(NamedTuple):
     """The neighbours of a mesh's M faces."""
 
-    beyond: NDArray[
-        np.int32
-    ]  # (M, 3) the face across edge k, from corner k to the next; −1 where there is not just one
+    # (M, 3) the face across edge k, from corner k to the next; −1 where there is not just one
+    beyond: NDArray[np.int32]
     mixed: bool | None  # whether two are wound against each other; None where some were not looked at
     closed: bool | None  # whether every edge has two faces; likewise
 
@@ -27,8 +26,8 @@ class Neighbours(NamedTuple):
 def neighbours_of(vertices_m: NDArray[np.float64], faces: NDArray[np.integer]) -> Neighbours:
     """The faces across each edge; −1 at borders, where three faces meet or more, or the two wind differently.
 
-    And about a vertex of more than `FAN_MAX` edges. Vertices at the same place count as one; a face with two corners
-    there has no neighbours.
+    And about a vertex of more than `FAN_MAX` sides of faces. Vertices at the same place count as one; a face with two
+    corners there has no neighbours.
     """
     beyond = np.full((len(faces), 3), -1, np.int32)
     first = np.zeros(len(vertices_m) + 2, np.int32)
