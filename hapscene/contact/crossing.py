@@ -74,6 +74,8 @@ def cross_edges(world: Any, p_W: Vector, tool_W: Vector, goal_W: Vector) -> tupl
         first, to_W = _next_corner(world, first, crossed, at_W, place_W)
         stop = cast(world, at_W, to_W)
         if stop <= 1.0:
+            if proxy.count == 1:  # it would have come off all faces: what is past the edge is no way to the tool
+                return _give_up(proxy, count, p_W)
             copy_plane(proxy, proxy.count - 1, 0)
             proxy.count, proxy.met[0] = 1, 0
             return MET, along(at_W, stop, sub(to_W, at_W))

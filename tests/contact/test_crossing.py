@@ -136,6 +136,16 @@ def test_a_facet_that_was_met_lets_go_behind_its_edge() -> None:
     np.testing.assert_allclose(found[-1], goal * [1, 1, 0], rtol=0.0, atol=1e-8)
 
 
+def test_a_jump_over_a_slot_does_not_end_in_it() -> None:
+    """In one tick along a block of 20 mm with a slot in the middle, 0.2 mm below its top."""
+    outline = [[-10, 0], [-1, 0], [-0.9, -5], [0.9, -5], [1, 0], [10, 0]]
+    vertices = 1e-3 * np.array([[x, y, z] for x, z in outline for y in (-10, 10)])
+    k = 2 * np.arange(len(outline) - 1)
+    block = trimesh.Trimesh(vertices, np.r_[np.c_[k, k + 2, k + 3], np.c_[k, k + 3, k + 1]], process=False)
+    found = glide(world_of(block), (0.006, 0.001, 0.005), (0.006, 0.001, -0.0002), (-0.0088, 0.001, -0.0002))
+    np.testing.assert_allclose(found, [[0.006, 0.001, 0.0], [-0.0088, 0.001, 0.0]], rtol=0.0, atol=1e-9)
+
+
 def test_what_the_mesh_does_not_say_changes_nothing() -> None:
     world = world_of(roof(5.0), known=False)
     p, tool, goal = on_the_first_slope(world)
