@@ -11,7 +11,7 @@ from typing import Any
 
 from .tab import until
 
-PATIENCE_S = 90.0
+PATIENCE_S = 180.0
 """How long anything may take on a machine that does much else besides [s]."""
 
 DROP = """(files) => {
