@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hapscene.errors import SceneError
 from hapscene.paint.paintable_mesh import PaintableMesh
 from hapscene.scene.body import Body
-from hapscene.scene.fine_paint import FINEST_M, FINEST_OF_DIAGONAL, LEAF_MAX, NOTHING, parts, whole_faces
+from hapscene.scene.fine_paint import LEAF_MAX, NOTHING, finest_of, parts, whole_faces
 from hapscene.scene.region import Volume
 from hapscene.scene.topology import connected
 
@@ -57,7 +57,7 @@ def near_border(
     pieces = [fine.of_faces(faces), whole_faces(faces[plain[faces]], body.face_swatch[faces[plain[faces]]])]
     corners_m = np.concatenate([leaves.leaf_corners_m(mesh) for leaves in pieces])
     face, worn = (np.concatenate(v) for v in zip(*((p.face, parts(p.paint)[0]) for p in pieces), strict=True))
-    step_m = max(FINEST_M, mesh.diagonal_m * FINEST_OF_DIAGONAL)
+    step_m = finest_of(mesh)
     mine, theirs = _is(swatch)(worn), _is(other, swatch)(worn)
     if not (mine.any() and theirs.any()):
         return None

@@ -97,6 +97,10 @@ class Painting:
 
     # --- what is where ---
 
+    def is_kept(self, body: Body) -> bool:
+        """Whether nothing is painted on a body now: it is locked, or hidden."""
+        return body.name in self.locked or body.name in self.hidden
+
     def pick(self, origin_W_m: ArrayLike, direction_W: ArrayLike, seen: bool = False) -> Hit | None:
         """The nearest place on the surface along a ray, met from outside or inside; None where there is none.
 
@@ -213,7 +217,7 @@ class Painting:
             if self._open is None:
                 raise SceneError("no step to paint in: begin one first")
             painted = self.scene.bodies[body]
-            if painted.name in self.locked or painted.name in self.hidden:
+            if self.is_kept(painted):
                 return 0
             swatch = self.swatch_index(self._open.swatch, body)
             other = painted.face_swatch[faces] != swatch
@@ -252,7 +256,7 @@ class Painting:
             if self._open is None:
                 raise SceneError("no step to paint in: begin one first")
             painted, step = self.scene.bodies[body], self._open
-            if painted.name in self.locked or painted.name in self.hidden:
+            if self.is_kept(painted):
                 return 0
             before = self._keep(step, body)
             swatch = self.swatch_index(step.swatch if swatch is None else swatch, body)
@@ -272,7 +276,7 @@ class Painting:
         """
         with self.lock:
             painted = self.scene.bodies[body]
-            if painted.name in self.locked or painted.name in self.hidden:
+            if self.is_kept(painted):
                 return 0
             leaves = painted.fine or NOTHING
             whole = painted.face_swatch == old

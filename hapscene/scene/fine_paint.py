@@ -231,6 +231,11 @@ NOTHING: Final = whole_faces([], [])
 """No leaves, of any body."""
 
 
+def finest_of(mesh: Mesh) -> float:
+    """How fine paint on a mesh is where nothing else is said [m]."""
+    return max(FINEST_M, mesh.diagonal_m * FINEST_OF_DIAGONAL)
+
+
 def swatches_of(body: "Body") -> NDArray[np.int64]:
     """Indices of the swatches that a body is painted with anywhere, ascending."""
     a, b, weight = parts((body.fine or NOTHING).paint)
@@ -283,7 +288,7 @@ def paint_region(
         SceneError: a number is out of range, or the border would need more than `LEAF_MAX` leaves.
     """
     mesh = body.mesh
-    finest_m = max(FINEST_M, mesh.diagonal_m * FINEST_OF_DIAGONAL) if finest_m is None else finest_m
+    finest_m = finest_of(mesh) if finest_m is None else finest_m
     if not (finest_m > 0 and 0 <= soft_m < math.inf and 0 <= opacity <= 1):
         raise SceneError(
             f"finest_m must be positive, soft_m 0 or more, opacity within 0 and 1; they are {finest_m}, {soft_m} and "
