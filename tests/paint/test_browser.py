@@ -213,9 +213,10 @@ def test_paint_undo_fill_touch_save_and_load_in_a_browser(window: Window) -> Non
     tab.reload()  # without the token in the address: refused, and found again in the browser's storage
     window.wait("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool === 'touch'")
     window.see(BESIDE, "epoxy")
-    assert len(window.troubles) == 1 and "403" in window.troubles.pop()
-
     home = page.url.rsplit("/", 2)[0]
+    troubles = [said for said in window.troubles if said != f"{home}/"]  # the refused page may be left half loaded
+    assert len(troubles) == 1 and "403" in troubles[0]
+    window.troubles.clear()
     ours = ("blob:", "data:", home, home.replace("http", "ws"))
     assert not [url for url in window.requests if not url.startswith(ours)]
 

@@ -28,6 +28,9 @@ from .tab import until
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
+PATIENCE_S = 120.0
+"""How long something may take [s]: where tests run beside each other, a browser may get a tenth of a core."""
+
 SAID = "document.getElementById('hs-say').textContent"
 
 
@@ -50,6 +53,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def tab(page: Page) -> Iterator[Any]:
     with browser() as chromium:
         found = chromium.new_page(viewport={"width": 1280, "height": 800})
+        found.set_default_timeout(1e3 * PATIENCE_S)
         found.goto(page.url)
         found.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
         yield found
@@ -94,7 +98,7 @@ def test_what_was_felt_is_played_again_and_comes_down(page: Page, tab: Any) -> N
     tab.get_by_role("button", name="Play again").click()
     tab.wait_for_function("Math.max(...window.hapscene.trace.force) > 0.69")
     tab.wait_for_function("window.hapscene.sound.heard >= 4000 && window.hapscene.sound.peak > 0.9")
-    until(lambda: not recorder.playing)
+    until(lambda: not recorder.playing, PATIENCE_S)
 
     name, content = download(tab, "Download WAV")
     rate_Hz, heard = wavfile.read(io.BytesIO(content))
@@ -146,5 +150,5 @@ def test_a_picture_is_painted_and_undone_and_scenes_go_down_and_up(page: Page, t
     tab.wait_for_function(f"{SAID}.includes('evil.scene.zip: ') && {SAID}.includes('would lie outside')")
     assert not list(session.path.parent.parent.glob("**/evil*"))
     upload(tab, "scene", square__scene__zip=content)
-    until(lambda: page.context.session.path == session.path.parent / "square" / "square.scene.json", 30.0)
+    until(lambda: page.context.session.path == session.path.parent / "square" / "square.scene.json", PATIENCE_S)
     assert (page.context.session.scene.bodies[0].face_swatch == 2).all()
