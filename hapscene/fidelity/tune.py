@@ -39,6 +39,7 @@ from hapscene.perception import (
 )
 
 if TYPE_CHECKING:
+    from hapscene.renderer import Renderer
     from hapscene.scene.body import Body
     from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
@@ -319,6 +320,70 @@ class _Plan:
         return _Plan(dict(self.meshes), dict(self.orders), dict(self.updates), lists)
 
 
+_Set = tuple[list[Array], trial.Felt]
+"""Paths, and what is felt along them of the scene as it is."""
+
+
+class _Feeling:
+    """A scene felt along drawn paths: as it is, and as a plan has it."""
+
+    def __init__(self, scene: "Scene", whole: "Renderer", device: str, reach: Array, seed: int) -> None:
+        self.scene, self._whole, self._device, self._reach, self._seed = scene, whole, device, reach, seed
+
+    def drawn(self, k: int) -> _Set:
+        """The k-th set."""
+        paths = trial.scene_paths(self.scene, self._seed + k, self._device)
+        return paths, trial.feel(self._whole, paths, self._seed, trial.SEED_COUNT)
+
+    def error(self, sets: Sequence[_Set], plan: _Plan) -> trial.Error:
+        """How far the plan is off the scene as it is."""
+        renderer = trial.ready(apply_level(self.scene, plan.level()), self._device)
+        felt = [(true, trial.feel(renderer, paths, self._seed, trial.SEED_COUNT)) for paths, true in sets]
+        return trial.joined([trial.error_of(true, found, self._reach) for true, found in felt])
+
+
+def _settled(
+    feeling: _Feeling, judged: Mapping[str, Any], jnd: float, say: Callable[[str], None]
+) -> tuple[_Plan, dict[str, float], _Set, trial.Error]:
+    """The plan that holds on paths that it was not chosen on; what each choice may differ by, those paths, the error.
+
+    A choice that fails on them is made again with a smaller margin, and the paths join those that it is checked on.
+    """
+    from hapscene.touch import step
+
+    scene, margins = feeling.scene, dict.fromkeys(judged, 0)
+    with step(say, "feeling the scene as it is"):
+        checks, unseen = [feeling.drawn(1)], feeling.drawn(2)
+    most_jnd = {key: MARGINS[0] * jnd for key in judged}
+    updates: dict[str, int] | None = None
+    while True:
+        with step(say, "checking the choice on other paths"):
+            plan = _planned(scene, judged, most_jnd)
+            if updates is None:
+                updates = _slow_updates(scene, plan, partial(feeling.error, checks), most_jnd)
+            plan.updates = dict(updates)
+            checked = feeling.error(checks, plan)
+            failed = _failed(scene, judged, checked, jnd)
+            if not failed and np.percentile(checked.total_jnd, WITHIN) > jnd:
+                failed = list(judged)
+            failed = [key for key in failed if margins[key] + 1 < len(MARGINS)]
+            for key in failed:
+                margins[key] += 1
+                most_jnd[key] = MARGINS[margins[key]] * jnd
+                updates.pop(key.removeprefix("swatch "), None)
+            if failed:
+                continue
+            final = feeling.error([unseen], plan)
+            if np.percentile(final.total_jnd, WITHIN) <= jnd or len(checks) == CHECKS:
+                return plan, most_jnd, unseen, final
+            checks, unseen = [*checks, unseen], feeling.drawn(len(checks) + 2)
+
+
+def _halved(scene: "Scene", plan: _Plan) -> bool:
+    """Makes a plan coarser by a step; whether there is anything left to make coarser."""
+    return any([_shorter(scene, plan), _coarser(scene, plan)]) or _leave_out(scene, plan)
+
+
 def tune(
     source: Source,
     *,
@@ -362,42 +427,8 @@ def tune(
         if not trial.scene_paths(scene, seed + 1, device):
             raise PathError(f"nothing of the scene is felt by this device: {UNSEEN}")
     judged = _judged(source, scene, device, reach, seed, jnd, jobs, scheduler, say)
-
-    def new_set(k: int) -> tuple[list[Array], trial.Felt]:
-        paths = trial.scene_paths(scene, seed + k, device)
-        return paths, trial.feel(whole, paths, seed, trial.SEED_COUNT)
-
-    def error_on(sets: list[tuple[list[Array], trial.Felt]], plan: _Plan) -> trial.Error:
-        renderer = trial.ready(apply_level(scene, plan.level()), device)
-        return trial.joined(
-            [trial.error_of(true, trial.feel(renderer, p, seed, trial.SEED_COUNT), reach) for p, true in sets]
-        )
-
-    margins: dict[str, int] = dict.fromkeys(judged, 0)
-    with step(say, "feeling the scene as it is"):
-        checks, unseen = [new_set(1)], new_set(2)
-    most_jnd = {key: MARGINS[0] * jnd for key in judged}
-    updates: dict[str, int] | None = None
-    while True:
-        with step(say, "checking the choice on other paths"):
-            plan = _planned(scene, judged, most_jnd)
-            updates = _slow_updates(scene, plan, partial(error_on, checks), most_jnd) if updates is None else updates
-            plan.updates = dict(updates)
-            checked = error_on(checks, plan)
-            failed = _failed(scene, judged, checked, jnd)
-            if not failed and np.percentile(checked.total_jnd, WITHIN) > jnd:
-                failed = list(judged)
-            failed = [key for key in failed if margins[key] + 1 < len(MARGINS)]
-            for key in failed:
-                margins[key] += 1
-                most_jnd[key] = MARGINS[margins[key]] * jnd
-                updates.pop(key.removeprefix("swatch "), None)
-            if failed:
-                continue
-            final = error_on([unseen], plan)
-            if np.percentile(final.total_jnd, WITHIN) <= jnd or len(checks) == CHECKS:
-                break
-            checks, unseen = [*checks, unseen], new_set(len(checks) + 2)
+    felt = _Feeling(scene, whole, device, reach, seed)
+    plan, most_jnd, unseen, final = _settled(felt, judged, jnd, say)
     paths = unseen[0]
     with step(say, "timing"):
         before = _cost(scene, Level(), device, paths)
@@ -407,18 +438,13 @@ def tune(
             _shorter(scene, plan) or _leave_out(scene, plan) or _coarser(scene, plan)
         ):
             after = _cost(scene, plan.level(), device, paths, budget_us)
-    levels: list[Level] = []
-    final = final if after is first else error_on([unseen], plan)
+    final = final if after is first else felt.error([unseen], plan)
     choices = _choices(scene, plan, judged, final, device, paths, most_jnd)
-    while len(levels) < LEVEL_COUNT:
+    levels = [plan.level({**_told(final, jnd), **after})]
+    while len(levels) < LEVEL_COUNT and _halved(scene, plan := plan.copy()):
         with step(say, f"level {len(levels) + 1}"):
-            found = final if not levels else error_on([unseen], plan)
-            cost = after if not levels else _cost(scene, plan.level(), device, paths)
-            levels.append(plan.level({**_told(found, jnd), **cost}))
-            plan = plan.copy()
-            halved = [_shorter(scene, plan), _coarser(scene, plan)]
-            if not any(halved) and not _leave_out(scene, plan):
-                break
+            cost = _cost(scene, plan.level(), device, paths)
+            levels.append(plan.level({**_told(felt.error([unseen], plan), jnd), **cost}))
     made = {
         "device": device, "handle": handle, "budget_us": budget_us, "jnd": jnd, "seed": seed,
         "machine": f"{platform.system()} {platform.machine()}, {platform.processor() or 'unknown processor'}",
