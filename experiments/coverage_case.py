@@ -46,7 +46,11 @@ LAPSE: Final = 0.1
 """Share of the advice that is passed over [1]."""
 
 PACE_1_S: Final = 0.9
-"""How fast a hand that was told so changes force or speed, as a logarithm [1/s]: by 2.5 times in a second."""
+"""How fast a hand that was told "harder" changes its force or speed, as a logarithm [1/s]: by 2.5 times in a second."""
+
+AIM_S, AIM_PACE_1_S, AIM_OFF = 0.4, 2.0, 0.15
+"""A hand that looks where it is to go closes the distance in so many seconds, at most so fast [1/s], and errs by so much
+[1], drawn anew for each goal: 15 % in force and in speed."""
 
 WAVER: Final = (0.08, 0.12)
 """Standard deviations of the logarithms of force and speed within two seconds [1], of the recordings of wood, paper and
@@ -70,7 +74,8 @@ NOISE_M_S2: Final = 0.02
 PLACES: Final = 200
 """Forces and speeds that are asked for [count]."""
 
-HANDS: Final = ("follows", "own way", "wanders widely")
+HANDS: Final = ("looks", "listens", "own way", "wanders widely")
+GUIDED: Final = HANDS[:2]
 
 
 def surface(seed: int, life: float = 0.3) -> Texture:
@@ -110,13 +115,21 @@ def recorded(texture: Texture, hand: str, seconds: float, seed: int) -> tuple[Su
     goal, centre = own.copy(), np.log([np.sqrt(np.prod(FORCE_N)), np.sqrt(np.prod(SPEED_M_S))])
     pace = PACE_1_S * rng.uniform(0.7, 1.3, 2)
     waver, slow, place_m = rng.normal(size=2) * WAVER, rng.normal(size=2), 0.0
-    advised: list[str] = [""] * round(LATE_S / BLOCK_S)
+    advised: list[tuple[str, tuple[int, int] | None, Array]] = [("", None, own)] * round(LATE_S / BLOCK_S)
+    aimed, off = None, np.zeros(2)
     streams = []
     for turn in range(round(seconds / BLOCK_S)):
-        if hand == "follows":
-            advised.append(coverage.advice() if rng.random() >= LAPSE else "")
-            words = advised.pop(0)
-            goal += BLOCK_S * pace * [_sign(words, "harder", "lightly"), _sign(words, "faster", "slower")]
+        if hand in GUIDED:
+            advised.append((coverage.advice() if rng.random() >= LAPSE else "", coverage.target, goal + waver))
+            words, target, seen = advised.pop(0)
+            if hand == "listens":
+                goal = goal + BLOCK_S * pace * [_sign(words, "harder", "lightly"), _sign(words, "faster", "slower")]
+            elif target is not None:
+                if target != aimed:
+                    aimed, off = target, AIM_OFF * rng.normal(size=2)
+                edges = [coverage.force_N[target[0] :][:2], coverage.speed_m_s[target[1] :][:2]]
+                away = np.log(edges).mean(axis=1) + off - seen
+                goal = goal + BLOCK_S * np.clip(away / AIM_S, -AIM_PACE_1_S, AIM_PACE_1_S)
             goal = np.clip(goal, np.log([0.1, 0.01]), np.log([6.0, 0.6]))
         else:
             forgets, spread = (5.0, 0.15) if hand == "own way" else (2.0, WIDE)
@@ -134,8 +147,6 @@ def recorded(texture: Texture, hand: str, seconds: float, seed: int) -> tuple[Su
         heard += NOISE_M_S2 * rng.normal(size=block)
         coverage.feed(turn * block, {"acceleration": heard, "force": force, "speed": speed})
         streams.append((heard, force, speed))
-        if coverage.enough and hand == "follows" and not np.isfinite(seconds):
-            break
     acceleration, force, speed = np.concatenate(streams, axis=1)
     return SurfaceRecording(RATE_HZ, acceleration, force, speed, None), coverage
 
@@ -173,3 +184,50 @@ def missed(texture: Texture, hand: str, seconds: float, seed: int) -> Missed:
     shape = [metric.log_spectral_distance(one, two, frequency) for one, two in zip(*densities, strict=True)]
     share = float(np.mean(coverage.pieces >= 4))
     return Missed(float(np.sqrt(np.mean(level**2))), float(np.mean(shape)), share, coverage.error_dB)
+
+
+def paired(first: Array, second: Array) -> str:
+    """By how much the first (n,) are below the second: median, its 95 % interval by bootstrap, and in how many."""
+    less = second - first
+    drawn = np.median(np.random.default_rng(0).choice(less, (2000, len(less))), axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return f"{np.median(less):.2f} [{low:.2f}, {high:.2f}], {np.count_nonzero(less > 0.0)} of {len(less)}"
+
+
+def compared(found: Mapping[tuple[str, float], Sequence[Missed]]) -> str:
+    """The medians of each hand and length, and the guided beside the others surface by surface."""
+    columns = {key: np.array(rows).T for key, rows in found.items()}
+    rows = [
+        (f"{hand}, {seconds:g} s", *(f"{np.median(row):.2f}" for row in column))
+        for (hand, seconds), column in columns.items()
+    ]
+    made = str(table(("hand", "level [dB]", "shape [dB]", "cells with a model's pieces", "level as expected"), rows))
+    rows = [
+        (f"{one[0]}, {one[1]:g} s, below {other[0]}, {other[1]:g} s", *map(paired, columns[one][:2], columns[other][:2]))
+        for one in columns if one[0] in GUIDED
+        for other in columns if other[0] not in GUIDED
+    ]  # fmt: skip
+    return made + "\n" + str(table(("", "level: median, 95 %, surfaces", "shape"), rows))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the tables."""
+    parser = argparse.ArgumentParser("hapscene_experiments.coverage_case", description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=whole("--seeds", 1), default=20, metavar="N", help="surfaces (default 20)")
+    parser.add_argument("--lengths", type=float, nargs="+", default=[10.0], help="of the guided [s] (default 10)")
+    parser.add_argument("--unguided", type=float, default=30.0, help="seconds of the others (default 30)")
+    options = parser.parse_args(arguments)
+    cases = [(hand, seconds) for hand in GUIDED for seconds in options.lengths]
+    cases += [(hand, options.unguided) for hand in HANDS if hand not in GUIDED]
+    found: dict[tuple[str, float], list[Missed]] = {case: [] for case in cases}
+    for seed in range(options.seeds):
+        texture = surface(seed)
+        for case in cases:
+            found[case].append(missed(texture, *case, seed))
+        print(f"surface {seed + 1} of {options.seeds}", file=sys.stderr, flush=True)
+    print(compared(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -115,6 +115,7 @@ class PageListener(WebListener):
         files: content and kind of each, by name; "" is the page.
         message_max: longest message [bytes].
         more: gives content and kind of what is no file, or None, or raises HapsceneError where it cannot be had.
+        option: by which its port is said.
 
     Attributes:
         url: of the page, with its token: whoever has it is let in, nobody else.
@@ -133,12 +134,13 @@ class PageListener(WebListener):
         files: Mapping[str, tuple[bytes, str]],
         message_max: int,
         more: Callable[[str], tuple[bytes, str] | None] = lambda name: None,
+        option: str = "--port",
     ) -> None:
         self._token, self._files, self._more = secrets.token_urlsafe(16), files, more
         self._names = {"localhost", "127.0.0.1", "::1", host.lower()}
         self.public = _is_address(host) and not ipaddress.ip_address(host).is_loopback
         timing = {"open_timeout": 5.0, "close_timeout": 1.0, "max_size": message_max, "max_queue": 16}
-        page = {"room": CONNECTIONS_MAX, "what": "the page", "option": "--port", "process_request": self._answer}
+        page = {"room": CONNECTIONS_MAX, "what": "the page", "option": option, "process_request": self._answer}
         super().__init__(talk, host, port, **page, **timing)  # type: ignore[arg-type]
         self.url = f"http://{_shown(host)}:{self.address[1]}/{self._token}/"
 
