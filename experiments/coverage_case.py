@@ -49,8 +49,8 @@ PACE_1_S: Final = 0.9
 """How fast a hand that was told "harder" changes its force or speed, as a logarithm [1/s]: by 2.5 times in a second."""
 
 AIM_S, AIM_PACE_1_S, AIM_OFF = 0.4, 2.0, 0.15
-"""A hand that looks where it is to go closes the distance in so many seconds, at most so fast [1/s], and errs by so much
-[1], drawn anew for each goal: 15 % in force and in speed."""
+"""A hand that looks where it is to go closes the distance in so many seconds [s], at most so fast [1/s], and errs by so
+much [1], drawn anew for each goal: 15 % in force and in speed."""
 
 WAVER: Final = (0.08, 0.12)
 """Standard deviations of the logarithms of force and speed within two seconds [1], of the recordings of wood, paper and
@@ -66,7 +66,7 @@ WIDE: Final = 0.5
 """Standard deviation of the logarithms of who wanders widely [1]."""
 
 DEPARTS_DB: Final = 2.0
-"""By how much the level of a surface departs from its law, root mean square [dB] (`hapscene_experiments.level_prior`)."""
+"""By how much a surface's level departs from its law, root mean square [dB] (`hapscene_experiments.level_prior`)."""
 
 NOISE_M_S2: Final = 0.02
 """Of the accelerometer."""
@@ -82,7 +82,7 @@ def surface(seed: int, life: float = 0.3) -> Texture:
     """A surface: 9 × 9 models between the forces and speeds that are wanted, and somewhat beyond."""
     rng = np.random.default_rng([seed, 0])
     exponents = rng.normal(EXPONENTS, EXPONENT_SPREADS)
-    line_Hz, moved = np.exp(rng.uniform(np.log(60.0), np.log(900.0), 4)), rng.uniform((0.0, 0.0), (0.7, 0.3), (4, 2))
+    line_Hz, moved = np.exp(rng.uniform(np.log(60.0), np.log(900.0), 4)), rng.uniform(0.0, 1.0, (4, 2)) * (0.7, 0.3)
     width, height = rng.uniform(0.1, 0.4, 4), np.exp(rng.normal(0.0, 0.7, 4))
     bumps = rng.normal(size=(2, 3, 3))
     force, speed = np.meshgrid(np.geomspace(0.5 * FORCE_N[0], 1.5 * FORCE_N[1], 9),
@@ -203,9 +203,9 @@ def compared(found: Mapping[tuple[str, float], Sequence[Missed]]) -> str:
     ]
     made = str(table(("hand", "level [dB]", "shape [dB]", "cells with a model's pieces", "level as expected"), rows))
     rows = [
-        (f"{one[0]}, {one[1]:g} s, below {other[0]}, {other[1]:g} s", *map(paired, columns[one][:2], columns[other][:2]))
-        for one in columns if one[0] in GUIDED
-        for other in columns if other[0] not in GUIDED
+        (f"{hand}, {seconds:g} s, under {other}, {length:g} s", *map(paired, column[:2], columns[other, length][:2]))
+        for (hand, seconds), column in columns.items() if hand in GUIDED
+        for other, length in columns if other not in GUIDED
     ]  # fmt: skip
     return made + "\n" + str(table(("", "level: median, 95 %, surfaces", "shape"), rows))
 

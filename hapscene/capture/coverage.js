@@ -1,7 +1,7 @@
 // Shows what the recording holds and lacks, as often as the server tells; sends one word, stop.
 
 const $ = (id) => document.getElementById(id), svg = "http://www.w3.org/2000/svg";
-const BOX = { left: 64, top: 12, right: 628, bottom: 386 }, SILENT_MS = 2000;
+const BOX = { left: 64, top: 12, right: 612, bottom: 386 }, SILENT_MS = 2000;
 let socket = null, heard = 0, shown = "", ended = false, count = 0, cells = [];
 
 function add(kind, attributes, text = "") {

@@ -1,16 +1,22 @@
-"""Coverage beside a recording that is made, and its page: fed by a thread of its own, so that the reader never waits.
+"""Coverage beside a recording that is made, and its page: in a process of its own, so that the reader never waits.
 
-The page is told `BEATS_S` times a second where the hand is, what is still lacking, and what goes wrong. It may say one
-word: stop. Who is let in, `hapscene.web_listener.PageListener` says.
+A reader that shares its interpreter with the page loses samples: on a crowded computer a third of 10 kHz, where a reader
+alone loses some per cent. The page is told every `BEAT_S` where the hand is, what is still lacking, and what goes
+wrong. It may say one word: stop. Who is let in, `hapscene.web_listener.PageListener` says.
 """
 
 import json
 import math
+import os
+import signal
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from importlib import resources
-from threading import Event, Lock, Thread
+from itertools import pairwise
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,12 +24,14 @@ import numpy as np
 from hapscene.capture.coverage import Coverage, Wanted
 from hapscene.capture.recording_source import AXES
 from hapscene.capture.streams import Array
-from hapscene.errors import CaptureError
+from hapscene.errors import CaptureError, HapsceneError
 from hapscene.web_listener import PageListener
 from hapscene.wire.protocol import Count, Header, Run
 from hapscene.wire.unit import UNITS
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from websockets.sync.server import ServerConnection
 
 BEAT_S: Final = 0.05
@@ -31,6 +39,12 @@ BEAT_S: Final = 0.05
 
 WAITING_MAX: Final = 4096
 """Most blocks that wait to be looked at [count]: some 20 s. What is more is left out of the picture, and told."""
+
+PATIENCE_S: Final = 20.0
+"""How long the page's process may take to start, and to end [s]."""
+
+NICE: Final = 5
+"""By how much the page's process steps back behind the recording's [1]."""
 
 LATELY_S: Final = 1.5
 """How long the page tells that something was cut off, or did not come [s]."""
@@ -46,33 +60,27 @@ FILES: Final = {
 
 
 class LiveCoverage:
-    """The coverage of a recording while it is made: a `Watcher` of `hapscene.capture.record`, or fed by `put`.
+    """The coverage of a recording that goes on, as pages are told it: a `Watcher` of `hapscene.capture.record`.
 
     Attributes:
         coverage: None until the recording began.
-        stopped: set once the page said so.
+        stopped: set once a page said so.
         ended: why it ended; empty while it goes on.
+        said: what pages are told, and the number of that state.
+        skipped: blocks that were left out [count].
     """
 
     def __init__(self, wanted: Wanted) -> None:
         self.wanted = wanted
         self.coverage: Coverage | None = None
         self.stopped = Event()
-        self.ended = ""
+        self.ended, self.skipped = "", 0
         self.said = json.dumps({"advice": "waiting for the probe …"}), 0
-        """what pages are told, and which state it is"""
-        self._blocks: deque[tuple[int, Mapping[str, Array] | Array]] = deque(maxlen=WAITING_MAX)
-        self._scales: dict[str, list[tuple[int, float]]] = {}
         self._lost = {"torn": 0, "garbage": 0}
-        self._skipped = 0
-        self._over = Event()
-        self._thread = Thread(target=self._work, name="hapscene coverage", daemon=True)
-        self._lock = Lock()
-
-    # --- what a recording tells
+        self._scales: dict[str, list[tuple[int, float]]] = {}
 
     def begin(self, header: Header) -> None:
-        """The columns that a fit takes, by quantity; those of axes, as acceleration_x, together."""
+        """Columns of axes, as acceleration_x, are one quantity; what a fit does not take is passed over."""
         for i, column in enumerate(header.columns):
             quantity, _, axis = column.name.rpartition("_")
             name = quantity if axis in AXES else column.name
@@ -85,55 +93,34 @@ class LiveCoverage:
         try:
             self.coverage = Coverage(rate_Hz, quantities, self.wanted)
         except CaptureError as error:  # it is recorded all the same
-            self.said = json.dumps({"advice": str(error)}), 1
-            return
-        self._thread.start()
+            self.said = json.dumps({"advice": str(error)}), self.said[1] + 1
 
     def take(self, run: Run) -> None:
-        """Samples of the recording."""
-        self._put(run.first, run.counts)
+        """Samples of a probe."""
+        self.feed(run.first, {q: np.array([run.counts[:, i] * by for i, by in of]) for q, of in self._scales.items()})
 
-    def put(self, first: int, streams: Mapping[str, Array]) -> None:
+    def feed(self, first: int, streams: Mapping[str, Array]) -> None:
         """Samples in SI, as `Coverage.feed` takes them."""
-        self._put(first, streams)
-
-    def _put(self, first: int, block: Mapping[str, Array] | Array) -> None:
-        self._skipped += len(self._blocks) == WAITING_MAX
-        self._blocks.append((first, block))
+        if self.coverage is not None:
+            self.coverage.feed(first, streams)
 
     def tell(self, count: Count, position: int) -> None:
         """What became of the lines."""
         self._lost = {"torn": count.torn, "garbage": count.garbage}
 
     def end(self, why: str) -> None:
-        """It has ended; what came is looked at still."""
+        """It has ended."""
         self.ended = why or "an error ended it"
-        self._over.set()
-        if self._thread.ident is not None:
-            self._thread.join()
 
     @property
-    def enough(self) -> bool:
-        """Whether more would not help."""
-        return self.coverage is not None and self.coverage.enough
+    def done(self) -> bool:
+        """Whether more would not help, or a page said stop."""
+        return self.stopped.is_set() or (self.coverage is not None and self.coverage.enough)
 
-    # --- the thread
-
-    def _work(self) -> None:
-        """Look at what came, `BEAT_S` by `BEAT_S`, and say what there is to say."""
-        over = False
-        while not over:
-            over = self._over.wait(BEAT_S)
-            with self._lock:
-                while self._blocks:
-                    self._look(*self._blocks.popleft())
-                self.said = json.dumps(self.state()), self.said[1] + 1
-
-    def _look(self, first: int, block: Mapping[str, Array] | Array) -> None:
-        assert self.coverage is not None
-        if not isinstance(block, Mapping):
-            block = {q: np.array([block[:, i] * scale for i, scale in of]) for q, of in self._scales.items()}
-        self.coverage.feed(first, block)
+    def publish(self) -> None:
+        """Have pages told how it stands."""
+        if self.coverage is not None:
+            self.said = json.dumps(self.state()), self.said[1] + 1
 
     def state(self) -> dict[str, Any]:
         """What a page is told."""
@@ -147,7 +134,7 @@ class LiveCoverage:
             )
         if coverage.seconds - coverage.dropped_s < LATELY_S:
             wrong.append("samples are lost on the way")
-        if self._skipped:
+        if self.skipped:
             wrong.append("this computer is too slow for the picture; the recording is whole")
         return {
             "force_N": coverage.force_N.round(4).tolist() if coverage.has_force else None,
@@ -236,12 +223,127 @@ class CoveragePage:
             pass
 
 
+class CoverageProcess:
+    """A `LiveCoverage` and its page in a process of their own: a `Watcher` that never waits for them.
+
+    Args:
+        wanted: what the recording is to hold.
+        port: of the page; 0 for any that is free.
+
+    Attributes:
+        url: of the page, with its token.
+        done: whether more would not help, or a page said stop.
+        lines: the table, once the recording has ended.
+
+    Raises:
+        HapsceneError: websockets is missing; the port is taken.
+    """
+
+    def __init__(self, wanted: Wanted, port: int = 0) -> None:
+        from multiprocessing import get_context
+
+        context = get_context("spawn")
+        self._line, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, wanted, port), daemon=True)
+        self._process.start()
+        theirs.close()
+        self.url, self.done = "", False
+        self.lines: list[str] | None = None
+        self._waiting: deque[tuple[str, Any]] = deque()
+        self._skipped = 0
+        self._over = Event()
+        self._sender = Thread(target=self._send, name="hapscene coverage", daemon=True)
+        self._hear(PATIENCE_S)
+        if not self.url:
+            self._process.join(PATIENCE_S)
+            raise HapsceneError(" ".join(self.lines or ("the page did not start",)))
+
+    def __enter__(self) -> "CoverageProcess":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._line.close()
+        self._process.join(PATIENCE_S)
+        self._process.kill()
+
+    def begin(self, header: Header) -> None:
+        """What will come."""
+        self._waiting.append(("begin", header))
+        self._sender.start()
+
+    def take(self, run: Run) -> None:
+        """Samples of the recording."""
+        if len(self._waiting) < WAITING_MAX:
+            self._waiting.append(("take", run))
+        else:
+            self._skipped += 1
+
+    def tell(self, count: Count, position: int) -> None:
+        """What became of the lines; and what the page has to say."""
+        self._waiting.append(("tell", replace(count)))
+        self._hear(0.0)
+
+    def end(self, why: str) -> None:
+        """It has ended."""
+        self._waiting.append(("end", why))
+        self._over.set()
+        self._sender.join(PATIENCE_S)
+        end_s = time.monotonic() + PATIENCE_S
+        while self.lines is None and self._process.is_alive() and time.monotonic() < end_s:
+            self._hear(BEAT_S)
+
+    def _hear(self, patience_s: float) -> None:
+        """Take up what the page's process says."""
+        with suppress(EOFError, OSError):  # it is gone: the recording goes on
+            while self._line.poll(patience_s):
+                name, value = self._line.recv()
+                setattr(self, name, value)
+                patience_s = 0.0
+
+    def _send(self) -> None:
+        """Hand on what came, `BEAT_S` by `BEAT_S`: who waits for a slow page is this thread."""
+        over = False
+        with suppress(OSError):
+            while not over:
+                over = self._over.wait(BEAT_S)
+                items = [self._waiting.popleft() for _ in range(len(self._waiting))]
+                self._line.send((self._skipped, items))
+
+
+def _serve(line: "Connection", wanted: Wanted, port: int) -> None:
+    """The page's process: until the line ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the recording, and that ends this
+    if hasattr(os, "nice"):
+        os.nice(NICE)
+    live = LiveCoverage(wanted)
+    try:
+        page = CoveragePage(live, port=port)
+    except HapsceneError as error:
+        line.send(("lines", [str(error)]))
+        return
+    with page, suppress(EOFError, OSError):
+        line.send(("url", page.url))
+        done = False
+        while True:
+            live.skipped, items = line.recv()
+            for name, value in items:
+                if name == "tell":
+                    live.tell(value, 0)
+                else:
+                    getattr(live, name)(value)
+            live.publish()
+            if live.done > done:
+                line.send(("done", done := True))
+            if live.ended:
+                line.send(("lines", table(live.coverage) if live.coverage else []))
+
+
 def table(coverage: Coverage) -> list[str]:
     """The cells, in lines for a terminal: seconds of sliding in each, with a star where it is enough."""
     pieces, share = coverage.pieces, coverage.share
     lines = [f"seconds of sliding ({coverage.seconds:.1f} s in all); * is enough"]
     speeds = [f"{1e3 * v:.0f}" for v in coverage.speed_m_s]
-    names = [f"{low}–{high}" for low, high in zip(speeds, speeds[1:], strict=False)] if coverage.has_speed else ["any"]
+    names = [f"{low}–{high}" for low, high in pairwise(speeds)] if coverage.has_speed else ["any"]
     lines.append(" " * 15 + "".join(f"{name:>10}" for name in names) + "  mm/s")
     for i in reversed(range(len(pieces))):
         low, high = coverage.force_N[i : i + 2]

@@ -35,7 +35,6 @@ from hapscene.wire.port import BAUD
 if TYPE_CHECKING:
     from hapscene.capture.batch import ManifestEntry, Result
     from hapscene.capture.coverage import Wanted
-    from hapscene.capture.coverage_server import LiveCoverage
     from hapscene.surface.swatch import Swatch
 
 
@@ -421,7 +420,7 @@ def _record(options: argparse.Namespace) -> int:
       hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5:2   # guided by a page
       python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
     """
-    from hapscene.capture.coverage_server import table
+    from hapscene.capture.coverage_server import CoverageProcess
     from hapscene.capture.record import REACHED, STOPPED, record
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
@@ -430,10 +429,13 @@ def _record(options: argparse.Namespace) -> int:
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
     with ExitStack() as stack:
-        noted, live = stack.enter_context(interrupt_noted()), _live(options, stack)
+        noted, live = stack.enter_context(interrupt_noted()), None
+        if options.live:
+            live = stack.enter_context(CoverageProcess(_wanted(options), options.page_port))
+            _say_line(f"the page: {live.url}")
 
         def stopped() -> bool:
-            return noted() or (live is not None and (live.stopped.is_set() or live.enough))
+            return noted() or (live is not None and live.done)
 
         watch = () if live is None else (live,)
         try:
@@ -450,8 +452,7 @@ def _record(options: argparse.Namespace) -> int:
         note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
     if count.restarts:
         note(f"the probe began anew {count.restarts} times")
-    if live is not None and live.coverage is not None:
-        tell(table(live.coverage))
+    tell((live and live.lines) or [])
     name_made([made.path])
     return 0 if made.ended in (STOPPED, REACHED) else 1
 
@@ -504,18 +505,6 @@ def _wanted(options: argparse.Namespace) -> "Wanted":
     return Wanted(options.force_range or FORCE_N, (1e-3 * low, 1e-3 * high), options.taps, full_scale)
 
 
-def _live(options: argparse.Namespace, stack: ExitStack) -> "LiveCoverage | None":
-    """What shows a recording on its page, where that is asked for."""
-    if not options.live:
-        return None
-    from hapscene.capture.coverage_server import CoveragePage, LiveCoverage
-
-    live = LiveCoverage(_wanted(options))
-    page = stack.enter_context(CoveragePage(live, port=options.page_port))
-    _say_line(f"the page: {page.url}")
-    return live
-
-
 def _coverage(options: argparse.Namespace) -> int:
     """Tell what a recording holds over force and speed, and what more would help a fit.
 
@@ -525,8 +514,7 @@ def _coverage(options: argparse.Namespace) -> int:
       hapscene capture coverage stroke.hsrec --live     # played back on the page
     """
     check_there(options.recording, CaptureError)
-    from hapscene.capture.coverage import Coverage
-    from hapscene.capture.coverage_server import BEAT_S, blocks_of, table
+    from hapscene.capture.coverage_server import BEAT_S, CoveragePage, LiveCoverage, blocks_of, table
     from hapscene.capture.recording_file import load_recording
     from hapscene.interrupt import interrupt_noted
 
@@ -535,22 +523,24 @@ def _coverage(options: argparse.Namespace) -> int:
     rows = {"acceleration": recording.acceleration_m_s2, "force": recording.force_N, "speed": recording.speed_m_s}
     rows["tangential_force"] = recording.tangential_force_N
     streams = {name: row for name, row in rows.items() if row is not None}
-    coverage = Coverage(recording.rate_Hz, tuple(streams), wanted)
+    live = LiveCoverage(wanted)
+    live.start(recording.rate_Hz, tuple(streams))
+    assert live.coverage is not None
     with ExitStack() as stack:
-        noted, live = stack.enter_context(interrupt_noted()), _live(options, stack)
-        if live is not None:
-            live.start(recording.rate_Hz, tuple(streams))
+        noted = stack.enter_context(interrupt_noted())
+        if options.live:
+            _say_line(f"the page: {stack.enter_context(CoveragePage(live, port=options.page_port)).url}")
         begun_s = time.monotonic()
         for first, block in blocks_of(streams, recording.rate_Hz):
-            if noted() or (live is not None and live.stopped.is_set()):
+            if noted() or live.stopped.is_set():
                 break
-            coverage.feed(first, block)
-            if live is not None:
-                live.put(first, block)
+            live.feed(first, block)
+            if options.live:
+                live.publish()
                 time.sleep(max(0.0, begun_s + first / recording.rate_Hz + BEAT_S - time.monotonic()))
-        if live is not None:
-            live.end("the recording is over")
-    tell(table(coverage))
+        live.end("the recording is over")
+        live.publish()
+    tell(table(live.coverage))
     return 0
 
 
