@@ -1,12 +1,21 @@
-"""A server of WebSockets with room for so many connections and no more, for whoever may knock."""
+"""A server of WebSockets with room for so many connections and no more, for whoever may knock; and one of a page.
+
+Whatever a page sends is data of a stranger: every request has the token that was drawn at the start, names a host that
+is ours, and a WebSocket comes from a page of that same host.
+"""
 
 import contextlib
+import hmac
+import http
 import importlib.util
+import ipaddress
 import logging
+import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from threading import BoundedSemaphore, Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
 
 from hapscene.errors import HapsceneError
 
@@ -89,3 +98,108 @@ class WebListener:
         finally:
             self._sockets.discard(taken)
             self._room.release()
+
+
+CONNECTIONS_MAX: Final = 32
+"""Connections of a page at a time [count]: it opens some for its files, and keeps one."""
+
+POLICY: Final = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
+
+
+class PageListener(WebListener):
+    """One port for the files of a page and its WebSocket.
+
+    Args:
+        talk: is given each WebSocket, until it returns.
+        host, port: where to listen; port 0 for any that is free.
+        files: content and kind of each, by name; "" is the page.
+        message_max: longest message [bytes].
+        more: gives content and kind of what is no file, or None, or raises HapsceneError where it cannot be had.
+        option: by which its port is said.
+
+    Attributes:
+        url: of the page, with its token: whoever has it is let in, nobody else.
+        public: whether it is served to others than this machine.
+
+    Raises:
+        HapsceneError: websockets is missing; the port is taken, the host not ours.
+    """
+
+    def __init__(
+        self,
+        talk: "Callable[[ServerConnection], None]",
+        host: str,
+        port: int,
+        *,
+        files: Mapping[str, tuple[bytes, str]],
+        message_max: int,
+        more: Callable[[str], tuple[bytes, str] | None] = lambda name: None,
+        option: str = "--port",
+    ) -> None:
+        self._token, self._files, self._more = secrets.token_urlsafe(16), files, more
+        self._names = {"localhost", "127.0.0.1", "::1", host.lower()}
+        self.public = _is_address(host) and not ipaddress.ip_address(host).is_loopback
+        timing = {"open_timeout": 5.0, "close_timeout": 1.0, "max_size": message_max, "max_queue": 16}
+        page = {"room": CONNECTIONS_MAX, "what": "the page", "option": option, "process_request": self._answer}
+        super().__init__(talk, host, port, **page, **timing)  # type: ignore[arg-type]
+        self.url = f"http://{_shown(host)}:{self.address[1]}/{self._token}/"
+
+    def _answer(self, connection: "ServerConnection", request: Any) -> Any:
+        """A file, a refusal, or None for a WebSocket that is let in."""
+        try:
+            why = self._refusal(request)
+        except (LookupError, ValueError):  # a header twice, or none that can be read
+            why = "this request is not understood"
+        if why:
+            return _response(http.HTTPStatus.FORBIDDEN, why.encode())
+        name = request.path.partition("?")[0].rpartition("/")[2]
+        if name == "socket":
+            return None
+        try:
+            found = self._files.get(name) or self._more(name)
+        except HapsceneError as error:
+            return _response(http.HTTPStatus.NOT_FOUND, str(error).encode())
+        if found is None:
+            return _response(http.HTTPStatus.NOT_FOUND, b"there is no such file")
+        return _response(http.HTTPStatus.OK, *found)
+
+    def _refusal(self, request: Any) -> str:
+        """Why a request gets nothing; empty if it is ours."""
+        host = request.headers.get("Host", "")
+        name = urlsplit(f"//{host}").hostname or ""
+        if not (name in self._names or (self.public and _is_address(name))):
+            return "this host name is not served"
+        token = request.path.partition("?")[0][1:].rpartition("/")[0]
+        if not hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
+            return "this page opens at the address that the terminal printed, with all its letters"
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            origin = urlsplit(request.headers.get("Origin", ""))
+            if origin.scheme not in ("http", "https") or origin.netloc.lower() != host.lower():
+                return "another origin is not served"
+        return ""
+
+
+def _response(status: http.HTTPStatus, content: bytes, kind: str = "text/plain; charset=utf-8") -> Any:
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    headers = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"}
+    headers |= {"Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff", "Connection": "close"}
+    return Response(int(status), status.phrase, Headers(headers | {"Referrer-Policy": "no-referrer"}), content)
+
+
+def _shown(host: str) -> str:
+    """A host as it stands in an address; where that is all of this machine's, the one that others reach it by."""
+    if host in ("0.0.0.0", "::", ""):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(("192.0.2.1", 9))  # sends nothing: only has the way looked up
+            host = probe.getsockname()[0]
+    return f"[{host}]" if ":" in host else host
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

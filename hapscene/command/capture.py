@@ -1,10 +1,12 @@
 """`hapscene capture`: the group of commands of haptography."""
 
 import argparse
+import math
 import os
 import re
 import sys
 import time
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -21,6 +23,8 @@ from hapscene.command.options import (
     check_swatch,
     check_there,
     new_file,
+    pairs,
+    port,
     recording_options,
     seconds,
     whole,
@@ -31,13 +35,14 @@ from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import ManifestEntry, Result
+    from hapscene.capture.coverage import Wanted
     from hapscene.surface.swatch import Swatch
 
 
 def add_capture(commands: Any) -> None:
     """Declare the group and its commands."""
     summary = "haptography: record a surface, fit a swatch to it, judge the fit"
-    add_group(commands, "capture", summary, add_fit, add_record, add_batch, add_report)
+    add_group(commands, "capture", summary, add_fit, add_record, add_coverage, add_batch, add_report)
 
 
 # `hapscene capture fit`.
@@ -411,6 +416,7 @@ def add_record(commands: Any) -> None:
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
     told = "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec)"
     add_out_file(command, "FILE", told)
+    add_coverage_options(command, "show on a page what the fit still lacks, and end when more would not help")
 
 
 def _record(options: argparse.Namespace) -> int:
@@ -419,8 +425,10 @@ def _record(options: argparse.Namespace) -> int:
     for example:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
+      hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5:2   # guided by a page
       python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
     """
+    from hapscene.capture.coverage_server import CoverageProcess
     from hapscene.capture.record import REACHED, STOPPED, record
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
@@ -428,9 +436,18 @@ def _record(options: argparse.Namespace) -> int:
     options.out = options.out or f"recording{SUFFIX}"
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
-    with interrupt_noted() as stopped:
+    with ExitStack() as stack:
+        noted, live = stack.enter_context(interrupt_noted()), None
+        if options.live:
+            live = stack.enter_context(CoverageProcess(_wanted(options), options.page_port))
+            _say_line(f"the page: {live.url}")
+
+        def stopped() -> bool:
+            return noted() or (live is not None and live.done)
+
+        watch = () if live is None else (live,)
         try:
-            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say_line)
+            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say_line, watch=watch)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
@@ -443,12 +460,96 @@ def _record(options: argparse.Namespace) -> int:
         note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
     if count.restarts:
         note(f"the probe began anew {count.restarts} times")
+    tell((live and live.lines) or [])
     name_made([made.path])
     return 0 if made.ended in (STOPPED, REACHED) else 1
 
 
 def _say_line(line: str) -> None:
     say(f"{line}\n")
+
+
+# `hapscene capture coverage`.
+
+
+def add_coverage(commands: Any) -> None:
+    command = add_command(commands, "coverage", _coverage)
+    command.add_argument("recording", metavar="RECORDING", help="CSV, text, WAV, NPZ, MAT or .hsrec")
+    add_coverage_options(command, "play it back on the page of `capture record --live`")
+    add_recording_options(command)
+
+
+def add_coverage_options(command: argparse.ArgumentParser, live: str) -> None:
+    """Adds --live, --page-port, and what is wanted of a recording."""
+    command.add_argument("--live", action="store_true", help=live)
+    command.add_argument("--page-port", type=port, default=0, metavar="N", help="of that page (default: any)")
+    command.add_argument("--force-range", type=_range, metavar="N:N", help="forces wanted (default 0.3:3)")
+    command.add_argument("--speed-range", type=_range, metavar="MM/S:MM/S", help="speeds wanted (default 20:300)")
+    command.add_argument("--taps", type=whole("a number of taps", 0), default=3, help="taps wanted (default 3)")
+    command.add_argument(
+        "--full-scale", type=pairs, default={}, metavar="Q=VALUE,…",
+        help="what sensors reach, in m/s², N and m/s, as acceleration=78,force=10; without, flat tops tell",
+    )  # fmt: skip
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, colon, high = text.partition(":")
+    with suppress(ValueError):
+        if colon and 0.0 < float(low) < float(high) < math.inf:
+            return float(low), float(high)
+    raise argparse.ArgumentTypeError(f"{text[:40]!r}: expected LOW:HIGH, both above 0, as in 0.5:2")
+
+
+def _wanted(options: argparse.Namespace) -> "Wanted":
+    from hapscene.capture.coverage import FORCE_N, SPEED_M_S, Wanted
+
+    low, high = options.speed_range or (1e3 * SPEED_M_S[0], 1e3 * SPEED_M_S[1])
+    full_scale = {}
+    for quantity, text in options.full_scale.items():
+        try:
+            full_scale[quantity] = float(text)
+        except ValueError:
+            raise CaptureError(f"--full-scale {quantity}={text[:40]}: expected a number") from None
+    return Wanted(options.force_range or FORCE_N, (1e-3 * low, 1e-3 * high), options.taps, full_scale)
+
+
+def _coverage(options: argparse.Namespace) -> int:
+    """Tell what a recording holds over force and speed, and what more would help a fit.
+
+    for example:
+      hapscene capture coverage stroke.hsrec
+      hapscene capture coverage oak.csv --rate 10000 --units acceleration=m/s2,speed=mm/s,force=N --force-range 0.5:2
+      hapscene capture coverage stroke.hsrec --live     # played back on the page
+    """
+    check_there(options.recording, CaptureError)
+    from hapscene.capture.coverage_server import BEAT_S, CoveragePage, LiveCoverage, blocks_of, table
+    from hapscene.capture.recording_file import load_recording
+    from hapscene.interrupt import interrupt_noted
+
+    wanted = _wanted(options)
+    recording = load_recording(options.recording, **recording_options(options))
+    rows = {"acceleration": recording.acceleration_m_s2, "force": recording.force_N, "speed": recording.speed_m_s}
+    rows["tangential_force"] = recording.tangential_force_N
+    streams = {name: row for name, row in rows.items() if row is not None}
+    live = LiveCoverage(wanted)
+    live.start(recording.rate_Hz, tuple(streams))
+    assert live.coverage is not None
+    with ExitStack() as stack:
+        noted = stack.enter_context(interrupt_noted())
+        if options.live:
+            _say_line(f"the page: {stack.enter_context(CoveragePage(live, port=options.page_port)).url}")
+        begun_s = time.monotonic()
+        for first, block in blocks_of(streams, recording.rate_Hz):
+            if noted() or live.stopped.is_set():
+                break
+            live.feed(first, block)
+            if options.live:
+                live.publish()
+                time.sleep(max(0.0, begun_s + first / recording.rate_Hz + BEAT_S - time.monotonic()))
+        live.end("the recording is over")
+        live.publish()
+    tell(table(live.coverage))
+    return 0
 
 
 # `hapscene capture report`.

@@ -1,34 +1,27 @@
 """The server of the page: one port for its files and its WebSocket, in the application's process.
 
-Whatever a page sends is data of a stranger: every request has the token that was drawn at the start, names a host that
-is ours, and a WebSocket comes from a page of that same host; messages are short, few, and looked at field by field.
+Whatever a page sends is data of a stranger: who is let in, `web_listener.PageListener` says; messages are short, few,
+and looked at field by field.
 """
 
-import contextlib
-import hmac
-import http
-import ipaddress
 import json
 import math
-import secrets
-import socket
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import resources
 from threading import Event, RLock, Thread
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 import numpy as np
 
 from hapscene.constants import TICK_S
 from hapscene.device.driver_registry import DeviceChoice, choose
-from hapscene.errors import HapsceneError, ViewError
+from hapscene.errors import HapsceneError
 from hapscene.play.pointer_link import PointerLink
 from hapscene.play.top_frame import TopFrame
 from hapscene.view.palette import DARK, LIGHT, albedo_colours
-from hapscene.web_listener import WebListener
+from hapscene.web_listener import PageListener
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
@@ -44,9 +37,6 @@ MESSAGE_MAX: Final = 4096
 
 MESSAGES_MAX_S: Final = 600.0
 """Most messages of a page in a second [1/s]; a page sends 250."""
-
-CONNECTIONS_MAX: Final = 32
-"""Connections at a time [count]: a page opens some for its files, and keeps one."""
 
 STALE_S: Final = 0.5
 """After how long without a word a finger that is down counts as gone [s]: a page repeats it ten times a second."""
@@ -70,8 +60,6 @@ FILES: Final = {
 }
 
 PICTURES: Final = {"light.png": LIGHT, "dark.png": DARK}
-
-POLICY: Final = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 
 Sound = Callable[[bool, float], None]
 """Has sound start or stop, at a volume 0 … 1; raises HapsceneError where that fails."""
@@ -112,32 +100,18 @@ class PageServer:
         self.title, self.tools = title, tools
         self.sound: Sound | None = None
         self._scene, self._kiosk_s = scene, kiosk_s
-        self._token = secrets.token_urlsafe(16)
-        self._names = {"localhost", "127.0.0.1", "::1", host.lower()}
-        self.public = _is_address(host) and not ipaddress.ip_address(host).is_loopback
         self.frame = TopFrame(scene)
         folder = resources.files("hapscene.play")
         self._files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
-        self._listener = WebListener(
-            self._talk,
-            host,
-            port,
-            room=CONNECTIONS_MAX,
-            what="the page",
-            option="--port",
-            process_request=self._answer,
-            open_timeout=5.0,
-            close_timeout=1.0,
-            max_size=MESSAGE_MAX,
-            max_queue=16,
+        self._pictures: dict[str, Future[bytes]] = {}
+        self._listener = PageListener(
+            self._talk, host, port, files=self._files, message_max=MESSAGE_MAX, more=self._picture
         )
-        self.address = self._listener.address
-        self.url = f"http://{_shown(host)}:{self.address[1]}/{self._token}/"
+        self.address, self.url, self.public = self._listener.address, self._listener.url, self._listener.public
         self.link = PointerLink(tools, self.frame.clear_m)
         told = {"door": self.link.port, "key": self.link.key, "tick_s": tick_s}
         self.devices: list[DeviceChoice] = [choose("pointer", tool=tool, **told) for tool in range(tools)]
         self._painters = ThreadPoolExecutor(1, "pictures")
-        self._pictures: dict[str, Future[bytes]] = {}
         self._beats = Thread(target=self._beat)
         self._ended = Event()
         self._servo: Servo | None = None
@@ -183,40 +157,9 @@ class PageServer:
 
     # --- requests and connections
 
-    def _answer(self, connection: "ServerConnection", request: Any) -> Any:
-        """A file, a refusal, or None for a WebSocket that is let in."""
-        try:
-            why = self._refusal(request)
-        except (LookupError, ValueError):  # a header twice, or none that can be read
-            why = "this request is not understood"
-        if why:
-            return _response(http.HTTPStatus.FORBIDDEN, why.encode(), "text/plain; charset=utf-8")
-        name = request.path.partition("?")[0].rpartition("/")[2]
-        if name == "socket":
-            return None
-        if name in self._pictures:
-            try:
-                return _response(http.HTTPStatus.OK, self._pictures[name].result(), "image/png")
-            except ViewError as error:  # no GL: the page has a plain ground
-                return _response(http.HTTPStatus.NOT_FOUND, str(error).encode(), "text/plain; charset=utf-8")
-        if name in self._files:
-            return _response(http.HTTPStatus.OK, *self._files[name])
-        return _response(http.HTTPStatus.NOT_FOUND, b"there is no such file", "text/plain; charset=utf-8")
-
-    def _refusal(self, request: Any) -> str:
-        """Why a request gets nothing; empty if it is ours."""
-        host = request.headers.get("Host", "")
-        name = urlsplit(f"//{host}").hostname or ""
-        if not (name in self._names or (self.public and _is_address(name))):
-            return "this host name is not served"
-        token = request.path.partition("?")[0][1:].rpartition("/")[0]
-        if not hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
-            return "this page opens at the address that the terminal printed, with all its letters"
-        if request.headers.get("Upgrade", "").lower() == "websocket":
-            origin = urlsplit(request.headers.get("Origin", ""))
-            if origin.scheme not in ("http", "https") or origin.netloc.lower() != host.lower():
-                return "another origin is not served"
-        return ""
+    def _picture(self, name: str) -> tuple[bytes, str] | None:
+        """The scene from above; without GL it cannot be drawn, and the page has a plain ground."""
+        return (self._pictures[name].result(), "image/png") if name in self._pictures else None
 
     def _talk(self, connection: "ServerConnection") -> None:
         """Listen to a page until it goes; another thread tells it what is felt."""
@@ -450,29 +393,3 @@ ORDERS: Final[dict[str, Callable[[PageServer, int, Any], None]]] = {
     "here": lambda server, page, value: None,  # somebody is: a kiosk waits on
 }
 """What a page may say: {"points": …, "up": …}."""
-
-
-def _response(status: http.HTTPStatus, content: bytes, kind: str) -> Any:
-    from websockets.datastructures import Headers
-    from websockets.http11 import Response
-
-    headers = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"}
-    headers |= {"Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff", "Connection": "close"}
-    return Response(int(status), status.phrase, Headers(headers | {"Referrer-Policy": "no-referrer"}), content)
-
-
-def _shown(host: str) -> str:
-    """A host as it stands in an address; where that is all of this machine's, the one that others reach it by."""
-    if host in ("0.0.0.0", "::", ""):
-        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect(("192.0.2.1", 9))  # sends nothing: only has the way looked up
-            host = probe.getsockname()[0]
-    return f"[{host}]" if ":" in host else host
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True

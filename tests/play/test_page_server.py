@@ -19,6 +19,7 @@ from websockets.sync.client import connect as connect_socket
 
 import hapscene
 from hapscene.errors import HapsceneError
+from hapscene import web_listener
 from hapscene.play import page_server
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
@@ -166,7 +167,7 @@ def test_too_long_and_too_many_messages_end_the_connection(page: PageServer, mon
 
 
 def test_there_are_only_so_many_connections(page: PageServer) -> None:
-    tabs = [connect(page) for _ in range(page_server.CONNECTIONS_MAX)]
+    tabs = [connect(page) for _ in range(web_listener.CONNECTIONS_MAX)]
     assert status(page.url) == 0
     for tab in tabs:
         assert json.loads(tab.recv())["title"] == "a plate"
