@@ -113,6 +113,9 @@ def record(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
     silence_s: float = SILENCE_S,
+    *,
+    clock: str = "",
+    screen: TextIO | None = None,
 ) -> Made:
     """Records from a probe until it is stopped, the duration is reached, or the probe goes away.
 
@@ -124,6 +127,8 @@ def record(
         stopped: asked about 20 times a second.
         say: called with each line for the user.
         silence_s: how long to wait for the probe's header.
+        clock: noted in the record; those of sources that are recorded beside each other have the same.
+        screen: where the level is shown; None: standard output.
 
     Raises:
         CaptureError: a port that cannot be opened, is silent or speaks another protocol; a file that is there already.
@@ -138,10 +143,11 @@ def record(
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped)
         assert decoder.header is not None
-        with RecordWriter(place, decoder.header) as writer:
+        with RecordWriter(place, decoder.header, clock) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
             say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; Ctrl-C ends it")
-            made = _follow(opened, decoder, runs, writer, duration_s, stopped)
+            meter = Meter(decoder.header.columns, decoder.header.rate_Hz, screen)
+            made = _follow(opened, decoder, runs, writer, meter, duration_s, stopped)
     if not made.count.received:
         place.unlink()
         raise CaptureError(f"{port}: the probe announced itself but sent no samples ({made.ended}): nothing was kept")
@@ -177,12 +183,18 @@ def _wait_for_header(
 
 
 def _follow(
-    opened: Port, decoder: Decoder, runs: list[Run], writer: RecordWriter, duration_s: float | None, stopped: _Stopped
+    opened: Port,
+    decoder: Decoder,
+    runs: list[Run],
+    writer: RecordWriter,
+    meter: Meter,
+    duration_s: float | None,
+    stopped: _Stopped,
 ) -> Made:
     """Writes and shows samples until something ends it."""
     header = decoder.header
     assert header is not None
-    meter = Meter(header.columns, header.rate_Hz)
+    soonest = _Soonest(header.rate_Hz)
     begun_s = synced_s = last_s = time.monotonic()
     full = VALUE_MAX // len(header.columns)
     wanted = full if duration_s is None else min(full, round(duration_s * header.rate_Hz))
@@ -193,6 +205,7 @@ def _follow(
             _keep(runs, wanted, writer, meter)
             now_s = time.monotonic()
             if now_s - synced_s >= SYNC_S:
+                soonest.note(writer)
                 writer.sync()
                 synced_s = now_s
             meter.show(min(decoder.position, wanted), decoder.count, now_s)
@@ -209,12 +222,31 @@ def _follow(
                     runs = decoder.feed(*piece)
                 except CaptureError as error:
                     ended = str(error)
+                soonest.take(decoder.position, last_s)
     finally:
         meter.close()
+    soonest.note(writer)
     count, elapsed_s = decoder.count, last_s - begun_s
     writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
     measured = decoder.position / elapsed_s if elapsed_s >= MEASURED_MIN_S else None
     return Made(writer.path, header.rate_Hz, min(decoder.position, wanted), count, measured, ended)
+
+
+class _Soonest:
+    """Of the pieces since it was last noted the one that came soonest after its samples were taken."""
+
+    def __init__(self, rate_Hz: float) -> None:
+        self._rate_Hz, self._best, self._late_s = rate_Hz, (0, 0.0), math.inf
+
+    def take(self, position: int, time_s: float) -> None:
+        late_s = time_s - position / self._rate_Hz
+        if late_s < self._late_s:
+            self._best, self._late_s = (position, time_s), late_s
+
+    def note(self, writer: RecordWriter) -> None:
+        if self._late_s < math.inf:
+            writer.write_time(*self._best)
+        self._late_s = math.inf
 
 
 def _keep(runs: list[Run], wanted: int, writer: RecordWriter, meter: Meter) -> None:
