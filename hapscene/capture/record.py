@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final, Protocol, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from hapscene.capture.record_file import SUFFIX, SYNC_S, VALUE_MAX, RecordWriter
 from hapscene.errors import CaptureError, Codes
 from hapscene.files import refusing
 from hapscene.wire.port import BAUD, Port
-from hapscene.wire.protocol import VERSION, Column, Count, Decoder, Run
+from hapscene.wire.protocol import VERSION, Column, Count, Decoder, Header, Run
 
 # The level meter of a recording: what each stream does just now, in one line of the terminal.
 
@@ -77,6 +77,26 @@ class Meter:
             self._stream.flush()
 
 
+TELL_S: Final = 0.05
+"""Time between two words to who watches a recording [s]."""
+
+
+class Watcher(Protocol):
+    """Looks on while a recording is made, from its thread: whoever takes long here has the probe wait."""
+
+    def begin(self, header: Header) -> None:
+        """What will come; called once, before all else."""
+
+    def take(self, run: Run) -> None:
+        """Samples, as they are written."""
+
+    def tell(self, count: Count, position: int) -> None:
+        """How it stands, every `TELL_S` or so: what became of the lines, and the sample after the last one."""
+
+    def end(self, why: str) -> None:
+        """It has ended; `why` is empty where an error ended it. Called once, after all else."""
+
+
 SILENCE_S: Final = 5.0
 """How long a port may give no header [s]. Boards that restart when the port is opened take up to 2 s."""
 
@@ -114,8 +134,8 @@ def record(
     say: Callable[[str], None] = lambda line: None,
     silence_s: float = SILENCE_S,
     *,
+    watch: Sequence[Watcher] = (),
     clock: str = "",
-    screen: TextIO | None = None,
 ) -> Made:
     """Records from a probe until it is stopped, the duration is reached, or the probe goes away.
 
@@ -127,8 +147,8 @@ def record(
         stopped: asked about 20 times a second.
         say: called with each line for the user.
         silence_s: how long to wait for the probe's header.
+        watch: who looks on.
         clock: noted in the record; those of sources that are recorded beside each other have the same.
-        screen: where the level is shown; None: standard output.
 
     Raises:
         CaptureError: a port that cannot be opened, is silent or speaks another protocol; a file that is there already.
@@ -146,8 +166,7 @@ def record(
         with RecordWriter(place, decoder.header, clock) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
             say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; Ctrl-C ends it")
-            meter = Meter(decoder.header.columns, decoder.header.rate_Hz, screen)
-            made = _follow(opened, decoder, runs, writer, meter, duration_s, stopped)
+            made = _follow(opened, decoder, runs, writer, duration_s, stopped, watch)
     if not made.count.received:
         place.unlink()
         raise CaptureError(f"{port}: the probe announced itself but sent no samples ({made.ended}): nothing was kept")
@@ -187,28 +206,34 @@ def _follow(
     decoder: Decoder,
     runs: list[Run],
     writer: RecordWriter,
-    meter: Meter,
     duration_s: float | None,
     stopped: _Stopped,
+    watch: Sequence[Watcher],
 ) -> Made:
     """Writes and shows samples until something ends it."""
     header = decoder.header
     assert header is not None
-    soonest = _Soonest(header.rate_Hz)
-    begun_s = synced_s = last_s = time.monotonic()
+    meter, soonest = Meter(header.columns, header.rate_Hz), _Soonest(header.rate_Hz)
+    begun_s = synced_s = told_s = last_s = time.monotonic()
     full = VALUE_MAX // len(header.columns)
     wanted = full if duration_s is None else min(full, round(duration_s * header.rate_Hz))
     overdue_s = begun_s + SILENCE_S + (duration_s or math.inf)
     ended = ""
+    for watcher in watch:
+        watcher.begin(header)
     try:
         while True:
-            _keep(runs, wanted, writer, meter)
+            _keep(runs, wanted, writer, meter, watch)
             now_s = time.monotonic()
             if now_s - synced_s >= SYNC_S:
                 soonest.note(writer)
                 writer.sync()
                 synced_s = now_s
             meter.show(min(decoder.position, wanted), decoder.count, now_s)
+            if now_s - told_s >= TELL_S:
+                for watcher in watch:
+                    watcher.tell(decoder.count, min(decoder.position, wanted))
+                told_s = now_s
             ended = ended or _end(decoder.position, wanted, full, now_s > overdue_s, stopped())
             if ended:
                 break
@@ -225,6 +250,8 @@ def _follow(
                 soonest.take(decoder.position, last_s)
     finally:
         meter.close()
+        for watcher in watch:
+            watcher.end(ended)
     soonest.note(writer)
     count, elapsed_s = decoder.count, last_s - begun_s
     writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
@@ -249,13 +276,16 @@ class _Soonest:
         self._late_s = math.inf
 
 
-def _keep(runs: list[Run], wanted: int, writer: RecordWriter, meter: Meter) -> None:
+def _keep(runs: list[Run], wanted: int, writer: RecordWriter, meter: Meter, watch: Sequence[Watcher]) -> None:
     """Writes and shows what is within the wanted length."""
     for run in runs:
         counts = run.counts[: max(0, wanted - run.first)]
         if len(counts):
-            writer.write(Run(run.first, counts))
+            kept = Run(run.first, counts)
+            writer.write(kept)
             meter.take(counts)
+            for watcher in watch:
+                watcher.take(kept)
 
 
 def _end(position: int, wanted: int, full: int, overdue: bool, stopped: bool) -> str:

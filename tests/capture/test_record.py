@@ -9,19 +9,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hapscene.capture.record import Made, Meter, record
+from hapscene.capture.record import Made, Meter, Watcher, record
 from hapscene.capture.record_file import load_record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
-from hapscene.wire.protocol import Column, Count, Header, header_line, sample_line
+from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
@@ -56,14 +56,20 @@ class Probe:
         self._thread: threading.Thread | None = None
         self._opened = threading.Event()
 
-    def record(self, path: Path, stopped: Callable[[], bool] = lambda: False, **more: float) -> Made:
+    def record(
+        self,
+        path: Path,
+        stopped: Callable[[], bool] = lambda: False,
+        watch: Sequence[Watcher] = (),
+        **more: float,
+    ) -> Made:
         """Records here; the thread writes once the port is open, for opening it throws away what came before."""
 
         def asked() -> bool:
             self._opened.set()
             return stopped()
 
-        return record(self.port, path, stopped=asked, **more)
+        return record(self.port, path, stopped=asked, watch=watch, **more)
 
     def play(self, parts: "Iterator[bytes] | list[bytes]", at_once: bool = False) -> None:
         """Writes the parts from a thread, once the port is open."""
@@ -110,6 +116,52 @@ def recorded(probe: Probe, parts: list[bytes], path: Path, seconds: float) -> Ma
     """Records `seconds` of what the parts give."""
     probe.play([HEADER, *parts])
     return probe.record(path, duration_s=seconds)
+
+
+class Onlooker:
+    """Notes what it is told."""
+
+    def __init__(self) -> None:
+        self.heads: list[Header] = []
+        self.runs: list[Run] = []
+        self.positions: list[int] = []
+        self.ends: list[str] = []
+
+    def begin(self, header: Header) -> None:
+        self.heads.append(header)
+
+    def take(self, run: Run) -> None:
+        assert self.heads and not self.ends
+        self.runs.append(run)
+
+    def tell(self, count: Count, position: int) -> None:
+        assert self.heads and not self.ends
+        self.positions.append(position)
+
+    def end(self, why: str) -> None:
+        self.ends.append(why)
+
+
+def test_who_watches_sees_what_is_written(probe: Probe, tmp_path: Path) -> None:
+    first, second = Onlooker(), Onlooker()
+    told = threading.Event()
+    first.tell = lambda count, position: told.set()  # type: ignore[method-assign]
+
+    def parts() -> Iterator[bytes]:
+        yield from (HEADER, *lines(0, 1000))
+        told.wait(LIMIT_S)
+        yield from lines(1010, 1500)
+
+    probe.play(parts())
+    probe.record(tmp_path / "a.hsrec", watch=(first, second), duration_s=0.7)
+    kept = load_record(tmp_path / "a.hsrec")
+    for onlooker in (first, second):
+        assert [head.rate_Hz for head in onlooker.heads] == [2000.0] and onlooker.ends == [kept.ended]
+        n = np.concatenate([run.first + np.arange(len(run.counts)) for run in onlooker.runs])
+        counts = np.concatenate([run.counts for run in onlooker.runs])
+        np.testing.assert_array_equal(n, [*range(1000), *range(1010, 1400)])  # nothing beyond the duration
+        np.testing.assert_array_equal(counts[:, 0] * 0.001, kept.streams["acceleration"][n])
+    assert second.positions == sorted(second.positions) and second.positions[-1] <= 1400
 
 
 def test_clean(probe: Probe, tmp_path: Path) -> None:
