@@ -124,6 +124,16 @@ class Made:
     ended: str
     """`STOPPED`, `REACHED`, `FULL`, or what went wrong"""
 
+    @property
+    def well(self) -> bool:
+        """Whether it ended as it was asked to."""
+        return self.ended in (STOPPED, REACHED)
+
+    def __str__(self) -> str:
+        count, share = self.count, 100 * self.count.dropped / self.length
+        lost = f"dropped {count.dropped} ({share:.2g} %), torn {count.torn}, garbage {count.garbage}"
+        return f"{self.length / self.rate_Hz:.3f} s; {lost}: {self.ended}"
+
 
 def record(
     port: str,
@@ -231,6 +241,7 @@ def _follow(
                 synced_s = now_s
             meter.show(min(decoder.position, wanted), decoder.count, now_s)
             if now_s - told_s >= TELL_S:
+                writer.flush()
                 for watcher in watch:
                     watcher.tell(decoder.count, min(decoder.position, wanted))
                 told_s = now_s

@@ -40,7 +40,7 @@ SUFFIX: Final = ".hsrec"
 FIRST_LINE: Final = b"hapscene record 1\n"
 
 SYNC_S: Final = 1.0
-"""Longest time that samples wait before they are on the disk [s]: what a power cut can take."""
+"""Longest time that samples wait before they are on the disk [s]: what a power cut can take. A kill takes less."""
 
 VALUE_MAX: Final = 1 << 28
 """Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
@@ -135,8 +135,17 @@ class RecordWriter:
         """Notes when the first `count` samples were there, by the computer's monotonic clock [s]."""
         self._put(b"TIME", count, _TIME.pack(time_s))
 
+    def flush(self) -> None:
+        """Gives what was written to the system: it is safe from a kill.
+
+        Raises:
+            CaptureError: the disk is full or gone.
+        """
+        with self._writing():
+            self._file.flush()
+
     def sync(self) -> None:
-        """Puts what was written on the disk.
+        """Puts what was written on the disk: it is safe from a loss of power.
 
         Raises:
             CaptureError: the disk is full or gone.

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -30,6 +31,7 @@ from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import ManifestEntry, Result
+    from hapscene.capture.record import Made
     from hapscene.surface.swatch import Swatch
 
 
@@ -398,45 +400,85 @@ RATE_TOLERANCE: Final = 0.02
 
 def add_record(commands: Any) -> None:
     command = add_command(commands, "record", _record)
-    command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
+    command.add_argument(
+        "--port", required=True, action="append",
+        help="of the probe: /dev/ttyUSB0, COM3, …; given more than once: of several, recorded side by side",
+    )  # fmt: skip
     command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
-    told = "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec)"
+    told = (
+        "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec); of "
+        "several probes recording-1.hsrec, recording-2.hsrec, …"
+    )
     add_out_file(command, "FILE", told)
 
 
 def _record(options: argparse.Namespace) -> int:
-    """Record from an accelerometer or force probe on a serial port (docs/probe-protocol.md).
+    """Record from an accelerometer or force probe on a serial port, or from several (docs/probe-protocol.md).
 
     for example:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
+      hapscene capture record --port /dev/ttyUSB0 --port /dev/ttyUSB1   # as recording-1.hsrec and recording-2.hsrec
       python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
     """
-    from hapscene.capture.record import REACHED, STOPPED, record
+    from hapscene.capture.record import record
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
 
     options.out = options.out or f"recording{SUFFIX}"
+    if len(options.port) > 1:
+        return _record_many(options)
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
     with interrupt_noted() as stopped:
         try:
-            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say_line)
+            made = record(options.port[0], options.out, options.baud, options.seconds, stopped, _say_line)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
             complain(f"interrupted; what was recorded until then is in {place}")
             return 130
-    count = made.count
-    lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"
-    _say_line(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
-    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
-    if count.restarts:
-        note(f"the probe began anew {count.restarts} times")
+    _say_line(str(made))
+    _note_rate(made)
     name_made([made.path])
-    return 0 if made.ended in (STOPPED, REACHED) else 1
+    return 0 if made.well else 1
+
+
+def _note_rate(made: "Made", which: str = "the probe") -> None:
+    """Notes what a user should know of the probe itself."""
+    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
+        note(f"{which} announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
+    if made.count.restarts:
+        note(f"{which} began anew {made.count.restarts} times")
+
+
+def _record_many(options: argparse.Namespace) -> int:
+    from hapscene.capture.record_many import record_many
+    from hapscene.interrupt import interrupt_noted
+
+    live, line_open = sys.stdout.isatty(), False
+
+    def show(line: str) -> None:
+        nonlocal line_open
+        line_open = live
+        tell_over(line[: shutil.get_terminal_size().columns - 1]) if live else tell([line])
+
+    def say_below(line: str) -> None:
+        nonlocal line_open
+        _say_line(f"{chr(10) * line_open}{line}")
+        line_open = False
+
+    with interrupt_noted() as stopped:
+        results = record_many(
+            options.port, options.out, options.baud, options.seconds, stopped=stopped, say=say_below, show=show
+        )
+    made = [result for result in results if not isinstance(result, str)]
+    for each in made:
+        _note_rate(each, each.path.name)
+    if made:
+        name_made([each.path for each in made])
+    return 0 if len(made) == len(results) and all(each.well for each in made) else 1
 
 
 def _say_line(line: str) -> None:
