@@ -226,10 +226,12 @@ def parse_record(data: bytes) -> Record:
     return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, *told, np.array(clock_s).reshape(-1, 2))
 
 
-def save_npz(record: Record, path: Path) -> None:
+def save_npz(record: Record, path: Path, provenance: str = "") -> None:
     """Writes the streams as NumPy arrays of their names, with `rate_Hz` and `units` ("name=unit"), without pickle."""
     units = np.array([f"{name}={unit}" for name, unit in record.units.items()])
     arrays: dict[str, Any] = {**record.streams, "rate_Hz": record.rate_Hz, "units": units}
+    if provenance:
+        arrays["provenance"] = np.array(provenance)
     try:
         with whole_file(path) as part:
             np.savez_compressed(part, **arrays)

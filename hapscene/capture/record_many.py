@@ -88,8 +88,8 @@ class _Source:
     def __init__(
         self, spawn: Any, port: str, path: Path, baud: int, duration_s: float | None, clock: str, stop: Any
     ) -> None:
-        self.port, self.path, self.result = port, path, None
-        self.result: Made | str | None
+        self.port, self.path = port, path
+        self.result: Made | str | None = None
         self._said, theirs = spawn.Pipe(duplex=False)
         self._state = spawn.RawArray("c", LINE_B)
         arguments = (port, path, baud, duration_s, clock, stop, self._state, theirs)

@@ -207,7 +207,7 @@ def read_surface_recording(
         kept_B = sum(column.nbytes for column in held.values() if column.base is not None)
         needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS)
         check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
-        rate = _rate(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
+        rate = rate_of(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
         recording = _assembled(rate, chosen, rows)
     return replace(recording, bridged=bridged)
 
@@ -248,7 +248,7 @@ def _assembled(rate_Hz: float, chosen: Iterable[str], rows: Callable[[str], list
     return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, single.get("depth"))
 
 
-def _rate(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
+def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
     """The rate as given, else the file's own, else that of its column of times."""
     if given_Hz is not None:
         return float(given_Hz)

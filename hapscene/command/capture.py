@@ -21,6 +21,7 @@ from hapscene.command.options import (
     check_swatch,
     check_there,
     new_file,
+    number,
     recording_options,
     seconds,
     whole,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 def add_capture(commands: Any) -> None:
     """Declare the group and its commands."""
     summary = "haptography: record a surface, fit a swatch to it, judge the fit"
-    add_group(commands, "capture", summary, add_fit, add_record, add_batch, add_report)
+    add_group(commands, "capture", summary, add_fit, add_record, add_join, add_batch, add_report)
 
 
 # `hapscene capture fit`.
@@ -483,6 +484,61 @@ def _record_many(options: argparse.Namespace) -> int:
 
 def _say_line(line: str) -> None:
     say(f"{line}\n")
+
+
+# `hapscene capture join`.
+
+
+def add_join(commands: Any) -> None:
+    command = add_command(commands, "join", _join)
+    command.add_argument(
+        "recordings", metavar="RECORDING", nargs="+", help="CSV, text, WAV, NPZ, MAT or .hsrec, two or more"
+    )
+    add_out_file(command, "FILE", "the .npz file to write (default joined.npz)")
+    command.add_argument(
+        "--within", type=number("milliseconds are", 0.1, 1000.0), metavar="MS",
+        help="how well the clocks must be known, the 95 %% interval to either side (default 5)",
+    )  # fmt: skip
+    add_recording_options(command, several=True)
+
+
+def _join(options: argparse.Namespace) -> int:
+    """Join recordings of one event, made by different devices, into one file with one clock.
+
+    Offset and drift of the clocks are found by taps that both felt, else by how their envelopes rise and fall
+    together, and told with their 95 % interval; where they are not certain, nothing is written. Records made side by
+    side (`hapscene capture record --port … --port …`) know each other by the computer's clock, to some 20 ms.
+
+    for example:
+      hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000 --columns force=Fz --units force=N
+      hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
+      hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
+    """
+    from hapscene.capture.clock_offset import WITHIN_S
+    from hapscene.capture.recording_join import join
+
+    for path in options.recordings:
+        check_there(path, CaptureError)
+    options.out = options.out or new_file("joined.npz", "-o")
+    within_s = WITHIN_S if options.within is None else 1e-3 * options.within
+    made = join(
+        options.recordings,
+        options.out,
+        rates_Hz=options.rates,
+        columns=options.columns,
+        units=options.units,
+        within_s=within_s,
+    )
+    lines = [f"{printable(path.name)}: {known}" for path, known in made.offsets.items()]
+    shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
+    tell([*lines, f"{shared}: {', '.join(made.names)}"])
+    for path, known in made.offsets.items():
+        if known.by == "clock":
+            note(
+                f"{path.name} tells no offset by itself: the computer's clock knows it to {1e3 * known.interval_s:g} ms"
+            )
+    name_made([made.path])
+    return 0
 
 
 # `hapscene capture report`.
