@@ -14,7 +14,7 @@ Where neither is certain, nothing is guessed.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -61,14 +61,15 @@ class ClockOffset:
     interval_s: float
     """half of the 95 % interval of the first clock's reading, where it is largest while both record"""
     by: str
-    """"taps", "envelopes" or "clock" """
+    """"taps"; "vibrations", whose envelopes were compared; "envelopes" of unlike quantities; the computer's "clock\""""
     count: int
     """how many taps or windows were used"""
     ratio: float
     """how far the answer stands above the next best one: matched taps over matched taps, or peak over peak"""
 
     def __str__(self) -> str:
-        how = {"taps": f"{self.count} taps", "envelopes": f"envelopes in {self.count} windows"}
+        windows = f"in {self.count} windows"
+        how = {"taps": f"{self.count} taps", "vibrations": f"vibrations {windows}", "envelopes": f"envelopes {windows}"}
         return (
             f"offset {1e3 * self.offset_s:+.2f} ms, drift {1e6 * self.drift:+.1f} ppm, within "
             f"{1e3 * self.interval_s:.2g} ms (95 %), by {how.get(self.by, 'the clock of the computer')}"
@@ -92,11 +93,12 @@ def clock_offset(
     shared_s = min(first.duration_s, second.duration_s)
     if shared_s < SHARED_MIN_S:
         raise CaptureError(f"{shared_s:.2g} s are too short to compare clocks: at least {SHARED_MIN_S:g} s are needed")
-    found = _by_taps(first, second, near_s)
-    if found is None or found.interval_s > within_s:
-        by_envelopes = _by_envelopes(first, second, near_s)
-        if found is None or (by_envelopes is not None and by_envelopes.interval_s < found.interval_s):
-            found = by_envelopes
+    found: ClockOffset | None = None
+    for way in (_by_taps, _by_vibrations, _by_envelopes):
+        if found is None or found.interval_s > within_s:
+            other = way(first, second, near_s)
+            if found is None or (other is not None and other.interval_s < found.interval_s):
+                found = other
     if found is None:
         raise CaptureError(
             f"the two recordings share nothing that tells their clocks' offset for sure (looked for within "
@@ -107,13 +109,13 @@ def clock_offset(
     return found
 
 
-SHARED_MIN_S: Final = 2.0
+SHARED_MIN_S: Final = 1.0
 """Shortest recordings whose clocks are compared [s]."""
 
 
 def vibrates(name: str) -> bool:
     """Whether a stream of this name swings about nothing: an acceleration, a channel of sound."""
-    return name.startswith("acceleration") or name.isdigit()
+    return name.lower().startswith("acc") or name.isdigit()
 
 
 # By taps.
@@ -121,10 +123,17 @@ def vibrates(name: str) -> bool:
 RISE: Final = 30.0
 """How many times more power a tap has than what was before it [1]."""
 
-HIGH_HZ, LOW_HZ = 20.0, 200.0
 FAINT: Final = 1e-3
+"""Power that counts as nothing, against the mean one [1]."""
+
+HIGH_HZ, LOW_HZ = 20.0, 200.0
+"""What of a vibration, and what of a force and the like, is looked at: above, and below, of this [Hz]."""
+
 BEFORE_S, AFTER_S, APART_S = 0.1, 0.01, 0.1
 """What is compared before and after a moment; least time between two taps [s]."""
+
+BRIEF: Final = 0.3
+"""What is left of a tap two tenths of a second after it began, at most, against its first tenth [1]."""
 
 ONSET_MAX: Final = 300
 """Most taps of a recording that are compared, the clearest [count]."""
@@ -158,14 +167,27 @@ def onsets(x: Array, rate_Hz: float, vibrates: bool = True) -> Array:
     rise = loud / (quiet + FAINT * loud.mean() + 1e-300)
     peaks, _ = find_peaks(np.log(rise + 1e-300), height=np.log(RISE), distance=max(1, round(APART_S * rate_Hz)))
     clearest = np.sort(peaks[np.argsort(rise[peaks])[-ONSET_MAX:]]) + before
-    first = _first_arrival if vibrates else _first_rise
+    timed, first = (moved, _first_arrival) if vibrates else (x, _first_rise)
     return np.array(
         [
-            (peak - before // 4 + first(x_of[peak - before // 4 : peak + after])) / rate_Hz
-            for x_of in [moved if vibrates else x]
+            (peak - before // 4 + first(timed[peak - before // 4 : peak + after])) / rate_Hz
             for peak in clearest
+            if _is_brief(timed[peak - before // 4 :], before)
         ]
     )
+
+
+def _is_brief(rest: Array, before: int) -> bool:
+    """Whether what begins here is soon over, as a tap is. A stroke is not, and begins less suddenly than it seems.
+
+    Args:
+        rest: (n,) the signal from shortly before it begins on.
+        before: `BEFORE_S` in samples.
+    """
+    after = rest[2 * before : 3 * before]
+    away = np.abs(rest[: 3 * before] - np.median(rest[: before // 4]))
+    level = float(np.sqrt((away[:before] ** 2).mean()))
+    return len(after) == before and float(np.sqrt((away[2 * before :] ** 2).mean())) < BRIEF * level
 
 
 def _first_arrival(part: Array) -> float:
@@ -261,9 +283,9 @@ def _student(free: int) -> float:
     return float(t.ppf(0.975, free))
 
 
-SYSTEMATIC_S: Final = {"taps": 0.2e-3, "envelopes": 0.5e-3}
-"""By how much two quantities begin, or rise and fall, apart, standard deviation [s]: of made recordings, force against
-acceleration. No interval of one recording can know it."""
+SYSTEMATIC_S: Final = {"taps": 0.2e-3, "vibrations": 0.3e-3, "envelopes": 1e-3}
+"""By how much two streams begin, or rise and fall, apart, standard deviation [s]: of made recordings. No recording by
+itself can know it, nor what a sensor's filter delays: that is part of the offset."""
 
 SPREAD_MIN_S: Final = 0.2e-3
 """Least spread of the times of a tap that is believed [s]."""
@@ -320,13 +342,26 @@ def activity(x: Array, rate_Hz: float, vibrates: bool) -> Array:
     return np.asarray(np.clip(slope, -4.0, 4.0))
 
 
+def _by_vibrations(first: ClockedStreams, second: ClockedStreams, near_s: float) -> ClockOffset | None:
+    """By what vibrates alone, where both have that: no sensor's filter stands between."""
+    both = []
+    for each in (first, second):
+        streams = {name: stream for name, stream in each.streams.items() if vibrates(name)}
+        if not streams:
+            return None
+        both.append(replace(each, streams=streams))
+    return _by_envelopes(both[0], both[1], near_s, "vibrations")
+
+
 def _activities(recording: ClockedStreams) -> list[Array]:
     """Of every stream how its vibrations rise and fall, and of one that does not vibrate how it does itself."""
     kinds = [(stream, kind) for name, stream in recording.streams.items() for kind in {True, vibrates(name)}]
     return [activity(stream, recording.rate_Hz, kind) for stream, kind in kinds]
 
 
-def _by_envelopes(first: ClockedStreams, second: ClockedStreams, near_s: float) -> ClockOffset | None:
+def _by_envelopes(
+    first: ClockedStreams, second: ClockedStreams, near_s: float, by: str = "envelopes"
+) -> ClockOffset | None:
     """The line along which the windows' cross-correlations sum up to most; None where another does about as well."""
     start_s, stop_s = _shared(near_s, first.duration_s, second.duration_s)
     if stop_s - start_s < SHARED_MIN_S:
@@ -358,10 +393,10 @@ def _by_envelopes(first: ClockedStreams, second: ClockedStreams, near_s: float) 
     around_s = near_s + (int(lag) - most) / FEATURE_HZ
     found, covariance = _drawn(joint, x_s, int(lag) + extra)
     ends = np.array([[1.0, time_s - middles_s.mean()] for time_s in (start_s, stop_s)])
-    spread_s = np.sqrt(float(np.diag(ends @ covariance @ ends.T).max()) + SYSTEMATIC_S["envelopes"] ** 2)
+    spread_s = np.sqrt(float(np.diag(ends @ covariance @ ends.T).max()) + SYSTEMATIC_S[by] ** 2)
     half_s = float(_student(count - 2) * spread_s)
     offset_s = around_s + found[0] - found[1] * middles_s.mean()
-    return ClockOffset(float(offset_s), float(found[1]), half_s, "envelopes", count, ratio)
+    return ClockOffset(float(offset_s), float(found[1]), half_s, by, count, ratio)
 
 
 def _correlations(ours: Array, other: Array, edges: NDArray[np.int64], near: int, most: int) -> Array:

@@ -533,6 +533,8 @@ def _join(options: argparse.Namespace) -> int:
     shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
     tell([*lines, f"{shared}: {', '.join(made.names)}"])
     for path, known in made.offsets.items():
+        if known.by == "envelopes":
+            note(f"{path.name}: of unlike quantities; what a sensor's filter delays counts as offset")
         if known.by == "clock":
             note(
                 f"{path.name} tells no offset by itself: the computer's clock knows it to {1e3 * known.interval_s:g} ms"
