@@ -124,6 +124,16 @@ class Made:
     ended: str
     """`STOPPED`, `REACHED`, `FULL`, or what went wrong"""
 
+    @property
+    def well(self) -> bool:
+        """Whether it ended as it was asked to."""
+        return self.ended in (STOPPED, REACHED)
+
+    def __str__(self) -> str:
+        count, share = self.count, 100 * self.count.dropped / self.length
+        lost = f"dropped {count.dropped} ({share:.2g} %), torn {count.torn}, garbage {count.garbage}"
+        return f"{self.length / self.rate_Hz:.3f} s; {lost}: {self.ended}"
+
 
 def record(
     port: str,
@@ -135,6 +145,7 @@ def record(
     silence_s: float = SILENCE_S,
     *,
     watch: Sequence[Watcher] = (),
+    clock: str = "",
 ) -> Made:
     """Records from a probe until it is stopped, the duration is reached, or the probe goes away.
 
@@ -147,6 +158,7 @@ def record(
         say: called with each line for the user.
         silence_s: how long to wait for the probe's header.
         watch: who looks on.
+        clock: noted in the record; those of sources that are recorded beside each other have the same.
 
     Raises:
         CaptureError: a port that cannot be opened, is silent or speaks another protocol; a file that is there already.
@@ -161,7 +173,7 @@ def record(
     with closing(Port(port, baud)) as opened:
         decoder, runs = _wait_for_header(opened, port, baud, silence_s, stopped)
         assert decoder.header is not None
-        with RecordWriter(place, decoder.header) as writer:
+        with RecordWriter(place, decoder.header, clock) as writer:
             names = ", ".join(f"{c.name} [{c.unit}]" for c in decoder.header.columns)
             say(f"recording {names} at {decoder.header.rate_Hz:g} Hz into {place}; Ctrl-C ends it")
             made = _follow(opened, decoder, runs, writer, duration_s, stopped, watch)
@@ -211,7 +223,7 @@ def _follow(
     """Writes and shows samples until something ends it."""
     header = decoder.header
     assert header is not None
-    meter = Meter(header.columns, header.rate_Hz)
+    meter, soonest = Meter(header.columns, header.rate_Hz), _Soonest(header.rate_Hz)
     begun_s = synced_s = told_s = last_s = time.monotonic()
     full = VALUE_MAX // len(header.columns)
     wanted = full if duration_s is None else min(full, round(duration_s * header.rate_Hz))
@@ -224,10 +236,12 @@ def _follow(
             _keep(runs, wanted, writer, meter, watch)
             now_s = time.monotonic()
             if now_s - synced_s >= SYNC_S:
+                soonest.note(writer)
                 writer.sync()
                 synced_s = now_s
             meter.show(min(decoder.position, wanted), decoder.count, now_s)
             if now_s - told_s >= TELL_S:
+                writer.flush()
                 for watcher in watch:
                     watcher.tell(decoder.count, min(decoder.position, wanted))
                 told_s = now_s
@@ -244,14 +258,33 @@ def _follow(
                     runs = decoder.feed(*piece)
                 except CaptureError as error:
                     ended = str(error)
+                soonest.take(decoder.position, last_s)
     finally:
         meter.close()
         for watcher in watch:
             watcher.end(ended)
+    soonest.note(writer)
     count, elapsed_s = decoder.count, last_s - begun_s
     writer.end(ended, received=count.received, dropped=count.dropped, torn=count.torn, garbage=count.garbage)
     measured = decoder.position / elapsed_s if elapsed_s >= MEASURED_MIN_S else None
     return Made(writer.path, header.rate_Hz, min(decoder.position, wanted), count, measured, ended)
+
+
+class _Soonest:
+    """Of the pieces since it was last noted the one that came soonest after its samples were taken."""
+
+    def __init__(self, rate_Hz: float) -> None:
+        self._rate_Hz, self._best, self._late_s = rate_Hz, (0, 0.0), math.inf
+
+    def take(self, position: int, time_s: float) -> None:
+        late_s = time_s - position / self._rate_Hz
+        if late_s < self._late_s:
+            self._best, self._late_s = (position, time_s), late_s
+
+    def note(self, writer: RecordWriter) -> None:
+        if self._late_s < math.inf:
+            writer.write_time(*self._best)
+        self._late_s = math.inf
 
 
 def _keep(runs: list[Run], wanted: int, writer: RecordWriter, meter: Meter, watch: Sequence[Watcher]) -> None:

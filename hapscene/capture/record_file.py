@@ -2,14 +2,17 @@
 
 The file (suffix .hsrec) begins with the line `hapscene record 1`. Chunks follow, little-endian:
 
-    kind     4 bytes   HEAD, DATA or END.
+    kind     4 bytes   HEAD, DATA, TIME or END.
     length   uint32    of the payload [bytes]
     first    uint64    number of the chunk's first sample; 0 in HEAD and END.
-    payload            HEAD, END.: JSON; DATA: int32 counts, a row a sample
+    payload            HEAD, END.: JSON; DATA: int32 counts, a row a sample; TIME: float64, as below
     check    uint32    CRC-32 of all the above
 
 A chunk of data is a run of samples without a gap: what lies between two chunks was dropped. The file is only ever
 appended to, and put on the disk about each second. A reader stops at a chunk that is torn, if it is the last.
+
+A chunk of time, about each second, says when the computer had the samples before `first`: its monotonic clock [s]. Two
+records whose headers say the same `clock` were made beside each other, by one such clock.
 """
 
 import datetime
@@ -21,7 +24,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -37,7 +40,7 @@ SUFFIX: Final = ".hsrec"
 FIRST_LINE: Final = b"hapscene record 1\n"
 
 SYNC_S: Final = 1.0
-"""Longest time that samples wait before they are on the disk [s]: what a power cut can take."""
+"""Longest time that samples wait before they are on the disk [s]: what a power cut can take. A kill takes less."""
 
 VALUE_MAX: Final = 1 << 28
 """Most values of a record, gaps included [count]: 1.8 hours of four columns at 10 kHz, 2 GiB in memory."""
@@ -48,11 +51,15 @@ RUN_MAX: Final = 4096
 PAYLOAD_MAX: Final = 4 * RUN_MAX * COLUMN_MAX
 """Longest payload that is looked for behind a torn chunk [bytes]."""
 
+CLOCK_MAX: Final = 1 << 16
+"""Most times of the computer's clock that are read of a record [count]: 18 hours of them."""
+
 JSON_MAX: Final = 65_536
 """Longest header or end [bytes]; those of 16 columns have 2,000."""
 
 _CHUNK: Final = struct.Struct("<4sIQ")
 _CHECK: Final = struct.Struct("<I")
+_TIME: Final = struct.Struct("<d")
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,10 @@ class Record:
     """date and time of the start, ISO 8601"""
     ended: str | None
     """how the recording ended; None where it was cut: killed, power lost, or still running"""
+    clock: str = ""
+    """records that say the same were made by one clock of a computer, beside each other"""
+    clock_s: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    """(k, 2): so many samples, and what the computer's clock read when it had them [s]; never before they were taken"""
 
     @property
     def missing(self) -> NDArray[np.bool_]:
@@ -85,8 +96,8 @@ def taken(path: Path) -> CaptureError:
 class RecordWriter:
     """Appends to a new record. To be used with `with`; a record that is cut short stays readable."""
 
-    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
-        """Begins the file.
+    def __init__(self, path: str | os.PathLike[str], header: Header, clock: str = "") -> None:
+        """Begins the file; `clock` is as in `Record`.
 
         Raises:
             CaptureError: another suffix; a file that is there already, for a recording cannot be made again.
@@ -101,7 +112,8 @@ class RecordWriter:
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be written: {error.strerror}") from None
         started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        head = {"rate_Hz": header.rate_Hz, "started": started, "columns": [asdict(c) for c in header.columns]}
+        columns = [asdict(c) for c in header.columns]
+        head = {"rate_Hz": header.rate_Hz, "started": started, "columns": columns, "clock": clock}
         self._file.write(FIRST_LINE)
         self._put(b"HEAD", 0, json.dumps(head).encode())
         self.sync()
@@ -119,8 +131,21 @@ class RecordWriter:
             part = run.counts[start : start + RUN_MAX]
             self._put(b"DATA", run.first + start, part.astype("<i4").tobytes())
 
+    def write_time(self, count: int, time_s: float) -> None:
+        """Notes when the first `count` samples were there, by the computer's monotonic clock [s]."""
+        self._put(b"TIME", count, _TIME.pack(time_s))
+
+    def flush(self) -> None:
+        """Gives what was written to the system: it is safe from a kill.
+
+        Raises:
+            CaptureError: the disk is full or gone.
+        """
+        with self._writing():
+            self._file.flush()
+
     def sync(self) -> None:
-        """Puts what was written on the disk.
+        """Puts what was written on the disk: it is safe from a loss of power.
 
         Raises:
             CaptureError: the disk is full or gone.
@@ -175,11 +200,14 @@ def parse_record(data: bytes) -> Record:
     head = _json(payload)
     rate_Hz, columns = _head(head)
     length, ended = 0, None
+    clock_s: list[tuple[float, float]] = []
     for kind, first, payload in _chunks(data):
         if kind == b"DATA" and len(payload) % (4 * len(columns)) == 0:
             length = max(length, first + len(payload) // (4 * len(columns)))
         elif kind == b"END.":
             ended = str(_json(payload).get("ended"))
+        elif kind == b"TIME" and len(payload) == _TIME.size and len(clock_s) < CLOCK_MAX:
+            clock_s.append((first, _TIME.unpack(payload)[0]))
     if not length:
         raise CaptureError("holds no samples")
     if length * len(columns) > VALUE_MAX:
@@ -194,13 +222,16 @@ def parse_record(data: bytes) -> Record:
                 stream[first : first + len(rows)] = counts
     for column in columns:
         streams[column.name] *= column.scale
-    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, str(head.get("started")), ended)
+    told = str(head.get("started")), ended, str(head.get("clock", ""))
+    return Record(rate_Hz, streams, {c.name: c.unit for c in columns}, *told, np.array(clock_s).reshape(-1, 2))
 
 
-def save_npz(record: Record, path: Path) -> None:
+def save_npz(record: Record, path: Path, provenance: str = "") -> None:
     """Writes the streams as NumPy arrays of their names, with `rate_Hz` and `units` ("name=unit"), without pickle."""
     units = np.array([f"{name}={unit}" for name, unit in record.units.items()])
     arrays: dict[str, Any] = {**record.streams, "rate_Hz": record.rate_Hz, "units": units}
+    if provenance:
+        arrays["provenance"] = np.array(provenance)
     try:
         with whole_file(path) as part:
             np.savez_compressed(part, **arrays)
@@ -218,7 +249,7 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, memoryview]]:
     while (chunk := _chunk(data, at)) is not None:
         yield chunk
         at += _CHUNK.size + len(chunk[2]) + _CHECK.size
-    kinds = re.compile(rb"DATA|END\.").finditer(data, at + 1)
+    kinds = re.compile(rb"DATA|TIME|END\.").finditer(data, at + 1)
     if any(_chunk(data, found.start(), PAYLOAD_MAX) is not None for found in islice(kinds, 1000)):
         raise CaptureError(f"damaged at byte {at:,}: samples are lost there, and others follow")
 

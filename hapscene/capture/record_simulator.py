@@ -29,6 +29,10 @@ LEVEL: Final = 10.0
 BLOCK_S: Final = 0.01
 """Time between two writes [s]."""
 
+HELD_B: Final = 65_536
+"""What is held for a reader that is late [bytes]: as much as Linux does for a serial port; for a pseudo-terminal it
+holds an eighth of it, too little where the reader, or this simulator, waits for a busy core."""
+
 
 def strokes(rate_Hz: float, seed: int = 0) -> Iterator[np.ndarray]:
     """Blocks of `BLOCK_S` of counts (k, 4) for `COLUMNS`, without end."""
@@ -73,14 +77,17 @@ def main(arguments: list[str] | None = None) -> int:
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
 
     wire = simulated_port(parser)
-    start_s = time.monotonic()
+    start_s, held = time.monotonic(), b""
     with suppress(KeyboardInterrupt):
         for turn, text in enumerate(lines(options.rate, options.seed, options.drop)):
             if turn * BLOCK_S >= options.seconds:
                 break
             time.sleep(max(0.0, start_s + turn * BLOCK_S - time.monotonic()))
-            with suppress(BlockingIOError):  # nobody reads: lost, as on a wire
-                os.write(wire, text)
+            held += text
+            with suppress(BlockingIOError):
+                held = held[os.write(wire, held) :]
+            if len(held) > HELD_B:  # nobody reads: lost, as on a wire
+                held = b""
     return 0
 
 

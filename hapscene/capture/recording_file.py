@@ -229,7 +229,7 @@ def read_surface_recording(
         kept_B = sum(column.nbytes for column in held.values() if column.base is not None)
         needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS + ("position" in chosen))
         check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
-        rate = _rate(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
+        rate = rate_of(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
         recording = _assembled(rate, chosen, rows)
     return replace(recording, bridged=bridged)
 
@@ -302,7 +302,7 @@ def tilt(quaternion: list[Array]) -> Array:
     return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
-def _rate(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
+def rate_of(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
     """The rate as given, else the file's own, else that of its column of times."""
     if given_Hz is not None:
         return float(given_Hz)

@@ -4,6 +4,7 @@ import argparse
 import math
 import os
 import re
+import shutil
 import sys
 import time
 from contextlib import ExitStack, suppress
@@ -23,6 +24,7 @@ from hapscene.command.options import (
     check_swatch,
     check_there,
     new_file,
+    number,
     pairs,
     port,
     recording_options,
@@ -36,13 +38,15 @@ from hapscene.wire.port import BAUD
 if TYPE_CHECKING:
     from hapscene.capture.batch import ManifestEntry, Result
     from hapscene.capture.coverage import Wanted
+    from hapscene.capture.record import Made
     from hapscene.surface.swatch import Swatch
 
 
 def add_capture(commands: Any) -> None:
     """Declare the group and its commands."""
     summary = "haptography: record a surface, fit a swatch to it, judge the fit"
-    add_group(commands, "capture", summary, add_fit, add_record, add_coverage, add_batch, add_report)
+    parts = (add_fit, add_record, add_coverage, add_join, add_batch, add_report)
+    add_group(commands, "capture", summary, *parts)
 
 
 # `hapscene capture fit`.
@@ -411,29 +415,40 @@ RATE_TOLERANCE: Final = 0.02
 
 def add_record(commands: Any) -> None:
     command = add_command(commands, "record", _record)
-    command.add_argument("--port", required=True, help="of the probe: /dev/ttyUSB0, COM3, …")
+    command.add_argument(
+        "--port", required=True, action="append",
+        help="of the probe: /dev/ttyUSB0, COM3, …; given more than once: of several, recorded side by side",
+    )  # fmt: skip
     command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
     command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
-    told = "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec)"
+    told = (
+        "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec); of "
+        "several probes recording-1.hsrec, recording-2.hsrec, …"
+    )
     add_out_file(command, "FILE", told)
     add_coverage_options(command, "show on a page what the fit still lacks, and end when more would not help")
 
 
 def _record(options: argparse.Namespace) -> int:
-    """Record from an accelerometer or force probe on a serial port (docs/probe-protocol.md).
+    """Record from an accelerometer or force probe on a serial port, or from several (docs/probe-protocol.md).
 
     for example:
       hapscene capture record --port /dev/ttyUSB0
       hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
       hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5:2   # guided by a page
+      hapscene capture record --port /dev/ttyUSB0 --port /dev/ttyUSB1   # as recording-1.hsrec and recording-2.hsrec
       python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
     """
     from hapscene.capture.coverage_server import CoverageProcess
-    from hapscene.capture.record import REACHED, STOPPED, record
+    from hapscene.capture.record import record
     from hapscene.capture.record_file import SUFFIX
     from hapscene.interrupt import interrupt_noted
 
     options.out = options.out or f"recording{SUFFIX}"
+    if len(options.port) > 1:
+        if options.live:
+            raise CaptureError("--live is for one probe: leave it out, or name one --port")
+        return _record_many(options)
     place = Path(options.out).with_suffix(SUFFIX)
     was_there = place.exists()
     with ExitStack() as stack:
@@ -447,22 +462,53 @@ def _record(options: argparse.Namespace) -> int:
 
         watch = () if live is None else (live,)
         try:
-            made = record(options.port, options.out, options.baud, options.seconds, stopped, _say_line, watch=watch)
+            made = record(options.port[0], options.out, options.baud, options.seconds, stopped, _say_line, watch=watch)
         except KeyboardInterrupt:
             if was_there or not place.exists():
                 raise
             complain(f"interrupted; what was recorded until then is in {place}")
             return 130
-    count = made.count
-    lost = f"dropped {count.dropped} ({100 * count.dropped / made.length:.2g} %)"
-    _say_line(f"{made.length / made.rate_Hz:.3f} s; {lost}, torn {count.torn}, garbage {count.garbage}: {made.ended}")
-    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        note(f"the probe announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
-    if count.restarts:
-        note(f"the probe began anew {count.restarts} times")
+    _say_line(str(made))
+    _note_rate(made)
     tell((live and live.lines) or [])
     name_made([made.path])
-    return 0 if made.ended in (STOPPED, REACHED) else 1
+    return 0 if made.well else 1
+
+
+def _note_rate(made: "Made", which: str = "the probe") -> None:
+    """Notes what a user should know of the probe itself."""
+    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
+        note(f"{which} announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
+    if made.count.restarts:
+        note(f"{which} began anew {made.count.restarts} times")
+
+
+def _record_many(options: argparse.Namespace) -> int:
+    from hapscene.capture.record_many import record_many
+    from hapscene.interrupt import interrupt_noted
+
+    live, line_open = sys.stdout.isatty(), False
+
+    def show(line: str) -> None:
+        nonlocal line_open
+        line_open = live
+        tell_over(line[: shutil.get_terminal_size().columns - 1]) if live else tell([line])
+
+    def say_below(line: str) -> None:
+        nonlocal line_open
+        _say_line(f"{chr(10) * line_open}{line}")
+        line_open = False
+
+    with interrupt_noted() as stopped:
+        results = record_many(
+            options.port, options.out, options.baud, options.seconds, stopped=stopped, say=say_below, show=show
+        )
+    made = [result for result in results if not isinstance(result, str)]
+    for each in made:
+        _note_rate(each, each.path.name)
+    if made:
+        name_made([each.path for each in made])
+    return 0 if len(made) == len(results) and all(each.well for each in made) else 1
 
 
 def _say_line(line: str) -> None:
@@ -549,6 +595,62 @@ def _coverage(options: argparse.Namespace) -> int:
         live.end("the recording is over")
         live.publish()
     tell(table(live.coverage))
+
+
+# `hapscene capture join`.
+
+
+def add_join(commands: Any) -> None:
+    command = add_command(commands, "join", _join)
+    command.add_argument(
+        "recordings", metavar="RECORDING", nargs="+", help="CSV, text, WAV, NPZ, MAT or .hsrec, two or more"
+    )
+    add_out_file(command, "FILE", "the .npz file to write (default joined.npz)")
+    command.add_argument(
+        "--within", type=number("milliseconds are", 0.1, 1000.0), metavar="MS",
+        help="how well the clocks must be known, the 95 %% interval to either side (default 5)",
+    )  # fmt: skip
+    add_recording_options(command, several=True)
+
+
+def _join(options: argparse.Namespace) -> int:
+    """Join recordings of one event, made by different devices, into one file with one clock.
+
+    Offset and drift of the clocks are found by taps that both felt, else by how their envelopes rise and fall
+    together, and told with their 95 % interval; where they are not certain, nothing is written. Records made side by
+    side (`hapscene capture record --port … --port …`) know each other by the computer's clock, to some 20 ms.
+
+    for example:
+      hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000 --columns force=Fz --units force=N
+      hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
+      hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
+    """
+    from hapscene.capture.clock_offset import WITHIN_S
+    from hapscene.capture.recording_join import join
+
+    for path in options.recordings:
+        check_there(path, CaptureError)
+    options.out = options.out or new_file("joined.npz", "-o")
+    within_s = WITHIN_S if options.within is None else 1e-3 * options.within
+    made = join(
+        options.recordings,
+        options.out,
+        rates_Hz=options.rates,
+        columns=options.columns,
+        units=options.units,
+        within_s=within_s,
+    )
+    lines = [f"{printable(path.name)}: {known}" for path, known in made.offsets.items()]
+    shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
+    tell([*lines, f"{shared}: {', '.join(made.names)}"])
+    for path, known in made.offsets.items():
+        if known.by == "envelopes":
+            note(f"{path.name}: of unlike quantities; what a sensor's filter delays counts as offset")
+        if known.by == "clock":
+            note(
+                f"{path.name} tells no offset by itself: the computer's clock knows it to {1e3 * known.interval_s:g} ms"
+            )
+    name_made([made.path])
     return 0
 
 

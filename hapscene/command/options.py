@@ -350,10 +350,19 @@ def setting(text: str) -> tuple[str, str, Any]:
 # The options that say what a recording file does not: its rate, its columns, its units.
 
 
-def add_recording_options(command: argparse.ArgumentParser) -> None:
-    """Adds --rate, --columns and --units; they end up as `rate`, `columns` and `units` of the options."""
+def add_recording_options(command: argparse.ArgumentParser, several: bool = False) -> None:
+    """Adds --rate, --columns and --units; they end up as `rate`, `columns` and `units` of the options.
+
+    Where `several` files stand beside each other, --rate may be a list, `rates`.
+    """
     group = command.add_argument_group("what a recording's file does not say")
-    group.add_argument("--rate", type=rate, metavar="HZ", help="sample rate [Hz]")
+    if several:
+        group.add_argument(
+            "--rate", dest="rates", type=rates, default=(), metavar="HZ,…",
+            help="sample rates [Hz] of the files that do not say theirs: one for all, or one each",
+        )  # fmt: skip
+    else:
+        group.add_argument("--rate", type=rate, metavar="HZ", help="sample rate [Hz]")
     group.add_argument(
         "--columns", type=pairs, default={}, metavar="Q=COLUMN,…",
         help="which column holds which quantity, as in acceleration=accel,speed=v",
@@ -362,6 +371,11 @@ def add_recording_options(command: argparse.ArgumentParser) -> None:
         "--units", type=pairs, default={}, metavar="Q=UNIT,…",
         help="units of the quantities, as in acceleration=g,force=N,speed=mm/s",
     )  # fmt: skip
+
+
+def rates(text: str) -> list[float]:
+    """Rates as in "10000,1000"."""
+    return [rate(part) for part in text.split(",")]
 
 
 def pairs(text: str) -> Mapping[str, str]:
