@@ -107,7 +107,10 @@ def _locate(world: Any, surface: Any, p_WT: Vector, p_WP: Vector) -> Vector:
     touch, proxy = surface.touch[0], world.proxy[0]
     by = proxy.by
     touch.body, touch.face = proxy.body[by], proxy.face[by]
-    _set(touch.bary, barycentric(world, world.bodies[touch.body], touch.face, p_WP))
+    body = world.bodies[touch.body]
+    for i in range(3):
+        touch.x_WB[i], touch.y_WB[i] = body.R_WB[i, 0], body.R_WB[i, 1]
+    _set(touch.bary, barycentric(world, body, touch.face, p_WP))
     paint = int(surface.paint[surface.paint_start[touch.body] + touch.face])
     if paint < 0:
         paint = paint_at(surface.leaf, surface.leaf_start[-1 - paint], surface.leaf_start[-paint], touch.bary)

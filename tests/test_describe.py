@@ -157,3 +157,12 @@ def test_what_dies_away_is_nothing_in_the_end(renderer):
     assert forces[250] == pytest.approx(0.2, rel=1e-6)
     for row in (slips, forces):
         assert np.all((row == 0.0) | (np.abs(row) > 1e-15))
+
+
+def test_the_axes_of_the_touched_body(renderer):
+    """They turn with it, for what a surface is by direction."""
+    turned = moved(np.zeros((3, 3)))
+    turned[:, :3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    rows = told(renderer, [[0, 0, 0.001], [0, 0, -0.001], [0, 0, -0.001]], {"box": turned})
+    np.testing.assert_allclose(rows["x_WB"][1:], [[0, 1, 0]] * 2, atol=1e-12)
+    np.testing.assert_allclose(rows["y_WB"][1:], [[-1, 0, 0]] * 2, atol=1e-12)

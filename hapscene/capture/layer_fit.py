@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.capture import metric
-from hapscene.capture.streams import Array
+from hapscene.capture.streams import Array, third_of
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.perception import BAND_DB
 from hapscene.surface.texture import LAYERS_MAX, PERIOD_RAD
@@ -27,8 +27,18 @@ COUNTS: Final = {"axis": (2, 3, 4), "direction": (2, 3, 4, 6, LAYERS_MAX), "cont
 APART_RAD: Final = {"axis": 0.35, "direction": 0.35, "contact_angle": 0.087}
 """How near to one another layers may stand [rad]: 20°, and 5° of the tool's angle. A hand keeps to neither better."""
 
+STARTS: Final = 8
+"""How often layers are placed, begun at other angles [count]: on a whole circle they may stand anywhere."""
+
+SAME_RAD: Final = 0.05
+"""How near layers placed twice are for the same ones [rad]."""
+
 LAYER_PIECES: Final = 10
 """Fewest pieces of a layer [count]: a second."""
+
+OWN_SHARE: Final = 0.7
+"""Least weight that its layer has in a piece that it is fitted to, where there are `LAYER_PIECES` of those [1]. With
+all that are nearer to it than to others, a spectrum that turns as a cosine lost a fifth of its swing."""
 
 BLOCK_PIECES: Final = 20
 """Most pieces that are left out together [count]: two seconds, eight times as long as a surface's slow gain lasts."""
@@ -39,7 +49,7 @@ FOLDS: Final = 5
 GAIN: Final = 0.2
 """Least that layers gain on pieces left out, in twice the logarithm of the likelihood a piece [1]."""
 
-SURE: Final = 3.0
+SURE: Final = 2.0
 """How many standard errors of it, over the blocks, that must be [1]."""
 
 
@@ -50,7 +60,7 @@ class Layers(NamedTuple):
         by: what they are of, a name of `PERIOD_RAD`.
         at_rad: (k,) their places, ascending.
         gain: twice the logarithm of the likelihood that they gained, a piece [1].
-        near: (n,) the layer of each piece, −1 of those without such a variable.
+        near: (n,) the layer that each piece is of, −1 of those between two, or without such a variable.
     """
 
     by: str
@@ -64,7 +74,7 @@ def find_layers(pieces: Pieces, rate_Hz: float, by: str) -> Layers | str:
 
     Among those that gain about as much the plainest are taken.
     """
-    angle = pieces.direction_rad if by == "direction" else pieces.contact_angle_rad
+    angle = third_of(pieces, by)
     if angle is None or not np.any(known := np.isfinite(angle)):
         return f"no {by.replace('_', ' ')} was recorded"
     kept = pieces[known]
@@ -81,14 +91,17 @@ def find_layers(pieces: Pieces, rate_Hz: float, by: str) -> Layers | str:
     gains = np.array([gained for gained, *_ in tried])
     behind = gains[np.argmax(gains.sum(axis=1))] - gains
     chance = behind.std(axis=1) / np.sqrt(gains.shape[1])
-    gained, kind, at = tried[int(np.argmax(behind.mean(axis=1) <= chance))]
+    gained, kind, at = tried[int(np.argmax(behind.mean(axis=1) <= 0.5 * chance))]
     gain = float(gained.sum() / len(kept))
     if not (gain > GAIN and gained.mean() > SURE * gained.std(ddof=1) / np.sqrt(len(gained))):
         return f"layers of the {told} gain nothing that is sure on pieces left out ({gain:.2f}, {GAIN:g} are asked)"
     if not _felt(levels, plane, shares(angle[known], at, kind)):
         return f"no band differs by what is felt ({BAND_DB:g} dB) over the {told}"
     near = np.full(len(pieces), -1)
-    near[known] = np.argmax(shares(angle[known], at, kind), axis=1)
+    share = shares(angle[known], at, kind)
+    near[known] = np.where(share.max(axis=1) > OWN_SHARE, np.argmax(share, axis=1), -1)
+    if np.bincount(near[near >= 0], minlength=len(at)).min() < LAYER_PIECES:
+        near[known] = np.argmax(share, axis=1)
     return Layers(kind, at, gain, near)
 
 
@@ -124,25 +137,32 @@ def _blocks(pieces: Pieces) -> NDArray[np.intp]:
 
 
 def _places(angle_rad: Array, by: str) -> Iterator[Array]:
-    """Where layers could stand: means of clusters on the circle, or of the line."""
+    """Where layers could stand: means of clusters on the circle or the line, begun far from one another."""
     period = PERIOD_RAD[by]
+
+    def away(at: Array) -> Array:
+        off = angle_rad[:, None] - at
+        return np.asarray(off if np.isinf(period) else (off + 0.5 * period) % period - 0.5 * period)
+
     for count in COUNTS[by]:
-        if np.isinf(period):
-            at = np.quantile(angle_rad, (np.arange(count) + 0.5) / count)
-        else:
-            at = np.sort(angle_rad % period)[(np.arange(count) * len(angle_rad)) // count]
-        for _ in range(30):
-            away = angle_rad[:, None] - at
-            away = away if np.isinf(period) else (away + 0.5 * period) % period - 0.5 * period
-            near = np.argmin(np.abs(away), axis=1)
-            size = np.bincount(near, minlength=count)
-            if size.min() < LAYER_PIECES:
-                break
-            at = at + np.array([away[near == i, i].mean() for i in range(count)])
-        at = np.sort(at if np.isinf(period) else at % period)
-        gaps = np.diff(at if np.isinf(period) else np.append(at, at[0] + period))
-        if size.min() >= LAYER_PIECES and gaps.min() > APART_RAD[by]:
-            yield at
+        found: list[Array] = []
+        for start in angle_rad[np.linspace(0, len(angle_rad) - 1, STARTS).astype(int)]:
+            at = np.array([start])
+            while len(at) < count:
+                at = np.append(at, angle_rad[np.argmax(np.abs(away(at)).min(axis=1))])
+            for _ in range(30):
+                off = away(at)
+                near = np.argmin(np.abs(off), axis=1)
+                size = np.bincount(near, minlength=count)
+                if size.min() < LAYER_PIECES:
+                    break
+                at = at + np.array([off[near == i, i].mean() for i in range(count)])
+            at = np.sort(at if np.isinf(period) else at % period)
+            gaps = np.diff(at if np.isinf(period) else np.append(at, at[0] + period))
+            alike = any(np.abs(away(at) - away(other)).max() < SAME_RAD for other in found)
+            if size.min() >= LAYER_PIECES and gaps.min() > APART_RAD[by] and not alike:
+                found.append(at)
+        yield from found
 
 
 def _gain(levels: Array, plane: Array, layer: Array, block: NDArray[np.intp]) -> Array | None:

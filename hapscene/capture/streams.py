@@ -138,6 +138,12 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
     return float(np.quantile(means, 0.25)) if len(means) > 1 else 0.0
 
 
+def third_of(channels: Any, by: str) -> Array | None:
+    """The stream that layers "direction", "axis" or "contact_angle" are of, in a recording or its pieces; or None."""
+    found: Array | None = getattr(channels, "contact_angle_rad" if by == "contact_angle" else "direction_rad")
+    return found
+
+
 def blocks(count: int, size: int) -> Iterator[slice]:
     """The blocks of so many samples, the last one shorter."""
     return (slice(start, start + size) for start in range(0, count, size))

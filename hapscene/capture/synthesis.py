@@ -44,13 +44,15 @@ def synthesize(
     rate_Hz: float | None = None,
     seed: int = 0,
     life: float = 1.0,
+    third_rad: ArrayLike | None = None,
 ) -> Array:
     """Acceleration (n,) [m/s²] along normal forces (n,) [N] and slip speeds (n,) [m/s], sampled at `rate_Hz`.
 
     The texture's noise through its filter, both as `Texture.model` gives them at the middle of each block of
     `BLOCK_S`; its slow gain and its other state, where it has them, step by step of `STEP_S`. `life` is a factor on the
-    spread of the gain: 0 makes it steady. Without `rate_Hz` the texture's own rate is meant. The same seed gives the
-    same samples.
+    spread of the gain: 0 makes it steady. `third_rad` (n,), or one number, is the direction of sliding or the angle of
+    the tool, whichever the texture has layers of; without it that of all is played. Without `rate_Hz` the texture's own
+    rate is meant. The same seed gives the same samples.
 
     Raises:
         CaptureError: the swatch has no texture, the two series differ in length, or seed or life are none.
@@ -65,6 +67,12 @@ def synthesize(
     force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
     if force.ndim != 1 or force.shape != slip.shape:
         raise CaptureError(f"force_N and speed_m_s must have one shape (n,), have {force.shape} and {slip.shape}")
+    third = None
+    if third_rad is not None and swatch.texture.layers:
+        third = np.asarray(third_rad, dtype=np.float64)
+        if third.shape not in ((), force.shape):
+            raise CaptureError(f"third_rad must be one number or of shape {force.shape}, has {third.shape}")
+        third = np.broadcast_to(third, force.shape)
     output = np.zeros(len(force))
     if len(force) == 0:
         return output
@@ -72,7 +80,7 @@ def synthesize(
     player = _Player(texture, life, int(seed))
     for start in range(0, len(force), _PART * player.block):
         part = slice(start, start + _PART * player.block)
-        player.add(force[part], slip[part], output[part])
+        player.add(force[part], slip[part], output[part], None if third is None else third[part])
     return output
 
 
@@ -99,10 +107,11 @@ class _Player:
             draw_state(self.rng, float(texture.dwell_s[0]), float(texture.dwell_s[1]), self.s["state"])
         self.last: Array | None = None  # level of each state
 
-    def add(self, force_N: Array, speed_m_s: Array, out: Array) -> None:
-        """Add what is heard along forces and speeds (n,) to `out` (n,); n is a multiple of the block, or the end."""
+    def add(self, force_N: Array, speed_m_s: Array, out: Array, third_rad: Array | None) -> None:
+        """Add what is heard along forces, speeds (n,) to `out` (n,); n is a multiple of the block, or the end."""
         middle = np.minimum(np.arange(0, len(out), self.block) + self.block // 2, len(out) - 1)
-        models = [one.lattice(force_N[middle], speed_m_s[middle]) for one in self.states]
+        third = None if third_rad is None else third_rad[middle]
+        models = [one.lattice(force_N[middle], speed_m_s[middle], third_rad=third) for one in self.states]
         k = np.zeros((len(models), max(len(k) for k, _ in models), self.order))
         for row, (own, _) in zip(k, models, strict=True):
             row[:, : own.shape[1]] = own

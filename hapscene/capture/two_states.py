@@ -88,7 +88,7 @@ def with_life(texture: Texture, stretches: Sequence[Streams], fitted: Callable[[
 
     `fitted` makes a texture of pieces, as `texture` was made of all.
     """
-    states = find_states(stretches)
+    states = None if texture.layers else find_states(stretches)  # a stroke that turns would seem to change its state
     if states is not None:
         try:
             own = [~mask for mask in states.other]

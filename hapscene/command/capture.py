@@ -171,7 +171,7 @@ def _told(swatch: "Swatch") -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
     from hapscene.capture.tap_fit import SPEED_RATIO
     from hapscene.surface.swatch import TOOL_FIELDS
-    from hapscene.surface.swatch_summary import MORE, sounding
+    from hapscene.surface.swatch_summary import MORE, layers_told, sounding
 
     lines = [f"{swatch.name}:"]
     lines += [f"  {what}: {getattr(swatch, what)}" for what in TOOL_FIELDS if getattr(swatch, what)]
@@ -182,6 +182,8 @@ def _told(swatch: "Swatch") -> list[str]:
             f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
             f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
         )
+        if texture.layers:
+            lines.append(f"  {layers_told(texture)}")
         if texture.life is not None:
             spread = _interval(swatch.intervals.get("texture.life.log_spread"), ".2f")
             rates = ((texture.life.decay_1_s, "ms"), (texture.life.decay_1_m, "mm"))

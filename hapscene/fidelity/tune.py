@@ -233,12 +233,14 @@ def _reduced(scene: "Scene", body: "Body", count: int) -> "Mesh | None":
 
 
 def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
-    """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states in turn, at forces and speeds (n,)."""
+    """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states and layers in turn, at places (n,)."""
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
     at_Hz = line_Hz * np.arange(LINES + 1)
-    density = np.concatenate([one.density(force_N, speed_m_s, frequency_Hz=at_Hz) for one in texture.states])
+    density = np.concatenate(
+        [one.density(force_N, speed_m_s, frequency_Hz=at_Hz) for one in (*texture.states, *texture.layers)]
+    )
     total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
     edges = band_edges_Hz() / line_Hz

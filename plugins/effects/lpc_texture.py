@@ -8,7 +8,12 @@ begins, ends, or crosses into another swatch.
 A texture with life has a random slow gain (`hapscene.dsp.slow_gain`), advanced each tick by the time and the distance
 travelled. One with another state changes to it and back by chance: filter and level then go over in `CHANGE_S`.
 
-Table of a swatch: a section of its texture, and one of its texture's other state where there is one. A section:
+One with layers sounds like the two that are beside the direction of sliding, or beside the angle that the swatch's
+numbers say (`angle_deg`), which the tick knows nothing of; in lattice and power it goes over from one to the other.
+
+Table of a swatch: a section of its texture, and one of its texture's other state where there is one; or a section of
+each layer, the first with the life of all, and then where they stand: the period of the angle [rad], 0 without; how
+many there are; their places [rad], and where their sections begin. A section:
 
 | number | is |
 |---|---|
@@ -21,6 +26,7 @@ Table of a swatch: a section of its texture, and one of its texture's other stat
 | 9 | mean time in this state [s], 0 without another |
 | 10 | where the other state's section begins, 0 without one |
 | 11 | count of processes of its slow gain |
+| 12 | in the first section: where it is said where layers stand, 0 without |
 | then | spread, decay_1_s, decay_1_m of each |
 | then | where all have one filter: k_1 … k_p |
 | then | for each of GRID forces from 0 to F, each of GRID speeds from 0 to V: P [m²/s⁴], k_1 … k_p if they differ |
@@ -30,12 +36,13 @@ Between nodes it is bilinear; above, the filter is clamped, and the level goes o
 
 import math
 import zlib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX
+from hapscene.constants import LEVEL_BOUND_DB, LIFE_MAX, ORDER_MAX, SLIP_CUTOFF_HZ
 from hapscene.dsp.lattice import play, settle, voice_fields
 from hapscene.dsp.noise import normal
 from hapscene.dsp.slow_gain import CHANGE_S, advance_gain, advance_state, draw_state
@@ -43,15 +50,19 @@ from hapscene.native import native
 from hapscene.surface.effect import Effect, Param, State
 from hapscene.surface.resonator import SILENCE_M_S2
 from hapscene.surface.swatch import Swatch
-from hapscene.surface.texture import Texture
+from hapscene.surface.texture import PERIOD_RAD, Texture
 
 GRID = 33
 """Nodes of the table along force and along speed [count]. On textures fitted to wood, paper and leather
 (order 20 and 40, 13 to 18 models) the spectrum at random places is within 0.01 dB (median) and 0.5 dB (95
 %) of the texture's own; 17 nodes give 0.07 and 1.4 dB, 49 give 0.004 and 0.3 dB for twice the memory."""
 
-ORDER, WARP, TICKS, SINGLE, CHECKSUM, DWELL, OTHER, PROCESSES, HEADER = 2, 3, 6, 7, 8, 9, 10, 11, 12
+ORDER, WARP, TICKS, SINGLE, CHECKSUM, DWELL, OTHER, PROCESSES, LAYERS = 2, 3, 6, 7, 8, 9, 10, 11, 12
+HEADER = 13
 """Places in a section, and how many numbers stand before its processes [count]."""
+
+FACING = 0.9
+"""Cosine of the angle to the surface's normal above which a body's axis says no direction on it [1]."""
 
 BOUND = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
 """Logarithm of the largest factor on the power beyond the highest force and speed [1]."""
@@ -111,6 +122,51 @@ def choose(table: Any, at: int, force_N: float, slip_m_s: float, s: Any, share: 
     return float(power)
 
 
+@native
+def choose_layers(table: Any, angle_rad: float, touch: Any, s: Any, share: float) -> float:
+    """As `choose`, of the two layers beside an angle: a share of the one's, then what makes it that of both."""
+    at = int(table[LAYERS])
+    period, count = table[at], int(table[at + 1])
+    i, first, last = 0, table[at + 2], table[at + 1 + count]
+    if period > 0.0:
+        angle_rad = first + (angle_rad - first) % period
+    while i + 1 < count and angle_rad >= table[at + 3 + i]:
+        i += 1
+    j = i + 1
+    low, high = table[at + 2 + i], first + period
+    if j < count:
+        high = table[at + 2 + j]
+    elif period > 0.0:
+        j = 0
+    else:
+        j, high = i, last + 1.0
+    weight = min(max((angle_rad - low) / (high - low), 0.0), 1.0)
+    one, two = int(table[at + 2 + count + i]), int(table[at + 2 + count + j])
+    rest = share * (1.0 - weight) / (1.0 - share * weight) if weight < 1.0 else 0.0
+    power = choose(table, one, touch.force_N, touch.slip_m_s, s, rest, rest > 0.0)
+    other = choose(table, two, touch.force_N, touch.slip_m_s, s, share * weight, weight > 0.0)
+    return float(power + weight * (other - power))
+
+
+@native
+def heading(touch: Any, new: bool, s: Any) -> float:
+    """Direction [rad] of sliding over the body, from its x-axis towards its y-axis, seen from outside.
+
+    Where the surface faces along x, from the y-axis. It is that of the slip velocity, low-passed as its speed is.
+    """
+    take = 1.0 if new else 1.0 - math.exp(-2.0 * math.pi * SLIP_CUTOFF_HZ * touch.tick_s)
+    n, way = touch.nhat_W, s.way_m_s
+    for i in range(3):
+        way[i] += take * (touch.slip_W_m[i] / touch.tick_s - way[i])
+    up, x = n[0] * touch.x_WB[0] + n[1] * touch.x_WB[1] + n[2] * touch.x_WB[2], touch.x_WB
+    if abs(up) > FACING:
+        up, x = n[0] * touch.y_WB[0] + n[1] * touch.y_WB[1] + n[2] * touch.y_WB[2], touch.y_WB
+    away = n[0] * way[0] + n[1] * way[1] + n[2] * way[2]
+    along = x[0] * way[0] + x[1] * way[1] + x[2] * way[2] - up * away
+    across = (n[1] * x[2] - n[2] * x[1]) * way[0] + (n[2] * x[0] - n[0] * x[2]) * way[1]
+    return math.atan2(across + (n[0] * x[1] - n[1] * x[0]) * way[2], along)
+
+
 def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
     """Add the texture's vibration [m/s²]; silent in the air, at no force and at no speed."""
     target_m_s2, ticks, gain = 0.0, 1.0, s.gain
@@ -118,6 +174,9 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         new = touch.began or touch.crossed
         changed = table[OTHER] > 0.0 and change_state(touch.tick_s, table, new, s)
         at = int(table[OTHER]) if table[OTHER] > 0.0 and s.state[0] > 0.0 else 0
+        layered, angle_rad = table[LAYERS] > 0.0, p.angle_deg * math.pi / 180.0
+        if layered and table[int(table[LAYERS])] > 0.0:
+            angle_rad = heading(touch, new, s) - angle_rad
         of = table[at + CHECKSUM] if p.texture_gain > 0.0 else 0.0
         if of != s.of or new:
             stepped = touch.stepped and not new
@@ -132,7 +191,10 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
             s.fade = max(0.0, s.fade - s.wait)
             fill = s.stale > 0.0 or table[at + SINGLE] == 0.0
             s.stale = 1.0 if share < 1.0 else 0.0
-            power = choose(table, at, touch.force_N, touch.slip_m_s, s, share, fill)
+            if layered:
+                power = choose_layers(table, angle_rad, touch, s, share)
+            else:
+                power = choose(table, at, touch.force_N, touch.slip_m_s, s, share, fill)
             s.goal_m_s2 = p.texture_gain * math.sqrt(power)
         if not new:
             ticks = max(s.wait, s.change)  # in which the level gets there
@@ -212,11 +274,24 @@ def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
     if texture.rate_Hz != rate_Hz:
         texture = texture.resampled(rate_Hz)
     ticks = max(1.0, round(swatch.parameter("lpc_texture", "update_ticks", 1.0)))
+    if texture.layers:
+        return layers(texture, ticks)
     numbers = section(texture, texture.dwell_s[0], ticks)
     if texture.other is None:
         return numbers
     numbers[OTHER] = len(numbers)
     return np.concatenate((numbers, section(texture.other, texture.dwell_s[1], ticks)))
+
+
+def layers(texture: Texture, ticks: float) -> NDArray[np.float64]:
+    """The sections of a texture's layers, and where they stand."""
+    first = replace(texture.layers[0], life=texture.life)
+    sections = [section(one, 0.0, ticks) for one in (first, *texture.layers[1:])]
+    starts = np.cumsum([0, *map(len, sections)])
+    sections[0][LAYERS], sections[0][CHECKSUM] = starts[-1], sum(one[CHECKSUM] for one in sections)
+    period = PERIOD_RAD[texture.layer_by]
+    head = 0.0 if math.isinf(period) else period, len(sections)
+    return np.concatenate((*sections, head, texture.layer_at_rad, starts[:-1]))
 
 
 def section(texture: Texture, dwell_s: float, ticks: float) -> NDArray[np.float64]:
@@ -229,7 +304,7 @@ def section(texture: Texture, dwell_s: float, ticks: float) -> NDArray[np.float6
     numbers = np.concatenate((rows, *nodes))
     edge = texture.force_max_N, texture.speed_max_m_s, texture.order, texture.warp, *texture.exponents
     checksum = 1.0 + zlib.crc32(np.array(edge).tobytes() + numbers.tobytes())
-    return np.array((*edge, ticks, texture.single, checksum, dwell_s, 0.0, len(rows) // 3, *numbers))
+    return np.array((*edge, ticks, texture.single, checksum, dwell_s, 0.0, len(rows) // 3, 0.0, *numbers))
 
 
 EFFECT = Effect(
@@ -238,6 +313,14 @@ EFFECT = Effect(
     render,
     params=(
         Param("texture_gain", 1.0, "1", "factor on the swatch's texture", 0.0, 10.0),
+        Param(
+            "angle_deg",
+            0.0,
+            "°",
+            "how far layers by direction are turned; of those by the tool's angle, that",
+            -360,
+            360,
+        ),
         Param("texture_life", 1.0, "1", "factor on the spread of its slow gain; the mean power stays", 0.0, 2.0),
     ),
     state=(
@@ -254,6 +337,7 @@ EFFECT = Effect(
         State("life", (LIFE_MAX,)),  # its processes, each of variance 1
         State("lively"),  # factor on their spread
         State("norm", (2,)),  # see `advance_gain`
+        State("way_m_s", (3,)),  # slip velocity, low-passed, where there are layers by it
         State("state", (2,)),  # 0 or 1 in the other, and the time left in it [s]
         State("rng", seeded=True),
     ),

@@ -269,7 +269,7 @@ def test_the_streams_of_a_camera_of_surfaces(tmp_path: Path) -> None:
     place_m = np.cumsum([np.cos(heading), np.sin(heading)], axis=1) * 0.1 / rate_Hz
     arrays = {
         "acceleration": rng.standard_normal(count), "torque": 30.0 * np.eye(3)[:, :1] + np.zeros((3, count)),
-        "grip": np.full(count, 500.0), "orientation": 2.0 * quaternion, "position": np.vstack([place_m, 0 * place_m[:1]]),
+        "grip": np.full(count, 500.0), "orientation": 2.0 * quaternion, "position": np.vstack([*place_m, 0 * heading]),
     }  # fmt: skip
     path = tmp_path / "a.npz"
     np.savez(path, rate_Hz=rate_Hz, **arrays)

@@ -44,6 +44,7 @@ UNITS = {
     "s_m": "s/m",
     "1_kg": "1/kg",
     "1_s": "1/s",
+    "deg": "°",
 }
 LARGE = 1e6
 
@@ -81,6 +82,8 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         approach_m_s=rng.exponential(0.1 * large, count),
         slip_W_m=slip,
         slip_m_s=np.linalg.norm(slip, axis=1) / 1e-3,
+        x_WB=turned[0],
+        y_WB=turned[1],
         normal_force_N=500.0 * depth,
         force_N=500.0 * depth * rng.random(count),
         p_WT_m=np.cumsum(1e-3 * v, axis=0),

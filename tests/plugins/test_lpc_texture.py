@@ -394,3 +394,115 @@ def test_beyond_the_largest_recorded_the_level_goes_on(bench, ticks, swatch_of):
     for force, slip in [(3.0, 0.1), (2.0, 0.3), (3.0, 0.25), (2.0, 9.0), (9e9, 0.1)]:
         effect.run(ticks(2, force_N=force, slip_m_s=slip))
         assert effect.s["level_m_s2"][0] ** 2 == pytest.approx(texture.power([force], [slip])[0], rel=1e-3)
+
+
+def layered(swatch_of, by="direction", at_rad=(0.0, 0.5 * np.pi, np.pi), order=20):
+    """A swatch of layers that look like nothing of one another, the last 20 dB louder."""
+    of = [swatch_of(9 + i, order).texture for i in range(len(at_rad))]
+    of[-1] = _scaled(of[-1], 10.0)
+    texture = replace(of[0], layers=of, layer_at_rad=at_rad, layer_by=by, life=None)
+    return swatch_of(texture=texture)
+
+
+def stroking(ticks, angle_rad, nhat=(0.0, 0.0, 1.0), turn=None, **fields):
+    """Ticks of sliding at 0.1 m/s in directions (n,) over a surface, on a body that is turned."""
+    turn, nhat = np.eye(3) if turn is None else turn, np.asarray(nhat)
+    x = np.eye(3)[0] if abs(nhat[0]) <= 0.9 else np.eye(3)[1]
+    x = (x - (x @ nhat) * nhat) / np.linalg.norm(x - (x @ nhat) * nhat)
+    way = np.cos(angle_rad)[:, None] * x + np.sin(angle_rad)[:, None] * np.cross(nhat, x)
+    slip = 1e-4 * way @ np.swapaxes(turn, -1, -2)
+    return ticks(
+        len(slip), slip_W_m=slip, slip_m_s=0.1, force_N=1.0, nhat_W=nhat @ np.swapaxes(turn, -1, -2),
+        x_WB=turn[..., 0], y_WB=turn[..., 1], began=np.arange(len(slip)) == 0, **fields,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.5 * np.pi, 2.5, 4.4, -0.2])
+def test_layers_by_direction_are_those_of_the_texture(bench, ticks, swatch_of, angle):
+    """Filter and power after a second in one direction, whichever way the body and its surface lie."""
+    swatch = layered(swatch_of)
+    k, power = swatch.texture.lattice([1.0], [0.1], third_rad=[angle])
+    turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turned *= np.linalg.det(turned)
+    for turn in (np.eye(3), turned):
+        for nhat in ((0.0, 0.0, 1.0), (0.0, -0.6, 0.8), (0.96, 0.0, 0.28), (-1.0, 0.0, 0.0)):
+            effect = bench(LPC, swatch)
+            effect.run(stroking(ticks, np.full(300, angle), nhat, turn))
+            np.testing.assert_allclose(effect.s["level_m_s2"], np.sqrt(power), rtol=0.02)
+            np.testing.assert_allclose(effect.s["k"][0, 1:21], k[0], atol=5e-3)
+            assert effect.s["order"] == 20.0
+
+
+def test_a_body_that_turns_under_a_straight_stroke_is_felt_to_turn(bench, ticks, swatch_of):
+    swatch = layered(swatch_of)
+    turn = np.linspace(0.0, 2.0, 2000)
+    cosine, sine, none = np.cos(turn), np.sin(turn), np.zeros(2000)
+    turning = np.stack(
+        [np.stack([cosine, -sine, none], 1), np.stack([sine, cosine, none], 1), [[0, 0, 1]] + 0 * none[:, None]], 1
+    )
+    rows = ticks(
+        2000, slip_W_m=(1e-4, 0.0, 0.0), slip_m_s=0.1, force_N=1.0, x_WB=turning[:, :, 0], y_WB=turning[:, :, 1],
+        began=np.arange(2000) == 0,
+    )  # fmt: skip
+    effect = bench(LPC, swatch)
+    for start in range(0, 2000, 200):
+        effect.run(rows[start : start + 200])
+        power = swatch.texture.power([1.0], [0.1], third_rad=[-turn[start + 199]])
+        np.testing.assert_allclose(effect.s["level_m_s2"], np.sqrt(power), rtol=0.03)
+
+
+def test_turned_by_a_number_and_by_the_angle_of_the_tool(bench, ticks, swatch_of):
+    swatch = layered(swatch_of)
+    effect = bench(LPC, swatch, params={"angle_deg": 30.0})
+    effect.run(stroking(ticks, np.full(300, 0.3 + np.pi / 6.0)))
+    power = swatch.texture.power([1.0], [0.1], third_rad=[0.3])
+    np.testing.assert_allclose(effect.s["level_m_s2"], np.sqrt(power), rtol=0.02)
+    tool = layered(swatch_of, "contact_angle", np.radians([10.0, 25.0, 40.0]))
+    for lean in (-20.0, 10.0, 17.0, 31.0, 40.0, 90.0):
+        effect = bench(LPC, tool, params={"angle_deg": lean})
+        effect.run(stroking(ticks, np.linspace(0.0, 9.0, 50)))
+        k, power = tool.texture.lattice([1.0], [0.1], third_rad=[np.radians(lean)])
+        np.testing.assert_allclose(effect.s["level_m_s2"], np.sqrt(power), rtol=0.02)
+        np.testing.assert_allclose(effect.s["k"][0, 1:21], k[0], atol=5e-3)
+
+
+def test_layers_sound_the_same_interpreted(bench, ticks, swatch_of):
+    rows = stroking(ticks, np.linspace(-4.0, 9.0, 120))
+    for by, at_rad in (("direction", (0.0, 2.0, 5.0)), ("contact_angle", (0.1, 0.3, 0.5))):
+        native, python = (bench(LPC, layered(swatch_of, by, at_rad), params={"angle_deg": 13.0}) for _ in range(2))
+        np.testing.assert_allclose(native.run(rows)["a_m_s2"], python.interpret(rows)["a_m_s2"], rtol=1e-9, atol=1e-12)
+
+
+def test_going_round_nothing_clicks_and_nothing_is_louder_than_its_layers(bench, ticks, swatch_of):
+    """From layer to layer in 20 ms, over a jump of 20 dB: no sample stands out of the level that it has."""
+    swatch = layered(swatch_of)
+    effect = bench(LPC, swatch)
+    angle = np.cumsum(np.full(20_000, 0.05))
+    rows = stroking(ticks, angle)
+    made = effect.samples(rows).reshape(-1, 10)
+    power = swatch.texture.power(np.ones(len(angle)), np.full(len(angle), 0.1), third_rad=angle)
+    # the low-pass lags by some ticks: the loudest beside counts
+    near = np.array([power[max(0, i - 30) : i + 2].max() for i in range(len(power))])
+    peak = np.abs(made).max(axis=1) / np.sqrt(near)
+    assert peak.max() < 5.5  # of 200,000 of Gauss: 4.6
+    assert np.mean(made[100:] ** 2) == pytest.approx(np.mean(power), rel=0.1)
+
+
+def test_layers_fade_in_under_the_same_touch(bench, ticks, swatch_of):
+    """Coarser under load, a step does not click: it becomes the other filter within 0.2 s."""
+    swatch = layered(swatch_of)
+    effect = bench(LPC, swatch)
+    rows = stroking(ticks, np.full(400, 0.3))
+    effect.run(rows[:200])
+    coarse = replace(swatch, texture=swatch.texture.truncated(6))
+    effect.table = effect.table_of(coarse)
+    rows["stepped"][200] = 1
+    gone = []
+    for i in range(200, 400):
+        before = effect.s["k"].copy()
+        effect.run(rows[i : i + 1])
+        gone.append(float(np.abs(effect.s["k"] - before).max()))
+    k, power = coarse.texture.lattice([1.0], [0.1], third_rad=[0.3])
+    assert max(gone[1:]) < 0.02
+    np.testing.assert_allclose(effect.s["k"][0, 1:7], k[0], atol=5e-3)
+    np.testing.assert_allclose(effect.s["level_m_s2"], np.sqrt(power), rtol=0.02)

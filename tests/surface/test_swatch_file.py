@@ -211,3 +211,45 @@ def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> No
     for bad in ("a\nb", "x" * 201):
         with pytest.raises(SwatchError, match="tip must be at most 200 printable characters"):
             replace(PLAIN, tip=bad)
+
+
+def layered_swatch() -> Swatch:
+    texture = make_swatch().texture
+    assert texture is not None
+    alone = replace(texture, other=None, dwell_s=np.zeros(2), life=None)
+    of = (alone, replace(alone, variance_m2_s4=alone.variance_m2_s4 / 3.0))
+    whole = replace(alone, life=texture.life, layers=of, layer_at_rad=(0.1, 1 / 3), layer_by="contact_angle")
+    return replace(make_swatch(), texture=whole)
+
+
+def test_layers_come_back_to_the_bit_and_older_readers_refuse_them() -> None:
+    swatch = layered_swatch()
+    text = swatch_to_json(swatch)
+    again = swatch_from_json(text)
+    assert again == swatch and swatch_to_json(again) == text and again.texture is not None
+    assert [one.power([1.0], [0.1])[0] for one in again.texture.layers] == [
+        one.power([1.0], [0.1])[0] for one in swatch.texture.layers
+    ]
+    assert json.loads(text)["version"] == 4
+    with pytest.raises(SwatchError, match=r"unknown key 'texture\.layer_by'"):
+        swatch_from_json(text.replace('"version": 4', '"version": 3'))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.pop("layer_by"), "key 'texture.layer_by' is missing"),
+        (lambda t: t.update(layers=t["layers"][:1]), "texture.layers must be a list of 2 to 8 textures"),
+        (lambda t: t.update(layers=t["layers"] * 5), "texture.layers must be a list of 2 to 8 textures"),
+        (lambda t: t.update(layers=[None, None]), "texture.layers must be a list of 2 to 8 textures"),
+        (lambda t: t["layers"][1].update(layers=[]), r"unknown key 'texture.layers\[1\].layers'"),
+        (lambda t: t.update(layer_by="x"), "layer_by must be one of direction, axis, contact_angle"),
+        (lambda t: t.update(layer_at_rad=[0.2, 0.1]), "layer_at_rad must be 2 angles, ascending"),
+        (lambda t: t["layers"][0]["lsf_rad"][0].__setitem__(0, 9.0), "unstable"),
+    ],
+)
+def test_layers_of_a_strangers_file_are_checked(change, message: str) -> None:
+    content = json.loads(swatch_to_json(layered_swatch()))
+    change(content["texture"])
+    with pytest.raises(SwatchError, match=message):
+        swatch_from_json(json.dumps(content))
