@@ -177,7 +177,8 @@ def missed(texture: Texture, hand: str, seconds: float, seed: int) -> Missed:
     found = fit(recording).texture
     assert found is not None
     rng = np.random.default_rng([seed, 9])
-    force, speed = np.exp(rng.uniform(*np.log([FORCE_N, SPEED_M_S]).T, (PLACES, 2))).T
+    low, high = np.log([FORCE_N, SPEED_M_S]).T
+    force, speed = np.exp(rng.uniform(low, high, (PLACES, 2))).T
     frequency = np.arange(20.0, 1000.0, 5.0)
     densities = [one.density(force, speed, frequency_Hz=frequency) for one in (found, texture)]
     level = 10.0 * np.log10(densities[0].sum(axis=1) / densities[1].sum(axis=1))

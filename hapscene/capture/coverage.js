@@ -2,7 +2,7 @@
 
 const $ = (id) => document.getElementById(id), svg = "http://www.w3.org/2000/svg";
 const BOX = { left: 64, top: 12, right: 612, bottom: 386 }, SILENT_MS = 2000;
-let socket = null, heard = 0, shown = "", ended = false, count = 0, cells = [];
+let socket = null, heard = 0, shown = "", ended = false, stopping = false, count = 0, cells = [];
 
 function add(kind, attributes, text = "") {
   const made = document.createElementNS(svg, kind);
@@ -113,9 +113,12 @@ function take(state) {
 
 function connect() {
   socket = new WebSocket(new URL("socket", location.href.replace(/^http/, "ws")));
+  socket.onopen = stop;
   socket.onmessage = (event) => take(JSON.parse(event.data));
   socket.onclose = lose;
 }
+
+function stop() { if (stopping && socket.readyState === 1) socket.send("stop"); } // a line that was lost hears it later
 
 function lose() {
   heard = 0;
@@ -131,6 +134,6 @@ setInterval(() => { // a network that is gone closes nothing
   lose();
 }, 500);
 
-$("stop").addEventListener("click", () => { if (socket?.readyState === 1) socket.send("stop"); });
+$("stop").addEventListener("click", () => { stopping = true; stop(); });
 connect();
 window.hapscene = { get count() { return count; } };

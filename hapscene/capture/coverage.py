@@ -340,10 +340,9 @@ class Coverage:
             return self.lacks[0] if self.lacks else "enough: more would not help"
         if self.now.state == "air":
             return "put the tool down and stroke"
-        target = self._aim()
         if self.now.state == "still":
-            return "stroke" if self.has_speed else "go on"
-        i, j = divmod(target, self._shape[1])
+            return "stroke"
+        i, j = divmod(self._aim(), self._shape[1])
         words = []
         for there, value, edges, k, (more, less) in (
             (self.has_force, self.now.force_N, self.force_N, i, ("press harder", "press more lightly")),

@@ -1,6 +1,6 @@
 """Coverage beside a recording that is made, and its page: in a process of its own, so that the reader never waits.
 
-A reader that shares its interpreter with the page loses samples: on a crowded computer a third of 10 kHz, where a reader
+A reader that shares its interpreter with the page loses samples: on a crowded computer a third of 10 kHz, where one
 alone loses some per cent. The page is told every `BEAT_S` where the hand is, what is still lacking, and what goes
 wrong. It may say one word: stop. Who is let in, `hapscene.web_listener.PageListener` says.
 """

@@ -1,0 +1,252 @@
+"""What a recording lacks: against the fit's own pieces, against regression in another form, against made signals."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapscene.capture.coverage import DEPARTS_DB, ENOUGH_DB, Coverage, Wanted
+from hapscene.capture.record_simulator import COLUMNS, strokes
+from hapscene.capture.streams import clean
+from hapscene.capture.texture_pieces import EXPONENT_SPREADS, PIECE_S, cut
+from hapscene.errors import CaptureError
+
+RATE_HZ = 5000.0
+DB = 10.0 / np.log(10.0)
+ALL = ("acceleration", "force", "speed")
+
+
+def slid(force_N: float, speed_m_s: float, seconds: float, rms: float = 1.0, seed: int = 0) -> dict[str, np.ndarray]:
+    """Noise of a level, at one force and speed."""
+    count = round(seconds * RATE_HZ)
+    noise = rms * np.random.default_rng(seed).normal(size=count)
+    return {"acceleration": noise, "force": np.full(count, force_N), "speed": np.full(count, speed_m_s)}
+
+
+def add(coverage: Coverage, streams: Mapping[str, np.ndarray]) -> None:
+    coverage.feed(round(coverage.seconds * coverage.rate_Hz), streams)
+
+
+def middles(coverage: Coverage) -> list[tuple[float, float]]:
+    force, speed = (np.sqrt(edges[1:] * edges[:-1]) for edges in (coverage.force_N, coverage.speed_m_s))
+    return [(float(f), float(v)) for f in force for v in speed]
+
+
+def test_pieces_are_those_of_the_fit() -> None:
+    rng = np.random.default_rng(3)
+    t_s = np.arange(round(20.0 * RATE_HZ)) / RATE_HZ
+    force = np.exp(0.6 * np.sin(1.1 * t_s))
+    speed = 0.08 * np.exp(0.8 * np.sin(1.7 * t_s))
+    acceleration = 5.0 * speed / 0.1 * np.sqrt(force) * rng.normal(size=len(t_s))
+    coverage = Coverage(RATE_HZ, ALL)
+    coverage.feed(0, {"acceleration": acceleration, "force": force, "speed": speed})
+    own = cut(clean(acceleration, RATE_HZ, force, speed))
+    table = np.zeros_like(coverage.pieces).ravel()
+    for f, v in zip(own.force_N, own.speed_m_s, strict=True):
+        table[coverage.cell(f, v)] += 1
+    assert coverage.pieces.sum() == len(own) == 200
+    assert np.abs(coverage.pieces.ravel() - table).sum() <= 6  # of those that lie on an edge
+    # what is known of the levels, against what they were made with
+    level = [DB * np.log((5.0 * v / 0.1) ** 2 * f) for f, v in middles(coverage)]
+    seen = coverage.pieces.ravel() >= 4
+    assert np.abs(coverage._level - level)[seen].max() < 1.0
+
+
+@given(st.lists(st.integers(1, 3000), min_size=1, max_size=30))
+@settings(max_examples=20, deadline=None)
+def test_any_blocks_give_the_same(sizes: list[int]) -> None:
+    streams = slid(1.0, 0.1, 1.0)
+    streams["force"] = np.geomspace(0.4, 2.0, len(streams["force"]))
+    whole, parts = Coverage(RATE_HZ, ALL), Coverage(RATE_HZ, ALL)
+    whole.feed(0, streams)
+    edges = np.unique(np.clip(np.cumsum([0, *sizes]), 0, len(streams["force"])))
+    edges = np.unique([*edges, len(streams["force"])])
+    for first, last in pairwise(edges):
+        parts.feed(int(first), {name: row[first:last] for name, row in streams.items()})
+    np.testing.assert_array_equal(whole.pieces, parts.pieces)
+    np.testing.assert_allclose(whole.share, parts.share, rtol=1e-9)
+    assert parts.error_dB == pytest.approx(whole.error_dB) and parts.advice() == whole.advice()
+
+
+def test_what_is_known_is_that_of_a_regression_with_priors() -> None:
+    """The same model by its information: parameters c, α, β and a departure of each cell."""
+    coverage = Coverage(RATE_HZ, ALL)
+    rng = np.random.default_rng(1)
+    for k, place in enumerate(middles(coverage)):
+        for _ in range(int(rng.integers(0, 3))):
+            add(coverage, slid(*place, 0.3, seed=k))
+    n, each = coverage._count, coverage.scatter_dB**2  # no neighbours are alike here
+    along = DB * (coverage._middle - coverage._middle.mean(axis=0))
+    design = np.hstack([np.ones((len(n), 1)), along, np.eye(len(n))])
+    prior = np.diag([1e-4, *(np.array(EXPONENT_SPREADS) ** -2.0), *[DEPARTS_DB**-2.0] * len(n)])
+
+    def variance(count: np.ndarray) -> np.ndarray:
+        information = prior + design.T @ (count[:, None] * design) / each
+        return np.diag(design @ np.linalg.inv(information) @ design.T)
+
+    assert coverage._beside[2] >= 10
+    alike = float(np.clip(coverage._beside[0] / coverage._beside[1], 0.0, 0.9))
+    each *= (1.0 + alike) / (1.0 - alike)
+    np.testing.assert_allclose(coverage._sd**2, variance(n), rtol=1e-6)
+    more = np.sqrt([variance(n + np.eye(len(n))[j] / PIECE_S).mean() for j in range(len(n))])
+    np.testing.assert_allclose(coverage._gain, coverage.error_dB - more, atol=1e-8)
+
+
+def test_it_is_enough_when_every_cell_is() -> None:
+    coverage = Coverage(RATE_HZ, ALL, Wanted(taps=0))
+    errors = []
+    for k, place in enumerate(middles(coverage) * 3):
+        assert not coverage.enough
+        add(coverage, slid(*place, 0.5, seed=k))
+        errors.append(coverage.error_dB)
+        if coverage.enough:
+            break
+    assert coverage.enough and coverage.advice() == "enough: more would not help"
+    assert (coverage.pieces >= 4).all() and coverage.target is None
+    assert coverage._gain.max() <= ENOUGH_DB
+    assert errors[-1] < 0.4 * errors[0]
+
+
+def test_advice_leads_there() -> None:
+    """Who does as the words say comes to the cell that is shown, wherever he was."""
+    for force, speed in ((0.32, 0.02), (2.9, 0.29), (0.32, 0.29), (2.9, 0.021), (5.0, 0.5), (0.2, 0.01)):
+        coverage = Coverage(RATE_HZ, ALL, Wanted(taps=0))
+        for turn in range(400):
+            add(coverage, slid(force, speed, 0.05, seed=turn))
+            words = coverage.advice()
+            if words.startswith("enough"):
+                break
+            force *= 1.1 ** (("harder" in words) - ("lightly" in words))
+            speed *= 1.1 ** (("faster" in words) - ("slower" in words))
+        assert coverage.enough, (coverage.pieces, words)
+        assert turn < 350
+
+
+def test_words() -> None:
+    coverage = Coverage(RATE_HZ, ALL)
+    add(coverage, slid(0.0, 0.1, 0.3))
+    assert coverage.advice() == "put the tool down and stroke"
+    add(coverage, slid(1.0, 0.0, 0.3))
+    assert coverage.advice() == "stroke"
+    coverage = Coverage(RATE_HZ, ALL)
+    add(coverage, slid(1.0, 0.1, 0.08))  # where it begins it may stay, until that is enough
+    assert coverage.advice() == "good: go on like this"
+    add(coverage, slid(1.0, 0.1, 3.0))  # that is enough there
+    assert set(coverage.advice().split(", ")) < {"press harder", "press more lightly", "faster", "slower"}
+    assert coverage.target is not None and coverage.share[coverage.target] < 1.0
+
+
+def test_a_cell_that_the_hand_does_not_come_to_waits() -> None:
+    coverage = Coverage(RATE_HZ, ALL)
+    targets = set()
+    for turn in range(300):
+        add(coverage, slid(1.0, 0.1, 0.05, seed=turn))
+        coverage.advice()
+        targets.add(coverage.target)
+    assert len(targets) > 2
+
+
+def test_taps_and_slides_that_break_away() -> None:
+    coverage = Coverage(RATE_HZ, (*ALL, "tangential_force"))
+    assert coverage.lacks == ["lift and tap three times", "stop, stay pressed, and slide on, three times"]
+    for k in range(3):
+        for force, speed, seconds in ((0.0, 0.0, 0.2), (2.0, 0.0, 0.06), (0.0, 0.0, 0.2), (1.0, 0.0, 0.3)):
+            add(coverage, slid(force, speed, seconds, seed=k))
+        assert (coverage.taps, coverage.starts) == (k + 1, k)  # one that lasts is none
+        add(coverage, slid(1.0, 0.1, 0.3))
+    assert coverage.starts == 3 and coverage.lacks == []
+
+
+def test_without_force_or_speed_it_says_what_cannot_be_guided() -> None:
+    streams = slid(1.0, 0.1, 5.0)
+    for left_out, shape in (("force", (1, 4)), ("speed", (3, 1))):
+        there = tuple(name for name in ALL if name != left_out)
+        coverage = Coverage(RATE_HZ, there)
+        coverage.feed(0, {name: streams[name] for name in there})
+        assert coverage.pieces.shape == shape and coverage.pieces.sum() == 50
+        assert [text.split()[0] for text in coverage.cannot] == [left_out]
+        assert "press" not in coverage.advice() if left_out == "force" else "faster" not in coverage.advice()
+    coverage = Coverage(RATE_HZ, ("acceleration",))
+    for turn in range(10):
+        add(coverage, {"acceleration": slid(1.0, 0.1, 1.0, seed=turn)["acceleration"]})
+    assert len(coverage.cannot) == 2 and coverage.enough
+    with pytest.raises(CaptureError, match="no acceleration"):
+        Coverage(RATE_HZ, ("force", "speed"))
+
+
+def test_a_position_gives_the_speed() -> None:
+    t_s = np.arange(round(3.0 * RATE_HZ)) / RATE_HZ
+    at = 0.05 / 2.0 * np.array([np.cos(2.0 * t_s), np.sin(2.0 * t_s)])  # a circle, 50 mm/s
+    coverage = Coverage(RATE_HZ, ("acceleration", "force", "position"))
+    noise = np.random.default_rng(0).normal(size=len(t_s))
+    for part in np.array_split(np.arange(len(t_s)), 37):
+        coverage.feed(int(part[0]), {"acceleration": noise[part], "force": np.ones(len(part)), "position": at[:, part]})
+    assert coverage.now.speed_m_s == pytest.approx(0.05, rel=0.01)
+    assert coverage.pieces[:, 1].sum() == coverage.pieces.sum() >= 28
+
+
+def test_three_axes_have_the_power_of_all() -> None:
+    streams = slid(1.0, 0.1, 3.0)
+    one, three = Coverage(RATE_HZ, ALL), Coverage(RATE_HZ, ALL)
+    one.feed(0, streams)
+    axes = np.array([0.6, 0.0, 0.8])[:, None] * streams["acceleration"]
+    three.feed(0, {**streams, "acceleration": axes})
+    np.testing.assert_allclose(three._level, one._level, atol=1e-9)
+
+
+def test_what_is_cut_off_is_told() -> None:
+    streams = slid(1.0, 0.1, 2.0, rms=10.0)
+    from scipy.signal import butter, sosfilt
+
+    smooth = sosfilt(butter(2, 400.0, fs=RATE_HZ, output="sos"), streams["acceleration"])
+    counts = np.round(smooth / 0.01) * 0.01
+    for most, cut_off in ((np.inf, False), (6.0, True)):
+        coverage = Coverage(RATE_HZ, ALL)
+        coverage.feed(0, {**streams, "acceleration": np.clip(counts, -most, most)})
+        assert (coverage.clipped > 0) == cut_off
+    truth = np.count_nonzero(np.abs(counts) >= 6.0)
+    assert 0.3 * truth < coverage.clipped < truth
+    pressed = Coverage(RATE_HZ, ALL, Wanted(full_scale={"force": 2.0}))
+    pressed.feed(0, {**streams, "acceleration": counts, "force": np.minimum(np.linspace(0.0, 4.0, len(counts)), 2.0)})
+    assert pressed.clipped == pytest.approx(0.5 * len(counts), rel=0.01)
+
+
+def test_a_probe_of_coarse_steps_is_not_cut_off() -> None:
+    """The simulator's columns, in its own counts; and a still sensor of three steps."""
+    coverage, made = Coverage(10_000.0, ALL), strokes(10_000.0)
+    for turn in range(1000):
+        counts = next(made)
+        rows = {c.name: counts[:, i] * c.scale for i, c in enumerate(COLUMNS)}
+        coverage.feed(turn * len(counts), rows)
+    assert coverage.clipped == 0 and coverage.pieces.sum() > 60
+    still = Coverage(RATE_HZ, ("acceleration",))
+    still.feed(0, {"acceleration": np.random.default_rng(0).integers(-1, 2, 20_000) * 0.01})
+    assert still.clipped == 0
+
+
+def test_gaps_are_counted_and_no_piece_reaches_over_one() -> None:
+    coverage, streams = Coverage(RATE_HZ, ALL), slid(1.0, 0.1, 1.0)
+    half = {name: row[: 2400 + 1] for name, row in streams.items()}  # 0.48 s: four pieces and a rest
+    coverage.feed(0, half)
+    coverage.feed(2401 + 99, half)
+    assert coverage.dropped == 99 and coverage.pieces.sum() == 8
+    assert coverage.seconds == pytest.approx((2 * 2401 + 99) / RATE_HZ)
+
+
+def test_knocks_are_not_counted_as_sliding() -> None:
+    coverage = Coverage(RATE_HZ, ALL)
+    add(coverage, slid(1.0, 0.1, 3.0))
+    before = coverage.pieces.sum()
+    add(coverage, slid(1.0, 0.1, 0.1, rms=30.0))
+    assert coverage.knocks == 1 and coverage.pieces.sum() == before
+
+
+def test_what_is_wanted_must_make_sense() -> None:
+    for wrong in ({"force_N": (2.0, 1.0)}, {"speed_m_s": (0.0, 1.0)}, {"force_N": (1.0, np.inf)}):
+        with pytest.raises(CaptureError, match="from a lower to a higher"):
+            Wanted(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(CaptureError, match="rate_Hz must be above"):
+        Coverage(100.0, ALL)
