@@ -29,9 +29,12 @@ LEVEL: Final = 10.0
 BLOCK_S: Final = 0.01
 """Time between two writes [s]."""
 
-HELD_B: Final = 65_536
-"""What is held for a reader that is late [bytes]: as much as Linux does for a serial port; for a pseudo-terminal it
-holds an eighth of it, too little where the reader, or this simulator, waits for a busy core."""
+LATE_S: Final = 2e-3
+"""Time between two looks whether the reader has come [s]."""
+
+HELD_S: Final = 0.6
+"""How late a reader may be before what was sent is lost [s]: as Linux holds it for a serial port of 921,600 baud. For a
+pseudo-terminal it holds a tenth of a second, too little where reader or simulator wait for a busy core."""
 
 
 def strokes(rate_Hz: float, seed: int = 0) -> Iterator[np.ndarray]:
@@ -77,17 +80,19 @@ def main(arguments: list[str] | None = None) -> int:
     import scipy.signal  # noqa: F401  # takes long at first: whoever reads the port's name waits for a header
 
     wire = simulated_port(parser)
-    start_s, held = time.monotonic(), b""
+    start_s = taken_s = time.monotonic()
     with suppress(KeyboardInterrupt):
         for turn, text in enumerate(lines(options.rate, options.seed, options.drop)):
             if turn * BLOCK_S >= options.seconds:
                 break
             time.sleep(max(0.0, start_s + turn * BLOCK_S - time.monotonic()))
-            held += text
-            with suppress(BlockingIOError):
-                held = held[os.write(wire, held) :]
-            if len(held) > HELD_B:  # nobody reads: lost, as on a wire
-                held = b""
+            while text:
+                try:
+                    text, taken_s = text[os.write(wire, text) :], time.monotonic()
+                except BlockingIOError:
+                    if time.monotonic() - taken_s > HELD_S:  # nobody reads: lost, as on a wire
+                        break
+                    time.sleep(LATE_S)
     return 0
 
 

@@ -55,12 +55,35 @@ def test_it_prints_as_time_goes_by_and_catches_up_where_it_was_late(monkeypatch:
         assert seconds >= 0.0
         clock[0] += seconds
 
-    def write(wire: int, text: bytes) -> None:
+    def write(wire: int, text: bytes) -> int:
         written_s.append(clock[0] - 100.0)
         clock[0] += 0.025 if len(written_s) == 3 else 0.0  # the machine is busy
+        return len(text)
 
     monkeypatch.setattr(record_simulator, "simulated_port", lambda parser: 9)
     monkeypatch.setattr(record_simulator, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
     monkeypatch.setattr(record_simulator, "os", SimpleNamespace(write=write))
     assert record_simulator.main(["--seconds", "0.08"]) == 0
     assert written_s == pytest.approx([0.0, 0.01, 0.02, 0.045, 0.045, 0.05, 0.06, 0.07])
+
+
+@pytest.mark.parametrize(("late_s", "lost"), [(0.3, False), (1.5, True)])
+def test_a_late_reader_loses_nothing_and_none_loses_what_is_sent(
+    late_s: float, lost: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, taken = [100.0], bytearray()
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    def write(wire: int, text: bytes) -> int:
+        if 100.5 < clock[0] < 100.5 + late_s:
+            raise BlockingIOError
+        taken.extend(text[:1000])
+        return len(text[:1000])
+
+    monkeypatch.setattr(record_simulator, "simulated_port", lambda parser: 9)
+    monkeypatch.setattr(record_simulator, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep))
+    monkeypatch.setattr(record_simulator, "os", SimpleNamespace(write=write))
+    assert record_simulator.main(["--seconds", "3"]) == 0
+    assert (bytes(taken) != b"".join(islice(lines(RATE_HZ), 300))) == lost
