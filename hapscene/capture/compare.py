@@ -23,7 +23,7 @@ from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.errors import CaptureError, HapsceneError
 from hapscene.files import refusing
 from hapscene.surface.library import library_folder, load_swatch, shipped_swatches
-from hapscene.surface.swatch import NAME_MAX, Swatch
+from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import SUFFIX
 from hapscene.surface.taps import Tap, Taps
 from hapscene.surface.texture import Texture
@@ -112,12 +112,14 @@ class Comparison:
         second: name of the second.
         differences: in the quantities that both have.
         skipped: quantity to the reason why it was not compared.
+        tools: what each was touched with, where that is known of both and differs.
     """
 
     first: str
     second: str
     differences: tuple[Difference, ...]
     skipped: dict[str, str]
+    tools: tuple[str, str] | None = None
 
     @property
     def telling(self) -> Difference | None:
@@ -148,6 +150,7 @@ class Comparison:
             "most_by": None if self.telling is None else self.telling.quantity.name,
             "differences": [{key: _finite(value) for key, value in row.items()} for row in rows],
             "skipped": self.skipped,
+            "tools": self.tools,
         }
 
 
@@ -173,7 +176,14 @@ def compare(first: Swatch, second: Swatch) -> Comparison:
             found += differences(first, second)
         except _NotCompared as reason:
             skipped |= {quantity.name: str(reason) for quantity in quantities}
-    return Comparison(first.name, second.name, tuple(found), skipped)
+    return Comparison(first.name, second.name, tuple(found), skipped, _tools(first, second))
+
+
+def _tools(first: Swatch, second: Swatch) -> tuple[str, str] | None:
+    """Tools and tips of two surfaces, where both say one and it is not the same."""
+    pairs = [(getattr(first, what), getattr(second, what)) for what in TOOL_FIELDS]
+    differ = any(one and two and one != two for one, two in pairs)
+    return (touched_with(first), touched_with(second)) if differ else None
 
 
 class _NotCompared(Exception):

@@ -28,7 +28,7 @@ from hapscene.errors import SwatchError
 from hapscene.files import write_whole
 from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
-from hapscene.surface.swatch import Swatch, SwatchLike
+from hapscene.surface.swatch import Swatch, SwatchLike, touched_with
 from hapscene.surface.taps import Taps
 
 TIMESCALE_MAX: Final = 48_000
@@ -105,7 +105,9 @@ def as_hjif(
             peak, band = _transients(taps, rate, first_tap_s)
             perceptions.append(_perception(len(perceptions), said, peak, rate, band))
             first_tap_s += len(taps.approach_m_s) * TAP_SPACING_S
-    notes = [swatch.name, swatch.provenance, f"Licence: {swatch.licence}" if swatch.licence else ""]
+    touched = touched_with(swatch)
+    notes = [swatch.name, f"Touched with: {touched}." if touched else "", swatch.provenance]
+    notes.append(f"Licence: {swatch.licence}" if swatch.licence else "")
     return {
         "version": "2023",
         "profile": "Main",

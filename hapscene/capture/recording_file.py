@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
-from hapscene.capture.streams import Array, filtered, speed_of
+from hapscene.capture.streams import Array, direction_of, filtered, speed_of
 from hapscene.errors import CaptureError, warn
 from hapscene.files import check_memory, refusing
 from hapscene.number_files import TOO_MUCH
@@ -87,8 +87,11 @@ def one_axis(axes: Array | list[Array], rate_Hz: float) -> Array:
     return made[hop : hop + count]
 
 
-VECTORS: Final = ("acceleration", "position", "tangential_force")
-"""Quantities that may have up to three columns, joined by "+" or named with _x, _y, _z."""
+QUATERNION: Final = "orientation"
+"""The quantity of four columns, joined by "+" or named with _w, _x, _y, _z."""
+
+VECTORS: Final = ("acceleration", "position", "tangential_force", "torque", QUATERNION)
+"""Quantities that may have up to three columns, joined by "+" or named with _x, _y, _z; and `QUATERNION`."""
 
 UNEVEN_MAX: Final = 0.1
 """Largest deviation of a time step from the mean one, in steps [1], at which a time column gives the rate."""
@@ -105,11 +108,25 @@ class BridgedWarning(UserWarning):
     """Samples were missing in a recording, and were put on straight lines between their neighbours."""
 
 
+WORDS: Final = {
+    "force_N": "normal force",
+    "speed_m_s": "speed",
+    "tangential_force_N": "tangential force",
+    "depth_m": "depth",
+    "torque_Nm": "torque",
+    "grip_force_N": "grip force",
+    "contact_angle_rad": "contact angle",
+    "direction_rad": "direction",
+}
+"""What the streams beside the acceleration are called."""
+
+
 @dataclass(frozen=True)
 class SurfaceRecording:
     """The streams of a file in SI units, (n,) each; None for those that it does not have.
 
-    Three axes of acceleration are made one by DFT321, positions a speed; tangential forces and friction are a force.
+    Three axes of acceleration are made one by DFT321, positions a speed and a direction; tangential forces and friction
+    are a force, torques their size, an orientation a contact angle.
     """
 
     rate_Hz: float
@@ -120,10 +137,15 @@ class SurfaceRecording:
     depth_m: Array | None = None
     bridged: Mapping[str, int] = field(default_factory=dict)
     """how many missing samples of a column were put on straight lines"""
+    torque_Nm: Array | None = field(default=None, kw_only=True)
+    grip_force_N: Array | None = field(default=None, kw_only=True)
+    contact_angle_rad: Array | None = field(default=None, kw_only=True)
+    """between the tool's axis and the surface's normal, 0 upright"""
+    direction_rad: Array | None = field(default=None, kw_only=True)
+    """of sliding over the surface"""
 
     def __repr__(self) -> str:
-        streams = ("force_N", "speed_m_s", "tangential_force_N", "depth_m")
-        held = ", ".join(name for name in streams if getattr(self, name) is not None) or "nothing"
+        held = ", ".join(name for name in WORDS if getattr(self, name) is not None) or "nothing"
         count, rate_Hz = len(self.acceleration_m_s2), self.rate_Hz
         return f"<SurfaceRecording: {count:,} samples, {count / rate_Hz:.3g} s at {rate_Hz:g} Hz, with {held}>"
 
@@ -205,7 +227,7 @@ def read_surface_recording(
 
         axes = max(len(names) for names in chosen.values())
         kept_B = sum(column.nbytes for column in held.values() if column.base is not None)
-        needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS)
+        needed_B = kept_B + 8 * count * (len(chosen) + axes + _MORE_ROWS + ("position" in chosen))
         check_memory(needed_B, own_B, f"its {count:,} samples", TOO_MUCH)
         rate = _rate(rate_Hz, source, rows("time")[0] if "time" in chosen else None)
         recording = _assembled(rate, chosen, rows)
@@ -235,17 +257,49 @@ def bridge(stream: Array, name: str) -> int:
 
 def _assembled(rate_Hz: float, chosen: Iterable[str], rows: Callable[[str], list[Array]]) -> SurfaceRecording:
     """The recording, each quantity made one stream before the next is taken up."""
-    single = {name: rows(name)[0] for name in ("force", "speed", "friction", "depth") if name in chosen}
-    force, speed, tangential = single.get("force"), single.get("speed"), None
-    if speed is None and "position" in chosen:
-        speed = speed_of(rows("position"), rate_Hz)
+    single = {name: rows(name)[0] for name in _SINGLE if name in chosen}
+    force, speed, tangential, torque = single.get("force"), single.get("speed"), None, None
+    direction, angle = single.get("direction"), single.get("contact_angle")
+    if "position" in chosen and (speed is None or direction is None):
+        place = rows("position")
+        speed = speed_of(place, rate_Hz) if speed is None else speed
+        if direction is None and len(place) > 1:
+            direction = direction_of(place[0], place[1], rate_Hz)
+        del place
+    if angle is None and QUATERNION in chosen:
+        angle = tilt(rows(QUATERNION))
+    if "torque" in chosen:
+        torque = _size(rows("torque"))
     if "tangential_force" in chosen:
-        axes = rows("tangential_force")
-        tangential = axes[0] if len(axes) == 1 else np.sqrt(sum(axis**2 for axis in axes))
+        tangential = _size(rows("tangential_force"))
     elif "friction" in single and force is not None:
         tangential = single["friction"] * force
     acceleration = one_axis(rows("acceleration"), rate_Hz)
-    return SurfaceRecording(rate_Hz, acceleration, force, speed, tangential, single.get("depth"))
+    return SurfaceRecording(
+        rate_Hz, acceleration, force, speed, tangential, single.get("depth"), torque_Nm=torque,
+        grip_force_N=single.get("grip_force"), contact_angle_rad=angle, direction_rad=direction,
+    )  # fmt: skip
+
+
+_SINGLE: Final = ("force", "speed", "friction", "depth", "grip_force", "contact_angle", "direction")
+
+
+def _size(axes: list[Array]) -> Array:
+    """Size (n,) of a vector's axes; one axis as it is."""
+    return axes[0] if len(axes) == 1 else np.asarray(np.sqrt(sum(axis**2 for axis in axes)))
+
+
+def tilt(quaternion: list[Array]) -> Array:
+    """Angle (n,) [rad] between the z-axes before and after a turn by w, x, y, z (n,) each, from 0 to π/2.
+
+    Raises:
+        CaptureError: a quaternion of no size.
+    """
+    square = sum(part**2 for part in quaternion)
+    if not np.all(np.asarray(square) > 0.0):
+        raise CaptureError("orientation: a quaternion of four zeros is none")
+    _, x, y, _ = quaternion
+    return np.asarray(np.arccos(np.minimum(np.abs(1.0 - 2.0 * (x**2 + y**2) / square), 1.0)))
 
 
 def _rate(given_Hz: float | None, source: RecordingSource, time_s: Array | None) -> float:
@@ -273,14 +327,16 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
         for part in parts:
             if part not in names:
                 raise CaptureError(f"no column {part!r}; there are: {', '.join(names)}")
-        if len(parts) > (3 if quantity in VECTORS else 1):
-            most = "at most three columns" if quantity in VECTORS else "one column"
-            raise CaptureError(f"{quantity} has {most}, {column!r} names {len(parts)}")
         chosen[quantity] = parts
     for quantity in UNITS.keys() - chosen.keys():
-        axes = [f"{quantity}_{axis}" for axis in AXES if quantity in VECTORS and f"{quantity}_{axis}" in names]
+        axes = [f"{quantity}_{axis}" for axis in _axes(quantity) if f"{quantity}_{axis}" in names]
         if quantity in names or axes:
             chosen[quantity] = [quantity] if quantity in names else axes
+    for quantity, parts in chosen.items():
+        if len(parts) > max(1, len(_axes(quantity))) or (quantity == QUATERNION and len(parts) < 4):
+            most = "at most three columns" if quantity in VECTORS else "one column"
+            most = "four columns: w, x, y, z" if quantity == QUATERNION else most
+            raise CaptureError(f"{quantity} has {most}, {'+'.join(parts)!r} names {len(parts)}")
     numbered = names in (["1"], ["1", "2", "3"] if wave else [])
     if "acceleration" not in chosen and numbered:
         chosen["acceleration"] = names
@@ -293,20 +349,25 @@ def _choose(names: list[str], columns: Mapping[str, str], wave: bool) -> dict[st
     return {quantity: chosen[quantity] for quantity in UNITS if quantity in chosen}
 
 
+def _axes(quantity: str) -> tuple[str, ...]:
+    """What the columns of a quantity may end in; of one number none."""
+    return ("w", *AXES) if quantity == QUATERNION else AXES if quantity in VECTORS else ()
+
+
 def _joined(columns: Mapping[str, str]) -> dict[str, str]:
     """Columns as given, those of axes, as acceleration_x, joined by "+" under their quantity."""
     joined: dict[str, str] = {}
     axes: dict[str, dict[str, str]] = {}
     for key, column in columns.items():
         quantity, _, axis = key.rpartition("_")
-        if quantity in VECTORS and axis in AXES:
+        if axis in _axes(quantity):
             axes.setdefault(quantity, {})[axis] = column
         else:
             joined[key] = column
     for quantity, parts in axes.items():
         if quantity in joined:
             raise CaptureError(f"columns name both {quantity} and {quantity}_{min(parts)}: give one of them")
-        joined[quantity] = "+".join(parts[axis] for axis in AXES if axis in parts)
+        joined[quantity] = "+".join(parts[axis] for axis in _axes(quantity) if axis in parts)
     return joined
 
 
@@ -323,7 +384,7 @@ def _scale(quantity: str, names: list[str], given: Mapping[str, str], own: Mappi
     unknown = [name for name in given if name not in UNITS]
     if unknown:
         raise CaptureError(f"no quantity {unknown[0]!r} in units; there are: {', '.join(UNITS)}")
-    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s"}.get(quantity)
+    unit = given.get(quantity) or own.get(names[0]) or {"friction": "1", "time": "s", QUATERNION: "1"}.get(quantity)
     if unit is None:
         example = next(iter(UNITS[quantity]))
         raise CaptureError(

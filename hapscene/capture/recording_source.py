@@ -236,19 +236,20 @@ _NUMBERS: Final = "fiu"
 
 
 def _named(arrays: Mapping[str, NDArray[Any]]) -> RecordingSource:
-    """Streams among named arrays; one of three columns is a vector. What is neither is left out."""
+    """Streams among named arrays; one of three columns is a vector, one of four a quaternion. All else is left out."""
     columns: dict[str, Column] = {}
     for name, rows in arrays.items():
         if rows.dtype.kind not in _NUMBERS or rows.size <= 1:
             continue
-        if rows.ndim == 2 and rows.shape[0] in (1, 3) and rows.shape[1] > 3:
+        if rows.ndim == 2 and rows.shape[0] in (1, 3, 4) and rows.shape[1] > 4:
             rows = rows.T
         if rows.ndim == 2 and rows.shape[1] == 1:
             rows = rows[:, 0]
         if rows.ndim == 1:
             columns[name] = rows
-        elif rows.ndim == 2 and rows.shape[1] == 3:
-            columns |= {f"{name}_{axis}": part for axis, part in zip(AXES, rows.T, strict=True)}
+        elif rows.ndim == 2 and rows.shape[1] in (3, 4):
+            axes = ("w", *AXES)[-rows.shape[1] :]
+            columns |= {f"{name}_{axis}": part for axis, part in zip(axes, rows.T, strict=True)}
     rate, own_B = arrays.get("rate_Hz"), sum(array.nbytes for array in arrays.values())
     return RecordingSource(columns, None if rate is None else _rate(rate), _units(arrays.get("units")), own_B=own_B)
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hapscene.capture import metric
-from hapscene.capture.recording_file import SurfaceRecording
+from hapscene.capture.recording_file import WORDS, SurfaceRecording
 from hapscene.capture.report_numbers import FELT_DB, HeldOut, Judgement, judge
 from hapscene.capture.report_plots import (
     Plot,
@@ -34,7 +34,7 @@ from hapscene.capture.swatch_fit import prepare
 from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
 from hapscene.files import refusing, write_whole
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import TOOL_FIELDS, Swatch
 
 # The numbers of a report in words: what is in the swatch, how good it is, what is absent.
 
@@ -329,7 +329,8 @@ def report(swatch: Swatch, recording: SurfaceRecording | None = None, source: st
             judgement = judge(swatch, *part)
         except CaptureError as error:  # no texture, or no sliding: the rest of the page stands
             missing = f"Cannot be judged: {error}"
-    about = [
+    about = [(what, getattr(swatch, what)) for what in TOOL_FIELDS if getattr(swatch, what)]
+    about += [
         ("provenance", swatch.provenance or "not said"),
         ("licence", swatch.licence or "not said"),
         ("recording", _described(recording, source)),
@@ -393,8 +394,7 @@ def _described(recording: SurfaceRecording | None, source: str) -> str:
     if recording is None:
         return "none given"
     seconds = len(recording.acceleration_m_s2) / recording.rate_Hz
-    words = {"force_N": "normal force", "speed_m_s": "speed", "tangential_force_N": "tangential force"}
-    held = [word for name, word in words.items() if getattr(recording, name) is not None]
+    held = [word for name, word in WORDS.items() if getattr(recording, name) is not None]
     rms = float(np.std(recording.acceleration_m_s2))
     return (
         f"{source + ': ' if source else ''}{seconds:.2f} s at {recording.rate_Hz:g} Hz, "

@@ -1,4 +1,4 @@
-"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, tangential force, depth."""
+"""The streams of a recording, checked and cleaned: acceleration, normal force, speed, and what else was measured."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -47,6 +47,12 @@ class Streams:
     """which streams were not recorded, but assumed"""
     speed_rest_m_s: float = 0.0
     """what the speed reads at rest: noise of a speed that is a size, and so never negative, has a mean"""
+    torque_Nm: Array | None = None
+    grip_force_N: Array | None = None
+    contact_angle_rad: Array | None = None
+    """between the tool's axis and the surface's normal, 0 upright"""
+    direction_rad: Array | None = None
+    """of sliding over the surface, from −π to π"""
 
 
 def clean(
@@ -56,12 +62,18 @@ def clean(
     speed_m_s: ArrayLike | None = None,
     tangential_force_N: ArrayLike | None = None,
     depth_m: ArrayLike | None = None,
+    *,
+    torque_Nm: ArrayLike | None = None,
+    grip_force_N: ArrayLike | None = None,
+    contact_angle_rad: ArrayLike | None = None,
+    direction_rad: ArrayLike | None = None,
 ) -> Streams:
     """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it. Streams that the caller does not hold are let go once they
-    are used: of a long recording each is as large as all that is done with it.
+    Depth grows into the surface; it is negative above it. A direction may turn round and round. Streams
+    that the caller does not hold are let go once they are used: of a long recording each is as large as all that is
+    done with it.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
@@ -84,12 +96,16 @@ def clean(
         raise CaptureError(f"{count} samples at {rate_Hz:g} Hz are {count / rate_Hz:.3g} s: {least}")
     force = _stream("force_N", ASSUMED_FORCE_N if force_N is None else force_N, count)
     speed = _stream("speed_m_s", ASSUMED_SPEED_M_S if speed_m_s is None else speed_m_s, count)
-    others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m}
-    tangential, depth = (None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items())
+    others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m, "torque_Nm": torque_Nm}
+    others |= {"grip_force_N": grip_force_N, "contact_angle_rad": contact_angle_rad}
+    low = {n: None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items()}
+    if direction_rad is not None:
+        direction_rad = _turning(_stream("direction_rad", direction_rad, count), rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
     largest = max(1.0, acceleration.max(), -acceleration.min())
     acceleration = acceleration - acceleration.mean()
     del acceleration_m_s2, force_N, speed_m_s, tangential_force_N, depth_m, others
+    del torque_Nm, grip_force_N, contact_angle_rad
     high = filtered(acceleration, rate_Hz, ACCELERATION_BAND_HZ[0], "highpass")
     del acceleration
     if not high.std() > 1e-9 * largest:
@@ -99,7 +115,9 @@ def clean(
     speed = np.broadcast_to(np.abs(speed[0]), count) if np.ptp(speed) == 0.0 else np.abs(speed, out=speed)
     rest_m_s = _rest_level(raw, speed, rate_Hz)
     del raw
-    return Streams(float(rate_Hz), high, force, speed, tangential, depth, assumed, rest_m_s)
+    return Streams(
+        float(rate_Hz), high, force, speed, assumed=assumed, speed_rest_m_s=rest_m_s, **low, direction_rad=direction_rad
+    )
 
 
 def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
@@ -137,6 +155,11 @@ def part_of(recording: _Recording, part: slice | NDArray[np.bool_]) -> _Recordin
     return replace(recording, **{name: stream[part] for name, stream in streams if isinstance(stream, np.ndarray)})
 
 
+def _follows(position_m: Array, rate_Hz: float) -> bool:
+    """Whether positions (n,) are enough to be low-passed."""
+    return rate_Hz > 4.0 * HAND_CUTOFF_HZ and len(position_m) >= 0.1 * rate_Hz
+
+
 def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     """Speed (n,) [m/s] of positions (k, n) along k axes: low-passed at 100 Hz, then central differences.
 
@@ -146,7 +169,7 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     Raises:
         CaptureError: too slow or too short to be low-passed.
     """
-    if not rate_Hz > 4.0 * HAND_CUTOFF_HZ or len(position_m[0]) < 0.1 * rate_Hz:
+    if not _follows(position_m[0], rate_Hz):
         raise CaptureError(
             f"a speed cannot be made of {len(position_m[0])} positions at {rate_Hz:g} Hz: 0.1 s or more at above "
             f"{4.0 * HAND_CUTOFF_HZ:g} Hz are needed"
@@ -155,6 +178,14 @@ def speed_of(position_m: Array | Sequence[Array], rate_Hz: float) -> Array:
     for axis in position_m:
         square += np.gradient(_low_passed(axis, rate_Hz), 1.0 / rate_Hz) ** 2
     return np.asarray(np.sqrt(square, out=square))
+
+
+def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
+    """Direction (n,) [rad] in which positions (n,) move, from x towards y; None where they have no speed."""
+    if not _follows(x_m, rate_Hz):
+        return None
+    slope = [np.gradient(_low_passed(axis, rate_Hz)) for axis in (y_m, x_m)]
+    return np.asarray(np.arctan2(*slope))
 
 
 def high_pass_gain(size: int, rate_Hz: float) -> Array:
@@ -192,6 +223,11 @@ def _low_passed(signal: Array, rate_Hz: float) -> Array:
     if np.ptp(signal) == 0.0:
         return np.broadcast_to(signal[0], signal.shape)
     return filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
+
+
+def _turning(angle_rad: Array, rate_Hz: float) -> Array:
+    """An angle at 100 Hz, by its cosine and its sine, from −π to π."""
+    return np.asarray(np.arctan2(_low_passed(np.sin(angle_rad), rate_Hz), _low_passed(np.cos(angle_rad), rate_Hz)))
 
 
 def filtered(

@@ -45,6 +45,8 @@ def fit(
     depth_m: ArrayLike | None = None,
     excitation: object = None,
     domain: str = "auto",
+    tool: str = "",
+    tip: str = "",
 ) -> Swatch:
     """The swatch of a recording of a tool on a surface: `fit(load_recording("oak.csv", …))`, or of its streams.
 
@@ -63,6 +65,8 @@ def fit(
         excitation: has no effect any more: the noise that drives a texture is Gaussian.
         domain: frequency axis of the AR models: "plain"; "warped", finer where more is felt, at rates above 3 kHz
             (`hapscene.dsp.warped_prediction`); or "auto": the better one on held-out data, "plain" for an order given.
+        tool: what the tip was held by, as in "steel probe".
+        tip: what touched the surface, as in "3.2 mm ball".
 
     Returns:
         A swatch with what the recording holds: texture where the tool slides, taps where it strikes, friction,
@@ -82,7 +86,7 @@ def fit(
     else:
         channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m)
         part = channels, segment(channels)
-    return fit_parts([part], name, order, model_count, interpolation, domain)
+    return fit_parts([part], name, order, model_count, interpolation, domain, tool, tip)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -95,7 +99,8 @@ def prepare(recording: SurfaceRecording) -> Part:
     del recording  # what the caller does not hold either is let go by `clean`
     channels = clean(
         r.pop("acceleration_m_s2"), r["rate_Hz"], r.pop("force_N"), r.pop("speed_m_s"), r.pop("tangential_force_N"),
-        r.pop("depth_m"),
+        r.pop("depth_m"), torque_Nm=r.pop("torque_Nm"), grip_force_N=r.pop("grip_force_N"),
+        contact_angle_rad=r.pop("contact_angle_rad"), direction_rad=r.pop("direction_rad"),
     )  # fmt: skip
     return channels, segment(channels)
 
@@ -107,6 +112,8 @@ def fit_parts(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     domain: str = "auto",
+    tool: str = "",
+    tip: str = "",
 ) -> Swatch:
     """The swatch of recordings of one surface, pooled; as `fit`.
 
@@ -155,10 +162,40 @@ def fit_parts(
         texture=texture,
         taps=taps.taps,
         leaving=contact.leaving,
-        provenance=friction.note,
+        provenance=" ".join(filter(None, (friction.note, felt(parts)))),
+        tool=tool,
+        tip=tip,
         intervals=intervals,
         absent=absent,
     )
+
+
+def felt(parts: Sequence[Part]) -> str:
+    """In which ranges the streams beside force and speed were while the tool slid, or at all: for a reader."""
+    said = []
+    for name, (word, scale, unit) in FELT.items():
+        found = []
+        for channels, states in parts:
+            stream = getattr(channels, name)
+            if stream is not None:
+                runs = states.runs(InteractionState.SLIDING) or [(0, len(stream))]
+                found += [scale * stream[slice(*run)] for run in runs]
+        if found:
+            low, high = np.quantile(np.concatenate(found), FELT_SHARES)
+            ends = dict.fromkeys((f"{low:.3g}", f"{high:.3g}"))
+            said.append(f"{word} {' to '.join(ends)} {unit}".replace(" °", "°"))
+    return f"Recorded with {', '.join(said)}." if said else ""
+
+
+FELT: Final = {
+    "grip_force_N": ("grip force", 1.0, "N"),
+    "contact_angle_rad": ("contact angle", 180.0 / np.pi, "°"),
+    "torque_Nm": ("torque", 1e3, "mN·m"),
+}
+"""What is told of streams that nothing is fitted to: word, scale and unit."""
+
+FELT_SHARES: Final = (0.05, 0.95)
+"""Between which quantiles a range is told [1]."""
 
 
 class _NoTexture(CaptureError):

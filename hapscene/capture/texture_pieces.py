@@ -1,14 +1,14 @@
 """The pieces of a recording that a texture is fitted to: short, of nearly one force and speed, and none that is odd."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.capture.streams import Array, Streams
+from hapscene.capture.streams import Array, Streams, part_of
 from hapscene.errors import CaptureError
 
 PIECE_S: Final = 0.1
@@ -29,6 +29,10 @@ PLANE_PIECES: Final = 20
 """Fewest pieces whose levels are explained by force and speed [count]; of fewer the median stands for all."""
 
 
+STEADY: Final = 0.9
+"""Length of the mean of unit vectors from which a piece has a direction [1]: 0.9 is that of an even turn by 90°."""
+
+
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of a recording, k of them.
@@ -38,12 +42,16 @@ class Pieces:
         force_N: (k,) mean normal force.
         speed_m_s: (k,) mean slip speed.
         start: (k,) number of the piece in the recording, so that neighbours are known.
+        direction_rad: (k,) mean direction of sliding, NaN where it turned within the piece; None: not recorded.
+        contact_angle_rad: (k,) mean angle of the tool, likewise.
     """
 
     acceleration_m_s2: Array
     force_N: Array
     speed_m_s: Array
     start: NDArray[np.intp]
+    direction_rad: Array | None = None
+    contact_angle_rad: Array | None = None
 
     def __len__(self) -> int:
         return len(self.start)
@@ -55,7 +63,7 @@ class Pieces:
         return np.asarray(np.einsum("kn,kn->k", rows, rows) / rows.shape[1])
 
     def __getitem__(self, chosen: slice | NDArray[np.bool_]) -> "Pieces":
-        return Pieces(self.acceleration_m_s2[chosen], self.force_N[chosen], self.speed_m_s[chosen], self.start[chosen])
+        return part_of(self, chosen)
 
 
 def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pieces:
@@ -73,7 +81,7 @@ def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pie
     if len(spans) == 1 and spans[0][1] - spans[0][0] >= length:
         size = spans[0][1] - spans[0][0]
         length = size // int(size / (PIECE_S * channels.rate_Hz))  # what is left over is less than one sample a piece
-    found: list[tuple[Array, Array, Array, NDArray[np.intp]]] = []
+    found: list[Pieces] = []
     number = 0
     for first, last in spans:
         count = (last - first) // length
@@ -82,9 +90,13 @@ def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pie
             stream[first : first + count * length].reshape(count, length)
             for stream in (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
         )
-        found.append((rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count)))
+        thirds = [
+            None if stream is None else _mean_angle(stream[first : first + count * length].reshape(count, length))
+            for stream in (channels.direction_rad, channels.contact_angle_rad)
+        ]
+        found.append(Pieces(rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count), *thirds))
         number += count + 1  # so that pieces of two stretches are no neighbours
-    pieces = Pieces(*found[0]) if len(found) == 1 else Pieces(*map(np.concatenate, zip(*found, strict=True)))
+    pieces = found[0] if len(found) == 1 else _joined(found)
     most_N, most_m_s = pieces.force_N.max(initial=0.0), pieces.speed_m_s.max(initial=0.0)
     sliding = (pieces.force_N > MOVING * most_N) & (pieces.speed_m_s > MOVING * most_m_s)
     if most_N <= 0.0 or most_m_s <= 0.0 or not np.any(sliding):
@@ -98,12 +110,29 @@ def pooled(parts: Sequence[Pieces]) -> Pieces:
         return parts[0]
     length = min(part.acceleration_m_s2.shape[1] for part in parts)
     shift = np.cumsum([0, *(int(part.start[-1]) + 2 for part in parts[:-1])])
-    return Pieces(
-        np.concatenate([part.acceleration_m_s2[:, :length] for part in parts]),
-        np.concatenate([part.force_N for part in parts]),
-        np.concatenate([part.speed_m_s for part in parts]),
-        np.concatenate([part.start + by for part, by in zip(parts, shift, strict=True)]),
+    return _joined(
+        [
+            replace(part, acceleration_m_s2=part.acceleration_m_s2[:, :length], start=part.start + by)
+            for part, by in zip(parts, shift, strict=True)
+        ]
     )
+
+
+def _joined(parts: Sequence[Pieces]) -> Pieces:
+    """Pieces one behind the other; what some do not know of a third variable is NaN."""
+    made: dict[str, Any] = {}
+    for name in (field.name for field in fields(Pieces)):
+        rows = [getattr(part, name) for part in parts]
+        known = any(row is not None for row in rows)
+        filled = [np.full(len(part), np.nan) if row is None else row for part, row in zip(parts, rows, strict=True)]
+        made[name] = np.concatenate(filled) if known else None
+    return Pieces(**made)
+
+
+def _mean_angle(angle_rad: Array) -> Array:
+    """Mean angle (k,) [rad] of rows (k, n); NaN of those that turn by more than about 90°."""
+    mean = np.exp(1j * angle_rad).mean(axis=1)
+    return np.where(np.abs(mean) > STEADY, np.angle(mean), np.nan)
 
 
 def without_outliers(pieces: Pieces) -> Pieces:

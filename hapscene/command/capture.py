@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -160,9 +161,11 @@ def _fit_one(options: argparse.Namespace) -> int:
 def _told(swatch: "Swatch") -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
     from hapscene.capture.tap_fit import SPEED_RATIO
+    from hapscene.surface.swatch import TOOL_FIELDS
     from hapscene.surface.swatch_summary import MORE, sounding
 
     lines = [f"{swatch.name}:"]
+    lines += [f"  {what}: {getattr(swatch, what)}" for what in TOOL_FIELDS if getattr(swatch, what)]
     texture, taps = swatch.texture, swatch.taps
     if texture is not None:
         count = sounding(texture)
@@ -198,6 +201,8 @@ def _told(swatch: "Swatch") -> list[str]:
         )
     if taps is not None:
         lines.append(f"  (taps at speeds within {100 * (SPEED_RATIO - 1):.0f} % count as one)")
+    if ranges := re.search(r"Recorded with (.*)\.", swatch.provenance):
+        lines.append(f"  recorded with {ranges[1]}")
     if swatch.intervals:
         lines.append("  in brackets: 95 % intervals")
     lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
@@ -224,7 +229,7 @@ EXCITATIONS: Final = ("auto", "gaussian", "measured")  # taken still, without ef
 
 
 def add_fit_options(command: argparse.ArgumentParser) -> None:
-    """Adds --order, --domain, --interpolation and --excitation."""
+    """Adds --order, --domain, --interpolation, --tool, --tip and --excitation."""
     command.add_argument(
         "--order", type=_order, default="auto", metavar="N",
         help="of the texture's models (default: auto, held-out data)",
@@ -237,6 +242,8 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--interpolation", choices=INTERPOLATIONS, default="lsf", help="how the texture blends its models (default lsf)"
     )
+    command.add_argument("--tool", default="", help="what held the tip, as in 'steel probe'; a swatch keeps it")
+    command.add_argument("--tip", default="", help="what touched the surface, as in '3.2 mm ball'")
     command.add_argument(
         "--excitation", choices=EXCITATIONS, help="has no effect any more",
     )  # fmt: skip
@@ -246,7 +253,8 @@ def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
     if options.excitation is not None:
         print("hapscene: --excitation has no effect any more", file=sys.stderr)
-    return {"order": options.order, "domain": options.domain, "interpolation": options.interpolation}
+    names = ("order", "domain", "interpolation", "tool", "tip")
+    return {name: getattr(options, name) for name in names}
 
 
 def _order(text: str) -> int | Literal["auto"]:

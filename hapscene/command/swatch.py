@@ -78,18 +78,22 @@ def _list(options: argparse.Namespace) -> int:
 
 def _print_entries(groups: Mapping[str, Sequence[Any]], as_json: bool) -> None:
     """One line a swatch, by where it is from, or JSON."""
+    from hapscene.surface.swatch import touched_with
+
     rows = [(entry, source) for source, entries in groups.items() for entry in entries]
     if as_json:
         found = [
             {"name": e.name, "from": source, "words": e.words, "figures": e.figures, "licence": e.licence}
-            | {"tags": list(e.tags)}
+            | {"tags": list(e.tags), "tool": e.tool, "tip": e.tip}
             for e, source in rows
         ]
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
     width = max((len(entry.name) for entry, _ in rows), default=0)
     for entry, source in rows:
-        tell([f"{entry.name:<{width}}  {source:<8}  {', '.join(entry.words)}"])
+        touched = touched_with(entry)
+        said = f"{', '.join(entry.words)}{f' ({touched})' if touched else ''}"
+        tell([f"{entry.name:<{width}}  {source:<8}  {said}"])
 
 
 def _add_show(commands: Any) -> None:
@@ -115,7 +119,7 @@ def _show(options: argparse.Namespace) -> int:
     numbers = figures(swatch)
     if options.json:
         told = {"name": swatch.name, "words": words(numbers), "figures": numbers}
-        told |= {"provenance": swatch.provenance, "licence": swatch.licence}
+        told |= {key: getattr(swatch, key) for key in ("tool", "tip", "provenance", "licence")}
         print(json.dumps(told, indent=2, ensure_ascii=False))
         return 0
     tell(lines(swatch))
@@ -124,7 +128,12 @@ def _show(options: argparse.Namespace) -> int:
 
 def _add_search(commands: Any) -> None:
     command = add_command(commands, "search", _search)
-    command.add_argument("terms", nargs="+", metavar="TERM", help="a word, or a bound: stiffness, roughness, friction")
+    command.add_argument(
+        "terms",
+        nargs="+",
+        metavar="TERM",
+        help="a word, tool:WORD, tip:WORD, or a bound: stiffness, roughness, friction",
+    )
     _library(command)
     command.add_argument("--json", action="store_true", help="print JSON")
 
@@ -135,6 +144,7 @@ def _search(options: argparse.Namespace) -> int:
     for example:
       hapscene swatch search grippy
       hapscene swatch search wood "friction<0.4" "roughness>=1"
+      hapscene swatch search tool:probe tip:ball
     """
     from hapscene.surface.library import computed_entries, own_entries, own_folders, search, shipped_entries
 
@@ -414,6 +424,9 @@ def _pair_text(comparison: "Comparison", surfaces: Sequence["ComparedSurface"]) 
     rows: list[Sequence[str]] = [("", comparison.first, comparison.second, "difference", "felt from", "")]
     rows += [_row(d) for d in comparison.differences]
     lines = [*_table(rows), "", _sentence(comparison)]
+    if comparison.tools is not None:
+        one, two = comparison.tools
+        lines.append(f"touched with different tools ({one}; {two}): that alone may differ as much as surfaces do")
     lines += [f"not compared: {name} ({reason})" for name, reason in comparison.skipped.items()]
     return lines + _repeat_text(surfaces)
 

@@ -17,7 +17,7 @@ from hapscene.errors import SwatchError
 from hapscene.scene.scene import Scene
 from hapscene.surface import library
 from hapscene.surface.library import LibraryEntry, entry_of, load_swatch
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import Swatch, touched_with
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, figures, words
 from hapscene.view.sound import FADE_S, PEAK_DBFS
 
@@ -207,8 +207,8 @@ def matching(cards: Iterable[Card], text: str) -> list[Card]:
     """
     every = list(cards)
     text = re.sub(r"\s*([<>]=?)\s*", r"\1", text)
-    words = [term for term in text.split() if not set(term) & set("<>")]
-    bounds = [term for term in text.split() if set(term) & set("<>")]
+    bounds = [term for term in text.split() if set(term) & set("<>") or term.casefold().startswith(("tool:", "tip:"))]
+    words = [term for term in text.split() if term not in bounds]
     held = {id(entry) for entry in library.search([card.entry for card in every], bounds)}
     return [card for card in every if id(card.entry) in held and all(_has(card, w.casefold()) for w in words)]
 
@@ -221,7 +221,8 @@ def _has(card: Card, word: str) -> bool:
         said = card.entry.words
     if word in card.name.casefold() or any(token.startswith(word) for token in _tokens(*said)):
         return True
-    return word in _tokens(card.entry.provenance, card.entry.licence, card.folder, *card.entry.tags)
+    entry = card.entry
+    return word in _tokens(touched_with(entry), entry.provenance, entry.licence, card.folder, *entry.tags)
 
 
 def _tokens(*texts: str) -> list[str]:

@@ -29,7 +29,7 @@ from urllib.parse import quote, urljoin, urlsplit
 from hapscene.errors import SwatchError, did_you_mean, no_such, printable
 from hapscene.files import parse_format, read_bytes, refusing, short, write_whole
 from hapscene.old_spellings import old_spellings
-from hapscene.surface.swatch import NAME_MAX, Swatch
+from hapscene.surface.swatch import NAME_MAX, TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, is_number, read_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.swatch_summary import figures, words
 
@@ -87,6 +87,8 @@ class LibraryEntry:
     licence: str = ""
     figures: dict[str, float] = field(default_factory=dict)
     tags: tuple[str, ...] = ()
+    tool: str = ""
+    tip: str = ""
 
     def __repr__(self) -> str:
         return f"<LibraryEntry {self.name!r}: {', '.join(self.words)}; {self.bytes:,} bytes>"
@@ -326,6 +328,7 @@ def _checked_tags(tags: Iterable[str]) -> tuple[str, ...]:
 def write_index(folder: Path, entries: Iterable[LibraryEntry]) -> None:
     """Writes a library's index, whole or not at all."""
     rows = [asdict(entry) for entry in sorted(entries, key=lambda entry: entry.name)]
+    rows = [{key: value for key, value in row.items() if value or key not in TOOL_FIELDS} for row in rows]
     text = json.dumps({"format": FORMAT, "version": VERSION, "swatches": rows}, indent=1, ensure_ascii=False)
     write_whole(folder / INDEX, f"{text}\n".encode(), SwatchError)
 
@@ -338,7 +341,8 @@ def entry_of(swatch: Swatch, data: bytes, taken: Iterable[str] = (), tags: tuple
     held = set(taken)
     file = next(name for name in names if name.casefold() not in held)
     digest = hashlib.sha256(data).hexdigest()
-    return LibraryEntry(swatch.name, file, digest, len(data), swatch.provenance, swatch.licence, figures(swatch), tags)
+    texts = swatch.name, file, digest, len(data), swatch.provenance, swatch.licence
+    return LibraryEntry(*texts, figures(swatch), tags, swatch.tool, swatch.tip)
 
 
 def verified(entry: LibraryEntry, data: bytes, where: str) -> Swatch:
@@ -379,12 +383,15 @@ def _entry(row: Any, place: str) -> LibraryEntry:
     """One entry, checked."""
     if not isinstance(row, dict):
         raise SwatchError(f"{place} must be an object")
-    texts = {key: row.get(key, "") for key in ("name", "file", "sha256", "provenance", "licence")}
+    texts = {key: row.get(key, "") for key in ("name", "file", "sha256", "provenance", "licence", *TOOL_FIELDS)}
     for key, value in texts.items():
         if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
             raise SwatchError(f"{place}.{key} must be a text")
     if not 1 <= len(texts["name"]) <= NAME_MAX or not texts["name"].isprintable():
         raise SwatchError(f"{place}.name must be 1 to {NAME_MAX} printable characters")
+    for key in TOOL_FIELDS:
+        if len(texts[key]) > NAME_MAX or not texts[key].isprintable():
+            raise SwatchError(f"{place}.{key} must be at most {NAME_MAX} printable characters")
     if not _FILE_NAME.fullmatch(texts["file"]) or _RESERVED.fullmatch(texts["file"]):
         raise SwatchError(f"{place}.file must be a plain file name ending in {SUFFIX}, is {texts['file'][:60]!r}")
     if not re.fullmatch(r"[0-9a-f]{64}", texts["sha256"]):
@@ -416,8 +423,9 @@ _SHORT: Final = {"stiffness": "stiffness_N_m", "roughness": "roughness_m_s2", "f
 def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[LibraryEntry]:
     """The entries that meet every term.
 
-    A term is a word found in name, feel, provenance or licence, without regard to case ("wood", "grippy"), or a bound
-    on a figure ("friction<0.3", "stiffness>=500", "tap_Hz>80").
+    A term is a word found in name, feel, tool, tip, provenance or licence, without regard to case ("wood", "grippy"); a
+    word of the tool or of the tip ("tool:probe", "tip:ball"); or a bound on a figure ("friction<0.3", "stiffness>=500",
+    "tap_Hz>80").
 
     Raises:
         SwatchError: a malformed bound, one on an unknown figure, or one that is no number.
@@ -425,6 +433,10 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
     found = list(entries)
     known = {key for entry in found for key in entry.figures} | set(_SHORT)
     for term in terms:
+        what, colon, word = term.strip().casefold().partition(":")
+        if colon and what in TOOL_FIELDS:
+            found = [entry for entry in found if word.strip() in getattr(entry, what).casefold()]
+            continue
         bound = _BOUND.fullmatch(term.strip())
         if bound is None and re.search("[<>]", term):
             raise SwatchError(f"{term!r}: a malformed bound: expected a figure, a sign and a number, as friction<0.4")
@@ -444,7 +456,8 @@ def search(entries: Iterable[LibraryEntry], terms: Iterable[str]) -> list[Librar
 
 
 def _text(entry: LibraryEntry) -> str:
-    return " ".join([entry.name, *entry.words, entry.provenance, entry.licence, *entry.tags]).casefold()
+    texts = entry.name, *entry.words, touched_with(entry), entry.provenance, entry.licence, *entry.tags
+    return " ".join(texts).casefold()
 
 
 # Swatches from a library on the web: any folder of swatches with its index behind a plain web server.

@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from hapscene.constants import DAMPING_NS_M, STIFFNESS_N_M
 from hapscene.errors import SwatchError
@@ -28,6 +28,15 @@ OWN_PARAMETERS: Final = (
     *("breakaway_1_kg", "breakaway_Hz", "breakaway_decay_1_s", "adhesion_N", "adhesion_range_m"),
 )
 """The swatch's own numbers, which effects get where the swatch says nothing for them by name."""
+
+
+TOOL_FIELDS: Final = ("tool", "tip")
+"""What is known of what a surface was touched with: as large a difference as that between surfaces."""
+
+
+def touched_with(known: Any) -> str:
+    """Tool and tip of a swatch, or of its entry in a library: "steel probe, 3.2 mm ball"; "" where neither is known."""
+    return ", ".join(filter(None, (getattr(known, what) for what in TOOL_FIELDS)))
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,8 @@ class Swatch:
         effects: parameters for effects by name, {"effect": {"param": number}}.
         intervals: 95 % interval of a measured number by its name, {"friction_dynamic": (low, high)}.
         look: pictures of it, or None for its colour alone.
+        tool: what held the tip that the surface was touched with, as in "steel probe"; "" where it is not known.
+        tip: what touched it, as in "3.2 mm ball".
         absent: why a number was not measured by its name, {"stiffness_N_m": "the recording holds no depth"}; the
             swatch then has a default, or none.
 
@@ -86,6 +97,8 @@ class Swatch:
     adhesion_range_m: float = 0.0
     leaving: Taps | None = None
     look: Look | None = None
+    tool: str = ""
+    tip: str = ""
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.name) <= NAME_MAX or not self.name.isprintable():
@@ -134,6 +147,12 @@ class Swatch:
 
     def _check_texts(self) -> None:
         """Texts can be written: half a character (a lone surrogate), which JSON can escape, cannot."""
+        for what in TOOL_FIELDS:
+            said = getattr(self, what)
+            if not isinstance(said, str) or len(said) > NAME_MAX or not said.isprintable():
+                raise SwatchError(
+                    f"swatch {self.name!r}: {what} must be at most {NAME_MAX} printable characters, is {short(said)}"
+                )
         texts = {
             "provenance": (self.provenance,),
             "licence": (self.licence,),

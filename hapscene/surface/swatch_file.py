@@ -19,15 +19,15 @@ from hapscene.errors import SwatchError
 from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.life import Life
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
-from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, Swatch
+from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
-from hapscene.surface.texture import MODEL_MAX, Texture
+from hapscene.surface.texture import LAYERS_MAX, MODEL_MAX, Texture
 
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
-VERSION: Final = 3
-"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, and what has none
-is still written as 2."""
+VERSION: Final = 4
+"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, 4 tools, tips and
+layers of textures; what has none of them is still written as 2 or 3."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
@@ -42,6 +42,7 @@ TEXT_MAX: Final = 100_000
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
+_LAYERS: Final = ("layer_by", "layer_at_rad", "layers")
 _PICTURES: Final = ("albedo_png", "normal_png")
 _LIFE_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
@@ -74,8 +75,11 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
 
 def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
-    content: dict[str, Any] = {"format": FORMAT, "version": 2 if swatch.look is None else VERSION}
-    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | swatch.own_numbers
+    tools = {key: getattr(swatch, key) for key in TOOL_FIELDS if getattr(swatch, key)}
+    layered = swatch.texture is not None and bool(swatch.texture.layers)
+    version = VERSION if tools or layered else 2 if swatch.look is None else 3
+    content: dict[str, Any] = {"format": FORMAT, "version": version}
+    content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | tools | swatch.own_numbers
     content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
     if swatch.look is not None:
         content["look"] = _look_content(swatch.look)
@@ -109,6 +113,9 @@ def _texture_content(texture: Texture) -> dict[str, Any]:
     content |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
     if texture.other is not None:
         content |= {"dwell_s": texture.dwell_s, "other": _texture_content(texture.other)}
+    if texture.layers:
+        content |= {"layer_by": texture.layer_by, "layer_at_rad": texture.layer_at_rad}
+        content["layers"] = [_texture_content(layer) for layer in texture.layers]
     return content
 
 
@@ -122,6 +129,8 @@ def _layout(value: Any, indent: str) -> str:
             return "{}"
         lines = ",\n".join(f"{inner}{json.dumps(key)}: {_layout(item, inner)}" for key, item in value.items())
         return f"{{\n{lines}\n{indent}}}"
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[" + ", ".join(_layout(item, indent) for item in value) + "]"
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + ",\n".join(inner + json.dumps(row) for row in value) + f"\n{indent}]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
@@ -153,8 +162,9 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     sections = ["effects", "intervals", "absent", "taps", "leaving", "texture"]
     if content["version"] >= 3:
         sections.append("look")
-    check_keys("", content, ("format", "version", *_TEXTS, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
-    fields: dict[str, Any] = {key: _text(key, content[key]) for key in _TEXTS if key in content}
+    texts = (*_TEXTS, *(TOOL_FIELDS if content["version"] >= 4 else ()))
+    check_keys("", content, ("format", "version", *texts, "albedo_rgb", *OWN_PARAMETERS, *sections), ("name",))
+    fields: dict[str, Any] = {key: _text(key, content[key]) for key in texts if key in content}
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
@@ -195,6 +205,8 @@ def _texture(where: str, content: Any, version: int) -> Texture | None:
         known.append("excitation")  # a distribution of the noise, which nobody heard: passed over
     else:
         known += ["warp", "exponents", "life", "dwell_s", "other"]
+    if version >= 4 and where == "texture":
+        known += _LAYERS
     check_keys(where, content, known, required)
     fields: dict[str, Any] = {}
     for key in _TEXTURE_ROWS:
@@ -203,6 +215,14 @@ def _texture(where: str, content: Any, version: int) -> Texture | None:
     fields |= {key: _array(f"{where}.{key}", content[key], 1) for key in ("exponents", "dwell_s") if key in content}
     fields |= {key: _number(f"{where}.{key}", content[key]) for key in ("rate_Hz", "warp") if key in content}
     fields["life"] = _life(f"{where}.life", content.get("life"))
+    if any(key in content for key in _LAYERS):
+        check_keys(where, content, content, _LAYERS)
+        fields["layer_by"] = _text(f"{where}.layer_by", content["layer_by"])
+        fields["layer_at_rad"] = _array(f"{where}.layer_at_rad", content["layer_at_rad"], 1)
+        layers = content["layers"]
+        if not isinstance(layers, list) or not 2 <= len(layers) <= LAYERS_MAX or None in layers:
+            raise SwatchError(f"{where}.layers must be a list of 2 to {LAYERS_MAX} textures")
+        fields["layers"] = tuple(_texture(f"{where}.layers[{i}]", one, version) for i, one in enumerate(layers))
     if content.get("other") is not None:
         if where != "texture":
             raise SwatchError(f"{where}.other: there are two states at most")

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from hapscene.constants import LEVEL_BOUND_DB
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import TOOL_FIELDS, Swatch
 from hapscene.surface.texture import Texture
 
 FORCE_N: Final = 1.0
@@ -109,6 +109,7 @@ def lines(swatch: Swatch) -> list[str]:
     told.append(_line("colour", " ".join(f"{c:.2f}" for c in swatch.albedo_rgb) + " (red green blue, 0 to 1)"))
     for effect, numbers in swatch.effects.items():
         told.append(_line(effect, ", ".join(f"{param} {value:g}" for param, value in numbers.items())))
+    told += [_line(what, getattr(swatch, what)) for what in TOOL_FIELDS if getattr(swatch, what)]
     told += [_line("provenance", " ".join(swatch.provenance.split()) or "not stated")]
     told += [_line("licence", " ".join(swatch.licence.split()) or "not stated")]
     return told

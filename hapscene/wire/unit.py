@@ -1,10 +1,12 @@
 """Units that recordings and probes may have, of each quantity that is recorded."""
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
 _LENGTH: Final = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _FORCE: Final = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
+_ANGLE: Final = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0}
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "acceleration": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "mm/s2": 1e-3},
@@ -14,7 +16,14 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "tangential_force": _FORCE,
     "friction": {"1": 1.0},
     "depth": _LENGTH,
+    "torque": {"Nm": 1.0, "N·m": 1.0, "mNm": 1e-3, "mN·m": 1e-3},
+    "grip_force": _FORCE,
+    "contact_angle": _ANGLE,
+    "direction": _ANGLE,
+    "orientation": {"1": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},
 }
 """What one of each unit is in SI, for each quantity that a column may hold. "friction" is tangential over normal force,
-"depth" grows into the surface, "position" is along it; of it the speed is made."""
+"depth" grows into the surface, "position" is along it; of it the speed is made, and of its first two axes the direction
+of sliding. "contact_angle" is between the tool's axis and the surface's normal, 0 upright; where there is none,
+"orientation" gives it, the tool's quaternion w, x, y, z over the surface: the axis and the normal are z."""

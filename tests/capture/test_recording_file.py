@@ -258,3 +258,38 @@ def test_one_axis_passes_and_four_do_not():
     for bad in (np.zeros((4, 100)), np.zeros((0, 100))):
         with pytest.raises(CaptureError, match="one to three axes"):
             one_axis(bad, RATE_HZ)
+
+
+def test_the_streams_of_a_camera_of_surfaces(tmp_path: Path) -> None:
+    """Torque, grip, contact angle and direction: by their names, by other columns, and made of others."""
+    rng = np.random.default_rng(0)
+    count, rate_Hz = 4000, 2000.0
+    lean, heading = np.linspace(0.0, 0.5, count), np.linspace(0.0, 5.0, count)
+    quaternion = np.stack([np.cos(0.5 * lean), *(np.sin(0.5 * lean) * part for part in (0.6, -0.8, 0.0))])
+    place_m = np.cumsum([np.cos(heading), np.sin(heading)], axis=1) * 0.1 / rate_Hz
+    arrays = {
+        "acceleration": rng.standard_normal(count), "torque": 30.0 * np.eye(3)[:, :1] + np.zeros((3, count)),
+        "grip": np.full(count, 500.0), "orientation": 2.0 * quaternion, "position": np.vstack([place_m, 0 * place_m[:1]]),
+    }  # fmt: skip
+    path = tmp_path / "a.npz"
+    np.savez(path, rate_Hz=rate_Hz, **arrays)
+    units = {"acceleration": "m/s2", "torque": "mNm", "grip_force": "gf", "position": "m"}
+    recording = load_recording(path, columns={"grip_force": "grip"}, units=units)
+    np.testing.assert_allclose(recording.torque_Nm, 0.03)
+    np.testing.assert_allclose(recording.grip_force_N, 4.903325)
+    np.testing.assert_allclose(recording.contact_angle_rad, lean, atol=1e-7)
+    inner = slice(100, -100)
+    assert recording.direction_rad is not None and recording.speed_m_s is not None
+    off = np.angle(np.exp(1j * (recording.direction_rad - heading)))[inner]
+    assert np.abs(off).max() < 1e-3 and np.abs(recording.speed_m_s[inner] - 0.1).max() < 1e-5
+    assert "torque_Nm, grip_force_N, contact_angle_rad, direction_rad" in repr(recording)
+    told = arrays | {"contact_angle": np.full(count, 20.0), "direction": np.full(count, 90.0)}
+    np.savez(path, rate_Hz=rate_Hz, **told)
+    recording = load_recording(path, units=units | {"contact_angle": "deg", "direction": "°"})  # what is told wins
+    np.testing.assert_allclose(recording.contact_angle_rad, np.pi / 9)
+    np.testing.assert_allclose(recording.direction_rad, np.pi / 2)
+    np.savez(path, rate_Hz=rate_Hz, **arrays | {"orientation": 0.0 * quaternion})
+    with pytest.raises(CaptureError, match="a quaternion of four zeros is none"):
+        load_recording(path, units=units)
+    with pytest.raises(CaptureError, match="orientation has four columns: w, x, y, z"):
+        load_recording(path, columns={"orientation": "torque_x+torque_y"}, units=units)

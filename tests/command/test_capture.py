@@ -208,3 +208,33 @@ def test_what_is_missing_is_said_and_nothing_is_written_capture_report(tmp_path:
     with pytest.raises(SystemExit):
         run_report("wood", "-o", str(page), "--units", "acceleration")
     assert not page.exists()
+
+
+def test_tool_tip_and_what_was_recorded_beside_are_kept_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = np.loadtxt(write(tmp_path / "a.csv"), delimiter=",", skiprows=1)
+    more = np.stack([np.linspace(3.0, 8.0, len(table)), np.linspace(0.0, 25.0, len(table))], axis=1)
+    head = "speed,force,acceleration,friction,grip_force,contact_angle"
+    np.savetxt(tmp_path / "b.csv", np.hstack([table, more]), delimiter=",", header=head, comments="")
+    options = ["--rate", "2000", "--units", f"{UNITS},grip_force=N,contact_angle=deg", "--order", "4"]
+    oak = tmp_path / "oak.swatch"
+    words = [str(tmp_path / "b.csv"), "-o", str(oak), "--tool", "steel probe", "--tip", "3.2 mm ball", *options]
+    assert run(*words) == 0
+    said = capsys.readouterr().out
+    for text in (
+        "  tool: steel probe\n  tip: 3.2 mm ball\n",
+        "recorded with grip force 3.25 to 7.75 N, contact angle 1.25",
+    ):
+        assert text in said
+    swatch = load_swatch(oak)
+    assert (swatch.tool, swatch.tip) == ("steel probe", "3.2 mm ball")
+    assert "contact angle 1.25 to 23.7°." in "".join(lines(swatch))
+    page = tmp_path / "oak.html"
+    assert main(["capture", "report", str(oak), str(tmp_path / "b.csv"), "-o", str(page), *options[:4]]) == 0
+    shown = page.read_text(encoding="utf-8")
+    assert "<dd>3.2 mm ball</dd>" in shown and "friction" in shown and "grip force, contact angle" in shown
+    assert (
+        run(str(tmp_path / "b.csv"), "-o", str(tmp_path / "many") + "/", "--jobs", "1", "--tip", "nail", *options) == 0
+    )
+    assert load_swatch(tmp_path / "many" / "b.swatch").tip == "nail"

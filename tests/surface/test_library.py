@@ -287,3 +287,29 @@ def test_what_lives_in_a_texture_is_told() -> None:
         "power as force^0.5 and speed^2, by 10 dB at most (not recorded)",
     ):
         assert words_of_it in told
+
+
+def test_a_library_knows_tools(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    probed = replace(OAK, name="probed", tool="steel probe", tip="3.2 mm ball")
+    for swatch in (OAK, probed, replace(OAK, name="bare", tool="finger")):
+        add(swatch)
+    entries = own_entries()
+    assert [e.name for e in search(entries, ["tool:Probe"])] == ["probed"]
+    assert [e.name for e in search(entries, ["tip:ball", "friction<1"])] == ["probed"]
+    assert [e.name for e in search(entries, ["finger"])] == ["bare"] and not search(entries, ["tip:finger"])
+    index = json.loads((home / "index.json").read_text(encoding="utf-8"))["swatches"]
+    assert ["tool" in row for row in index] == [True, False, True]  # as ever, where nothing is known
+    assert cli.main(["swatch", "search", "tool:probe"]) == 0
+    assert "(steel probe, 3.2 mm ball)" in capsys.readouterr().out
+    assert cli.main(["swatch", "list", "--json"]) == 0
+    assert {"steel probe", "finger", ""} == {row["tool"] for row in json.loads(capsys.readouterr().out)}
+    assert cli.main(["swatch", "show", "probed"]) == 0
+    said = capsys.readouterr().out
+    assert "  tool        steel probe\n" in said and "  tip         3.2 mm ball\n" in said
+    assert cli.main(["swatch", "compare", "probed", "bare"]) == 0
+    assert "touched with different tools (steel probe, 3.2 mm ball; finger)" in capsys.readouterr().out
+    assert cli.main(["swatch", "compare", "probed", "oak"]) == 0
+    assert "different tools" not in capsys.readouterr().out  # of the other it is not known
+    row = index[0] | {"tip": "a\x1b"}
+    with pytest.raises(SwatchError, match=r"swatches\[0\]\.tip must be at most 200 printable"):
+        parse_index(json.dumps({"format": "hapscene library", "version": 1, "swatches": [row]}).encode(), "x")

@@ -1,6 +1,7 @@
 """Swatches on disk: back to the bit, and nothing bad gets in."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,7 +137,7 @@ BAD = {
     "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), r"not \[1\.5, 1\.5, 1\.5\]$"),
     "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
     "a third state": (edit(("texture", "other", "other"), {}), r"texture\.other\.other: there are two states at most"),
-    "later version": (edit(("version",), 4), "format version 4 is later than 3.*update"),
+    "later version": (edit(("version",), 5), "format version 5 is later than 4.*update"),
     "no version": (edit(("version",), None), "version must be"),
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
     "Infinity": (edit(("texture", "lsf_rad", 0, 0), float("inf")), "Infinity"),
@@ -197,3 +198,16 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytes
     save_swatch(PLAIN, path)
     with pytest.raises(SwatchError, match="larger"):
         load_swatch(path)
+
+
+def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> None:
+    swatch = replace(make_swatch(), tool="steel probe", tip="3.2 mm ball")
+    text = swatch_to_json(swatch)
+    assert '"version": 4' in text and swatch_from_json(text) == swatch
+    assert '"version": 2' in swatch_to_json(make_swatch()) and '"tool"' not in swatch_to_json(make_swatch())
+    assert swatch_from_json(swatch_to_json(make_swatch())).tool == ""
+    with pytest.raises(SwatchError, match="unknown key 'tool'"):
+        swatch_from_json(text.replace('"version": 4', '"version": 3'))
+    for bad in ("a\nb", "x" * 201):
+        with pytest.raises(SwatchError, match="tip must be at most 200 printable characters"):
+            replace(PLAIN, tip=bad)

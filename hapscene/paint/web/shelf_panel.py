@@ -29,6 +29,7 @@ from hapscene.paint.web.scene_view import rgb_bytes
 from hapscene.scene.uv_paint import read_picture
 from hapscene.surface import library
 from hapscene.surface.look import Look, picture_png
+from hapscene.surface.swatch import touched_with
 from hapscene.surface.swatch_file import SUFFIX
 from hapscene.view.palette import rgb as _rgb
 
@@ -220,7 +221,7 @@ class ShelfPanel:
             f'<button type="button" data-upload="image/*" data-as="{LOOK}" title="A picture that {name} looks like, '
             f'{1e3 * Look.size_m:g} mm wide; or drop one here">Picture…</button>'
         )
-        where = f"{escape_html(_place(card))}{tags}"
+        where = escape_html(" · ".join(filter(None, (_place(card), touched_with(card.entry))))) + tags
         return (
             f'<div class="hs-swatch chosen" data-as="{LOOK}"><div><b>{name}</b> <span class="dim">{where} · '
             f"painting with it</span><br>{'<br>'.join(said)}</div><div class='hs-acts'>{buttons}</div></div>"
