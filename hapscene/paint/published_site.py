@@ -224,6 +224,7 @@ def swatch_page(
     where = [
         ("provenance", _text(swatch.provenance) or "not stated"),
         ("licence", _licence(swatch)),
+        ("touched with", _text(", ".join(filter(None, (swatch.tool, swatch.tip)))) or "not stated"),
         ("words", _tags(entry) or "none"),
         ("file", f'<a href="{stem}{SUFFIX}" download>{escape(entry.file)}</a>, {entry.bytes:,} bytes'),
         ("sha256", f"<code>{entry.sha256}</code>"),
@@ -231,8 +232,8 @@ def swatch_page(
     body = [
         f'<nav><a href="{PAGE}">{_text(title)}</a></nav>',
         f'<main><h1>{name}</h1><p class="lead">{", ".join(p.word for p in phrases(swatch))}</p>',
-        f'<h2>To be seen</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{told}" width="{size[0]}" '
-        f'height="{size[1]}"></figure>{"".join(map(figure, plots))}</div>',
+        f'<h2>To be seen</h2><div class="plots"><figure class="body"><img src="{stem}-body.png" alt="{told}" '
+        f'width="{size[0]}" height="{size[1]}"></figure>{"".join(map(figure, plots))}</div>',
         f"<h2>To be heard</h2><p>{HEARD}</p>{_audio(stem, swatch)}",
         f'<h2>In words</h2><div class="table"><table><tbody>{rows}</tbody></table></div>',
         f"<h2>Where it comes from</h2><dl>{''.join(f'<dt>{a}</dt><dd>{b}</dd>' for a, b in where)}</dl>",

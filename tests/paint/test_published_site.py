@@ -52,7 +52,8 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> list[published_site.Sou
     home = tmp_path_factory.mktemp("library")
     wood = load_swatch("wood")
     add(replace(wood, name="oak, planed"), home, inside="woods", tags=["hard wood", "planed"])
-    add(replace(wood, name=HOSTILE.replace("/", "").strip(), provenance=HOSTILE * 3, absent={"taps": HOSTILE}), home, tags=["<i>"])
+    texts = {"provenance": HOSTILE * 3, "tool": HOSTILE, "tip": "3 mm ball", "absent": {"taps": HOSTILE}}
+    add(replace(wood, name=HOSTILE.replace("/", "").strip(), **texts), home, tags=["<i>"])
     add(Swatch("index", stiffness_N_m=300.0), home)
     return gather(library=home)
 
@@ -249,7 +250,7 @@ class Skeleton(HTMLParser):
 
 
 def pages(name: str, provenance: str, licence: str, tag: str, title: str) -> list[str]:
-    swatch = Swatch(name, provenance=provenance, licence=licence, absent={"stiffness_N_m": provenance})
+    swatch = Swatch(name, provenance=provenance, licence=licence, absent={"stiffness_N_m": provenance}, tool=tag)
     entry = entry_of(swatch, b"", tags=(tag,))
     return [first_page([swatch], [entry], title), swatch_page(swatch, entry, [], (300, 300), title)]
 
