@@ -27,7 +27,14 @@ from typing import Final
 
 import numpy as np
 
-from hapscene.capture.recording_source import AXES, Column, RecordingSource, read_recording_source, read_tables
+from hapscene.capture.recording_source import (
+    AXES,
+    BYTES_MAX,
+    Column,
+    RecordingSource,
+    read_recording_source,
+    read_tables,
+)
 from hapscene.capture.streams import Array
 from hapscene.errors import CaptureError, no_such
 from hapscene.files import refusing
@@ -81,12 +88,7 @@ def read_layout(path: Path, name: str) -> RecordingSource:
     Raises:
         CaptureError: no such layout, no such recording, or a file that is not as its data set is described.
     """
-    layout = LAYOUTS.get(name)
-    if layout is None:
-        raise CaptureError(no_such("layout", name, LAYOUTS))
-    takes = _takes(path, layout, name)
-    with refusing(CaptureError):
-        return _joined(layout.read(takes))
+    return _joined(_named(name).read(_takes(path, name)))
 
 
 def surfaces(folder: Path, name: str) -> list[Path]:
@@ -95,9 +97,7 @@ def surfaces(folder: Path, name: str) -> list[Path]:
     Raises:
         CaptureError: no such layout, or nothing of it there.
     """
-    layout = LAYOUTS.get(name)
-    if layout is None:
-        raise CaptureError(no_such("layout", name, LAYOUTS))
+    layout = _named(name)
     files = [file for file in folder.rglob("*") if layout.file.fullmatch(file.name) and file.is_file()]
     if name == "cluster":
         files = [file for file in files if ACCELERATION in file.parts]
@@ -109,12 +109,23 @@ def surfaces(folder: Path, name: str) -> list[Path]:
 
 
 def files_of(path: Path, name: str) -> list[Path]:
-    """The main files of a recording or a surface."""
-    return [file for take in _takes(path, LAYOUTS[name], name) for file in take]
+    """The main files of a recording or a surface.
+
+    Raises:
+        CaptureError: as `read_layout`.
+    """
+    return [file for take in _takes(path, name) for file in take]
 
 
-def _takes(path: Path, layout: Layout, name: str) -> list[list[Path]]:
+def _named(name: str) -> Layout:
+    if name not in LAYOUTS:
+        raise CaptureError(no_such("layout", name, LAYOUTS))
+    return LAYOUTS[name]
+
+
+def _takes(path: Path, name: str) -> list[list[Path]]:
     """The recordings that a path means, each as its main files, sorted."""
+    layout = _named(name)
     home = path if path.is_dir() else path.parent
     beside = [file for file in home.iterdir() if layout.file.fullmatch(file.name)] if home.is_dir() else []
     if path.is_dir():
@@ -128,8 +139,8 @@ def _takes(path: Path, layout: Layout, name: str) -> list[list[Path]]:
         found = [file for file in beside if layout.surface(file) == path.name]
     if not found:
         raise CaptureError(f"{path}: no recording in the layout {name!r}")
-    if len(found) > FILE_MAX:
-        raise CaptureError(f"{path}: {len(found)} files, more than the {FILE_MAX} that a surface may have")
+    if len(found) > FILE_MAX or sum(file.stat().st_size for file in found) > BYTES_MAX:
+        raise CaptureError(f"{path}: {len(found)} files, too many or too large to be joined: name one of them")
     takes: dict[str, list[Path]] = {}
     for file in sorted(found):
         takes.setdefault(layout.take(file), []).append(file)
@@ -248,11 +259,7 @@ def _cluster_take(
 
 def _times_s(source: RecordingSource) -> Array:
     """A table's times [s]: `time` in CSV [s], `time_ns` in Parquet [ns]; they grow."""
-    if "time_ns" in source.columns:
-        time = np.asarray(source.columns["time_ns"])
-        t_s = 1e-9 * (time - time[0]).astype(np.float64) + 1e-9 * float(time[0])
-    else:
-        t_s = np.asarray(_column(source, "time"), np.float64)
+    t_s = 1e-9 * _column(source, "time_ns") if "time_ns" in source.columns else _column(source, "time")
     if not (len(t_s) > 1 and np.all(np.diff(t_s) > 0.0)):
         raise CaptureError("its times do not grow")
     return t_s

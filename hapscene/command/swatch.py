@@ -33,7 +33,15 @@ from hapscene.interrupt import heard
 if TYPE_CHECKING:
     from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
 
-RECORDING_SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")  # as in capture.batch, heavy to import
+RECORDING_SUFFIXES: Final = (
+    ".csv",
+    ".txt",
+    ".wav",
+    ".npz",
+    ".mat",
+    ".parquet",
+    ".hsrec",
+)  # as in capture.batch, heavy to import
 
 
 def add_swatch(commands: Any) -> None:
