@@ -23,7 +23,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -277,10 +277,15 @@ def _column(source: RecordingSource, name: str) -> Array:
 HATT_BYTES_MAX: Final = 32 << 20
 """Largest recording that is read [bytes]: ten seconds of twelve streams at 10 kHz, each number in an element."""
 
-_HATT: Final = {
-    "acceleration": ("AccelUnits", ("Accel", "Acceleration")),
-    "position": ("PositionUnits", ("Position",)),
-}
+_HATT: Final = (
+    ("acceleration", "accel", "accelunits"),
+    ("position", "position", "positionunits"),
+    ("force", "forcenormal", "forceunits"),
+    ("tangential_force", "forcetangential", "forceunits"),
+    ("speed", "speed", "speedunits"),
+)
+"""Quantity, the element of its numbers and that of its unit. Of the force, what the file itself calls normal and
+tangential: which axis of the sensor is the normal one is not said."""
 
 
 def _hatt(takes: Sequence[Sequence[Path]]) -> list[RecordingSource]:
@@ -288,78 +293,52 @@ def _hatt(takes: Sequence[Sequence[Path]]) -> list[RecordingSource]:
 
 
 def _hatt_file(file: Path) -> RecordingSource:
-    """One recording: `SampleRate`, and of each stream a list of numbers and its unit.
-
-    Axes are elements AccelX, AccelY, AccelZ, or x, y, z in Accel; numbers apart by spaces, commas or semicolons, or in
-    `value` elements. Of the force, what the file itself calls normal and tangential is taken: which axis of the sensor
-    is the normal one is not said.
-    """
+    """One recording. Axes are elements AccelX, AccelY, AccelZ, or x, y, z in Accel; numbers stand apart by spaces,
+    commas or semicolons, or in `value` elements."""
     from hapscene.capture.hatt_file import element_name, read_tree
 
     root = read_tree(file, HATT_BYTES_MAX, CaptureError)
-    found = {element_name(element).casefold(): element for element in root.iter() if isinstance(element.tag, str)}
-
-    def numbers(*names: str) -> Array | None:
-        for name in names:
-            element = found.get(name.casefold())
-            if element is not None and (array := _hatt_numbers(file, name, element)) is not None:
-                return array
-        return None
-
-    def text(name: str) -> str:
-        element = found.get(name.casefold())
-        return "" if element is None else " ".join("".join(element.itertext()).split())
-
+    found: dict[str, Any] = {}
+    for element in root.iter():
+        name = element_name(element).casefold()
+        inside = element.getparent() is not None and name in AXES
+        found[(element_name(element.getparent()).casefold() if inside else "") + name] = element
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    for quantity, (unit, stems) in _HATT.items():
-        for axis in AXES:
-            parents = [found[stem.casefold()] for stem in stems if stem.casefold() in found]
-            inside = [child for p in parents for child in p if element_name(child).casefold() == axis]
-            array = _hatt_numbers(file, axis, inside[0]) if inside else numbers(*(f"{stem}{axis}" for stem in stems))
+    for quantity, stem, unit in _HATT:
+        for axis in ("", *AXES):
+            array = _hatt_numbers(file, found.get(stem + axis))
             if array is not None:
-                columns[f"{quantity}_{axis}"], units[f"{quantity}_{axis}"] = array, text(unit)
-    if not any(name.startswith("acceleration") for name in columns):
-        array = numbers("Accel", "Acceleration")
-        if array is not None:
-            columns["acceleration"], units["acceleration"] = array, text("AccelUnits")
-    for name, (unit, element) in {
-        "force": ("ForceUnits", "ForceNormal"),
-        "tangential_force": ("ForceUnits", "ForceTangential"),
-        "speed": ("SpeedUnits", "Speed"),
-    }.items():
-        array = numbers(element)
-        if array is not None:
-            columns[name], units[name] = array, text(unit)
-    try:
-        rate_Hz = float(text("SampleRate"))
-    except ValueError:
-        raise CaptureError(
-            f"{file}: <SampleRate>: a number of Hz expected, found {text('SampleRate')[:40]!r}"
-        ) from None
+                name = f"{quantity}_{axis}" if axis else quantity
+                columns[name], units[name] = array, _hatt_text(found.get(unit))
     if not any(name.startswith("acceleration") for name in columns):
         raise CaptureError(f"{file}: no acceleration: <AccelX>, <AccelY>, <AccelZ> or <Accel> expected")
     if len({len(column) for column in columns.values()}) > 1:
         raise CaptureError(f"{file}: its streams have different lengths")
+    said = _hatt_text(found.get("samplerate"))
+    try:
+        rate_Hz = float(said)
+    except ValueError:
+        raise CaptureError(f"{file}: <SampleRate>: a number of Hz expected, found {said[:40]!r}") from None
     known = {name: unit for name, unit in units.items() if unit}
     return RecordingSource(columns, rate_Hz, known, own_B=file.stat().st_size)
 
 
-def _hatt_numbers(file: Path, name: str, element: object) -> Array | None:
-    """The numbers of an element; None where it holds elements of other kinds, or nothing."""
-    from lxml.etree import _Element
+def _hatt_text(element: Any) -> str:
+    return "" if element is None else " ".join("".join(element.itertext()).split())
 
-    assert isinstance(element, _Element)
-    values = [child for child in element if child.tag == "value"]
-    if len(values) != len(element):
+
+def _hatt_numbers(file: Path, element: Any) -> Array | None:
+    """The numbers of an element; None where there is none, or it holds elements of other kinds, or nothing."""
+    if element is None or any(child.tag != "value" for child in element):
         return None
-    content = " ".join(v.text or "" for v in values) if values else element.text or ""
+    content = " ".join(element.itertext())
     try:
         array = np.array(re.sub("[,;]", " ", content).split(), np.float64)
     except ValueError:
-        raise CaptureError(f"{file}: <{name}>: numbers expected") from None
+        array = np.array([np.nan])
     if not np.isfinite(array).all():
-        raise CaptureError(f"{file}: <{name}>: finite numbers expected")
+        raise CaptureError(f"{file}: <{element.tag}>: finite numbers expected")
     return array if array.size else None
 
 
