@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from hapscene import __version__
-from hapscene.capture.batch_job import FitOutcome, Job, fit_job, read_content
+from hapscene.capture.batch_job import FitOutcome, Job, content_sha256, fit_job, read_content
+from hapscene.capture.published_layouts import surfaces
 from hapscene.errors import CaptureError, no_such
 from hapscene.files import read_bytes, refusing, write_whole
 from hapscene.worker_pool import ClusterPool, Pool, ProcessPool
@@ -26,7 +27,7 @@ from hapscene.worker_pool import ClusterPool, Pool, ProcessPool
 # What a batch fits: recordings named one by one, all of a folder, or those of a list; and where each swatch goes.
 
 
-SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")
+SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".parquet", ".hsrec")
 """What is taken for a recording in a folder; a file named by itself may have any."""
 
 _LIST_COLUMNS: Final = ("recording", "name", "rate", "columns", "units")
@@ -43,8 +44,12 @@ class Item:
     """what `load_recording` is to be told about this one, over what the batch says of all"""
 
 
-def gather(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
+def gather(places: Iterable[str | os.PathLike[str]], layout: str | None = None) -> list[Item]:
     """Recordings of files and folders, those of a folder sorted by name, its folders included; each once.
+
+    Args:
+        places: files and folders.
+        layout: that of a published data set: of a folder, its surfaces instead.
 
     Raises:
         CaptureError: a place that is not there, or a folder without recordings.
@@ -52,7 +57,9 @@ def gather(places: Iterable[str | os.PathLike[str]]) -> list[Item]:
     found: dict[Path, Item] = {}
     for place in map(Path, places):
         files = [place]
-        if place.is_dir():
+        if layout is not None:
+            files = surfaces(place, layout) if place.is_dir() else files
+        elif place.is_dir():
             files = sorted(f for f in place.rglob("*") if f.suffix.lower() in SUFFIXES and f.is_file())
             files = [f for f in files if not any(part.startswith(".") for part in f.relative_to(place).parts)]
             if not files:
@@ -387,7 +394,7 @@ class _Batch:
                 return
             try:
                 if task.entry.status == "ok":
-                    sha256 = hashlib.sha256(read_content(task.item.path)).hexdigest()
+                    sha256 = content_sha256(task.item.path, task.reading.get("layout"))
                     if self._manifest.is_done(task.entry, sha256, task.settings):
                         self.result.skipped.append(task.entry)
                         self._after(self.result, task.entry)
@@ -399,6 +406,8 @@ class _Batch:
                 self._fail(task, str(error))
 
     def _job(self, task: _Task) -> Job:
+        if task.reading.get("layout") and not self._pool.shares_files:
+            raise CaptureError(f"{task.item.path}: several files, in a published layout: it is fitted here, no cluster")
         content = read_content(task.item.path) if not self._pool.shares_files else None
         return Job(str(task.item.path), task.item.name, content, task.reading, self._fitting, __version__)
 

@@ -48,7 +48,12 @@ def fit_job(job: Job) -> FitOutcome:
 
     start_s = time.monotonic()
     sha256 = ""
+    layout = job.reading.get("layout")
     try:
+        if layout is not None:  # its files lie beside each other, and tell by their names what they are
+            sha256 = content_sha256(Path(job.path), layout)
+            swatch, note = _swatch(job, Path(job.path))
+            return FitOutcome(sha256, swatch, "", time.monotonic() - start_s, note)
         with tempfile.TemporaryDirectory(prefix="hapscene") as folder:
             copy = Path(folder) / f"recording{Path(job.path).suffix}"
             sha256 = _copied(job, copy)
@@ -93,6 +98,22 @@ def _swatch(job: Job, copy: Path) -> tuple[str, str]:
     with refusing(CaptureError, job.path):
         swatch = fit_parts([prepare(recording)], job.name, **job.fitting)
     return swatch_to_json(swatch), bridged_note(recording)
+
+
+def content_sha256(path: Path, layout: str | None = None) -> str:
+    """Of a recording's file; of all main files of one in a published layout.
+
+    Raises:
+        CaptureError: larger than a recording may be, or not in that layout.
+    """
+    import hashlib
+
+    from hapscene.capture.published_layouts import files_of
+
+    digest = hashlib.sha256()
+    for file in [path] if layout is None else files_of(path, layout):
+        digest.update(read_content(file))
+    return digest.hexdigest()
 
 
 def read_content(path: Path) -> bytes:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hapscene.capture.streams import Array
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.ar_filter import ar_from_lsf, lsf_from_ar
-from hapscene.errors import SwatchError
+from hapscene.errors import FormatError, SwatchError
 from hapscene.files import read_bytes, refusing
 from hapscene.surface.texture import MODEL_MAX
 
@@ -105,24 +105,34 @@ def root_name(path: str | Path) -> str:
 
 
 def _parsed(path: Path) -> Any:
-    """The root element of a file, parsed without entities, network or huge trees."""
+    """The root element of a file, as `read_tree` gives it."""
+    return read_tree(path, BYTES_MAX, SwatchError)
+
+
+def read_tree(path: Path, most_B: int, error: type[FormatError]) -> Any:
+    """The root element of a file of that size at most, parsed without entities, network or huge trees.
+
+    Raises:
+        FormatError: of the type that is given: it cannot be read, or is not such a file.
+    """
     from lxml import etree
 
-    with refusing(SwatchError):
-        data = read_bytes(path, BYTES_MAX, "file of the toolkit")
+    with refusing(error):
+        data = read_bytes(path, most_B, "file of the toolkit")
     if b"<!DOCTYPE" in data.replace(b"\0", b""):  # before the parser sees it, in UTF-16 too
-        raise SwatchError(f"{path}: has a DOCTYPE, which files of the toolkit have not; it is not read")
-    if data.count(b"<") + data.count(b"=") > NODE_MAX:
-        raise SwatchError(f"{path}: more than {NODE_MAX:,} elements, which no file of the toolkit has")
+        raise error(f"{path}: has a DOCTYPE, which files of the toolkit have not; it is not read")
+    most = NODE_MAX * most_B // BYTES_MAX
+    if data.count(b"<") + data.count(b"=") > most:
+        raise error(f"{path}: more than {most:,} elements, which no file of the toolkit has")
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, huge_tree=False, load_dtd=False, remove_comments=True, remove_pis=True
     )
     try:
         root = etree.fromstring(data, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        raise SwatchError(f"{path}: not XML: {' '.join(str(error).split())[:200]}") from None
+    except (etree.XMLSyntaxError, ValueError) as fault:
+        raise error(f"{path}: not XML: {' '.join(str(fault).split())[:200]}") from None
     if root is None or root.getroottree().docinfo.doctype:
-        raise SwatchError(f"{path}: has a DOCTYPE or nothing in it; it is not read")
+        raise error(f"{path}: has a DOCTYPE or nothing in it; it is not read")
     return root
 
 

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from hapscene.capture.published_layouts import read_layout, recognised
 from hapscene.capture.recording_source import AXES, RecordingSource, read_recording_source
 from hapscene.capture.streams import Array, direction_of, filtered, speed_of
 from hapscene.errors import CaptureError, warn
@@ -157,6 +158,7 @@ def load_recording(
     *,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    layout: str | None = None,
 ) -> SurfaceRecording:
     """Reads CSV, plain text, WAV, NPZ, MAT (to version 7), or a probe's record (`hapscene.capture.recording_source`).
 
@@ -168,6 +170,8 @@ def load_recording(
             {"acceleration_x": "ax", "acceleration_y": "ay", "acceleration_z": "az"}.
         units: the unit of each quantity that is read, as {"acceleration": "g", "speed": "mm/s"}. A number before it
             scales: "98 m/s2" for a WAV file whose full scale is 98 m/s².
+        layout: that of a published data set (`hapscene.capture.published_layouts`), of which `path` is a file or a
+            surface; by default as the file is called, where no other file is called so, and `columns` are not given.
 
     Raises:
         CaptureError: no rate or unit given; a file that is missing, too large or not of numbers; an unknown column.
@@ -176,7 +180,7 @@ def load_recording(
         BridgedWarning: some samples are missing, at most 1 % of a column; they are put on straight lines.
         CutWarning: a record of a probe ends without the word of its end: it may have been longer.
     """
-    recording = read_surface_recording(path, rate_Hz, columns, units)
+    recording = read_surface_recording(path, rate_Hz, columns, units, layout)
     if recording.bridged:
         warn(f"{path}: {bridged_note(recording)}", BridgedWarning)
     return recording
@@ -197,13 +201,16 @@ def read_surface_recording(
     rate_Hz: float | None = None,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    layout: str | None = None,
 ) -> SurfaceRecording:
     """As `load_recording`, without its warning: `bridged` of the recording says the same.
 
     Raises:
         CaptureError: as there.
     """
-    source = read_recording_source(Path(path))
+    if layout is None and not columns:
+        layout = recognised(Path(path))
+    source = read_recording_source(Path(path)) if layout is None else read_layout(Path(path), layout)
     with refusing(CaptureError, path):
         chosen = _choose(list(source.columns), columns or {}, wave=Path(path).suffix.lower() == ".wav")
         scales = {quantity: _scale(quantity, names, units or {}, source.units) for quantity, names in chosen.items()}

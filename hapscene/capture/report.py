@@ -263,12 +263,12 @@ def page(swatch: Swatch, lead: str, rows: Iterable[Row], plots: Iterable[Plot], 
     return document(f"{swatch.name}: swatch report", body)
 
 
-def document(title: str, body: Iterable[str], style: str = "") -> str:
+def document(title: str, body: Iterable[str], style: str = "", policy: str = POLICY) -> str:
     """A page in the style of reports: its title, escaped here, its parts, taken as they are, and further CSS."""
     css = files("hapscene.capture").joinpath("report.css").read_text(encoding="utf-8")
     return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>\n{css}{style}</style>\n</head>\n"
         "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"

@@ -378,6 +378,15 @@ def rates(text: str) -> list[float]:
     return [rate(part) for part in text.split(",")]
 
 
+LAYOUTS: Final = ("lmt", "cluster", "hatt", "proton")  # as in capture.published_layouts, which is heavy to import
+
+
+def add_layout_option(command: argparse._ActionsContainer) -> None:
+    """Adds --layout, with which a RECORDING may be a surface."""
+    told = "that of a published data set, where a file's name does not tell: RECORDING is one of its files, a surface's"
+    command.add_argument("--layout", choices=LAYOUTS, help=f"{told} folder, or FOLDER/SURFACE, whose files are joined")
+
+
 def pairs(text: str) -> Mapping[str, str]:
     """Pairs as in "force=N,speed=mm/s"."""
     found: dict[str, str] = {}
@@ -412,4 +421,6 @@ def key_value(text: str) -> tuple[str, str]:
 
 def recording_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `load_recording` takes of them."""
-    return {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}
+    found = {"rate_Hz": options.rate, "columns": options.columns, "units": options.units}
+    layout = getattr(options, "layout", None)
+    return found if layout is None else found | {"layout": layout}

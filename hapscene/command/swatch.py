@@ -1,4 +1,4 @@
-"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, gallery."""
+"""`hapscene swatch`: list, show, search, add, remove, get; import, export, compare, gallery, publish."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hapscene.command.console import complain, name_made, note, say, tell
+from hapscene.command.console import complain, name_made, note, say, size_words, tell
 from hapscene.command.options import (
     add_command,
     add_group,
@@ -15,8 +15,10 @@ from hapscene.command.options import (
     add_out_folder,
     add_recording_options,
     base_name,
+    check_out_folder,
     check_swatch,
     check_there,
+    folder,
     force,
     new_file,
     number,
@@ -31,14 +33,23 @@ from hapscene.interrupt import heard
 if TYPE_CHECKING:
     from hapscene.capture.compare import ComparedSurface, Comparison, Difference, Series
 
-RECORDING_SUFFIXES: Final = (".csv", ".txt", ".wav", ".npz", ".mat", ".hsrec")  # as in capture.batch, heavy to import
+RECORDING_SUFFIXES: Final = (
+    ".csv",
+    ".txt",
+    ".wav",
+    ".npz",
+    ".mat",
+    ".parquet",
+    ".hsrec",
+)  # as in capture.batch, heavy to import
 
 
 def add_swatch(commands: Any) -> None:
     """Declare the group and its commands."""
-    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery"
+    summary = "the library of swatches: list, show, search, add, remove, get, import, export, compare, gallery, publish"
     library = (_add_list, _add_show, _add_search, _add_add, _add_remove, _add_get)
-    add_group(commands, "swatch", summary, *library, _add_import, _add_export, _add_compare, _add_gallery)
+    shown = (_add_compare, _add_gallery, _add_publish)
+    add_group(commands, "swatch", summary, *library, _add_import, _add_export, *shown)
 
 
 # The library: `hapscene swatch list`, `show`, `search`, `add`, `remove`, `get`.
@@ -209,6 +220,7 @@ def _add_get(commands: Any) -> None:
     command.add_argument("names", nargs="*", metavar="NAME", help="a swatch that its index lists")
     command.add_argument("--from", dest="url", required=True, metavar="URL", help="the folder of its index.json")
     command.add_argument("--all", action="store_true", help="all that its index lists")
+    command.add_argument("--name", help="what to call it in the library; for one swatch")
     command.add_argument("--replace", action="store_true", help="take the place of one of the same name")
     _library(command)
 
@@ -220,6 +232,8 @@ def _get(options: argparse.Namespace) -> int:
       hapscene swatch get --from https://example.org/swatches/
       hapscene swatch get oak birch --from https://example.org/swatches/
     """
+    if options.name is not None and (options.all or len(options.names) != 1):
+        raise SwatchError("--name is for one swatch")
     from hapscene.surface.library import get, library_folder, read_index
 
     address, entries = read_index(options.url)
@@ -230,7 +244,7 @@ def _get(options: argparse.Namespace) -> int:
     code = 0
     for i, name in enumerate(names, 1):
         try:
-            entry = get(name, address, entries, folder=options.library, replace=options.replace)
+            entry = get(name, address, entries, folder=options.library, replace=options.replace, new_name=options.name)
         except SwatchError as error:
             complain(str(error))
             code = 2
@@ -508,4 +522,43 @@ def _gallery(options: argparse.Namespace) -> int:
     swatches = [load_swatch(name) for name in options.swatches or shipped_swatches()]
     computed = [] if options.swatches else [load_swatch(entry.name) for entry in computed_entries()]
     name_made(write_gallery(swatches, page, say, computed))
+    return 0
+
+
+# `hapscene swatch publish`.
+
+
+def _add_publish(commands: Any) -> None:
+    command = add_command(commands, "publish", _publish)
+    command.add_argument("folder", type=folder, metavar="FOLDER", help="folder of the site")
+    told = "a name, or a .swatch file (default: all of the library)"
+    command.add_argument("swatches", nargs="*", metavar="SWATCH", help=told)
+    _library(command)
+    command.add_argument("--shipped", action="store_true", help="those that come with hapscene as well")
+    command.add_argument("--title", default="Haptic swatches", help="of the first page (default: Haptic swatches)")
+
+
+def _publish(options: argparse.Namespace) -> int:
+    """Make a library a site that others can host: pages with picture, spectra, sound and licence, and its index.
+
+    Any web server can hold it, and the pages can be opened as files. `swatch get` fetches from it. What the folder has
+    of other things stays; published again, what was made before is replaced.
+
+    for example:
+      hapscene swatch publish site
+      hapscene swatch publish site oak.swatch wood --title "Woods of our workshop"
+      python -m http.server --directory site
+    """
+    for name in options.swatches:
+        check_swatch(name)
+    check_out_folder(options.folder)
+    from hapscene.paint.published_site import gather, publish
+
+    sources = gather(options.swatches, options.library, options.shipped)
+    entries = publish(sources, options.folder, options.title, say)
+    counted = f"{len(entries)} swatch{'es' * (len(entries) != 1)}"
+    sizes = [file.stat().st_size for file in Path(options.folder).iterdir() if file.is_file()]
+    tell([f"made: {Path(options.folder) / 'index.html'}  ({counted}, {size_words(sum(sizes))})"])
+    if bare := [entry.name for entry in entries if not entry.licence.strip()]:
+        note(f"no licence is stated for {', '.join(bare[:5])}{' …' if len(bare) > 5 else ''}: others may not use them")
     return 0

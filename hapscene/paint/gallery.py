@@ -121,8 +121,8 @@ def write_portraits(swatch: Swatch, body: Pixels | None, scale: Scale, folder: P
             first.text(0.5, 0.5, "no picture:\nno GL here", ha="center", va="center", transform=first.transAxes)
         else:
             first.imshow(body, interpolation="antialiased")
-        _draw_spectra(second, swatch, scale)
-        _draw_tap(third, swatch, scale)
+        draw_spectra(second, swatch, scale)
+        draw_tap(third, swatch, scale)
         for ground in GROUNDS:
             if ground == "dark":
                 turn_dark(figure)
@@ -140,7 +140,7 @@ def _save_small(figure: "Figure", path: Path) -> None:
             picture.convert("RGB").quantize(256).save(part, format="PNG", optimize=True)
 
 
-def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+def draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """Spectra of the texture, at the strokes that differ within what it was made for."""
     frequency = _frequencies()
     for line in _spectra(swatch, frequency):
@@ -156,7 +156,7 @@ def _draw_spectra(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
         axes.legend(loc="best", handlelength=2.4, borderaxespad=0.3, labelspacing=0.25)
 
 
-def _draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
+def draw_tap(axes: "Axes", swatch: Swatch, scale: Scale) -> None:
     """The tap at the speed that taps are told at."""
     count = round(1e-3 * TAP_MS * ACCELERATION_RATE_HZ)
     wave = np.zeros(count)

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, field
 from dataclasses import replace as with_changes
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
 from itertools import chain, count
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -123,22 +124,31 @@ def load_swatch(name_or_path: str | os.PathLike[str]) -> Swatch:
     Raises:
         SwatchError: unknown name; a file that is missing, too large, damaged, of a later version or unstable.
     """
+    with resources.as_file(swatch_place(name_or_path)) as path:
+        return read_swatch(path)
+
+
+def swatch_place(name_or_path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Traversable:
+    """The file that `load_swatch` reads, where `folder` is that of the library.
+
+    Raises:
+        SwatchError: unknown name.
+    """
     text = os.fspath(name_or_path)
     if not isinstance(name_or_path, str) or text.endswith(SUFFIX) or "/" in text or os.sep in text:
-        return read_swatch(Path(text))
+        return Path(text)
     known = shipped_swatches()
     place = resources.files("hapscene_swatches")
     if text not in known:
-        own = find(text)
+        own = find(text, folder)
         if own is not None:
-            return read_swatch(own)
+            return own
         place = place / COMPUTED
         computed = [entry.name for entry in computed_entries()]
         if text not in computed:
-            known += [*computed, *(entry.name for home in own_folders() for entry in own_entries(home))]
+            known += [*computed, *(entry.name for home in own_folders(folder) for entry in own_entries(home))]
             raise SwatchError(no_such("swatch", text, known) + did_you_mean(text, known))
-    with resources.as_file(place / (text + SUFFIX)) as path:
-        return read_swatch(path)
+    return place / (text + SUFFIX)
 
 
 def shipped_entries() -> list[LibraryEntry]:
@@ -504,8 +514,9 @@ def get(
     *,
     folder: str | os.PathLike[str] | None = None,
     replace: bool = False,
+    new_name: str | None = None,
 ) -> LibraryEntry:
-    """Fetches a swatch that an index lists, into the library.
+    """Fetches a swatch that an index lists, into the library, with its tags.
 
     Args:
         name: of the swatch.
@@ -513,6 +524,7 @@ def get(
         entries: of the index.
         folder: the library's, None for the user's own.
         replace: take it though the library has one of that name.
+        new_name: what it is called there; None for its own name.
 
     Raises:
         SwatchError: no such swatch, no answer, another content than the index says, no valid swatch, or a name that
@@ -528,7 +540,9 @@ def get(
         data = _fetched(url, entry, home)
     except OSError as error:
         raise SwatchError(f"{url}: cannot be fetched into {home}: {error.strerror or error}") from None
-    return add(verified(entry, data, url), home, replace)
+    swatch = verified(entry, data, url)
+    named = swatch if new_name is None else with_changes(swatch, name=new_name)
+    return add(named, home, replace, tags=entry.tags)
 
 
 def _fetched(url: str, entry: LibraryEntry, home: Path) -> bytes:

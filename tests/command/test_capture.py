@@ -185,7 +185,7 @@ def run_report(*words: str) -> int:
 def test_a_swatch_alone_makes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_report("wood", "-o", str(tmp_path / "wood.html")) == 0
     assert "wood.html" in capsys.readouterr().out
-    assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert (tmp_path / "wood.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
 def test_a_recording_is_named_on_the_page(tmp_path: Path) -> None:
