@@ -82,8 +82,8 @@ def d_prime_of_people(right: Sequence[int], count: Sequence[int], rule: str) -> 
     """Mean d′ of the people that these are drawn from.
 
     Each person's d′ is normal about the mean, their right answers are binomial: a mixed model. Its likelihood, the
-    greatest over the spread between people, gives the estimate and an interval; how far it may fall at its ends is
-    Student's t² for so many people, not χ², as few people say little about their spread.
+    greatest over the spread between people, gives the estimate and an interval. How far it may fall to the interval's
+    ends is as for the mean of so many normal numbers whose spread is unknown, where that gives Student's interval.
 
     Args:
         right: right answers of each person.
@@ -99,7 +99,8 @@ def d_prime_of_people(right: Sequence[int], count: Sequence[int], rule: str) -> 
         each = np.exp(k * log_right + (n - k) * log_wrong - most) @ weights
         likelihood += people * np.log(np.maximum(each, 1e-300))
     profile = likelihood.max(axis=1)
-    fall = 0.5 * float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, len(right) - 1)) ** 2
+    t = float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, len(right) - 1))
+    fall = 0.5 * len(right) * math.log1p(t**2 / (len(right) - 1))
     best = int(np.argmax(profile))
     value = float(means[best])
     if 0 < best < len(means) - 1:  # the top of the parabola through three of them

@@ -1,5 +1,6 @@
 """One person's run of a plan: what is asked now, and the answer onto the disk; killed, it goes on where it was."""
 
+import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,7 +88,7 @@ class Sitting:
                 "answer": choice,
                 "correct": None if trial.correct is None else int(choice == trial.correct),
                 "level": trial.level,
-                "latency_s": f"{latency_s:.3f}",
+                "latency_s": f"{latency_s:.3f}" if math.isfinite(latency_s) else None,
                 "replays": replays,
                 "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
             }

@@ -37,7 +37,7 @@ class Staircase:
         Raises:
             StudyError: questplus is not installed.
         """
-        questplus = _library()
+        questplus = library()
         self._levels = np.asarray(levels, dtype=np.float64)
         least, most = float(self._levels[0]), float(self._levels[-1])
         space = np.linspace if linear else np.geomspace
@@ -108,7 +108,12 @@ class Staircase:
         return self._quest.marginal_posterior[name]
 
 
-def _library() -> Any:
+def library() -> Any:
+    """questplus.
+
+    Raises:
+        StudyError: it is not installed.
+    """
     try:
         import questplus
     except ImportError:

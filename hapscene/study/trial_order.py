@@ -58,6 +58,10 @@ def trials(plan: Plan, person: str, place: int) -> Generator[Trial, Answers, Non
         person: their name, which with the plan's seed seeds all that is drawn.
         place: the how-manieth person of the study this is, from 0: their row in the squares.
     """
+    if any(block.kind == "staircase" for block in plan.blocks):
+        from hapscene.study.staircase import library
+
+        library()  # where it is missing, this is said before the first answer, not in the middle
     number = 0
     for index in order(len(plan.blocks), place, plan.seed):
         block = plan.blocks[index]

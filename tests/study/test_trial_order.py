@@ -1,5 +1,6 @@
 """Orders are balanced over people, sides over trials, and the seed gives the same again."""
 
+import sys
 from collections import Counter
 from itertools import pairwise
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
+from hapscene.errors import StudyError
 from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.trial_order import Trial, balanced, order, trials, williams
 
@@ -89,6 +91,19 @@ def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
         for trial in (t for t in sequence(plan, "P", 0) if t.kind == "staircase"):
             gains = [i.stimulus["gain_dB"] for i in trial.intervals]
             assert gains[trial.correct] == pytest.approx(-3.0 + sign * trial.level) and gains[1 - trial.correct] == -3.0
+
+
+def test_a_staircase_ends_when_enough_is_known_and_the_numbers_go_on() -> None:
+    plan = parse_plan(TEXT.replace("trials = 20", "trials = 20\nstop_within = 0.5"))
+    asked = sequence(plan, "P", 0)
+    stairs = [t for t in asked if t.kind == "staircase"]
+    assert 1 < len(stairs) < 20 and [t.number for t in asked] == list(range(len(asked)))
+
+
+def test_a_missing_library_is_said_before_the_first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "questplus", None)
+    with pytest.raises(StudyError, match=r"pip install 'hapscene\[study\]'"):
+        next(trials(PLAN, "P", 0))
 
 
 def test_a_whole_number_stays_one() -> None:
