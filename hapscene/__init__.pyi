@@ -9,6 +9,7 @@ from . import paint as paint
 from . import scene as scene
 from . import servo as servo
 from . import stability as stability
+from . import study as study
 from . import surface as surface
 from . import teleoperation as teleoperation
 from . import touch as touch

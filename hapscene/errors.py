@@ -22,6 +22,7 @@ __all__ = [
     "PathError",
     "SaveConflict",
     "SceneError",
+    "StudyError",
     "SwatchError",
     "ViewError",
 ]
@@ -70,6 +71,10 @@ class EffectError(HapsceneError):
 
 class CaptureError(FormatError):
     """A recording from which no swatch can be fitted."""
+
+
+class StudyError(FormatError):
+    """A study's plan, folder or answers that are not what they should be, or do not fit each other."""
 
 
 class HandleError(FormatError):

@@ -70,13 +70,14 @@ OUTER = (
     "paint",
     "play",
     "stability",
+    "study",
     "teleoperation",
     "touch",
     "view",
 )
 """Uses of the house."""
 
-TOP = ("cli", "command", "paint", "play", "stability", "teleoperation")
+TOP = ("cli", "command", "paint", "play", "stability", "study", "teleoperation")
 """Rooms that no other room knows but commands."""
 
 APART = {
