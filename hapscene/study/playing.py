@@ -20,7 +20,6 @@ from hapscene.study.trial_order import Interval
 if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.scene.scene import Scene
-    from hapscene.servo import Servo
 
 LOOK_S: Final = 0.005
 """How often it is looked whether a sound has ended [s]."""
@@ -123,7 +122,7 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
         HapsceneError: stimuli that cannot be made, or an output that takes no sound.
     """
     if output.takes_force:
-        raise StudyError(f"{output.name} takes a force, not sound: it is a handle (channel = \"handle\")")
+        raise StudyError(f'{output.name} takes a force, not sound: it is a handle (channel = "handle")')
     level: Level = level_of(maker, stimuli, output.rate_Hz)
     clipped = 0
 
@@ -196,7 +195,7 @@ class DevicePlayer:
 
         self._maker, self._simulated, self._closed = maker, isinstance(device, str), Event()
         self._scene = _pad(maker, first)
-        self._servo: Servo = Servo(self._scene, device, seed=seed, **made)
+        self._servo = Servo(self._scene, device, seed=seed, **made)
         self._servo.__enter__()
         try:
             self._servo.start((0.0, 0.0, CLEAR_M))

@@ -165,7 +165,7 @@ def resampled(samples: Array, rate_Hz: float, wanted_Hz: float) -> Array:
     if ratio == 1:
         return samples.copy()
     most = max(ratio.numerator, ratio.denominator)
-    weights = firwin(64 * most + 1, 0.93 / most, window=("kaiser", float(kaiser_beta(STOP_DB))))
+    weights: Any = firwin(64 * most + 1, 0.93 / most, window=("kaiser", float(kaiser_beta(STOP_DB))))
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, window=weights))
 
 
