@@ -16,6 +16,7 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import play
 from hapscene.study.stimulus import FULL_SCALE, TEXTURE, Level, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
+from hapscene.surface.swatch import Swatch
 
 if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
@@ -177,14 +178,20 @@ class DevicePlayer:
     """
 
     def __init__(
-        self, maker: StimulusMaker, device: "DeviceChoice | str", first: Stimulus, *, seed: int = 0, **made: Any
+        self,
+        maker: StimulusMaker,
+        device: "DeviceChoice | str",
+        stimuli: Iterable[Stimulus],
+        *,
+        seed: int = 0,
+        **made: Any,
     ) -> None:
         """Starts the servo, which takes seconds.
 
         Args:
             maker: of the study.
             device: a driver, or the name of a simulated device.
-            first: a stimulus, whose swatch the pad has at the start.
+            stimuli: all that may be felt: they are made now, so that nobody waits.
             seed: of the noise.
             made: further arguments of `Servo`: handle, handle_file.
 
@@ -194,7 +201,8 @@ class DevicePlayer:
         from hapscene.servo import Servo
 
         self._maker, self._simulated, self._closed = maker, isinstance(device, str), Event()
-        self._scene = _pad(maker, first)
+        swatches = [maker.swatch(stimulus) for stimulus in stimuli]
+        self._scene = _pad(swatches[0])
         self._servo = Servo(self._scene, device, seed=seed, **made)
         self._servo.__enter__()
         try:
@@ -237,7 +245,7 @@ class DevicePlayer:
         return self._servo.handle_report()
 
 
-def _pad(maker: StimulusMaker, stimulus: Stimulus) -> "Scene":
+def _pad(swatch: Swatch) -> "Scene":
     import trimesh
 
     from hapscene.scene.mesh import Mesh
@@ -246,5 +254,5 @@ def _pad(maker: StimulusMaker, stimulus: Stimulus) -> "Scene":
     scene, X_WB = Scene(), np.eye(4)
     X_WB[2, 3] = -0.5 * PAD_M[2]
     mesh = Mesh.from_trimesh(trimesh.creation.box(PAD_M), "m")
-    scene.add(mesh, name="pad", pose=X_WB, swatch=maker.swatch(stimulus))
+    scene.add(mesh, name="pad", pose=X_WB, swatch=swatch)
     return scene

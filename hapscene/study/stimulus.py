@@ -23,6 +23,7 @@ from hapscene.capture.streams import Array, Streams, part_of
 from hapscene.capture.swatch_fit import fit_parts, prepare
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import StudyError
+from hapscene.study.plan import Plan
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 
@@ -209,3 +210,16 @@ def level_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) 
     if not loudest > 0.0:
         raise StudyError("all stimuli are silent: there is nothing to ask about")
     return Level(10.0 ** (-HEADROOM_DB / 20.0) / loudest, loudest)
+
+
+def all_stimuli(plan: Plan) -> list[Stimulus]:
+    """All that a plan may have played: the stimuli of its blocks, those of staircases at each of their levels."""
+    names = {name for block in plan.blocks for name in (*block.stimuli, *(one for pair in block.pairs for one in pair))}
+    found: list[Stimulus] = [plan.stimuli[name] for name in plan.stimuli if name in names]
+    for block in plan.blocks:
+        if block.kind == "staircase":
+            given = plan.stimuli[block.stimulus]
+            values = [block.reference + (-level if block.below else level) for level in (0.0, *block.levels)]
+            whole = isinstance(given[block.parameter], int)
+            found += [{**given, block.parameter: round(value) if whole else value} for value in values]
+    return found
