@@ -101,6 +101,7 @@ class Sitting:
         return {
             "person": self.person,
             "place": self._place,
+            "channel": self.plan.channel,
             "trial": trial.number,
             "block": trial.block,
             "kind": trial.kind,

@@ -13,9 +13,9 @@ import numpy as np
 
 from hapscene.errors import StudyError
 
-SLOPES: Final = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-"""Slopes that are thought possible [1]: 1.3 where d′ grows with the level, 3.5 for detection (Watson & Pelli 1983).
-Fewer are surer and may be wrong."""
+SLOPES: Final = (1.4, 2.0, 2.8, 4.0, 5.6)
+"""Slopes that are thought possible [1]: 1.3 where d′ grows as the level does, 3.5 for detection (Watson & Pelli 1983).
+With fewer, intervals hold the thresholds of people with other slopes less often; with more, each trial says less."""
 
 LAPSES: Final = (0.0, 0.02, 0.05)
 """Shares of lapses that are thought possible [1] (Wichmann & Hill 2001: most people's are below 0.05)."""

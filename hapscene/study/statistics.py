@@ -1,0 +1,269 @@
+"""What the answers of a study say: thresholds, d′, proportions and ratings, each with an interval of 95 %.
+
+That two cannot be told apart is said only where the whole interval lies inside the block's margin; that nothing was
+found says nothing.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hapscene.errors import StudyError
+from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
+from hapscene.study.plan import Block, Plan, load_plan
+from hapscene.study.results_file import load_rows
+from hapscene.study.sitting import PLAN, RESULTS
+
+Row = Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number that the answers say."""
+
+    block: str
+    what: str
+    """Of which stimuli: "alive", "alive − steady", "gain_dB of alive"."""
+    person: str
+    """Whose; "" for the people that these are drawn from."""
+    quantity: str
+    """threshold, slope, lapses, d′, right, first, rating or difference of ratings."""
+    unit: str
+    method: str
+    estimate: Estimate
+    answers: int
+    verdict: str = ""
+    """Of a comparison: told apart, cannot be told apart, or not decided; in words."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A study's findings."""
+
+    plan: Plan
+    people: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    def find(self, block: str, quantity: str, person: str = "") -> tuple[Finding, ...]:
+        """The findings of a block by quantity, of the people as a whole or of one."""
+        return tuple(f for f in self.findings if (f.block, f.quantity, f.person) == (block, quantity, person))
+
+
+def analyse(folder: str | Path) -> Analysis:
+    """What the answers in a study's folder say, those of sittings that are not at their end included.
+
+    Raises:
+        StudyError: no study's folder, answers to another plan, or statsmodels is not installed.
+    """
+    folder = Path(folder)
+    plan = load_plan(folder / PLAN)
+    return analyse_rows(plan, load_rows(folder / RESULTS))
+
+
+def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
+    """What answers to a plan say.
+
+    Args:
+        plan: the plan.
+        rows: answers by column, see `hapscene.study.results_file`.
+
+    Raises:
+        StudyError: answers to another plan or none of its blocks, a field that is no number, or statsmodels is missing.
+    """
+    try:
+        import statsmodels.stats.proportion  # noqa: F401
+    except ImportError:
+        raise StudyError("statistics need the package statsmodels: pip install 'hapscene[study]'") from None
+    if any(row["plan_sha256"] != plan.sha256 for row in rows):
+        raise StudyError("there are answers to another plan among them")
+    by_kind: dict[str, Callable[[Block, Sequence[Row]], Iterator[Finding]]] = {
+        "rating": _ratings,
+        "staircase": _thresholds,
+        "2ifc": _choices,
+        "abx": _choices,
+    }
+    findings: list[Finding] = []
+    for block in plan.blocks:
+        mine = [row for row in rows if row["block"] == block.name]
+        try:
+            findings += by_kind[block.kind](block, mine) if mine else ()
+        except (ValueError, KeyError) as fault:
+            raise StudyError(f"block {block.name}: an answer is not what it should be: {fault}") from None
+    return Analysis(plan, tuple(dict.fromkeys(row["person"] for row in rows)), tuple(findings))
+
+
+def _by_person(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    people: dict[str, list[Row]] = {}
+    for row in rows:
+        people.setdefault(row["person"], []).append(row)
+    return people
+
+
+# Thresholds.
+
+
+def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
+    from hapscene.study.staircase import Staircase
+
+    what, unit = f"{block.parameter} of {block.stimulus}", _unit(block.parameter)
+    found = []
+    for person, mine in _by_person(rows).items():
+        staircase = Staircase(block.levels, linear=block.linear)
+        for row in mine:
+            staircase.add(float(row["level"]), row["correct"] == "1")
+        tail = 0.5 * (1.0 - CERTAINTY)
+        threshold = Estimate(staircase.threshold, staircase.quantile(tail), staircase.quantile(1.0 - tail))
+        found.append(threshold.value)
+        yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
+    if len(found) > 1:
+        estimate = mean_of_people(found if block.linear else np.log(found))
+        if not block.linear:
+            estimate = Estimate(*(math.exp(one) for one in (estimate.value, estimate.low, estimate.high)))
+        method = ("mean" if block.linear else "geometric mean") + " of the people's, Student's t"
+        yield Finding(block.name, what, "", "threshold", unit, method, estimate, len(rows))
+
+
+def _unit(parameter: str) -> str:
+    return {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB", "rate_Hz": "Hz"}.get(parameter, "")
+
+
+def mean_of_people(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
+    """The mean of the people that these are drawn from, by Student's t; of one person without bounds."""
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return Estimate(mean, -math.inf, math.inf)
+    half = _t(len(values) - 1) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return Estimate(mean, mean - half, mean + half)
+
+
+def _t(freedom: float) -> float:
+    return float(stats.t.ppf(0.5 + 0.5 * CERTAINTY, freedom))
+
+
+# Choices: right answers and d′.
+
+
+def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
+    rules = ("2ifc",) if block.kind == "2ifc" else ("abx independent", "abx difference")
+    for pair in block.pairs:
+        mine = [row for row in rows if {row["stimulus_1"], row["stimulus_2"]} == set(pair)]
+        if not mine:
+            continue
+        people = _by_person(mine)
+        right = [sum(row["correct"] == "1" for row in own) for own in people.values()]
+        count = [len(own) for own in people.values()]
+        what, n = f"{pair[0]} − {pair[1]}", len(mine)
+        exact = proportion(sum(right), n, method="exact")
+        said = _exact_verdict(exact, block.kind)
+        yield Finding(block.name, what, "", "right", "", "all answers, exact binomial", exact, n, said)
+        first = proportion(sum(row["answer"] == "0" for row in mine), n)
+        yield Finding(block.name, what, "", "first", "", "all answers, Wilson", first, n)
+        for rule in rules:
+            d = d_prime_of_people(right, count, rule)
+            said = verdict(d, block.margin, "d′")
+            yield Finding(block.name, what, "", "d′", "", f"mixed model, {rule}", d, n, said)
+            for person, k, own in zip(people, right, count, strict=True):
+                yield Finding(block.name, what, person, "d′", "", f"Wilson, {rule}", d_prime_of(k, own, rule), own)
+
+
+def _exact_verdict(share: Estimate, kind: str) -> str:
+    if share.low > 0.5:
+        return "told apart: more answers are right than guessing gives"
+    if share.high < 0.5 and kind == "2ifc":
+        return "told apart, the other way round: fewer answers are right than guessing gives"
+    return "not decided: right answers alone do not exclude guessing"
+
+
+def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
+    """What an interval of a difference says, in words.
+
+    Args:
+        estimate: of the difference.
+        margin: up to which it does not matter; None: nothing can be called equal.
+        quantity: what it is, for the words.
+    """
+    apart = estimate.low > 0.0 or estimate.high < 0.0
+    most = max(abs(estimate.low), abs(estimate.high))
+    if margin is not None and most < margin:
+        also = ", though a difference was found" if apart else ""
+        return f"cannot be told apart by {quantity} {margin:g}: the interval lies inside{also}"
+    if apart:
+        return f"told apart: the interval of {quantity} excludes 0"
+    could = f"may be as large as {most:.2g}" if math.isfinite(most) else "may be of any size"
+    return f"not decided: the interval of {quantity} holds 0, and the difference {could}"
+
+
+# Ratings.
+
+
+def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
+    by_stimulus = {name: _by_person([row for row in rows if row["stimulus_1"] == name]) for name in block.stimuli}
+    means = {
+        name: {person: float(np.mean([float(row["rating"]) for row in mine])) for person, mine in people.items()}
+        for name, people in by_stimulus.items()
+    }
+    for name, of_people in means.items():
+        if of_people:
+            n = sum(map(len, by_stimulus[name].values()))
+            mean = mean_of_people(list(of_people.values()))
+            yield Finding(block.name, name, "", "rating", "", "mean of the people's, Student's t", mean, n)
+    for a, b in combinations(block.stimuli, 2):
+        both = [row for row in rows if row["stimulus_1"] in (a, b)]
+        people = means[a].keys() & means[b].keys()
+        both = [row for row in both if row["person"] in people]
+        if len(people) < 2:
+            continue
+        ratings = np.array([float(row["rating"]) for row in both])
+        effects = {
+            "mixed model": mixed_effect(
+                ratings, np.array([row["stimulus_1"] == a for row in both]), [row["person"] for row in both]
+            ),
+            "paired, Student's t": mean_of_people([means[a][one] - means[b][one] for one in sorted(people)]),
+        }
+        for method, effect in effects.items():
+            if effect is not None:
+                said = verdict(effect, block.margin, "rating")
+                named = (block.name, f"{a} − {b}", "", "difference of ratings", "", method)
+                yield Finding(*named, effect, len(both), said)
+
+
+def mixed_effect(ratings: NDArray[np.float64], treated: NDArray[np.bool_], people: Sequence[str]) -> Estimate | None:
+    """How much higher one stimulus is rated than another, by a linear mixed model.
+
+    rating = (b₀ + u₀) + (b₁ + u₁) x + noise, x = ± ½, u₀ and u₁ normal over people, by restricted likelihood
+    (statsmodels' MixedLM). The interval is Student's, one degree of freedom less than people: z would be too narrow for
+    a dozen.
+
+    Args:
+        ratings: (n,).
+        treated: (n,), of the one, not of the other.
+        people: (n,), whose.
+
+    Returns:
+        b₁, or None where the model cannot be fitted: too few answers, all of them the same.
+    """
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
+    count = len(set(people))
+    if count < 2 or len(ratings) <= 2 * count or not np.ptp(ratings):
+        return None
+    x = np.column_stack([np.ones(len(ratings)), np.where(treated, 0.5, -0.5)])
+    with warnings.catch_warnings():  # gradients do not vanish where people are alike, and a variance is 0: Powell
+        warnings.simplefilter("ignore")
+        try:
+            fit: Any = MixedLM(ratings, x, groups=np.array(people), exog_re=x).fit(reml=True, method="powell")
+        except np.linalg.LinAlgError:
+            return None
+    value, error = float(fit.fe_params[1]), float(fit.bse_fe[1])
+    if not fit.converged or not math.isfinite(error):
+        return None
+    half = _t(count - 1) * error
+    return Estimate(value, value - half, value + half)

@@ -1,0 +1,104 @@
+"""Answers: plain CSV for pandas and R, a torn last line cut, one writer at a time."""
+
+import csv
+import io
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import StudyError
+from hapscene.study.results_file import COLUMNS, ResultsFile, load_rows, parse_rows
+
+ROW = {"person": "P01", "trial": 0, "block": "real", "choice": 'so, "so"', "rating": None, "level": 0.5}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = ResultsFile(tmp_path / "results.csv")
+    for trial in range(3):
+        file.add(ROW | {"trial": trial})
+    file.close()
+    return tmp_path / "results.csv"
+
+
+def test_it_is_a_csv_by_the_standard(path: Path) -> None:
+    """RFC 4180: lines end in CR LF, a plain header, as many fields in each, quotes doubled; UTF-8 without a mark."""
+    content = path.read_bytes()
+    assert content.decode("utf-8") and not content.startswith(b"\xef\xbb\xbf")
+    assert content.count(b"\r\n") == content.count(b"\n") == 4 and content.endswith(b"\r\n")
+    lines = list(csv.reader(io.StringIO(content.decode(), newline=""), strict=True))
+    assert lines[0] == list(COLUMNS) and all(name.isidentifier() and name.isascii() for name in COLUMNS)
+    assert {len(line) for line in lines} == {len(COLUMNS)}
+    assert b'"so, ""so"""' in content and load_rows(path)[1]["choice"] == 'so, "so"'
+
+
+def test_pandas_reads_it_as_it_is(path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_csv(path)
+    assert list(frame.columns) == list(COLUMNS) and list(frame["trial"]) == [0, 1, 2]
+    assert frame["rating"].isna().all() and frame["level"].dtype == float and frame["choice"][0] == 'so, "so"'
+
+
+def test_a_torn_last_line_is_cut_wherever_it_is_torn(path: Path) -> None:
+    content = path.read_bytes()
+    last = content.rstrip().rindex(b"\n") + 1
+    for end in range(last, len(content)):
+        path.write_bytes(content[:end])
+        file = ResultsFile(path)
+        file.add(ROW | {"trial": 2})
+        file.close()
+        assert file.cut_B == end - last and [row["trial"] for row in file.rows] == ["0", "1"]
+        assert path.read_bytes() == content
+
+
+def test_a_torn_header_is_written_anew(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:20])
+    ResultsFile(path).close()
+    assert path.read_bytes() == ",".join(COLUMNS).encode() + b"\r\n"
+
+
+def test_one_writes_at_a_time(path: Path) -> None:
+    pytest.importorskip("fcntl")
+    file = ResultsFile(path)
+    with pytest.raises(StudyError, match="another sitting writes it"):
+        ResultsFile(path)
+    assert len(load_rows(path)) == 3  # who only reads may
+    file.close()
+    ResultsFile(path).close()
+
+
+def test_other_files_are_left_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "results.csv"
+    for content in (b"a,b\r\n1,2\r\n", b"\xff\xfe\r\n", ",".join(COLUMNS).encode() + b"\r\n1,2\r\n3"):
+        path.write_bytes(content)
+        with pytest.raises(StudyError, match=r"results\.csv: "):
+            ResultsFile(path)
+        assert path.read_bytes() == content
+    with pytest.raises(StudyError, match="cannot be written"):
+        ResultsFile(tmp_path / "none" / "results.csv")
+    with pytest.raises(StudyError, match="line 2 has 2 fields"):
+        parse_rows(content)
+
+
+def _fill(path: Path) -> None:
+    import resource
+    import signal
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    file = ResultsFile(path)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, resource.RLIM_INFINITY))
+    with pytest.raises(StudyError, match="cannot be written"):
+        file.add(ROW)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    file.add(ROW)
+
+
+def test_a_full_disk_leaves_no_half_row(path: Path) -> None:
+    """A limit to the file's size stands for it: ten bytes would have had room."""
+    pytest.importorskip("resource")
+    process = multiprocessing.get_context("fork").Process(target=_fill, args=(path,))
+    process.start()
+    process.join(120)
+    assert process.exitcode == 0
+    assert len(load_rows(path)) == 4 and path.read_bytes().endswith(b"\r\n")

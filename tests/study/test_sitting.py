@@ -1,0 +1,172 @@
+"""A sitting keeps every answer, and goes on where it was: killed at any time, in the same order."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hapscene.errors import StudyError
+from hapscene.study.plan import Plan, parse_plan
+from hapscene.study.results_file import COLUMNS, load_rows
+from hapscene.study.sitting import Sitting
+from hapscene.study.trial_order import Trial
+
+from .plans import TEXT
+
+PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 6"))
+AT_TIMES = ("time", "latency_s")
+
+
+def choice(trial: Trial) -> int:
+    """What is answered: it follows from the trial alone, as a mixture of right and wrong."""
+    return (trial.number * 7 + trial.number // 3) % len(trial.choices)
+
+
+def sit(plan: Plan, folder: Path, person: str, most: int = 1000) -> None:
+    """Answers, at most so many."""
+    with Sitting(plan, folder, person) as sitting:
+        while sitting.trial is not None and most > 0:
+            sitting.answer(choice(sitting.trial), latency_s=0.5)
+            most -= 1
+
+
+def answers(folder: Path) -> list[dict[str, str]]:
+    return [{n: v for n, v in row.items() if n not in AT_TIMES} for row in load_rows(folder / "results.csv")]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]]:
+    """The answers of a sitting that nothing stops."""
+    folder = tmp_path_factory.mktemp("whole")
+    sit(PLAN, folder, "P01")
+    return answers(folder)
+
+
+def test_every_answer_is_a_row(whole: list[dict[str, str]]) -> None:
+    assert [int(row["trial"]) for row in whole] == list(range(sum(block.most for block in PLAN.blocks)))
+    assert {row["plan_sha256"] for row in whole} == {PLAN.sha256}
+    for row in whole:
+        rated, right = row["kind"] == "rating", row["correct_answer"]
+        assert (row["rating"] != "NA") == rated == (row["correct"] == "NA") == (right == "NA")
+        assert rated or (row["correct"] == "1") == (row["answer"] == right)
+        assert not rated or row["choice"] == row["rating"] == str(int(row["answer"]) + 1)
+        assert (row["level"] != "NA") == (row["parameter"] == "gain_dB") == (row["kind"] == "staircase")
+        assert (row["stimulus_3"] != "NA") == (row["kind"] == "abx")
+
+
+def test_stopped_after_each_answer_it_is_the_same(whole: list[dict[str, str]], tmp_path: Path) -> None:
+    for done in range(len(whole)):
+        with Sitting(PLAN, tmp_path, "P01") as sitting:
+            assert (sitting.done, sitting.total, sitting.cut_B) == (done, len(whole), 0)
+            sitting.answer(choice(sitting.trial), latency_s=0.5)
+    with Sitting(PLAN, tmp_path, "P01") as sitting:
+        assert sitting.trial is None
+        with pytest.raises(StudyError, match="all 34 trials are answered"):
+            sitting.answer(0, latency_s=0.5)
+    assert answers(tmp_path) == whole
+
+
+KILLED = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from study.test_sitting import PLAN, Sitting, choice
+with Sitting(PLAN, sys.argv[2], "P01") as sitting:
+    while sitting.trial is not None:
+        number = sitting.trial.number
+        sitting.answer(choice(sitting.trial), latency_s=0.5)
+        print(number, flush=True)
+"""
+
+
+def killed(folder: Path, times: int, draw: random.Random) -> int:
+    """Sits in processes, each killed without warning after some answers; how many rows were torn.
+
+    Every answer that a process has told of is in the file afterwards. Half of the times, what a kill in the middle of
+    a write leaves is added, as the row is too short to be caught in it often.
+    """
+    torn = 0
+    for _ in range(times):
+        with subprocess.Popen(
+            [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(folder)],
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as process:
+            told = -1
+            for _ in range(draw.randint(1, 6)):
+                told = int(process.stdout.readline() or told)
+            os.kill(process.pid, signal.SIGKILL)
+            told = max([told, *(int(line) for line in process.stdout if line.endswith("\n"))])
+        rows = load_rows(folder / "results.csv")
+        assert [int(row["trial"]) for row in rows] == list(range(len(rows))) and len(rows) > told
+        if draw.random() < 0.5:
+            with (folder / "results.csv").open("ab") as file:
+                file.write(b"P01,0,headphones,"[: draw.randint(1, 17)])
+            torn += 1
+            with Sitting(PLAN, folder, "P01") as sitting:
+                assert sitting.cut_B > 0 and sitting.done == len(rows)
+    return torn
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such kill")
+def test_killed_it_goes_on_at_the_next_trial(whole: list[dict[str, str]], tmp_path: Path) -> None:
+    assert killed(tmp_path, 4, random.Random(3)) > 0
+    sit(PLAN, tmp_path, "P01")
+    assert answers(tmp_path) == whole
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(10))
+def test_killed_at_random_again_and_again(whole: list[dict[str, str]], tmp_path: Path, seed: int) -> None:
+    killed(tmp_path, 8, random.Random(seed))
+    sit(PLAN, tmp_path, "P01")
+    assert answers(tmp_path) == whole
+
+
+def test_people_follow_each_other_in_the_square(tmp_path: Path) -> None:
+    plan = parse_plan(TEXT.replace('"staircase"', '"rating"').split('stimulus = "alive"')[0] + 'stimuli = ["alive"]')
+    for person in ("P01", "P02", "P01", "P03", "P04"):
+        sit(plan, tmp_path, person, most=40 if person == "P04" else 5)
+    rows = load_rows(tmp_path / "results.csv")
+    assert {row["person"]: row["place"] for row in rows} == {"P01": "0", "P02": "1", "P03": "2", "P04": "3"}
+    assert len({row["block"] for row in rows if row["trial"] == "0"}) == 4
+
+
+def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> None:
+    sit(PLAN, tmp_path, "P01", most=20)
+    other = parse_plan(TEXT.replace("seed = 1", "seed = 2"))
+    with pytest.raises(StudyError, match="holds answers to another plan"):
+        Sitting(other, tmp_path, "P01")
+    with pytest.raises(StudyError, match="channel is 'headphones', by the plan it is 'handle'"):
+        Sitting(replace(PLAN, channel="handle"), tmp_path, "P01")
+    for person in ("", "1", "NA", "P 01", "é", "T"):
+        with pytest.raises(StudyError, match="person: a name must begin with a letter"):
+            Sitting(PLAN, tmp_path, person)
+    path = tmp_path / "results.csv"
+    good = path.read_bytes().decode()
+    lines = good.split("\r\n")
+    for column, value, said in (
+        ("trial", "7", "trial is '7', by the plan it is"),
+        ("block", "other", "block is 'other'"),
+        ("answer", "9", "no choice has the index 9"),
+        ("answer", "x", "answer must be a whole number"),
+    ):
+        fields = lines[3].split(",")
+        fields[COLUMNS.index(column)] = value
+        path.write_text("\r\n".join([*lines[:3], ",".join(fields), *lines[4:]]), encoding="utf-8", newline="")
+        with pytest.raises(StudyError, match=said):
+            Sitting(PLAN, tmp_path, "P01")
+    path.write_text(good, encoding="utf-8", newline="")
+    with Sitting(PLAN, tmp_path, "P01") as sitting:
+        assert sitting.done == 20
+        with pytest.raises(StudyError, match="choice must be from 0 to"):
+            sitting.answer(99, latency_s=0.5)
+        with pytest.raises(StudyError, match="another sitting"):
+            Sitting(PLAN, tmp_path, "P02")
+    (tmp_path / "plan.toml").unlink()
+    with pytest.raises(StudyError, match=r"has answers and no plan\.toml"):
+        Sitting(PLAN, tmp_path, "P01")

@@ -1,0 +1,110 @@
+"""Orders are balanced over people, sides over trials, and the seed gives the same again."""
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from hapscene.study.plan import Plan, parse_plan
+from hapscene.study.trial_order import Trial, balanced, order, trials, williams
+
+from .plans import TEXT
+
+PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 5"))
+
+
+def sequence(plan: Plan, person: str, place: int) -> list[Trial]:
+    """All trials of somebody who always says the first."""
+    asked = trials(plan, person, place)
+    found = [next(asked)]
+    try:
+        while True:
+            found.append(asked.send((0, None)))
+    except StopIteration:
+        return found
+
+
+@pytest.mark.parametrize("count", range(1, 13))
+def test_a_williams_square_is_balanced(count: int) -> None:
+    rows = williams(count)
+    assert len(rows) == (2 * count if count % 2 and count > 1 else count)
+    for row in rows:
+        assert sorted(row) == list(range(count))
+    places = Counter((place, one) for row in rows for place, one in enumerate(row))
+    assert set(places.values()) == {len(rows) // count} and len(places) == count**2
+    follow = Counter(pair for row in rows for pair in pairwise(row))
+    assert len(follow) == count * (count - 1)
+    assert not follow or set(follow.values()) == {len(rows) // count}
+
+
+@given(count=some.integers(1, 9), seed=some.integers(0, 2**31 - 1))
+@settings(max_examples=40, deadline=None)
+def test_orders_of_as_many_people_as_rows_are_the_square(count: int, seed: int) -> None:
+    rows = len(williams(count))
+    orders = [order(count, place, seed) for place in range(rows)]
+    assert len({tuple(one) for one in orders}) == rows
+    assert set(Counter(pair for one in orders for pair in pairwise(one)).values()) <= {rows // count}
+    assert orders[0] == order(count, rows, seed)
+
+
+def test_blocks_and_stimuli_are_balanced_over_people() -> None:
+    plan = parse_plan(TEXT.replace('"staircase"', '"rating"').split('stimulus = "alive"')[0] + 'stimuli = ["alive"]')
+    people = [sequence(plan, f"P{place}", place) for place in range(12)]
+    firsts = Counter(asked[0].block for asked in people)
+    assert set(firsts.values()) == {3} and len(firsts) == 4
+    for repeat in range(4):
+        rated = [[t for t in asked if t.block == "real"][3 * repeat : 3 * repeat + 3] for asked in people]
+        places = Counter((k, t.intervals[0].stimulus["name"]) for own in rated for k, t in enumerate(own))
+        assert set(places.values()) == {4} and len(places) == 9
+
+
+@given(count=some.integers(0, 50), sides=some.sampled_from([2, 4]), seed=some.integers(0, 1000))
+def test_sides_come_equally_often(count: int, sides: int, seed: int) -> None:
+    drawn = balanced(count, sides, np.random.default_rng(seed)) if count else np.zeros(0, int)
+    seen = np.bincount(drawn, minlength=sides)
+    assert len(drawn) == count and seen.max() - seen.min() <= 1
+
+
+def test_what_is_right_stands_on_either_side_equally_often() -> None:
+    for place in range(3):
+        asked = sequence(PLAN, "P", place)
+        abx = [t for t in asked if t.kind == "abx"]
+        shown = Counter(tuple(i.stimulus["name"] for i in t.intervals) for t in abx)
+        assert set(shown.values()) == {2} and len(shown) == 4
+        for trial in abx:
+            a, b, x = (i.stimulus["name"] for i in trial.intervals)
+            assert x == (a, b)[trial.correct] and trial.choices == ("A", "B")
+        for trial in (t for t in asked if t.kind == "2ifc"):
+            names = [i.stimulus["name"] for i in trial.intervals]
+            assert tuple(names if trial.correct == 0 else names[::-1]) in PLAN.blocks[2].pairs
+        assert Counter(t.correct for t in asked if t.kind == "2ifc") == {0: 4, 1: 4}
+
+
+def test_a_staircase_puts_the_level_into_the_right_interval() -> None:
+    for below, sign in (("false", 1), ("true", -1)):
+        plan = parse_plan(TEXT.replace("trials = 20", f"trials = 6\nreference = -3.0\nbelow = {below}"))
+        for trial in (t for t in sequence(plan, "P", 0) if t.kind == "staircase"):
+            gains = [i.stimulus["gain_dB"] for i in trial.intervals]
+            assert gains[trial.correct] == pytest.approx(-3.0 + sign * trial.level) and gains[1 - trial.correct] == -3.0
+
+
+def test_a_whole_number_stays_one() -> None:
+    plan = parse_plan(
+        TEXT.replace('"gain_dB"\nlevels = [0.25, 8.0, 32]', '"order"\nreference = 4\nlevels = [1, 20, 30]')
+    )
+    orders = [i.stimulus["order"] for t in sequence(plan, "P", 0) if t.kind == "staircase" for i in t.intervals]
+    assert all(type(one) is int and 4 <= one <= 24 for one in orders) and 4 in orders
+
+
+def test_the_seed_gives_the_same_and_nobody_hears_the_same_noise() -> None:
+    assert sequence(PLAN, "P01", 3) == sequence(PLAN, "P01", 3)
+    other = parse_plan(TEXT.replace("seed = 1", "seed = 2").replace("trials = 20", "trials = 5"))
+    seeds = [
+        [i.seed for t in sequence(plan, person, 3) for i in t.intervals]
+        for plan, person in ((PLAN, "P01"), (PLAN, "P02"), (other, "P01"))
+    ]
+    assert len({*seeds[0], *seeds[1], *seeds[2]}) == 3 * len(seeds[0])
+    assert [t.number for t in sequence(PLAN, "P01", 0)] == list(range(len(sequence(PLAN, "P01", 0))))
