@@ -222,7 +222,7 @@ def _simulate(options: argparse.Namespace) -> int:
     with step(say, f"asking {options.people} simulated people"):
         truth = simulate(load_plan(options.plan), folder, people=options.people, seed=options.seed)
     tell(["what they are like, to hold the report against:", *_truth_lines(truth)])
-    write_report(folder, folder / "report.html", simulated=True)
+    write_report(folder, folder / "report.html")
     name_made([folder / "results.csv", folder / "report.html"])
     return 0
 
