@@ -133,3 +133,4 @@ function connect() {
 }
 
 connect();
+window.study = { get state() { return state; } };
