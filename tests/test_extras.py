@@ -21,10 +21,11 @@ WORDS = {
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`.
+"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`
+or `study`.
 Drivers that need `usb` or `hid` are tried in tests/plugins/devices."""
 
-NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "usb"}
+NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "study", "usb"}
 
 
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from hapscene.errors import StudyError
+from hapscene.errors import StudyError, warn
 from hapscene.files import naming, read_bytes, refusing
 
 COLUMNS: Final = (
@@ -120,10 +120,16 @@ def load_rows(path: Path) -> list[dict[str, str]]:
 
     Raises:
         StudyError: no such file, or none of results.
+
+    Warns:
+        UserWarning: its last line is cut off, and left out.
     """
     with refusing(StudyError), naming(path):
         content = read_bytes(path, RESULTS_MAX_B, "file of results")
-        return parse_rows(content[: content.rfind(b"\n") + 1])
+        whole = content[: content.rfind(b"\n") + 1]
+        if len(whole) < len(content):
+            warn(f"{path}: its last line is cut off, and left out", UserWarning)
+        return parse_rows(whole)
 
 
 def parse_rows(content: bytes) -> list[dict[str, str]]:

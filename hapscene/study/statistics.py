@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hapscene.errors import StudyError
+from hapscene.files import naming, refusing
 from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
 from hapscene.study.plan import Block, Plan, load_plan
 from hapscene.study.results_file import load_rows
@@ -65,7 +66,9 @@ def analyse(folder: str | Path) -> Analysis:
     """
     folder = Path(folder)
     plan = load_plan(folder / PLAN)
-    return analyse_rows(plan, load_rows(folder / RESULTS))
+    rows = load_rows(folder / RESULTS)
+    with refusing(StudyError), naming(folder / RESULTS):
+        return analyse_rows(plan, rows)
 
 
 def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
@@ -256,14 +259,18 @@ def mixed_effect(ratings: NDArray[np.float64], treated: NDArray[np.bool_], peopl
     if count < 2 or len(ratings) <= 2 * count or not np.ptp(ratings):
         return None
     x = np.column_stack([np.ones(len(ratings)), np.where(treated, 0.5, -0.5)])
-    with warnings.catch_warnings():  # gradients do not vanish where people are alike, and a variance is 0: Powell
-        warnings.simplefilter("ignore")
-        try:
-            fit: Any = MixedLM(ratings, x, groups=np.array(people), exog_re=x).fit(reml=True, method="powell")
-        except np.linalg.LinAlgError:
-            return None
-    value, error = float(fit.fe_params[1]), float(fit.bse_fe[1])
-    if not fit.converged or not math.isfinite(error):
-        return None
-    half = _t(count - 1) * error
-    return Estimate(value, value - half, value + half)
+    for method in (
+        "powell",
+        "lbfgs",
+    ):  # where people are alike, a variance is 0, and one or the other does not end well
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                fit: Any = MixedLM(ratings, x, groups=np.array(people), exog_re=x).fit(reml=True, method=method)
+                value, error = float(fit.fe_params[1]), float(fit.bse_fe[1])
+            except np.linalg.LinAlgError:
+                continue
+        if fit.converged and math.isfinite(error):
+            half = _t(count - 1) * error
+            return Estimate(value, value - half, value + half)
+    return None

@@ -38,6 +38,10 @@ from hapscene.scene.mesh_file import UNITLESS, load_mesh
 from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 from hapscene.stability.wall_case import read_cases
+from hapscene.study.plan import load_plan
+from hapscene.study.results_file import load_rows
+from hapscene.study.simulated_person import simulate
+from hapscene.study.statistics import analyse
 from hapscene.surface import library
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
@@ -334,6 +338,43 @@ def read_page(path: Path) -> None:
         number(message, "value", -1e9, 1e9)
 
 
+STUDY = b"""title = "t"
+people = 2
+stimuli.a.swatch = "wood"
+stimuli.b = {swatch = "wood", life = false, order = 40, effects = ["tap"]}
+[[blocks]]
+name = "rated"
+kind = "rating"
+stimuli = ["a", "b"]
+repeats = 2
+[[blocks]]
+name = "told"
+kind = "abx"
+pairs = [["a", "b"]]
+repeats = 3
+margin = 0.5
+[[blocks]]
+name = "gain"
+kind = "staircase"
+stimulus = "a"
+parameter = "gain_dB"
+levels = [0.5, 8.0, 5]
+trials = 5
+"""
+
+
+def answers() -> Files:
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "x.toml").write_bytes(STUDY)
+        simulate(load_plan(Path(folder) / "x.toml"), Path(folder) / "x", people=2)
+        return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
+
+
+def read_answers(path: Path) -> int:
+    analyse(path.parent)
+    return len(load_rows(path))
+
+
 def painted(name: str, *, fine: bool = False, quick: int = 12) -> Format:
     def write(path: Path) -> None:
         made = scene()
@@ -394,6 +435,8 @@ FORMATS: Mapping[str, Format] = {
     "hsrec": Format(record, read_recording),
     "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),
     "touch": Format(touch, lambda path: len(recording.load_touch(path))),
+    "study": Format(lambda: {"x.toml": STUDY}, load_plan),
+    "answers": Format(answers, read_answers, left=lines(r"(?!person).*\d")),
     "serial": Format(serial, read_serial, file=False),
     "udp": Format(datagram, read_datagram, file=False),
     "page": Format(page, read_page, file=False),

@@ -1,4 +1,10 @@
-"""Plans that the tests of this room use."""
+"""Plans that the tests of this room use, and people who answer them."""
+
+from collections.abc import Callable
+
+from hapscene.study.plan import Plan, parse_plan
+from hapscene.study.simulated_person import Truth, people_like
+from hapscene.study.trial_order import Trial, trials
 
 TEXT = """
 title = "Is life noticed?"
@@ -36,3 +42,34 @@ parameter = "gain_dB"
 levels = [0.25, 8.0, 32]
 trials = 20
 """
+
+
+def one_block(kind: str, repeats: int) -> Plan:
+    """A plan with a single block, of "alive" and "steady"."""
+    things = '["alive", "steady"]' if kind == "rating" else '[["alive", "steady"]]'
+    name = "stimuli" if kind == "rating" else "pairs"
+    block = f'[[blocks]]\nname = "one"\nkind = "{kind}"\n{name} = {things}\nrepeats = {repeats}\n'
+    return parse_plan(TEXT.split("[[blocks]]")[0] + block)
+
+
+def asked(plan: Plan, person: str, place: int, answer: Callable[[Trial], int]) -> list[tuple[Trial, int]]:
+    """The trials of a person and what was answered, without files."""
+    found: list[tuple[Trial, int]] = []
+    order = trials(plan, person, place)
+    try:
+        trial = next(order)
+        while True:
+            found.append((trial, answer(trial)))
+            trial = order.send((found[-1][1], None))
+    except StopIteration:
+        return found
+
+
+def observers(kind: str, *, d: float, people: int, repeats: int, **truth: object) -> tuple[list[int], list[int]]:
+    """Right answers of people who all have this d′, and how many they gave."""
+    plan = one_block(kind, repeats)
+    same = Truth(strength={"alive": d, "steady": 0.0}, lapse=0.0, **truth)  # type: ignore[arg-type]
+    right = []
+    for place, person in enumerate(people_like(same, people, seed=1)):
+        right.append(sum(choice == trial.correct for trial, choice in asked(plan, f"S{place}", place, person.answer)))
+    return right, [repeats] * people

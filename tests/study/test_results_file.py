@@ -58,6 +58,12 @@ def test_a_torn_header_is_written_anew(path: Path) -> None:
     assert path.read_bytes() == ",".join(COLUMNS).encode() + b"\r\n"
 
 
+def test_who_reads_is_told_of_a_torn_line(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.warns(UserWarning, match="its last line is cut off"):
+        assert len(load_rows(path)) == 2
+
+
 def test_one_writes_at_a_time(path: Path) -> None:
     pytest.importorskip("fcntl")
     file = ResultsFile(path)

@@ -1,0 +1,198 @@
+"""What answers say: ratings by a mixed model, thresholds across people, and words that no interval belies."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hapscene.errors import StudyError
+from hapscene.study.discrimination import Estimate
+from hapscene.study.plan import parse_plan
+from hapscene.study.results_file import load_rows
+from hapscene.study.simulated_person import Truth, people_like, simulate
+from hapscene.study.statistics import Analysis, analyse, analyse_rows, mean_of_people, mixed_effect, verdict
+
+from .plans import TEXT, asked, one_block
+
+
+def ratings(
+    effect: float, spread: float, people: int, repeats: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Simulated people's ratings of two stimuli, which of them, and whose."""
+    truth = Truth(realism={"alive": 4.0 + effect / 2.0, "steady": 4.0 - effect / 2.0}, spread=spread)
+    plan = one_block("rating", repeats)
+    rows = [
+        (choice + 1.0, trial.intervals[0].stimulus["name"] == "alive", f"S{place}")
+        for place, person in enumerate(people_like(truth, people, seed=seed))
+        for trial, choice in asked(plan, f"S{place}", place, person.answer)
+    ]
+    felt, treated, whose = zip(*rows, strict=True)
+    return np.array(felt), np.array(treated), list(whose)
+
+
+def test_the_mixed_model_is_the_paired_test_where_all_is_balanced() -> None:
+    """An identity of the model: as many answers of each, and variances that are not at 0."""
+    felt, treated, whose = ratings(1.0, 0.8, 10, 5, seed=2)
+    people = np.array(whose)
+    means = [
+        [felt[(people == one) & (treated == which)].mean() for which in (True, False)] for one in sorted(set(whose))
+    ]
+    paired = stats.ttest_rel(*np.array(means).T).confidence_interval(0.95)
+    found = mixed_effect(felt, treated, whose)
+    assert found is not None
+    assert (found.low, found.high) == pytest.approx((paired.low, paired.high), rel=0.02)
+    assert found.value == pytest.approx(float(np.mean(np.array(means) @ [1.0, -1.0])), abs=1e-3)
+
+
+def test_some_answers_may_be_missing() -> None:
+    felt, treated, whose = ratings(1.0, 0.5, 12, 4, seed=5)
+    kept = np.random.default_rng(0).random(len(felt)) < 0.7
+    found = mixed_effect(felt[kept], treated[kept], [one for one, there in zip(whose, kept, strict=True) if there])
+    assert found is not None and found.low < 1.0 < found.high and found.high - found.low < 2.0
+
+
+def test_what_cannot_be_fitted_has_no_mixed_model() -> None:
+    alike = np.full(16, 4.0)
+    treated = np.arange(16) % 2 == 0
+    assert mixed_effect(alike, treated, ["a"] * 8 + ["b"] * 8) is None
+    assert mixed_effect(alike + treated, treated, ["a"] * 16) is None
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("effect", "spread", "people", "repeats"), [(1.0, 0.4, 12, 4), (0.5, 0.4, 20, 3), (0.0, 0.3, 6, 6)]
+)
+def test_intervals_hold_planted_effects_in_1000_studies(
+    effect: float, spread: float, people: int, repeats: int
+) -> None:
+    studies, mixed, fitted, paired = 1000, 0, 0, 0
+    for seed in range(studies):
+        felt, treated, whose = ratings(effect, spread, people, repeats, seed)
+        found = mixed_effect(felt, treated, whose)
+        fitted += found is not None
+        mixed += found is not None and found.low <= effect <= found.high
+        own = np.array(whose)
+        means = [felt[(own == p) & treated].mean() - felt[(own == p) & ~treated].mean() for p in dict.fromkeys(whose)]
+        by_t = mean_of_people(means)
+        paired += by_t.low <= effect <= by_t.high
+    print(
+        f"effect {effect:g} ± {spread * math.sqrt(2):.2f}, {people} people, {repeats} ratings: "
+        f"mixed {mixed / fitted:.3f} "
+        f"({studies - fitted} not fitted), paired {paired / studies:.3f}"
+    )
+    assert fitted > 0.97 * studies and 0.92 <= mixed / fitted <= 0.985 and 0.92 <= paired / studies <= 0.98
+
+
+def test_intervals_of_the_mean_of_people_are_students() -> None:
+    values = [1.0, 2.0, 4.0, 3.5]
+    known = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    found = mean_of_people(values)
+    assert (found.low, found.high) == pytest.approx((known.low, known.high))
+    assert mean_of_people([2.0]) == Estimate(2.0, -math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "margin", "said"),
+    [
+        (0.2, 1.0, None, "told apart"),
+        (-1.0, -0.2, 0.5, "told apart"),
+        (-0.2, 0.3, None, "not decided"),
+        (-0.2, 0.3, 0.5, "cannot be told apart"),
+        (0.0, 0.4, 0.5, "cannot be told apart"),
+        (-0.2, 0.6, 0.5, "not decided"),
+        (0.1, 0.3, 0.5, "cannot be told apart"),
+        (0.1, math.inf, 0.5, "told apart"),
+        (0.0, math.inf, 0.5, "not decided"),
+    ],
+)
+def test_words_follow_from_the_interval_alone(low: float, high: float, margin: float | None, said: str) -> None:
+    words = verdict(Estimate(0.5 * (low + min(high, 9.0)), low, high), margin, "d′")
+    assert words.startswith(said)
+    assert "cannot" not in words or margin is not None
+
+
+PLAN = parse_plan(TEXT.replace("trials = 20", "trials = 30").replace("repeats = 8", "repeats = 16\nmargin = 0.8"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four simulated people's answers to everything."""
+    folder = tmp_path_factory.mktemp("study")
+    truth = Truth(
+        strength={"alive": 2.0, "steady": 0.0, "rough": 1.5},
+        realism={"alive": 5.5, "steady": 2.5, "rough": 4.0},
+        threshold={"gain": 1.5},
+        slope=5.0,
+        spread=0.2,
+    )
+    simulate(PLAN, folder, people=4, truth=truth, seed=3)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def analysis(folder: Path) -> Analysis:
+    return analyse(folder)
+
+
+def test_what_simulated_people_are_is_found(analysis: Analysis) -> None:
+    assert analysis.people == ("S001", "S002", "S003", "S004")
+    (threshold,) = analysis.find("gain", "threshold")
+    assert threshold.estimate.low < 1.5 < threshold.estimate.high and threshold.unit == "dB"
+    assert threshold.estimate.value == pytest.approx(1.5, rel=0.25)
+    (rated,) = [
+        f for f in analysis.find("real", "difference of ratings") if "paired" in f.method and "alive − st" in f.what
+    ]
+    assert rated.estimate.low < 3.0 < rated.estimate.high and rated.verdict.startswith("told apart")
+    named = {f.method: f.estimate for f in analysis.find("life", "d′")}
+    assert named["mixed model, abx difference"].low < 2.0 < named["mixed model, abx difference"].high
+    (right,) = analysis.find("life", "right")
+    assert right.answers == 64 and right.verdict.startswith("told apart")
+    louder = {f.what: f.estimate for f in analysis.find("louder", "d′")}
+    assert louder["alive − steady"].low < 2.0 < louder["alive − steady"].high
+    assert louder["rough − steady"].low < 1.5 < louder["rough − steady"].high
+
+
+def test_each_person_has_their_own(analysis: Analysis) -> None:
+    for person in analysis.people:
+        (own,) = analysis.find("gain", "threshold", person)
+        assert own.answers == 30 and own.estimate.low < own.estimate.value < own.estimate.high
+        assert len(analysis.find("life", "d′", person)) == 2 and len(analysis.find("louder", "d′", person)) == 2
+
+
+def test_a_study_in_its_middle_can_be_looked_at(folder: Path) -> None:
+    rows = load_rows(folder / "results.csv")
+    for count in (0, 1, 5, 70):
+        assert len(analyse_rows(PLAN, rows[:count]).people) == (count > 0) + (count > 62 + 4)
+
+
+def test_answers_to_another_plan_are_refused(folder: Path) -> None:
+    rows = load_rows(folder / "results.csv")
+    with pytest.raises(StudyError, match="answers to another plan"):
+        analyse_rows(parse_plan(TEXT), rows)
+    rated = next(row for row in rows if row["kind"] == "rating")
+    with pytest.raises(StudyError, match="block real: an answer is not what it should be"):
+        analyse_rows(PLAN, [rated | {"rating": "good"}])
+
+
+def test_guessing_is_not_called_equal_without_a_margin(tmp_path: Path) -> None:
+    plan = one_block("abx", 10)
+    simulate(plan, tmp_path, people=3, truth=Truth(strength={"alive": 0.0, "steady": 0.0}))
+    said = [f.verdict for f in analyse(tmp_path).findings if f.verdict]
+    assert said and all(words.startswith("not decided") for words in said)
+
+
+def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) -> None:
+    """Of the file as it is: R's read.csv takes the same text, plain header and NA."""
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_csv(folder / "results.csv")
+    assert len(frame) == sum(1 for _ in load_rows(folder / "results.csv"))
+    means = frame[frame.kind == "rating"].groupby(["stimulus_1", "person"]).rating.mean().groupby("stimulus_1").mean()
+    for finding in analysis.find("real", "rating"):
+        assert means[finding.what] == pytest.approx(finding.estimate.value)
+    assert frame[frame.block == "life"].correct.mean() == analysis.find("life", "right")[0].estimate.value
+    times = pandas.to_datetime(frame.time, format="ISO8601")
+    assert times.is_monotonic_increasing and str(times.dt.tz) == "UTC"
+    numbers = ("place", "trial", "answer", "replays", "latency_s", "level", "rating", "correct", "correct_answer")
+    assert all(pandas.api.types.is_numeric_dtype(frame[name]) for name in numbers)
