@@ -36,6 +36,14 @@ NAP_S: Final = 0.2
 LINGER_S: Final = 1.0
 """How long the page is served once all is answered [s]: it is told so, and needs nothing after that."""
 
+WRONG: Final = {
+    "clipped": "a sample was too loud, and was cut",
+    "clips": "the handle's force was at its limit",
+    "hits": "the handle's coil met a stop",
+    "underruns": "the output was given nothing to play in time",
+}
+"""What may go wrong while it is played, by the names of a player's report."""
+
 WORDS: Final = ("run", "report", "simulate")
 
 
@@ -64,7 +72,7 @@ def _add_run(commands: Any) -> None:
     add_out_folder(command, None, "out/ and the plan's name")
     command.add_argument("--channel", choices=("headphones", "handle", "device"), help="in place of the plan's")
     played = command.add_argument_group("what it is played on")
-    played.add_argument("--output", default="audio", metavar="NAME", help="headphones or handle: audio, serial, usb")
+    played.add_argument("--output", metavar="NAME", help="what plays vibrations: audio (default), serial, usb")
     played.add_argument(
         "--output-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the output"
     )
@@ -127,8 +135,7 @@ def _run(options: argparse.Namespace) -> int:
         if server.fault:
             raise StudyError(f"{server.fault}; {sitting.done} answers are kept. To go on: {again}")
         lines = [f"{person}: {sitting.done} of {sitting.total} answered, in {folder / 'results.csv'}"]
-        if report.get("clipped"):
-            lines.append(f"{report['clipped']:.0f} samples were too loud and were cut")
+        lines += [f"{words}: {report[name]:.0f} times" for name, words in WRONG.items() if report.get(name)]
         lines.append(f"go on: {again}" if sitting.trial is not None else f"report: hapscene study report {folder}")
         tell(lines)
     return 0
@@ -155,10 +162,11 @@ def _player(plan: "Plan", options: argparse.Namespace) -> "Player":
     maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)
     if plan.channel == "device":
         device = options.device if options.device in DEVICES else DeviceChoice(options.device, dict(options.option))
-        made = {"handle_file": options.handle_file} if options.handle_file else {}
+        played = DeviceChoice(options.output, dict(options.output_option)) if options.output else None
         with step(say, f"starting {options.device}"):
+            made = {"handle": played, "handle_file": options.handle_file}
             return DevicePlayer(maker, device, stimuli, seed=plan.seed, **made)
-    output = open_output(options.output, dict(options.output_option))
+    output = open_output(options.output or "audio", dict(options.output_option))
     try:
         with step(say, f"making {len(stimuli)} stimuli"):
             if plan.channel == "handle":

@@ -144,12 +144,15 @@ def _intervals(name: str, found: Sequence[Finding], label: str, zero: float | No
     """Numbers with their intervals, one below the other; beside each, pale, those of the people."""
     bounds = [v for f in found for v in (f.estimate.low, f.estimate.high, f.estimate.value) if math.isfinite(v)]
     bounds += [] if zero is None else [zero]
+    room = 0.12 * (max(bounds) - min(bounds)) or 0.5
+    edges = min(bounds) - room, max(bounds) + room
 
     def draw(axes: "Axes") -> None:
         for place, one in enumerate(found):
             e = one.estimate
-            ends = [min(max(v, min(bounds)), max(bounds)) for v in (e.low, e.high)]
-            axes.plot(ends, [place, place], color=BLUE, linewidth=2.5, solid_capstyle="butt")
+            axes.plot(np.clip([e.low, e.high], *edges), [place, place], color=BLUE, linewidth=2.5)
+            for end, edge, mark in zip((e.low, e.high), edges, "<>", strict=True):
+                axes.plot([edge] * math.isinf(end), [place] * math.isinf(end), mark, color=BLUE)  # not bounded there
             if math.isfinite(e.value):
                 axes.plot([e.value], [place], "o", color=BLUE, markersize=7)
             own = [] if people is None else people(one)
@@ -186,22 +189,7 @@ def _rating_plots(name: str, block: Block, found: Sequence[Finding], rows: Seque
         said = "; ".join(f"{one.what} {shown(one.estimate)}" for one in modelled)
         svg = _intervals(f"{name}d", modelled, "points of the scale", 0.0)
         plots.append(Plot("Differences", "By a linear mixed model over people; dashed: none.", svg, said))
-    counts = {
-        stimulus: Counter(int(row["rating"]) for row in rows if row["stimulus_1"] == stimulus) for stimulus in own
-    }
-    steps = np.arange(block.scale[0], block.scale[1] + 1)
-
-    def draw(axes: "Axes") -> None:
-        width = 0.8 / len(counts)
-        for k, (stimulus, count) in enumerate(counts.items()):
-            heights = [count[int(step)] for step in steps]
-            axes.bar(steps + (k - 0.5 * (len(counts) - 1)) * width, heights, width, label=stimulus[:24])
-        axes.set_xticks(steps)
-        axes.set_xlabel("rating")
-        axes.set_ylabel("answers")
-
-    said = "; ".join(f"{one}: {', '.join(f'{c[int(s)]} times {s}' for s in steps)}" for one, c in counts.items())
-    return [*plots, Plot("All answers", "How often each step was chosen.", drawn(f"{name}h", draw), said)]
+    return plots
 
 
 def _choice_plots(name: str, block: Block, found: Sequence[Finding], rows: Sequence[Row]) -> list[Plot]:
