@@ -119,7 +119,7 @@ def _run(options: argparse.Namespace) -> int:
         sitting = stack.enter_context(Sitting(plan, folder, person))
         if sitting.trial is None:
             raise StudyError(f"{person} has answered all {sitting.done}; --person NAME asks another")
-        player = _player(plan, options)
+        player = _player(plan, folder, options)
         server = stack.enter_context(StudyServer(sitting, player, host=options.host, port=options.port))
         say(f"{person}: {sitting.done} of {sitting.total} answered\n")
         print(f"{server.url}   (Ctrl-C ends; it can be gone on with)", flush=True)
@@ -150,7 +150,7 @@ def next_person(folder: Path) -> str:
     return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)
 
 
-def _player(plan: "Plan", options: argparse.Namespace) -> "Player":
+def _player(plan: "Plan", folder: Path, options: argparse.Namespace) -> "Player":
     """What the plan's stimuli are played on, ready."""
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.device.model import DEVICES
@@ -159,7 +159,7 @@ def _player(plan: "Plan", options: argparse.Namespace) -> "Player":
     from hapscene.study.stimulus import StimulusMaker, all_stimuli
     from hapscene.touch import step
 
-    maker, stimuli = StimulusMaker(plan.folder), all_stimuli(plan)
+    maker, stimuli = StimulusMaker(plan.folder, folder), all_stimuli(plan)
     if plan.channel == "device":
         device = options.device if options.device in DEVICES else DeviceChoice(options.device, dict(options.option))
         played = DeviceChoice(options.output, dict(options.output_option)) if options.output else None

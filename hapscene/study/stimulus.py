@@ -6,6 +6,7 @@ speed of that same excerpt. The seed is also that of the noise: two intervals of
 alone are driven by the same noise.
 """
 
+import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from hapscene.errors import StudyError
 from hapscene.study.plan import Plan
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import read_swatch, save_swatch
 
 FADE_S: Final = 0.02
 """How long a sound fades in and out [s]: no click."""
@@ -52,12 +54,12 @@ class StimulusMaker:
 
     Args:
         folder: where the files that stimuli name are looked for: that of the plan.
+        kept: a folder that keeps what was fitted, so that the next person need not wait; None for none.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._recording = cache(self._read)
-        self._fitted = cache(lambda key, order: fit_parts([self._recording(key)], Path(key[0]).stem, order))
+    def __init__(self, folder: Path, kept: Path | None = None) -> None:
+        self._folder, self._kept = folder, kept
+        self._recording, self._fitted = cache(self._read), cache(self._fit)
         self._loaded = cache(load_swatch)
 
     def swatch(self, stimulus: Stimulus) -> Swatch:
@@ -128,6 +130,18 @@ class StimulusMaker:
         places = np.concatenate([np.arange(first, end - count + 1) for first, end in runs])
         first = int(np.random.default_rng(seed).choice(places))
         return part_of(channels, slice(first, first + count))
+
+    def _fit(self, key: "_Key", order: int) -> Swatch:
+        made = self._recording(key)
+        if self._kept is None:
+            return fit_parts([made], "fitted", order)
+        with (self._folder / key[0]).open("rb") as file:
+            content = hashlib.file_digest(file, "sha256").hexdigest()
+        name = hashlib.sha256(repr((content, key[1:], order)).encode()).hexdigest()[:16]
+        path = self._kept / f"order-{order}-{name}.swatch"
+        if not path.exists():
+            save_swatch(fit_parts([made], "fitted", order), path)
+        return read_swatch(path)
 
     def _read(self, key: "_Key") -> Part:
         file, rate_Hz, columns, units = key

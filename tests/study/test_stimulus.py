@@ -139,6 +139,27 @@ def test_orders_of_a_recording_differ_by_their_filters_alone(of_it: StimulusMake
     assert abs(np.corrcoef(other, high)[0, 1]) < 0.3
 
 
+def test_what_was_fitted_is_kept_until_its_recording_changes(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits = []
+
+    def fit(parts: Any, name: str, order: int) -> Any:
+        fits.append(order)
+        return replace(load_swatch("wood"), name=name)
+
+    monkeypatch.setattr("hapscene.study.stimulus.fit_parts", fit)
+    (tmp_path / "kept").mkdir()
+    content = (recorded / "made.csv").read_text()
+    heard = []
+    for text in (content, content, content[: len(content) // 2].rpartition("\n")[0]):
+        (tmp_path / "made.csv").write_text(text)
+        maker = StimulusMaker(tmp_path, tmp_path / "kept")
+        heard.append([maker.samples(stimulus(**MADE, order=order), 1, 1e4) for order in (3, 4, 3)])
+    assert fits == [3, 4, 3, 4]
+    np.testing.assert_array_equal(heard[0], heard[1])
+
+
 @pytest.mark.parametrize(
     ("told", "words"),
     [
