@@ -99,8 +99,8 @@ def _run(options: argparse.Namespace) -> int:
     with the same --person goes on at the next question.
 
     for example:
-      hapscene study life.toml
-      hapscene study run life.toml --person P07 --out out/life --output-option device=headphones
+      hapscene study run life.toml
+      hapscene study life.toml --person P07 --out out/life --output-option device=headphones
     """
     check_there(options.plan, StudyError, "plan of a study")
     folder = Path(options.out or f"out/{base_name(options.plan)}")

@@ -3,6 +3,7 @@
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -34,8 +35,11 @@ SIMULATED_S: Final = "1.000"
 """How long simulated people take for every answer [s]; nobody else does."""
 
 STYLE: Final = """
-.verdict { font-weight: 600; } td.value { white-space: nowrap; } .warning { border: 1px solid; padding: 6px 12px; }
-@media (max-width: 640px) { td.value { white-space: normal; } }
+.verdict { font-weight: 600; } .plots + .table { margin-top: 14px; } .warning { border: 1px solid; padding: 6px 12px; }
+@media (max-width: 640px) {
+  td.to { min-width: 180px; } thead { display: table-header-group; } tbody tr { display: table-row; }
+  thead th, tbody th, tbody td { padding: 6px 10px; border-top: 1px solid var(--line); }
+}
 """
 
 
@@ -219,6 +223,8 @@ def _choice_plots(name: str, block: Block, found: Sequence[Finding], rows: Seque
 
 
 def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Sequence[Row]) -> list[Plot]:
+    from matplotlib.ticker import LogLocator
+
     own = [one for one in found if one.quantity == "threshold" and one.person]
     together = [one for one in found if one.quantity == "threshold" and not one.person]
     unit = own[0].unit if own else ""
@@ -246,6 +252,9 @@ def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Se
         axes.axhline(0.5, color=ORANGE, linewidth=1.2, linestyle="--")
         if not block.linear:
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter(lambda x, place: f"{x:g}")
+            axes.xaxis.set_minor_formatter(lambda x, place: "")
         axes.set_xlabel(label)
         axes.set_ylabel("share right")
         axes.set_ylim(0.3, 1.03)
@@ -267,8 +276,6 @@ SLOPE: Final = 3.5
 
 
 def _named(one: Finding, name: str) -> Finding:
-    from dataclasses import replace
-
     return replace(one, what=name)
 
 
@@ -287,9 +294,7 @@ def _people(analysis: Analysis, rows: Sequence[Row]) -> str:
         cells = (f"{len(mine)} of {most}", right, f"{latency_s:.1f} s", str(replays))
         lines.append(f"<tr><th>{escape(person)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")
     head = "<th>person</th><th>answers</th><th>right</th><th>median time</th><th>replays</th>"
-    return (
-        f'<div class="table scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
-    )
+    return _scrolled("Each person", f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody>")
 
 
 def _limits(analysis: Analysis, rows: Sequence[Row]) -> str:
