@@ -36,6 +36,7 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.reproduce import add_reproduce
     from hapscene.command.serve import add_serve
     from hapscene.command.stability import add_stability
+    from hapscene.command.study import add_study
     from hapscene.command.swatch import add_swatch
     from hapscene.command.teleoperate import add_teleoperate
     from hapscene.command.touch import add_demo, add_touch
@@ -43,7 +44,17 @@ def commands() -> tuple[Sequence[Add], Sequence[Add]]:
     from hapscene.command.view import add_view
 
     first = (add_demo, add_touch, add_paint, add_capture, add_swatch)
-    further = (add_view, add_check, add_export, add_import, add_handle, add_stability, add_teleoperate, add_serve)
+    further = (
+        add_view,
+        add_check,
+        add_export,
+        add_import,
+        add_study,
+        add_handle,
+        add_stability,
+        add_teleoperate,
+        add_serve,
+    )
     last = (add_replay, add_devices, add_plugins, add_bench, add_chart, add_reproduce)
     return first, (add_play, add_tune, *further, *last)
 

@@ -19,14 +19,27 @@ WORDS = {
     "mujoco": "touch box.xml --no-picture",
     "parquet": "capture fit oak.parquet --rate 2000 --units acceleration=m/s2 -o oak.swatch",
     "paint": "paint cube.stl --unit mm --no-browser --no-hand",
+    "study": "study simulate gain.toml --people 1",
     "serve": "serve cube.stl --unit mm --udp 0 --ws 0",
     "video": "view cube.stl --unit mm --out cube.mp4",
 }
-"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`
-or `study`.
+"""A command that needs the extra; `dev` and `docs` are for work on the project, and no command needs `gymnasium`.
 Drivers that need `usb` or `hid` are tried in tests/plugins/devices."""
 
-NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "study", "usb"}
+GAIN = """
+title = "gain"
+people = 1
+[stimuli.wood]
+swatch = "wood"
+[[blocks]]
+name = "gain"
+kind = "staircase"
+stimulus = "wood"
+parameter = "gain_dB"
+levels = [1.0, 2.0, 2]
+"""
+
+NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "usb"}
 
 
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))
@@ -38,6 +51,7 @@ def test_an_extra_that_is_missing_is_named(
     Path("part.step").write_text("ISO-10303-21;\nEND-ISO-10303-21;\n")
     Path("oak.csv").write_text("acceleration,force\n" + "0,1\n" * 100)
     Path("oak.parquet").write_bytes(b"PAR1")
+    Path("gain.toml").write_text(GAIN)
     Path("box.xml").write_text("<mujoco/>")
     for text in PROJECT["optional-dependencies"][extra]:
         monkeypatch.setitem(sys.modules, Requirement(text).name.replace("-", "_"), None)

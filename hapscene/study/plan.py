@@ -81,6 +81,14 @@ class Plan:
     blocks: tuple[Block, ...]
     content: bytes = field(repr=False)
     """The file."""
+    consent: str = ""
+    """What a person agrees to before all else."""
+    instructions: str = ""
+    """What a person is told before the first trial."""
+    practice: int = 0
+    """Trials of each block that are asked first, told right or wrong, and not kept [count]."""
+    break_every: int = 0
+    """Answers after which there is a break [count]; 0 for none."""
     folder: Path = Path()
     """Where the file lies, from which its paths go."""
 
@@ -237,6 +245,10 @@ _PLAN: Final[Keys] = {
     "channel": (_among(*CHANNELS), "headphones"),
     "seed": (_whole(0, 2**31 - 1), 0),
     "people": (_whole(1, 10_000), ...),
+    "consent": (_text(0, 20_000), ""),
+    "instructions": (_text(0, 20_000), ""),
+    "practice": (_whole(0, 20), 0),
+    "break_every": (_whole(0, 1000), 0),
     "stimuli": (_table, ...),
     "blocks": (_list(_any, 1, 100, "tables [[blocks]], 1 to 100"), ...),
 }

@@ -18,8 +18,8 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
 import hapscene
-from hapscene.errors import HapsceneError
 from hapscene import web_listener
+from hapscene.errors import HapsceneError
 from hapscene.play import page_server
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from hapscene.errors import HandleError
+from hapscene.study.plan import parse_plan
+from hapscene.study.stimulus import StimulusMaker
+from hapscene.study.trial_order import trials
 from hapscene_plugins.devices.audio import DRIVER, AudioHandle
 
 RATE_HZ = 48_000
@@ -98,6 +101,64 @@ def test_a_servo_s_ticks_are_felt_without_a_click_and_end_in_silence(sink: Any, 
     part = heard[loud[-1] - 52_800 : loud[-1] - 4_800, 2] * np.blackman(48_000)
     spectrum = np.abs(np.fft.rfft(part))
     assert spectrum.argmax() == 250 and spectrum[260:].max() < 1e-3 * spectrum.max()
+
+
+TRIAL = """
+import sys, time
+from pathlib import Path
+from hapscene.handle.live_process import open_output
+from hapscene.study.plan import load_plan
+from hapscene.study.playing import headphones
+from hapscene.study.stimulus import StimulusMaker, all_stimuli
+from hapscene.study.trial_order import trials
+plan = load_plan(sys.argv[1])
+output = open_output("audio", {"device": "dualsense", "channels": "1,2", "buffer_s": sys.argv[2], "block": 480})
+player = headphones(StimulusMaker(plan.folder), output, all_stimuli(plan))
+for interval in next(trials(plan, "P01", 0)).intervals:
+    time.sleep(0.3)
+    player.play(interval)
+time.sleep(0.3)
+player.close()
+print(player.report()["full_scale_m_s2"], player.report()["underruns"])
+"""
+
+PLAN = """
+title = "two"
+people = 1
+[stimuli.alive]
+swatch = "wood"
+seconds = 0.5
+[stimuli.paper]
+swatch = "paper"
+seconds = 0.7
+[[blocks]]
+name = "life"
+kind = "2ifc"
+pairs = [["alive", "paper"]]
+"""
+
+
+def test_a_trial_of_a_study_is_heard_as_it_is_said_to_16_bits(sink: Any, tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    intervals = next(trials(parse_plan(PLAN), "P01", 0)).intervals
+    assert {interval.stimulus["name"] for interval in intervals} == {"alive", "paper"}
+    for buffer_s in ("0.1", "0.2", "0.4"):  # a busy computer may leave a gap that nobody tells of
+        with sink.recording(tmp_path / "heard"):
+            full_scale_m_s2, underruns = sink.python(TRIAL, str(tmp_path / "plan.toml"), buffer_s).split()
+            time.sleep(0.3)
+        heard = np.rint(32767.0 * sink.recorded(tmp_path / "heard")).astype(int)
+        np.testing.assert_array_equal(heard[:, 0], heard[:, 1])
+        (loud,) = np.nonzero(heard[:, 0])
+        (gap,) = np.nonzero(np.diff(loud) > RATE_HZ // 5)
+        wrong = [underruns != "0", len(gap) != 1]
+        for interval, part in zip(intervals, np.split(loud, gap + 1), strict=False):
+            exact = StimulusMaker(tmp_path).samples(interval.stimulus, interval.seed, RATE_HZ) / float(full_scale_m_s2)
+            wanted = np.rint(32767.0 * exact).astype(int)
+            (said,) = np.nonzero(wanted)
+            wrong.append(heard[part[0] : part[-1] + 1, 0].tolist() != wanted[said[0] : said[-1] + 1].tolist())
+        if not any(wrong):
+            break
+    assert not any(wrong)  # every sample, to the last bit
 
 
 class FakeSound:

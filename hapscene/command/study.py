@@ -1,0 +1,242 @@
+"""`hapscene study`."""
+
+import argparse
+import time
+import webbrowser
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from hapscene.command.console import name_made, note, say, tell
+from hapscene.command.options import (
+    HOST,
+    add_command,
+    add_group,
+    add_out_file,
+    add_out_folder,
+    base_name,
+    check_out_folder,
+    check_there,
+    key_value,
+    port,
+    seed,
+    whole,
+)
+from hapscene.errors import StudyError
+from hapscene.interrupt import interrupt_noted
+
+if TYPE_CHECKING:
+    from hapscene.study.plan import Plan
+    from hapscene.study.playing import Player
+
+NAP_S: Final = 0.2
+
+LINGER_S: Final = 1.0
+"""How long the page is served once all is answered [s]: it is told so, and needs nothing after that."""
+
+WRONG: Final = {
+    "clipped": "a sample was too loud, and was cut",
+    "clips": "the handle's force was at its limit",
+    "hits": "the handle's coil met a stop",
+    "underruns": "the output was given nothing to play in time",
+}
+"""What may go wrong while it is played, by the names of a player's report."""
+
+WORDS: Final = ("run", "report", "simulate")
+
+
+def add_study(commands: Any) -> None:
+    about = "ask people what they can tell apart: a plan, a page to answer on, a report"
+    add_group(commands, "study", about, _add_run, _add_report, _add_simulate, metavar="PLAN | COMMAND")
+    group = commands.choices["study"]
+    group.epilog = "hapscene study PLAN.toml runs it; hapscene study run --help says more."
+    parse = group.parse_known_args
+
+    def with_run(words: Sequence[str], namespace: Any = None) -> Any:
+        """A plan alone is run."""
+        return parse(["run", *words] if words and _is_plan(words[0]) else words, namespace)
+
+    group.parse_known_args = with_run
+
+
+def _is_plan(word: str) -> bool:
+    return word not in WORDS and (word.endswith(".toml") or Path(word).is_file())
+
+
+def _add_run(commands: Any) -> None:
+    command = add_command(commands, "run", _run)
+    command.add_argument("plan", metavar="PLAN", help="a TOML file, see docs/study.md")
+    command.add_argument("--person", metavar="NAME", help="who is asked, or goes on (default: the next of P01, P02, …)")
+    add_out_folder(command, None, "out/ and the plan's name")
+    command.add_argument("--channel", choices=("headphones", "handle", "device"), help="in place of the plan's")
+    played = command.add_argument_group("what it is played on")
+    played.add_argument("--output", metavar="NAME", help="what plays vibrations: audio (default), serial, usb")
+    played.add_argument(
+        "--output-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the output"
+    )
+    played.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: what the compensator drives")
+    played.add_argument(
+        "--device", default="omni", metavar="NAME", help="of the channel device (default omni, simulated)"
+    )
+    played.add_argument(
+        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the device"
+    )
+    page = command.add_argument_group("the page")
+    page.add_argument("--port", type=port, default=0, help="where it is (default: any that is free)")
+    page.add_argument(
+        "--host", default=HOST, metavar="ADDRESS",
+        help=f"to serve at (default {HOST}: this computer alone); 0.0.0.0 for a tablet in the same network",
+    )  # fmt: skip
+    page.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Ask a person: opens the page, plays what the plan says, keeps every answer. `hapscene study PLAN.toml` is enough.
+
+    Each answer is on the disk before the next question. Ctrl-C, or a computer that fails, loses none: the same command
+    with the same --person goes on at the next question.
+
+    for example:
+      hapscene study run life.toml
+      hapscene study life.toml --person P07 --out out/life --output-option device=headphones
+    """
+    check_there(options.plan, StudyError, "plan of a study")
+    folder = Path(options.out or f"out/{base_name(options.plan)}")
+    check_out_folder(str(folder))
+    from hapscene.study.plan import load_plan
+    from hapscene.study.sitting import Sitting
+    from hapscene.study.study_server import StudyServer
+
+    plan = load_plan(options.plan)
+    if options.channel and options.channel != plan.channel:
+        note(f"played by {options.channel}; the plan says {plan.channel}, and the answers will not tell")
+        plan = replace(plan, channel=options.channel)
+    person = options.person or next_person(folder)
+    again = f"hapscene study {options.plan} --person {person} --out {folder}"
+    with ExitStack() as stack:
+        sitting = stack.enter_context(Sitting(plan, folder, person))
+        if sitting.trial is None:
+            raise StudyError(f"{person} has answered all {sitting.done}; --person NAME asks another")
+        player = _player(plan, folder, options)
+        server = stack.enter_context(StudyServer(sitting, player, host=options.host, port=options.port))
+        say(f"{person}: {sitting.done} of {sitting.total} answered\n")
+        print(f"{server.url}   (Ctrl-C ends; it can be gone on with)", flush=True)
+        if server.public:
+            say("open to the network: whoever has this address may answer\n")
+        if not options.no_browser:
+            webbrowser.open(server.url)
+        with interrupt_noted() as noted:
+            while not (noted() or server.ended.is_set() or server.fault):
+                time.sleep(NAP_S)
+            time.sleep(0.0 if noted() else LINGER_S)
+        report = player.report()
+        if server.fault:
+            raise StudyError(f"{server.fault}; {sitting.done} answers are kept. To go on: {again}")
+        lines = [f"{person}: {sitting.done} of {sitting.total} answered, in {folder / 'results.csv'}"]
+        lines += [f"{words}: {report[name]:.0f} times" for name, words in WRONG.items() if report.get(name)]
+        lines.append(f"go on: {again}" if sitting.trial is not None else f"report: hapscene study report {folder}")
+        tell(lines)
+    return 0
+
+
+def next_person(folder: Path) -> str:
+    """The first of P01, P02, … who has not begun."""
+    from hapscene.study.results_file import load_rows
+    from hapscene.study.sitting import RESULTS
+
+    known = {row["person"] for row in load_rows(folder / RESULTS)} if (folder / RESULTS).exists() else set()
+    return next(name for k in range(1, len(known) + 2) if (name := f"P{k:02}") not in known)
+
+
+def _player(plan: "Plan", folder: Path, options: argparse.Namespace) -> "Player":
+    """What the plan's stimuli are played on, ready."""
+    from hapscene.device.driver_registry import DeviceChoice
+    from hapscene.device.model import DEVICES
+    from hapscene.handle.live_process import open_output
+    from hapscene.study.playing import DevicePlayer, handle, headphones
+    from hapscene.study.stimulus import StimulusMaker, all_stimuli
+    from hapscene.touch import step
+
+    maker, stimuli = StimulusMaker(plan.folder, folder), all_stimuli(plan)
+    if plan.channel == "device":
+        device = options.device if options.device in DEVICES else DeviceChoice(options.device, dict(options.option))
+        played = DeviceChoice(options.output, dict(options.output_option)) if options.output else None
+        with step(say, f"starting {options.device}"):
+            made = {"handle": played, "handle_file": options.handle_file}
+            return DevicePlayer(maker, device, stimuli, seed=plan.seed, **made)
+    output = open_output(options.output or "audio", dict(options.output_option))
+    try:
+        with step(say, f"making {len(stimuli)} stimuli"):
+            if plan.channel == "handle":
+                return handle(maker, output, stimuli, options.handle_file or "")
+            player = headphones(maker, output, stimuli)
+        told = player.report()
+        say(f"{output.name}: the loudest leaves {told['headroom_dB']:.0f} dB below full scale\n")
+        return player
+    except BaseException:
+        output.close()
+        raise
+
+
+def _add_report(commands: Any) -> None:
+    command = add_command(commands, "report", _report)
+    command.add_argument("folder", metavar="FOLDER", help="where a study's answers are")
+    add_out_file(command, "FILE", "the page (default: report.html in the folder)")
+
+
+def _report(options: argparse.Namespace) -> int:
+    """What the answers say, on one page: thresholds, d′, ratings, with intervals, and what cannot be said.
+
+    for example:
+      hapscene study report out/life
+    """
+    check_there(options.folder, StudyError, "folder")
+    from hapscene.study.study_report import write_report
+
+    path = Path(options.out or Path(options.folder) / "report.html")
+    write_report(Path(options.folder), path)
+    name_made([path])
+    return 0
+
+
+def _add_simulate(commands: Any) -> None:
+    command = add_command(commands, "simulate", _simulate)
+    command.add_argument("plan", metavar="PLAN", help="a TOML file, see docs/study.md")
+    command.add_argument(
+        "--people", type=whole("a number of people", 1, 1000), default=20, metavar="N", help="how many (default 20)"
+    )
+    command.add_argument("--seed", type=seed, default=0, help="of the people and their noise (default 0)")
+    add_out_folder(command, None, "out/ and the plan's name, -simulated")
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    """Have simulated people answer, whose thresholds are known: whether a plan finds what is there, before it is run.
+
+    for example:
+      hapscene study simulate life.toml --people 20
+    """
+    check_there(options.plan, StudyError, "plan of a study")
+    folder = Path(options.out or f"out/{base_name(options.plan)}-simulated")
+    check_out_folder(str(folder))
+    if (folder / "results.csv").exists():
+        raise StudyError(f"{folder}: has answers already; --out FOLDER names another")
+    from hapscene.study.plan import load_plan
+    from hapscene.study.simulated_person import simulate
+    from hapscene.study.study_report import write_report
+    from hapscene.touch import step
+
+    with step(say, f"asking {options.people} simulated people"):
+        truth = simulate(load_plan(options.plan), folder, people=options.people, seed=options.seed)
+    tell(["what they are like, to hold the report against:", *_truth_lines(truth)])
+    write_report(folder, folder / "report.html")
+    name_made([folder / "results.csv", folder / "report.html"])
+    return 0
+
+
+def _truth_lines(truth: Any) -> list[str]:
+    """What simulated people are like, by what is asked."""
+    named = {"d′ of each, over noise": truth.strength, "rated": truth.realism, "threshold of block": truth.threshold}
+    listed = {what: ", ".join(f"{n} {v:.3g}" for n, v in values.items()) for what, values in named.items()}
+    return [f"  {what}: {values}" for what, values in listed.items() if values]

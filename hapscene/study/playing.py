@@ -1,0 +1,258 @@
+"""What plays the intervals of a trial: headphones, a handle, or a device that touches a flat pad."""
+
+import time
+from collections.abc import Callable, Iterable
+from threading import Event
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapscene.errors import StudyError
+from hapscene.handle.compensator import find_compensator
+from hapscene.handle.handle_file import load_handle
+from hapscene.handle.handle_output import HandleOutput
+from hapscene.handle.plant import Array, Plant
+from hapscene.handle.playback import play
+from hapscene.study.stimulus import FULL_SCALE, TEXTURE, Level, Stimulus, StimulusMaker, level_of
+from hapscene.study.trial_order import Interval
+from hapscene.surface.swatch import Swatch
+
+if TYPE_CHECKING:
+    from hapscene.device.driver_registry import DeviceChoice
+    from hapscene.scene.scene import Scene
+
+LOOK_S: Final = 0.005
+"""How often it is looked whether a sound has ended [s]."""
+
+SWITCHED: Final = ("friction", TEXTURE, "tap")
+"""Effects that a stimulus switches on a device; the wall is always there, since nothing is touched without it."""
+
+PAD_M: Final = (0.16, 0.12, 0.02)
+"""The pad that a device touches; its top is z = 0 [m]."""
+
+CLEAR_M: Final = 0.01
+"""How far over the pad a tool starts, and a simulated hand lifts it [m]."""
+
+REACH_M: Final = 0.05
+"""How far from the middle a simulated hand strokes [m]."""
+
+
+class Player(Protocol):
+    """What plays an interval."""
+
+    def play(self, interval: Interval) -> None:
+        """From its beginning until its end has been put out, or `close`.
+
+        Raises:
+            HapsceneError: what it is played on is gone.
+        """
+
+    def close(self) -> None:
+        """End; what is played breaks off. Twice does no harm."""
+
+    def report(self) -> dict[str, float]:
+        """What it was played with, and what went wrong, by name."""
+
+
+class _Samples:
+    """A `Feed`: samples once they are given, silence otherwise."""
+
+    def __init__(self) -> None:
+        self._given: tuple[Array, int] = np.zeros(0), 0
+        self.ended = Event()
+        self.ended.set()
+
+    def give(self, samples: Array) -> None:
+        self.ended.clear()
+        self._given = samples, 0
+
+    def pull(self, out: Array) -> None:
+        samples, first = self._given
+        part = samples[first : first + len(out)]
+        out[: len(part)] = part
+        out[len(part) :] = 0.0
+        self._given = samples, first + len(part)
+        if len(part) < len(out):
+            self.ended.set()
+
+    def fade_in(self) -> None:
+        """A sound that was broken off is not taken up in its middle."""
+        self._given = np.zeros(0), 0
+
+    def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
+        """Nothing learns."""
+
+
+class OutputPlayer:
+    """Plays on an output that stays open, silent between intervals: nothing clicks, and nothing begins late.
+
+    Args:
+        output: what it is played on; closed with this.
+        shaped: the values that the output is given for an interval.
+        told: what `report` says besides the output's own counts.
+    """
+
+    def __init__(
+        self, output: HandleOutput, shaped: Callable[[Interval], Array], told: Callable[[], dict[str, float]]
+    ) -> None:
+        self._output, self._shaped, self._told = output, shaped, told
+        self._feed, self._closed = _Samples(), False
+        output.start(self._feed)
+
+    def play(self, interval: Interval) -> None:
+        self._feed.give(self._shaped(interval))
+        while not (self._feed.ended.wait(LOOK_S) or self._output.fault or self._closed):
+            pass
+        if self._output.fault:
+            raise StudyError(f"{self._output.fault}; mend it and go on with the same command")
+        time.sleep(0.0 if self._closed else self._output.latency_s)
+
+    def close(self) -> None:
+        self._closed = True
+        self._output.close()
+
+    def report(self) -> dict[str, float]:
+        return {**self._told(), **self._output.counts}
+
+
+def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus]) -> OutputPlayer:
+    """Plays as sound, in whole steps of 16 bits, all at one level.
+
+    Raises:
+        HapsceneError: stimuli that cannot be made, or an output that takes no sound.
+    """
+    if output.takes_force:
+        raise StudyError(f'{output.name} takes a force, not sound: it is a handle (channel = "handle")')
+    level: Level = level_of(maker, stimuli, output.rate_Hz)
+    clipped = 0
+
+    def shaped(interval: Interval) -> Array:
+        nonlocal clipped
+        whole, beyond = level.whole(maker.samples(interval.stimulus, interval.seed, output.rate_Hz))
+        clipped += beyond
+        return whole / FULL_SCALE
+
+    def told() -> dict[str, float]:
+        return {"headroom_dB": level.headroom_dB, "full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
+
+    return OutputPlayer(output, shaped, told)
+
+
+def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "") -> OutputPlayer:
+    """Plays on a handle: the acceleration itself, by each stimulus's compensator, "flat" where it says none.
+
+    Args:
+        maker: of the study.
+        output: the handle.
+        stimuli: all that may be played; their compensators are looked at.
+        file: of `hapscene handle identify`, or empty: then the assumed handle is meant.
+
+    Raises:
+        HapsceneError: no such compensator, or a file that cannot be used.
+    """
+    plant = load_handle(file).plant if file else Plant()
+    for stimulus in stimuli:
+        find_compensator(stimulus["compensator"] or "flat")
+    counts = {"clips": 0, "hits": 0, "clipped": 0}
+
+    def shaped(interval: Interval) -> Array:
+        samples = maker.samples(interval.stimulus, interval.seed, output.rate_Hz)
+        compensator = interval.stimulus["compensator"] or "flat"
+        played = play(samples, output.rate_Hz, plant, compensator=str(compensator), nominal=plant, seed=interval.seed)
+        values = output.gain * played.force_N
+        counts["clips"] += played.clips
+        counts["hits"] += played.hits
+        counts["clipped"] += int(np.count_nonzero(np.abs(values) > output.ceiling))
+        return np.clip(values, -output.ceiling, output.ceiling)
+
+    return OutputPlayer(output, shaped, lambda: dict(counts))
+
+
+class DevicePlayer:
+    """A device, felt freely for as long as an interval takes: a pad of the stimulus's swatch, in a servo.
+
+    Between intervals the servo rests, without a force. The noise is the servo's own and goes on from interval to
+    interval: an interval's seed has no effect. A simulated device is stroked by a simulated hand at the stimulus's
+    force and speed.
+    """
+
+    def __init__(
+        self,
+        maker: StimulusMaker,
+        device: "DeviceChoice | str",
+        stimuli: Iterable[Stimulus],
+        *,
+        seed: int = 0,
+        **made: Any,
+    ) -> None:
+        """Starts the servo, which takes seconds.
+
+        Args:
+            maker: of the study.
+            device: a driver, or the name of a simulated device.
+            stimuli: all that may be felt: they are made now, so that nobody waits.
+            seed: of the noise.
+            made: further arguments of `Servo`: handle, handle_file.
+
+        Raises:
+            HapsceneError: a device that is not there, or what `Servo` refuses.
+        """
+        from hapscene.servo import Servo
+
+        self._maker, self._simulated, self._closed = maker, isinstance(device, str), Event()
+        swatches = [maker.swatch(stimulus) for stimulus in stimuli]
+        self._scene = _pad(swatches[0])
+        self._servo = Servo(self._scene, device, seed=seed, **made)
+        self._servo.__enter__()
+        try:
+            self._servo.start((0.0, 0.0, CLEAR_M))
+            self._servo.rest()
+        except BaseException:
+            self._servo.close()
+            raise
+
+    def play(self, interval: Interval) -> None:
+        stimulus = interval.stimulus
+        self._scene.swatches[self._scene.bodies[0].face_swatch[0]] = self._maker.swatch(stimulus)
+        self._servo.repaint(self._scene)
+        for effect in SWITCHED:
+            self._servo.mute(effect, effect not in stimulus["effects"])  # type: ignore[operator]
+        self._servo.resume()
+        try:
+            self._felt(stimulus)
+        finally:
+            if not self._closed.is_set():
+                self._servo.rest()
+
+    def _felt(self, stimulus: Stimulus) -> None:
+        began_s, seconds = time.monotonic(), stimulus["seconds"]
+        while (now_s := time.monotonic() - began_s) < seconds and not self._closed.is_set():
+            if self._simulated:
+                along = (now_s * stimulus["speed_m_s"] / REACH_M + 1.0) % 4.0
+                x_m = REACH_M * (abs(along - 2.0) - 1.0)
+                self._servo.aim((x_m, 0.0, 0.0), push_W_N=(0.0, 0.0, -stimulus["force_N"]))
+            self._servo.state()  # raises where it has ended
+            self._closed.wait(LOOK_S)
+        if self._simulated and not self._closed.is_set():
+            self._servo.aim((0.0, 0.0, CLEAR_M))
+
+    def close(self) -> None:
+        self._closed.set()
+        self._servo.close()
+
+    def report(self) -> dict[str, float]:
+        return self._servo.handle_report()
+
+
+def _pad(swatch: Swatch) -> "Scene":
+    import trimesh
+
+    from hapscene.scene.mesh import Mesh
+    from hapscene.scene.scene import Scene
+
+    scene, X_WB = Scene(), np.eye(4)
+    X_WB[2, 3] = -0.5 * PAD_M[2]
+    mesh = Mesh.from_trimesh(trimesh.creation.box(PAD_M), "m")
+    scene.add(mesh, name="pad", pose=X_WB, swatch=swatch)
+    return scene

@@ -1,0 +1,250 @@
+"""The server of the page on which a person is asked: one sitting, one trial at a time.
+
+The page is told nothing of what is compared: neither names nor levels nor blocks, nor which answer is right. What it
+sends is data of a stranger (`web_listener.PageListener` lets it in), and is looked at field by field.
+"""
+
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
+from itertools import groupby
+from threading import Event, RLock
+from typing import TYPE_CHECKING, Any, Final
+
+from hapscene.errors import HapsceneError
+from hapscene.study.plan import Plan
+from hapscene.study.playing import Player
+from hapscene.study.sitting import Sitting
+from hapscene.study.trial_order import Trial, trials
+from hapscene.web_listener import PageListener
+
+if TYPE_CHECKING:
+    from websockets.sync.server import ServerConnection
+
+GAP_S: Final = 0.4
+"""Silence between the intervals of a trial [s]."""
+
+LATENCY_MAX_S: Final = 86_400.0
+"""Longest time that an answer is believed to take [s]."""
+
+MESSAGE_MAX: Final = 1024
+"""Longest message [bytes]; a page sends some fifty."""
+
+FILES: Final = {
+    "": ("study_page.html", "text/html; charset=utf-8"),
+    "page.css": ("study_page.css", "text/css; charset=utf-8"),
+    "page.js": ("study_page.js", "text/javascript; charset=utf-8"),
+}
+
+LABELS: Final = {"rating": ("",), "2ifc": ("1", "2"), "staircase": ("1", "2"), "abx": ("A", "B", "X")}
+"""What the intervals of a trial are called on the page, by its kind."""
+
+
+class StudyServer:
+    """Serves the page of a sitting while it is open, and plays what is asked about.
+
+    Args:
+        sitting: that is gone on with; it stays the caller's to close.
+        player: what plays; the caller's, too.
+        host, port: where to listen; port 0 for any that is free.
+
+    Attributes:
+        url: of the page, with its token: whoever has it may answer, nobody else.
+        public: whether it is served to others than this machine.
+        ended: set once all is answered.
+        fault: what broke: the answers so far are kept. Empty while all is well.
+
+    Raises:
+        HapsceneError: websockets is missing; the port is taken, the host not ours.
+    """
+
+    def __init__(self, sitting: Sitting, player: Player, *, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._sitting, self._player = sitting, player
+        self._practice = [] if sitting.done else practice_trials(sitting.plan)
+        self._begun, self._rested, self._feedback = False, sitting.done, ""
+        self._heard: dict[int, int] = {}  # of this trial: how often each interval was played to its end
+        self._lock, self._lane, self._pages = RLock(), ThreadPoolExecutor(1, "study"), set[Any]()
+        self._playing, self.ended, self.fault = False, Event(), ""
+        folder = resources.files("hapscene.study")
+        files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
+        self._listener = PageListener(self._talk, host, port, files=files, message_max=MESSAGE_MAX)
+        self.url, self.public = self._listener.url, self._listener.public
+        self._look()
+
+    def __enter__(self) -> "StudyServer":
+        self._listener.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close it, and every connection; what is played breaks off. Twice does no harm."""
+        self._player.close()
+        self._lane.shutdown(cancel_futures=True)
+        self._listener.close()
+
+    # --- where the person is
+
+    @property
+    def _trial(self) -> Trial | None:
+        """What is asked now, if the person is not elsewhere."""
+        if not self._begun or self._due:
+            return None
+        return self._practice[0] if self._practice else self._sitting.trial
+
+    @property
+    def _due(self) -> bool:
+        """Whether a break is due."""
+        every, done = self._sitting.plan.break_every, self._sitting.done
+        return bool(every) and done > self._rested and done % every == 0 and self._sitting.trial is not None
+
+    def state(self) -> dict[str, Any]:
+        """What the page is told."""
+        plan, trial = self._sitting.plan, self._trial
+        told: dict[str, Any] = {
+            "title": plan.title,
+            "done": self._sitting.done,
+            "total": self._sitting.total,
+            "felt": plan.channel != "headphones",
+            "feedback": self._feedback,
+            "said": self.fault,
+        }
+        if trial is not None:
+            practising = bool(self._practice)
+            return told | {
+                "screen": "trial",
+                "number": -len(self._practice) if practising else trial.number,
+                "practice": practising,
+                "question": trial.question,
+                "choices": trial.choices,
+                "ends": trial.labels,
+                "kind": "pair" if trial.kind == "staircase" else trial.kind.replace("2ifc", "pair"),
+                "intervals": LABELS[trial.kind],
+                "heard": sorted(self._heard),
+                "playing": self._playing,
+            }
+        if not self._begun:
+            texts = {"consent": plan.consent, "instructions": plan.instructions, "practices": len(self._practice)}
+            return told | {"screen": "begin", **texts}
+        return told | {"screen": "break" if self._due else "end"}
+
+    def _look(self) -> None:
+        if self._sitting.trial is None:
+            self._begun = True
+            self.ended.set()
+
+    # --- what pages say
+
+    def _talk(self, connection: "ServerConnection") -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with self._lock:
+            self._pages.add(connection)
+        try:
+            connection.send(json.dumps(self.state()))
+            while True:
+                self.take(connection.recv())
+        except ConnectionClosed:
+            pass
+        finally:
+            with self._lock:
+                self._pages.discard(connection)
+
+    def take(self, message: Any) -> None:
+        """Do what a message of a page says; what is none is passed over."""
+        try:
+            said = json.loads(message)
+        except (ValueError, RecursionError):
+            return
+        with self._lock:
+            if not isinstance(said, dict) or self._playing or self.fault:
+                return
+            try:
+                self._do(said)
+            except (TypeError, ValueError, LookupError, OverflowError):
+                return
+            except HapsceneError as error:
+                self.fault = str(error)
+            self._tell(self.state())
+
+    def _do(self, said: dict[str, Any]) -> None:
+        """{"go": true}; {"play": [trial, first interval, end]}; {"answer": [trial, choice, seconds]}."""
+        if said.get("go") is True:
+            self._begun, self._rested = True, self._sitting.done
+        trial, number = self._trial, self.state().get("number")
+        if trial is None:
+            return
+        if "play" in said:
+            asked, first, end = said["play"]
+            if asked == number and type(first) is type(end) is int and 0 <= first < end <= len(trial.intervals):
+                self._playing = True
+                self._lane.submit(self._play, trial, range(first, end))
+        if "answer" in said:
+            asked, choice, latency_s = said["answer"]
+            known = asked == number and type(choice) is int and 0 <= choice < len(trial.choices)
+            if known and len(self._heard) == len(trial.intervals) and 0.0 <= float(latency_s) <= LATENCY_MAX_S:
+                self._answer(trial, choice, float(latency_s))
+
+    def _answer(self, trial: Trial, choice: int, latency_s: float) -> None:
+        replays, self._heard, self._feedback = sum(self._heard.values()) - len(trial.intervals), {}, ""
+        if self._practice:
+            self._practice.pop(0)
+            if trial.correct is not None:
+                right = trial.choices[trial.correct]
+                self._feedback = "That was right." if choice == trial.correct else f"It was the other one: {right}."
+            return
+        self._sitting.answer(choice, latency_s=latency_s, replays=replays)
+        self._look()
+
+    # --- what is played
+
+    def _play(self, trial: Trial, which: range) -> None:
+        """Play some intervals of a trial, one after the other, and tell the pages."""
+        try:
+            for place in which:
+                if place > which.start:
+                    time.sleep(GAP_S)
+                self._tell({"plays": place})
+                self._player.play(trial.intervals[place])
+                with self._lock:
+                    self._heard[place] = self._heard.get(place, 0) + 1
+        except HapsceneError as error:
+            self.fault = str(error)
+        except Exception as error:  # a fault of ours: it is told, and nothing more is asked
+            self.fault = f"{type(error).__name__}: {error}"
+        with self._lock:
+            self._playing = False
+            self._tell(self.state())
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        """Send it to every page."""
+        from websockets.exceptions import ConnectionClosed
+
+        text = json.dumps(message)
+        with self._lock:
+            for page in list(self._pages):
+                try:
+                    page.send(text)
+                except ConnectionClosed:
+                    self._pages.discard(page)
+
+
+def practice_trials(plan: Plan) -> list[Trial]:
+    """The first trials of each block, as a person has them who is none."""
+    if not plan.practice:
+        return []
+
+    def asked() -> Iterator[Trial]:
+        asking = trials(plan, "practice", 0)
+        trial = next(asking, None)
+        while trial is not None:
+            yield trial
+            try:
+                trial = asking.send((trial.correct or 0, None))
+            except StopIteration:
+                return
+
+    return [one for _, block in groupby(asked(), lambda trial: trial.block) for one in list(block)[: plan.practice]]

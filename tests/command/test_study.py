@@ -1,0 +1,195 @@
+"""`hapscene study`, as a user meets it: asked over the page, ended by Ctrl-C and by kill, gone on with."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+from websockets.sync.client import connect
+
+from hapscene.cli import main
+from hapscene.study.results_file import load_rows
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "study").glob("*.toml"))
+
+PLAN = """
+title = "Surfaces"
+people = 2
+[stimuli.wood]
+swatch = "wood"
+seconds = 0.1
+[stimuli.paper]
+swatch = "paper"
+seconds = 0.1
+[[blocks]]
+name = "which"
+kind = "2ifc"
+pairs = [["wood", "paper"]]
+repeats = 4
+question = "Which is rougher?"
+"""
+
+CARD = '''
+"""As much of sounddevice as headphones use: a card that is none."""
+import threading, time
+from types import SimpleNamespace
+import numpy as np
+class PortAudioError(Exception): pass
+class CallbackAbort(Exception): pass
+default = SimpleNamespace(device=(-1, 0))
+def query_devices(): return [{"name": "Headphones", "max_output_channels": 2}]
+class OutputStream:
+    latency = 0.01
+    def __init__(self, callback, channels, **told):
+        self.callback, self.out, self.runs = callback, np.zeros((480, channels), np.int16), True
+    def start(self):
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+    def run(self):
+        while self.runs:
+            self.callback(self.out, 480, None, SimpleNamespace(output_underflow=False))
+            time.sleep(0.01)
+    def stop(self): self.runs = False
+    def close(self): self.runs = False
+'''
+
+
+class Run:
+    """`hapscene study` as a process, and the page of it."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        paths = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+        command = [sys.executable, "-m", "hapscene", "study", *words, "--no-browser"]
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(command, cwd=folder, env=environment | {"PYTHONPATH": paths}, **pipes)
+        self.said: list[str] = []
+        url = None
+        assert self.process.stdout is not None
+        while url is None:
+            line = self.process.stdout.readline()
+            assert line, self.process.communicate()[1]
+            self.said.append(line)
+            url = re.search(r"http://\S+", line)
+        page = url.group()
+        origin: Any = "/".join(page.split("/")[:3])
+        self.socket = connect(page.replace("http", "ws") + "socket", origin=origin)
+        self.state = json.loads(self.socket.recv(120.0))
+
+    def say(self, until: Callable[[dict[str, Any]], bool], **said: Any) -> None:
+        self.socket.send(json.dumps(said))
+        while True:
+            told = json.loads(self.socket.recv(120.0))
+            if "screen" in told:
+                self.state = told
+                if until(told):
+                    return
+
+    def answer(self) -> None:
+        """The trial that is asked."""
+        state = self.state
+        if state["screen"] == "begin":
+            self.say(lambda told: told["screen"] == "trial", go=True)
+            state = self.state
+        self.say(lambda told: told["heard"] == [0, 1] and not told["playing"], play=[state["number"], 0, 2])
+        done = state["done"]
+        self.say(lambda told: told["done"] == done + 1, answer=[state["number"], 0, 1.5])
+
+    def end(self, number: int) -> tuple[int, str, str]:
+        """What comes of a signal: code, output, errors."""
+        if number:
+            self.process.send_signal(number)
+        output, errors = self.process.communicate(timeout=120.0)
+        self.socket.close()
+        return self.process.returncode, "".join(self.said) + output, errors
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "sounddevice.py").write_text(CARD)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_sitting_is_interrupted_killed_and_gone_on_with(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results = folder / "out" / "plan" / "results.csv"
+    run = Run(folder, "plan.toml")
+    run.answer()
+    code, said, errors = run.end(signal.SIGINT)
+    assert code == 0 and errors == "" and "headroom" not in said
+    assert "P01: 1 of 4 answered, in out/plan/results.csv" in said
+    again = re.search(r"go on: hapscene study (.*)", said)
+    assert again and again.group(1).split() == ["plan.toml", "--person", "P01", "--out", "out/plan"]
+    run = Run(folder, *again.group(1).split())
+    run.answer()
+    assert run.end(signal.SIGKILL)[0] == -signal.SIGKILL
+    assert len(load_rows(results)) == 2
+    run = Run(folder, *again.group(1).split())
+    run.answer()
+    run.answer()
+    code, said, _ = run.end(0)  # by itself
+    assert code == 0 and "P01: 4 of 4 answered" in said and "report: hapscene study report out/plan" in said
+    rows = load_rows(results)
+    assert [row["trial"] for row in rows] == ["0", "1", "2", "3"] and {row["person"] for row in rows} == {"P01"}
+    assert main(["study", "plan.toml", "--person", "P01", "--no-browser"]) == 2
+    assert "P01 has answered all 4; --person NAME asks another" in capsys.readouterr().err
+    assert main(["study", "report", "out/plan"]) == 0
+    page = (folder / "out" / "plan" / "report.html").read_text(encoding="utf-8")
+    assert "1 of 2 people; 4 answers" in page and "One person was asked" in page and "simulated" not in page
+
+
+@pytest.mark.parametrize("plan", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_asked_of_simulated_people(
+    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("questplus")
+    pytest.importorskip("statsmodels")
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "simulate", str(plan), "--people", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "what they are like" in said and f"out/{plan.stem}-simulated/report.html" in said
+    page = (tmp_path / "out" / f"{plan.stem}-simulated" / "report.html").read_text(encoding="utf-8")
+    assert "Nobody was asked" in page and page.count("<svg") >= 2
+    assert main(["study", "simulate", str(plan)]) == 2
+    assert "has answers already; --out FOLDER names another" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["study", "none.toml"], "none.toml: no such plan of a study"),
+        (["study", "reprot", "out"], "no command 'study reprot'; did you mean report?"),
+        (["study", "plan.toml", "--chanel", "handle"], "no option --chanel"),
+        (["study", "plan.toml", "--person", "7", "--no-browser"], "person: a name must begin with a letter"),
+        (["study", "plan.toml", "--output", "serial", "--output-option", "port=none", "--no-browser"], "none"),
+        (["study", "plan.toml", "--output", "falcon", "--no-browser"], "plays no acceleration"),
+        (["study", "report", "none"], "none: no such folder"),
+        (["study", "report", "."], "results.csv: no such file"),
+        (["study", "simulate", "plan.toml", "--people", "0"], "a number of people"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(
+    folder: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code: Any = main(words)
+    except SystemExit as exit:
+        code = exit.code
+    errors = capsys.readouterr().err
+    assert code == 2 and said in errors and errors.count("\n") == 1
+
+
+def test_alone_it_says_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study"]) == 0
+    said = capsys.readouterr().out
+    assert "hapscene study PLAN.toml runs it" in said and "simulate" in said

@@ -1,0 +1,152 @@
+"""What an output is given for an interval, and what a device feels."""
+
+import json
+import time
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HapsceneError, StudyError
+from hapscene.handle.plant import Plant
+from hapscene.handle.playback import play
+from hapscene.study.plan import parse_plan
+from hapscene.study.playing import DevicePlayer, handle, headphones
+from hapscene.study.stimulus import FULL_SCALE, StimulusMaker
+from hapscene.study.trial_order import Interval
+
+
+def stimulus(**told: Any) -> Any:
+    """As a plan gives it, with what is not told by default."""
+    lines = "\n".join(f"{name} = {json.dumps(value)}" for name, value in told.items())
+    text = f'title = "t"\npeople = 1\n[stimuli.a]\n{lines}\n[[blocks]]\nname = "b"\nkind = "rating"\nstimuli = ["a"]'
+    return parse_plan(text).stimuli["a"]
+
+
+class FakeOutput:
+    """Pulls blocks in a thread of its own as fast as it can, and keeps what is not silent."""
+
+    name, reads_back, gain, ceiling, highpass_Hz, lag_s = "fake", False, 0.02, 0.99, 15.0, 0.0
+    latency_s = 0.0
+
+    def __init__(self, takes_force: bool = False, rate_Hz: float = 48_000.0, block: int = 777) -> None:
+        self.takes_force, self.rate_Hz, self.fault, self.counts = takes_force, rate_Hz, "", {"underruns": 0}
+        self.blocks: list[np.ndarray] = []
+        self._block, self._ended = block, False
+
+    def start(self, feed: Any) -> None:
+        self._thread = Thread(target=self._pull, args=(feed,))
+        self._thread.start()
+
+    def _pull(self, feed: Any) -> None:
+        while not self._ended:
+            out = np.full(self._block, np.nan)
+            feed.pull(out)
+            self.blocks.append(out)
+            time.sleep(1e-4)
+
+    def close(self) -> None:
+        self._ended = True
+        self._thread.join()
+
+    @property
+    def heard(self) -> np.ndarray:
+        """All that was pulled, from its first to its last sample that is none of silence."""
+        samples = np.concatenate(self.blocks)
+        (loud,) = np.nonzero(samples)
+        return samples[loud[0] : loud[-1] + 1]
+
+
+@pytest.fixture
+def maker(tmp_path: Path) -> StimulusMaker:
+    return StimulusMaker(tmp_path)
+
+
+def test_headphones_are_given_whole_steps_of_16_bits_from_the_first_to_the_last(maker: StimulusMaker) -> None:
+    one, two = (stimulus(swatch=name, seconds=0.3) for name in ("wood", "paper"))
+    output = FakeOutput()
+    player = headphones(maker, output, [one, two])
+    told = player.report()
+    for count, (told_of, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
+        output.blocks.clear()
+        player.play(Interval(told_of, seed))
+        exact = maker.samples(told_of, seed, 48_000.0) / told["full_scale_m_s2"]
+        wanted = np.rint(FULL_SCALE * exact)
+        (loud,) = np.nonzero(wanted)
+        np.testing.assert_array_equal(np.rint(FULL_SCALE * output.heard), wanted[loud[0] : loud[-1] + 1], str(count))
+        assert np.abs(output.heard - exact[loud[0] : loud[-1] + 1]).max() <= 0.5000001 / FULL_SCALE
+    player.close()
+    player.close()
+    assert player.report()["clipped"] == 0 and player.report()["underruns"] == 0
+
+
+def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) -> None:
+    flat, naive = (stimulus(swatch="wood", seconds=0.3, compensator=name) for name in ("", "naive"))
+    output = FakeOutput(takes_force=True, rate_Hz=10_000.0)
+    output.gain, output.ceiling = 1.0, 5.0  # type: ignore[misc]
+    player = handle(maker, output, [flat, naive])
+    heard = {}
+    for told_of, name in ((flat, "flat"), (naive, "naive")):
+        output.blocks.clear()
+        player.play(Interval(told_of, 3))
+        wanted = play(maker.samples(told_of, 3, 1e4), 1e4, Plant(), compensator=name, nominal=Plant(), seed=3).force_N
+        (loud,) = np.nonzero(wanted)
+        np.testing.assert_array_equal(output.heard, wanted[loud[0] : loud[-1] + 1])
+        heard[name] = output.heard
+    assert len(heard["flat"]) != len(heard["naive"]) or not np.allclose(heard["flat"], heard["naive"])
+    player.close()
+
+
+def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
+    with pytest.raises(StudyError, match=r'takes a force, not sound: .*channel = "handle"'):
+        headphones(maker, FakeOutput(takes_force=True), [stimulus(swatch="wood")])
+    with pytest.raises(HapsceneError, match="no compensator 'flatt'"):
+        handle(maker, FakeOutput(), [stimulus(swatch="wood", compensator="flatt")])
+    output = FakeOutput()
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    output.fault = "fake: plays no more: was it unplugged?"
+    with pytest.raises(StudyError, match="was it unplugged"):
+        player.play(Interval(stimulus(swatch="wood", seconds=0.1), 1))
+    player.close()
+
+
+def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
+    output = FakeOutput(block=1)
+    told_of = stimulus(swatch="wood", seconds=60.0)
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    playing = Thread(target=player.play, args=(Interval(told_of, 1),))
+    playing.start()
+    player.close()
+    playing.join(60.0)
+    assert not playing.is_alive()
+
+
+def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: StimulusMaker) -> None:
+    on = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=["lpc_texture", "friction"])
+    off = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=[])
+    player = DevicePlayer(maker, "omni", [on, off])
+    servo, felt = player._servo, []
+    try:
+        for told_of in (on, off, on):
+            before = servo.state().tick + 1
+            player.play(Interval(told_of, 1))
+            log = servo.read(before)
+            touching = log.rows["depth_m"] > 0.0
+            assert 300 < len(log.rows) < 60_000 and touching[-100:].any()
+            shake = log.a_m_s2[touching]
+            sideways_N = np.abs(log.rows["f_W_N"][touching][:, :2]).max(axis=1)
+            felt.append((float(np.abs(shake[50:]).max()), float(np.median(sideways_N[50:]))))
+            rests = servo.state().tick
+            assert servo.state().tick == rests  # no ticks, no force, between intervals
+        assert felt[0][0] > 0.1 and felt[2][0] > 0.1 and felt[1][0] == 0.0
+        assert felt[0][1] > 0.05 and felt[1][1] < 0.02
+    finally:
+        player.close()
+        player.close()
+
+
+def test_a_recording_cannot_be_felt_as_it_is(maker: StimulusMaker) -> None:
+    with pytest.raises(StudyError, match="a recording is a swatch once it has an order"):
+        DevicePlayer(maker, "omni", [stimulus(recording="oak.csv")])

@@ -1,0 +1,229 @@
+"""What a stimulus sounds like, and in how many steps."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from hapscene.capture import synthesize
+from hapscene.capture.streams import filtered
+from hapscene.errors import HapsceneError, StudyError
+from hapscene.study.plan import parse_plan
+from hapscene.study.stimulus import FADE_S, FULL_SCALE, HEADROOM_DB, StimulusMaker, all_stimuli, level_of, resampled
+from hapscene.surface.library import load_swatch
+from hapscene.surface.texture import Texture
+
+RATE_HZ = 48_000.0
+
+
+def stimulus(**told: Any) -> Any:
+    """As a plan gives it, with what is not told by default."""
+    lines = "\n".join(
+        f"{name} = {value!r}".replace("True", "true").replace("False", "false") for name, value in told.items()
+    )
+    text = f'title = "t"\npeople = 1\n[stimuli.a]\n{lines}\n[[blocks]]\nname = "b"\nkind = "rating"\nstimuli = ["a"]'
+    return parse_plan(text).stimuli["a"]
+
+
+@pytest.fixture
+def maker(tmp_path: Path) -> StimulusMaker:
+    return StimulusMaker(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with made.csv: 5 s of a surface with three resonances, slid over harder and softer."""
+    t_s = np.arange(50_000) / 1e4
+    force_N = 1.0 + 0.5 * np.sin(2.0 * np.pi * 0.4 * t_s)
+    speed_m_s = 0.1 + 0.03 * np.sin(2.0 * np.pi * 0.7 * t_s)
+    poles = 0.97 * np.exp(2j * np.pi * np.array([80.0, 300.0, 650.0]) / 1e4)
+    texture = Texture.from_models(
+        1e4, [2.0], [0.2], a=[np.real(np.poly([*poles, *poles.conj()]))], variance_m2_s4=[1e-4]
+    )
+    swatch = load_swatch("wood")
+    a_m_s2 = synthesize(replace(swatch, texture=texture), force_N, speed_m_s, seed=3)
+    folder = tmp_path_factory.mktemp("recorded")
+    rows = np.column_stack([a_m_s2 / a_m_s2.std(), force_N, speed_m_s])
+    np.savetxt(folder / "made.csv", rows, "%.6g", ",", header="acceleration,force,speed", comments="")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def of_it(recorded: Path) -> StimulusMaker:
+    return StimulusMaker(recorded)
+
+
+MADE = {"recording": "made.csv", "rate_Hz": 1e4, "units": "acceleration=m/s2,force=N,speed=m/s", "seconds": 1.0}
+
+
+def test_an_interval_is_the_synthesis_of_its_swatch_resampled_and_faded(maker: StimulusMaker) -> None:
+    made = maker.samples(stimulus(swatch="wood", force_N=0.8, speed_m_s=0.12, seconds=1.5), 7, RATE_HZ)
+    rate_Hz = load_swatch("wood").texture.rate_Hz  # type: ignore[union-attr]
+    count = round(1.5 * rate_Hz)
+    known = synthesize("wood", np.full(count, 0.8), np.full(count, 0.12), seed=7)
+    assert len(made) == 72_000
+    edge = round(FADE_S * rate_Hz)
+    known[:edge] *= np.sin(0.5 * np.pi * np.arange(edge) / edge) ** 2
+    known[-edge:] *= np.sin(0.5 * np.pi * np.arange(edge) / edge)[::-1] ** 2
+    lines = slice(30, 6000)  # 20 Hz to 4 kHz
+    heard, wanted = np.fft.rfft(made)[lines] / RATE_HZ, np.fft.rfft(known)[lines] / rate_Hz
+    assert np.abs(heard - wanted).max() < 1e-3 * np.abs(wanted).max()
+    edge = round(FADE_S * RATE_HZ)
+    assert made[0] == 0.0 and abs(made[-1]) < 1e-4 and np.abs(made[: edge // 8]).max() < 0.05 * np.abs(made).max()
+
+
+def test_the_seed_is_the_noise_s(maker: StimulusMaker) -> None:
+    one = stimulus(swatch="wood")
+    first, again, other = (maker.samples(one, seed, RATE_HZ) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert abs(np.corrcoef(first, other)[0, 1]) < 0.05
+
+
+def test_gain_is_in_dB_and_without_the_effect_all_is_silent(maker: StimulusMaker) -> None:
+    plain, louder, off = (
+        maker.samples(stimulus(swatch="paper", **told), 3, RATE_HZ)
+        for told in ({}, {"gain_dB": 6.0}, {"effects": ["tap"]})
+    )
+    np.testing.assert_allclose(louder, 10.0 ** (6.0 / 20.0) * plain, rtol=1e-12, atol=1e-15)
+    assert not off.any()
+
+
+def test_without_life_the_level_is_steady(maker: StimulusMaker) -> None:
+    def unsteadiness(life: bool) -> float:
+        levels = []
+        for seed in range(6):
+            a = maker.samples(stimulus(swatch="wood", life=life, seconds=4.0), seed, RATE_HZ)
+            levels += [np.log(part.std()) for part in a[2000:-2000].reshape(-1, 4700)]
+        return float(np.std(levels))
+
+    assert unsteadiness(True) > 3.0 * unsteadiness(False)
+
+
+def test_a_lower_order_is_that_of_the_fidelity(maker: StimulusMaker) -> None:
+    texture = load_swatch("wood").texture
+    assert texture is not None
+    swatch = maker.swatch(stimulus(swatch="wood", order=4))
+    assert swatch.texture is not None and swatch.texture.order == 4
+    np.testing.assert_array_equal(swatch.texture.lsf_rad, texture.truncated(4).lsf_rad)
+
+
+def test_a_higher_order_than_the_swatch_s_is_refused_and_what_helps_is_said(maker: StimulusMaker) -> None:
+    with pytest.raises(StudyError, match=r"a: swatch 'wood' has order \d+; a higher one, 120, is fitted to"):
+        maker.samples(stimulus(swatch="wood", order=120), 0, RATE_HZ)
+
+
+def test_a_recording_is_played_as_it_is_and_fitted_at_an_order(recorded: Path, of_it: StimulusMaker) -> None:
+    maker = of_it
+    played, fitted = stimulus(**MADE), stimulus(**MADE, order=20)
+    assert maker.swatch(fitted).texture.order == 20  # type: ignore[union-attr]
+    raw = np.genfromtxt(recorded / "made.csv", delimiter=",", names=True)["acceleration"]
+    raw = filtered(raw, 1e4, 20.0, "highpass")  # as for a fit
+    made = maker.samples(played, 5, 1e4)[400:-400]
+    match = np.correlate(raw, made, "valid") / np.sqrt(np.convolve(raw**2, np.ones(len(made)), "valid") * (made @ made))
+    assert match.max() > 0.999  # an excerpt of the file
+    spectra = []
+    for one in (played, fitted):
+        heard = np.concatenate([maker.samples(one, seed, 1e4)[400:-400] for seed in range(12)])
+        spectra.append(10.0 * np.log10(welch(heard, 1e4, nperseg=512)[1][3:52]))  # 60 to 1000 Hz
+    assert np.abs(spectra[0] - spectra[1]).mean() < 1.0 and np.abs(spectra[0] - spectra[1]).max() < 3.0
+
+
+def test_orders_of_a_recording_differ_by_their_filters_alone(of_it: StimulusMaker) -> None:
+    maker = of_it
+    low, high = (maker.samples(stimulus(**MADE, order=order), 9, 1e4) for order in (12, 20))
+    assert np.corrcoef(low, high)[0, 1] > 0.9  # the same noise along the same force and speed
+    other = maker.samples(stimulus(**MADE, order=20), 10, 1e4)
+    assert abs(np.corrcoef(other, high)[0, 1]) < 0.3
+
+
+def test_what_was_fitted_is_kept_until_its_recording_changes(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits = []
+
+    def fit(parts: Any, name: str, order: int) -> Any:
+        fits.append(order)
+        return replace(load_swatch("wood"), name=name)
+
+    monkeypatch.setattr("hapscene.study.stimulus.fit_parts", fit)
+    (tmp_path / "kept").mkdir()
+    content = (recorded / "made.csv").read_text()
+    heard = []
+    for text in (content, content, content[: len(content) // 2].rpartition("\n")[0]):
+        (tmp_path / "made.csv").write_text(text)
+        maker = StimulusMaker(tmp_path, tmp_path / "kept")
+        heard.append([maker.samples(stimulus(**MADE, order=order), 1, 1e4) for order in (3, 4, 3)])
+    assert fits == [3, 4, 3, 4]
+    np.testing.assert_array_equal(heard[0], heard[1])
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({**MADE, "seconds": 20.0}, "made.csv slides for .* s at a stretch at most, shorter than seconds = 20"),
+        ({**MADE, "units": "force:N"}, "stimuli.a.units: 'force:N': expected QUANTITY=VALUE pairs"),
+        ({**MADE, "units": ""}, "unit"),
+        ({**MADE, "recording": "none.csv"}, "none.csv"),
+        ({"swatch": "oka"}, "no swatch 'oka'"),
+        ({"swatch": "./oka.swatch"}, "oka.swatch"),
+    ],
+)
+def test_what_cannot_be_made_is_said_in_words(recorded: Path, told: dict[str, Any], words: str) -> None:
+    with pytest.raises(HapsceneError, match=words):
+        StimulusMaker(recorded).samples(stimulus(**told), 0, RATE_HZ)
+
+
+def test_a_tone_is_resampled_to_16_bits() -> None:
+    t_s = np.arange(10_000) / 1e4
+    for frequency_Hz in (50.0, 997.0, 3000.0):
+        made = resampled(np.sin(2.0 * np.pi * frequency_Hz * t_s), 1e4, RATE_HZ)
+        known = np.sin(2.0 * np.pi * frequency_Hz * np.arange(48_000) / RATE_HZ)
+        assert np.abs(made - known)[2000:-2000].max() < 0.5 / FULL_SCALE
+
+
+def test_all_of_a_study_has_one_level(maker: StimulusMaker) -> None:
+    stimuli = [stimulus(swatch=name, seconds=0.5) for name in ("wood", "paper")]
+    level = level_of(maker, stimuli, RATE_HZ)
+    assert level.headroom_dB == pytest.approx(HEADROOM_DB)
+    ratio = []
+    for one in stimuli:
+        samples = maker.samples(one, 3, RATE_HZ)
+        whole, beyond = level.whole(samples)
+        assert beyond == 0 and whole.dtype == np.int16
+        assert np.abs(whole - FULL_SCALE * level.gain * samples).max() <= 0.5
+        ratio.append(whole.std() / samples.std())
+    assert ratio[0] == pytest.approx(ratio[1], rel=1e-3)
+
+
+def test_what_is_too_loud_is_cut_and_counted(maker: StimulusMaker) -> None:
+    level = level_of(maker, [stimulus(swatch="wood", seconds=0.5)], RATE_HZ)
+    whole, beyond = level.whole(np.array([0.0, 1.0, -1.0, 0.4]) / level.gain * 1.5)
+    assert beyond == 2 and whole.tolist() == [0, FULL_SCALE, -FULL_SCALE, round(0.6 * FULL_SCALE)]
+    with pytest.raises(StudyError, match="silent"):
+        level_of(maker, [stimulus(swatch="wood", effects=[])], RATE_HZ)
+
+
+def test_a_staircase_s_levels_are_all_made(maker: StimulusMaker) -> None:
+    plan = parse_plan(
+        """
+        title = "t"
+        people = 1
+        [stimuli.a]
+        swatch = "wood"
+        [stimuli.unused]
+        swatch = "paper"
+        [[blocks]]
+        name = "g"
+        kind = "staircase"
+        stimulus = "a"
+        parameter = "gain_dB"
+        reference = 3.0
+        below = true
+        levels = [1.0, 4.0, 3]
+        """
+    )
+    assert [one["gain_dB"] for one in all_stimuli(plan)] == pytest.approx([3.0, 2.0, 1.0, -1.0])
+    assert {one["name"] for one in all_stimuli(plan)} == {"a"}

@@ -1,0 +1,181 @@
+"""The report on a study: its numbers are those of the statistics, and it claims no more."""
+
+import re
+from collections.abc import Callable, Iterator
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("statsmodels", reason="statsmodels is not installed: pip install 'hapscene[study]'")
+pytest.importorskip("questplus", reason="questplus is not installed: pip install 'hapscene[study]'")
+
+from hapscene.errors import StudyError
+from hapscene.study.discrimination import Estimate
+from hapscene.study.plan import parse_plan
+from hapscene.study.simulated_person import Truth, simulate
+from hapscene.study.sitting import Sitting
+from hapscene.study.statistics import analyse
+from hapscene.study.study_report import report, shown, write_report
+from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+
+PLAN = """
+title = "<b>Surfaces</b> & more"
+people = 8
+[stimuli.alive]
+swatch = "wood"
+[stimuli.steady]
+swatch = "wood"
+life = false
+[[blocks]]
+name = "real"
+kind = "rating"
+stimuli = ["alive", "steady"]
+repeats = 3
+question = "How <i>real</i>?"
+[[blocks]]
+name = "noticed"
+kind = "abx"
+pairs = [["alive", "steady"]]
+repeats = 8
+margin = 1.0
+[[blocks]]
+name = "stronger"
+kind = "2ifc"
+pairs = [["alive", "steady"]]
+repeats = 8
+[[blocks]]
+name = "gain"
+kind = "staircase"
+stimulus = "alive"
+parameter = "gain_dB"
+levels = [0.5, 8.0, 12]
+trials = 12
+"""
+
+TRUTH = Truth({"alive": 2.0, "steady": 0.0}, {"alive": 5.0, "steady": 3.0}, {"gain": 2.0}, spread=0.3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "answers"
+    simulate(parse_plan(PLAN), folder, people=8, truth=TRUTH, seed=1)
+    return folder
+
+
+@pytest.fixture
+def answered(tmp_path: Path) -> Callable[..., Path]:
+    """A folder in which one person has given so many answers, all of them right."""
+
+    def answer(count: int, text: str = PLAN) -> Path:
+        with Sitting(parse_plan(text), tmp_path / "answers", "P01") as sitting:
+            for _ in range(count):
+                assert sitting.trial is not None
+                sitting.answer(sitting.trial.correct or 0, latency_s=2.5, replays=1)
+        return tmp_path / "answers"
+
+    return answer
+
+
+def text_of(page: str) -> str:
+    return " ".join(unescape(re.sub("<[^>]*>", " ", re.sub(r"(?s)<(style|svg).*?</\1>", " ", page))).split())
+
+
+def test_its_numbers_are_those_of_the_statistics(folder: Path) -> None:
+    page, findings = text_of(report(folder)), analyse(folder).findings
+    together = [one for one in findings if not one.person]
+    assert {one.quantity for one in together} >= {"threshold", "d′", "right", "rating", "difference of ratings"}
+    for one in together:
+        assert f"{one.quantity} {shown(one.estimate, one.unit)}" in page, one
+    for one in findings:
+        assert not one.verdict or f"{one.what} : {one.verdict}" in page, one
+
+
+def test_every_block_has_its_plots_and_each_is_told_in_words(folder: Path) -> None:
+    page = report(folder)
+    titles = ["Ratings", "Differences", "Right answers", "d′, abx independent", "d′, abx difference", "d′, 2ifc"]
+    for title in [*titles, "Psychometric function", "Thresholds"]:
+        assert f"<h3>{title}</h3>" in page, title
+    assert page.count("<svg") == page.count('role="img"') == 9
+    for told in re.findall(r'aria-label="([^"]*)"', page):
+        assert len(told) > 8, told
+    assert all(f"<th>S{k:03}</th>" in page for k in range(1, 9))
+
+
+def test_it_is_one_page_that_fetches_nothing_and_runs_nothing(folder: Path) -> None:
+    page = report(folder)
+    assert "<script" not in page and "<b>" not in page and "&lt;b&gt;Surfaces&lt;/b&gt; &amp; more" in page
+    assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', page) and "default-src 'none'" in page
+
+
+def test_it_says_that_nobody_was_asked_only_where_nobody_was(folder: Path, answered: Callable[..., Path]) -> None:
+    assert "Nobody was asked" in report(folder)
+    assert "Nobody was asked" not in report(answered(3))
+
+
+def test_a_person_alone_says_nothing_of_others(answered: Callable[..., Path]) -> None:
+    page = text_of(report(answered(34)))
+    assert "1 of 8 people; 34 answers" in page and "One person was asked: nothing is said of others" in page
+    assert "P01 34 of 34 100 % 2.5 s 34" in page and "no interval" in page
+
+
+@pytest.mark.parametrize("count", [1, 5, 20])
+def test_who_is_in_the_middle_is_named(count: int, answered: Callable[..., Path]) -> None:
+    page = text_of(report(answered(count)))
+    assert "Not at the end: P01" in page and f"P01 {count} of 34" in page
+
+
+def test_equality_is_claimed_within_a_margin_alone(tmp_path: Path) -> None:
+    same = Truth({"alive": 1.0, "steady": 1.0}, {"alive": 4.0, "steady": 4.0}, {"gain": 2.0})
+    plan = PLAN.replace("repeats = 8", "repeats = 60").replace("trials = 12", "trials = 5")
+    simulate(parse_plan(plan), tmp_path / "a", people=10, truth=same, seed=2)
+    page = text_of(report(tmp_path / "a"))
+    assert "cannot be told apart by d′ 1" in page  # of ABX, which has a margin
+    after = page.split("stronger:")[1].split("gain:")[0]
+    assert "cannot be told apart" not in after and "not decided" in after
+
+
+def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
+    with Sitting(parse_plan(PLAN), tmp_path / "a", "P01"):
+        pass
+    with pytest.raises(StudyError, match="nobody has answered yet"):
+        write_report(tmp_path / "a", tmp_path / "report.html")
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_number_is_said_with_its_interval() -> None:
+    inf = float("inf")
+    assert shown(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
+    assert shown(Estimate(inf, 2.0, inf)) == "beyond all bounds (at least 2)"
+    assert shown(Estimate(3.0, -inf, inf)) == "3 (no interval)" and shown(Estimate(3.0, -inf, 4.0)) == "3 (at most 4)"
+
+
+AXE = Path(__file__).parents[2] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
+
+AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
+  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
+    if find_chromium() is None:
+        pytest.skip("no Chromium here: apt-get install chromium")
+    with sync.sync_playwright() as runner:
+        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
+def test_it_is_read_by_who_cannot_see_and_on_a_phone(folder: Path, chromium: Any) -> None:
+    write_report(folder, folder / "report.html")
+    for scheme, width in (("light", 1200), ("dark", 390)):
+        looks = {"viewport": {"width": width, "height": 844}, "color_scheme": scheme, "bypass_csp": True}
+        with chromium.new_context(**looks) as context:
+            tab = context.new_page()
+            tab.goto((folder / "report.html").as_uri())
+            tab.evaluate(AXE.read_text(encoding="utf-8"))
+            assert tab.evaluate(AXE_RUN) == [], scheme
+            assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), scheme

@@ -1,0 +1,367 @@
+"""The page of a study: over its socket as anybody might use it, and in Chromium as a person does."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
+from websockets.sync.client import connect
+
+from hapscene.errors import StudyError
+from hapscene.study.plan import parse_plan
+from hapscene.study.results_file import load_rows
+from hapscene.study.sitting import Sitting
+from hapscene.study.study_server import StudyServer, practice_trials
+from hapscene.study.trial_order import Interval
+from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+
+SECRETS = ("zebra", "yak", "secretblock", "wood", "paper")
+
+PLAN = """
+title = "Surfaces"
+people = 4
+seed = 2
+consent = "I take part of my own free will."
+instructions = "Listen, then answer."
+practice = 1
+break_every = 4
+[stimuli.zebra]
+swatch = "wood"
+[stimuli.yak]
+swatch = "paper"
+[[blocks]]
+name = "secretblock1"
+kind = "rating"
+stimuli = ["zebra", "yak"]
+repeats = 2
+question = "How real is it?"
+labels = ["not at all", "just like it"]
+[[blocks]]
+name = "secretblock2"
+kind = "abx"
+pairs = [["zebra", "yak"]]
+repeats = 2
+[[blocks]]
+name = "secretblock3"
+kind = "2ifc"
+pairs = [["zebra", "yak"]]
+repeats = 2
+"""
+
+
+class FakePlayer:
+    """Plays in no time, unless it is held."""
+
+    def __init__(self) -> None:
+        self.played: list[Interval] = []
+        self.fault, self.free = "", Event()
+        self.free.set()
+
+    def play(self, interval: Interval) -> None:
+        assert self.free.wait(120.0)
+        if self.fault:
+            raise StudyError(self.fault)
+        self.played.append(interval)
+
+    def close(self) -> None:
+        self.free.set()
+
+    def report(self) -> dict[str, float]:
+        return {}
+
+
+def until(true: Callable[[], Any]) -> None:
+    end_s = time.monotonic() + 120.0
+    while not true():
+        assert time.monotonic() < end_s, "it never came true"
+        time.sleep(0.005)
+
+
+Asked = tuple[StudyServer, Sitting, FakePlayer]
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Asked]]:
+    """Sits a person down to a plan; the page is open."""
+    monkeypatch.setattr("hapscene.study.study_server.GAP_S", 0.0)
+    opened: list[Any] = []
+
+    def begin(text: str = PLAN, person: str = "P01") -> Asked:
+        sitting, player = Sitting(parse_plan(text), tmp_path / "answers", person), FakePlayer()
+        server = StudyServer(sitting, player)
+        server.__enter__()
+        opened[:] = [server, sitting]
+        return server, sitting, player
+
+    yield begin
+    for one in opened:
+        one.close()
+
+
+def order(server: StudyServer, **said: Any) -> None:
+    server.take(json.dumps(said))
+
+
+def hear(server: StudyServer) -> dict[str, Any]:
+    """Have all intervals of the trial played."""
+    state = server.state()
+    order(server, play=[state["number"], 0, len(state["intervals"])])
+    until(lambda: not server.state()["playing"])
+    return server.state()
+
+
+def answer_all(server: StudyServer, sitting: Sitting, upto: int | None = None) -> None:
+    while sitting.trial is not None and sitting.done != upto:
+        state = server.state()
+        if state["screen"] != "trial":
+            order(server, go=True)
+            continue
+        hear(server)
+        order(server, answer=[state["number"], 0, 0.5])
+
+
+def test_a_person_is_taken_through_and_every_answer_is_kept(ask: Callable[..., Asked], tmp_path: Path) -> None:
+    server, sitting, player = ask()
+    answer_all(server, sitting)
+    rows = load_rows(tmp_path / "answers" / "results.csv")
+    assert len(rows) == sitting.total == 8 and server.ended.is_set() and server.state()["screen"] == "end"
+    assert {row["latency_s"] for row in rows} == {"0.500"} and {row["replays"] for row in rows} == {"0"}
+    practised = [interval for trial in practice_trials(sitting.plan) for interval in trial.intervals]
+    assert player.played[: len(practised)] == practised  # and of what then was asked, all in its order
+    names = [str(interval.stimulus["name"]) for interval in player.played[len(practised) :]]
+    asked = [row[f"stimulus_{k}"] for row in rows for k in (1, 2, 3) if row[f"stimulus_{k}"] != "NA"]
+    assert names == asked
+
+
+def test_the_page_is_told_nothing_of_what_is_compared(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask()
+    told: list[str] = []
+    origin: Any = "/".join(server.url.split("/")[:3])
+    with connect(server.url.replace("http", "ws") + "socket", origin=origin) as tab:
+        told.append(str(tab.recv()))
+        while sitting.trial is not None:
+            state = server.state()
+            if state["screen"] != "trial":
+                tab.send('{"go": true}')
+            else:
+                tab.send(json.dumps({"play": [state["number"], 0, len(state["intervals"])]}))
+                while json.loads(told[-1]).get("heard") != list(range(len(state["intervals"]))):
+                    told.append(str(tab.recv()))
+                tab.send(json.dumps({"answer": [state["number"], 0, 1.0]}))
+            told.append(str(tab.recv()))
+    assert len(told) > 40
+    for text in told:
+        assert not any(secret in text for secret in SECRETS), text
+        assert not {"correct", "level", "block", "stimulus", "seed"} & json.loads(text).keys()
+
+
+def test_nobody_answers_before_they_have_heard_all_nor_twice(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask(PLAN.replace("practice = 1", ""))
+    order(server, go=True)
+    number = server.state()["number"]
+    order(server, answer=[number, 0, 1.0])
+    assert sitting.done == 0
+    hear(server)
+    for choice, latency_s in ((-1, 1.0), (99, 1.0), (True, 1.0), (0, -1.0), (0, 1e9), (0, "x"), (0, None), (0.0, 1.0)):
+        order(server, answer=[number, choice, latency_s])
+    order(server, answer=[number + 1, 0, 1.0])
+    assert sitting.done == 0
+    order(server, answer=[number, 0, 1.0])
+    order(server, answer=[number, 0, 1.0])  # a key that was pressed twice
+    assert sitting.done == 1
+
+
+def test_what_was_played_again_is_counted_whoever_asks_for_it(ask: Callable[..., Asked], tmp_path: Path) -> None:
+    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, go=True)
+    count = len(hear(server)["intervals"])
+    hear(server)
+    order(server, play=[server.state()["number"], 0, 1])
+    until(lambda: not server.state()["playing"])
+    order(server, answer=[server.state()["number"], 0, 1.0])
+    assert load_rows(tmp_path / "answers" / "results.csv")[0]["replays"] == str(count + 1)
+    assert len(player.played) == 2 * count + 1 and sitting.done == 1
+
+
+def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
+    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, go=True)
+    hear(server)
+    player.free.clear()
+    number = server.state()["number"]
+    order(server, play=[number, 0, 1])
+    until(lambda: server.state()["playing"])
+    order(server, answer=[number, 0, 1.0])
+    order(server, play=[number, 0, 1])
+    player.free.set()
+    until(lambda: not server.state()["playing"])
+    assert sitting.done == 0 and len(player.played) == len(server.state()["intervals"]) + 1
+
+
+def test_who_goes_on_is_at_the_next_trial_without_practice(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask()
+    answer_all(server, sitting, upto=3)
+    server.close()
+    sitting.close()
+    again, resumed, _ = ask()
+    assert resumed.done == 3 and again.state()["screen"] == "begin" and again.state()["practices"] == 0
+    order(again, go=True)
+    assert again.state()["number"] == 3
+    answer_all(again, resumed)
+    assert resumed.done == 8
+
+
+def test_there_is_a_break_when_one_is_due_and_only_then(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask(PLAN.replace("practice = 1", "").replace("break_every = 4", "break_every = 3"))
+    order(server, go=True)
+    screens = []
+    while sitting.trial is not None:
+        screens.append((sitting.done, server.state()["screen"]))
+        if server.state()["screen"] == "break":
+            order(server, play=[sitting.done, 0, 1])
+            order(server, answer=[sitting.done, 0, 1.0])  # not now
+            order(server, go=True)
+        else:
+            hear(server)
+            order(server, answer=[server.state()["number"], 0, 1.0])
+    assert [done for done, screen in screens if screen == "break"] == [3, 6]
+
+
+def test_practice_is_told_right_or_wrong_and_not_kept(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask()
+    order(server, go=True)
+    told = []
+    for trial in practice_trials(sitting.plan):
+        assert server.state()["practice"] and server.state()["question"] == trial.question
+        hear(server)
+        order(server, answer=[server.state()["number"], trial.correct or 0, 1.0])
+        told.append(server.state()["feedback"])
+        assert ("right" in told[-1]) == (trial.correct is not None)
+    assert len(told) == 3 and sitting.done == 0 and not server.state().get("practice")
+
+
+def test_what_breaks_is_told_and_what_was_answered_is_kept(ask: Callable[..., Asked]) -> None:
+    server, sitting, player = ask()
+    answer_all(server, sitting, upto=2)
+    player.fault = "headphones: plays no more: was it unplugged?"
+    order(server, go=True)
+    order(server, play=[server.state()["number"], 0, 1])
+    until(lambda: server.fault)
+    assert "was it unplugged" in server.state()["said"] and sitting.done == 2
+    order(server, answer=[server.state()["number"], 0, 1.0])
+    assert sitting.done == 2
+
+
+def test_garbage_breaks_nothing(ask: Callable[..., Asked]) -> None:
+    server, sitting, _ = ask()
+    order(server, go=True)
+    values: list[Any] = [None, True, -1, 10**400, "x", "", [], {}, [[]], [1, 2, 3], [None] * 3, [0, 0, float("nan")]]
+    for key in ("go", "play", "answer", "said"):
+        for value in values:
+            order(server, **{key: value})
+    for text in ("", "{", "[]", "7", "[" * 5000, b"\xff\xfe"):
+        server.take(text)
+    assert server.state()["screen"] == "trial" and not server.fault and sitting.done == 0
+
+
+# --- in Chromium
+
+AXE = Path(__file__).parents[2] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
+
+AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
+  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
+    if find_chromium() is None:
+        pytest.skip("no Chromium here: apt-get install chromium")
+    with sync.sync_playwright() as runner:
+        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 390)])
+def test_a_person_answers_by_keys_and_buttons(
+    ask: Callable[..., Asked], chromium: Any, scheme: str, width: int, tmp_path: Path
+) -> None:
+    server, sitting, _ = ask()
+    with chromium.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme) as context:
+        context.set_default_timeout(120_000)
+        tab, wrong = context.new_page(), []
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.goto(server.url)
+
+        def looked_at(screen: str) -> None:
+            tab.wait_for_selector(f"#{screen}:not([hidden])")
+            if AXE.is_file():
+                tab.evaluate(AXE.read_text(encoding="utf-8"))
+                assert tab.evaluate(AXE_RUN) == [], screen
+            assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), screen
+
+        looked_at("begin")
+        assert "free will" in tab.inner_text("#consent") and "3 for practice" in tab.inner_text("#practices")
+        tab.click("text=I agree: begin")
+        looks, asked = set(), 0
+        while sitting.trial is not None:
+            state = server.state()
+            if state["screen"] == "break":
+                looked_at("break")
+                tab.click("#rested")
+                tab.wait_for_selector("#trial:not([hidden])")
+                continue
+            at = [state["number"], state["practice"]]
+            tab.wait_for_function("([n, p]) => study.state.number === n && study.state.practice === p", arg=at)
+            if state["kind"] not in looks:
+                looked_at("trial")
+                looks.add(state["kind"])
+            assert tab.locator("#choices button:enabled").count() == 0
+            tab.keyboard.press("2")
+            tab.keyboard.press("Space")
+            tab.wait_for_selector("#choices button:enabled")
+            before = sitting.done, len(server._practice)
+            if asked % 2:
+                tab.locator("#choices button").nth(1).click()
+            else:
+                tab.keyboard.press({"rating": "2", "abx": "b", "pair": "2"}[state["kind"]])
+            until(lambda: (sitting.done, len(server._practice)) != before)  # noqa: B023
+            asked += 1
+            if asked == 5:  # the tab is closed by mistake
+                tab.reload()
+                tab.wait_for_selector("#trial:not([hidden]), #break:not([hidden])")
+        looked_at("end")
+        assert wrong == [] and looks == {"rating", "abx", "pair"}
+    rows = load_rows(tmp_path / "answers" / "results.csv")
+    assert len(rows) == 8 and {row["answer"] for row in rows} == {"1"}
+    assert all(0.0 <= float(row["latency_s"]) < 120.0 for row in rows)
+
+
+def test_the_page_times_the_answer_from_the_end_of_what_was_played(
+    ask: Callable[..., Asked], chromium: Any, tmp_path: Path
+) -> None:
+    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
+    with chromium.new_context() as context:
+        context.set_default_timeout(120_000)
+        tab = context.new_page()
+        tab.goto(server.url)
+        tab.click("#go")
+        tab.wait_for_selector("#trial:not([hidden])")
+        player.free.clear()
+        tab.keyboard.press("Space")
+        time.sleep(3.0)  # it plays
+        player.free.set()
+        tab.wait_for_selector("#choices button:enabled")
+        ended_s = time.monotonic()
+        time.sleep(0.5)
+        tab.locator("#choices button").first.click()
+        until(lambda: sitting.done == 1)
+        most_s = time.monotonic() - ended_s
+    latency_s = float(load_rows(tmp_path / "answers" / "results.csv")[0]["latency_s"])
+    assert 0.5 <= latency_s < most_s + 2.5  # the time in which it played is not in it
