@@ -107,7 +107,7 @@ class _Player:
             draw_state(self.rng, float(texture.dwell_s[0]), float(texture.dwell_s[1]), self.s["state"])
         self.last: Array | None = None  # level of each state
 
-    def add(self, force_N: Array, speed_m_s: Array, out: Array, third_rad: Array | None) -> None:
+    def add(self, force_N: Array, speed_m_s: Array, out: Array, third_rad: Array | None = None) -> None:
         """Add what is heard along forces, speeds (n,) to `out` (n,); n is a multiple of the block, or the end."""
         middle = np.minimum(np.arange(0, len(out), self.block) + self.block // 2, len(out) - 1)
         third = None if third_rad is None else third_rad[middle]

@@ -145,8 +145,8 @@ class StimulusMaker:
 
     def _read(self, key: "_Key") -> Part:
         file, rate_Hz, columns, units = key
-        read = {"columns": dict(columns) or None, "units": dict(units) or None}
-        return prepare(load_recording(self._folder / file, rate_Hz or None, **read))
+        path = self._folder / file
+        return prepare(load_recording(path, rate_Hz or None, columns=dict(columns) or None, units=dict(units) or None))
 
 
 _Key = tuple[str, float, tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]
