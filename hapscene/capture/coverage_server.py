@@ -7,7 +7,6 @@ wrong. It may say one word: stop. Who is let in, `hapscene.web_listener.PageList
 
 import json
 import math
-import os
 import signal
 import time
 from collections import deque
@@ -40,11 +39,8 @@ BEAT_S: Final = 0.05
 WAITING_MAX: Final = 4096
 """Most blocks that wait to be looked at [count]: some 20 s. What is more is left out of the picture, and told."""
 
-PATIENCE_S: Final = 20.0
+PATIENCE_S: Final = 60.0
 """How long the page's process may take to start, and to end [s]."""
-
-NICE: Final = 5
-"""By how much the page's process steps back behind the recording's [1]."""
 
 LATELY_S: Final = 1.5
 """How long the page tells that something was cut off, or did not come [s]."""
@@ -313,8 +309,8 @@ class CoverageProcess:
 def _serve(line: "Connection", wanted: Wanted, port: int) -> None:
     """The page's process: until the line ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the recording, and that ends this
-    if hasattr(os, "nice"):
-        os.nice(NICE)
+    import scipy.signal  # noqa: F401  # takes long at first: not while samples come
+
     live = LiveCoverage(wanted)
     try:
         page = CoveragePage(live, port=port)

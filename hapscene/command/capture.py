@@ -612,6 +612,7 @@ def _coverage(options: argparse.Namespace) -> int:
         live.end("the recording is over")
         live.publish()
     tell(table(live.coverage))
+    return 0
 
 
 # `hapscene capture join`.
