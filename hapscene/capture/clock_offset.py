@@ -37,9 +37,6 @@ DRIFT_SD: Final = 100e-6
 WITHIN_S: Final = 5e-3
 """Largest 95 % interval that is taken for an answer, to either side, at any time that the two share [s]."""
 
-WELL_S: Final = 1e-3
-"""Interval of an answer beside which no other is looked for [s]."""
-
 ADVICE: Final = "tap three times at the begin and three times at the end, on what both feel"
 
 
@@ -98,7 +95,7 @@ def clock_offset(
         raise CaptureError(f"{shared_s:.2g} s are too short to compare clocks: at least {SHARED_MIN_S:g} s are needed")
     found: ClockOffset | None = None
     for way in (_by_taps, _by_vibrations, _by_envelopes):
-        if found is None or found.interval_s > min(within_s, WELL_S):
+        if found is None or found.interval_s > within_s:
             other = way(first, second, near_s)
             if found is None or (other is not None and other.interval_s < found.interval_s):
                 found = other
