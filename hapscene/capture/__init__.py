@@ -27,7 +27,9 @@ swatch = hapscene.capture.fit(acceleration_m_s2, 10_000.0, force_N=force_N, spee
 | `hatt`, `hatt_file`, `arma` | files of the Penn Haptic Texture Toolkit |
 | `hjif` | MPEG haptics files |
 | `record`, `record_file` | record from a probe on a serial port (`hapscene.wire`), crash-safe |
+| `record_many` | from several at once, each in a process of its own |
 | `record_simulator` | a probe without hardware |
+| `clock_offset`, `recording_join` | how the clocks of two recordings differ; several files made one: `join` |
 | `batch`, `batch_job` | fit thousands of recordings: `fit_batch` |
 """
 

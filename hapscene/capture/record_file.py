@@ -207,7 +207,8 @@ def parse_record(data: bytes) -> Record:
         elif kind == b"END.":
             ended = str(_json(payload).get("ended"))
         elif kind == b"TIME" and len(payload) == _TIME.size and len(clock_s) < CLOCK_MAX:
-            clock_s.append((first, _TIME.unpack(payload)[0]))
+            time_s = float(_TIME.unpack(payload)[0])
+            clock_s += [(first, time_s)] if math.isfinite(time_s) and first <= VALUE_MAX else []
     if not length:
         raise CaptureError("holds no samples")
     if length * len(columns) > VALUE_MAX:

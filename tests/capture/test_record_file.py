@@ -44,6 +44,19 @@ def test_what_was_written_comes_back_with_its_gap(tmp_path: Path) -> None:
     assert (record.streams["force"][there] == -np.flatnonzero(there)).all()
 
 
+def test_times_of_the_computer_come_back_and_nonsense_is_left_out(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "a.hsrec", HEADER, "one clock") as writer:
+        for start, time_s in ((0, 7.5), (10, float("nan")), (20, 7.52)):
+            writer.write(rows(start, start + 10))
+            writer.write_time(start + 10, time_s)
+        writer.write_time(1 << 60, 8.0)
+    record = load_record(tmp_path / "a.hsrec")
+    assert record.clock == "one clock" and record.clock_s.tolist() == [[10.0, 7.5], [30.0, 7.52]]
+    assert not record.missing.any() and len(record.missing) == 30
+    write(tmp_path / "b.hsrec")
+    assert load_record(tmp_path / "b.hsrec").clock == "" and load_record(tmp_path / "b.hsrec").clock_s.shape == (0, 2)
+
+
 def test_long_runs_are_split_and_joined_again(tmp_path: Path) -> None:
     with RecordWriter(tmp_path / "a.hsrec", HEADER) as writer:
         writer.write(rows(0, 10_000))
