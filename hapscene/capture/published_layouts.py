@@ -37,7 +37,8 @@ from hapscene.capture.recording_source import (
 )
 from hapscene.capture.streams import Array
 from hapscene.errors import CaptureError, no_such
-from hapscene.files import refusing
+from hapscene.files import check_memory, refusing
+from hapscene.number_files import TOO_MUCH
 
 FILE_MAX: Final = 10_000
 """Most files of a surface that are joined [count]; those of the Cluster data set have 480 each."""
@@ -50,12 +51,17 @@ class Layout:
     Attributes:
         file: of which names its main files are; its groups `surface`, `take`, `repeat` and `query` say whose.
         read: the recordings of the main files that are given, each a list: of one recording, with all its axes.
-        sure: whether nothing else has such names, so that it is recognised by itself.
+        folder: in a folder of which name they are, or "" for any.
     """
 
     file: re.Pattern[str]
     read: Callable[[Sequence[Sequence[Path]]], list[RecordingSource]]
-    sure: bool = True
+    folder: str = ""
+
+    def has(self, file: Path) -> bool:
+        """Whether a file is one of its main files, by its name."""
+        there = not self.folder or self.folder in file.parts
+        return there and self.file.fullmatch(file.name) is not None and file.is_file()
 
     def surface(self, file: Path) -> str:
         """Whose recording a file is."""
@@ -73,7 +79,7 @@ def recognised(path: Path) -> str | None:
     """The layout that a file or a folder is in for certain, by its name."""
     for name, layout in LAYOUTS.items():
         names = [path] if not path.is_dir() else [path / "teensy.ft.csv"] if name == "proton" else []
-        if layout.sure and any(layout.file.fullmatch(file.name) and file.is_file() for file in names):
+        if any(map(layout.has, names)):
             return name
     return None
 
@@ -98,9 +104,7 @@ def surfaces(folder: Path, name: str) -> list[Path]:
         CaptureError: no such layout, or nothing of it there.
     """
     layout = _named(name)
-    files = [file for file in folder.rglob("*") if layout.file.fullmatch(file.name) and file.is_file()]
-    if name == "cluster":
-        files = [file for file in files if ACCELERATION in file.parts]
+    files = filter(layout.has, folder.rglob("*"))
     found = {file.parent if name == "proton" else file if name == "hatt" else file.parent / layout.surface(file)
              for file in files}  # fmt: skip
     if not found:
@@ -148,7 +152,8 @@ def _takes(path: Path, name: str) -> list[list[Path]]:
 
 
 def _joined(sources: list[RecordingSource]) -> RecordingSource:
-    """Recordings one after the other; each acceleration without its mean, so that gravity makes no step at a seam."""
+    """Recordings one after the other. No stream jumps at a seam that is not a speed's or a force's: each acceleration
+    is without its mean, which is gravity, and each place goes on from where the last one ended."""
     first = sources[0]
     if len(sources) == 1:
         return first
@@ -158,7 +163,12 @@ def _joined(sources: list[RecordingSource]) -> RecordingSource:
     columns: dict[str, Column] = {}
     for name in first.columns:
         parts = [np.asarray(source.columns[name], np.float64) for source in sources]
-        columns[name] = np.concatenate([p - p.mean() if name.startswith("acceleration") else p for p in parts])
+        if name.startswith("acceleration"):
+            parts = [p - np.nanmean(p) for p in parts]
+        if name.startswith("position"):
+            ends = np.cumsum([0.0, *(p[-1] - p[0] for p in parts[:-1])])
+            parts = [p - p[0] + end for p, end in zip(parts, ends, strict=True)]
+        columns[name] = np.concatenate(parts)
     return RecordingSource(columns, rate_Hz, first.units, own_B=sum(source.own_B for source in sources))
 
 
@@ -235,31 +245,33 @@ def _cluster_take(
         start_s, end_s = max(t[0] for t, _ in streams), min(t[-1] for t, _ in streams)
         if not end_s - start_s > 0.0:
             raise CaptureError("its streams have no time in common")
-        t_s = start_s + np.arange(math.floor((end_s - start_s) * CLUSTER_HZ) + 1) / CLUSTER_HZ
+        own_B = sum(source.own_B for _, source in streams)
+        count = math.floor((end_s - start_s) * CLUSTER_HZ) + 1
+        check_memory(16 * 8 * count, own_B, f"{count:,} samples from {start_s:g} to {end_s:g} s", TOO_MUCH)
+        t_s = start_s + np.arange(count) / CLUSTER_HZ
         own_s = streams[0][0]
         lost = np.diff(own_s)[np.clip(np.searchsorted(own_s, t_s, "right") - 1, 0, len(own_s) - 2)] > GAP_S
         columns: dict[str, Column] = {}
         for axis in AXES:
-            curve: Array = CubicSpline(own_s, _column(accel, axis.upper()))(t_s)
+            curve: Array = CubicSpline(own_s, _finite(accel, axis.upper()))(t_s)
             columns[f"acceleration_{axis}"] = np.where(lost, np.nan, curve)
         if force is None:
             columns["force"] = np.full(len(t_s), 1e-3 * float(named["force"]))
         else:
-            columns["force"] = np.interp(t_s, _times_s(force), _column(force, "force"))
+            columns["force"] = np.interp(t_s, _times_s(force), _finite(force, "force"))
         units = {"acceleration_x": "g", "force": "N", "speed": "mm/s", "direction": "deg", "position_x": "mm"}
         if position is None:
             columns["speed"] = np.full(len(t_s), float(named["speed"]))
         else:
             for axis in AXES[:2]:
-                columns[f"position_{axis}"] = np.interp(t_s, _times_s(position), _column(position, axis.upper()))
+                columns[f"position_{axis}"] = np.interp(t_s, _times_s(position), _finite(position, axis.upper()))
         columns["direction"] = np.full(len(t_s), -float(named["direction"]))  # clockwise in the name
-        own_B = sum(source.own_B for _, source in streams)
         return RecordingSource(columns, CLUSTER_HZ, units, own_B=own_B)
 
 
 def _times_s(source: RecordingSource) -> Array:
     """A table's times [s]: `time` in CSV [s], `time_ns` in Parquet [ns]; they grow."""
-    t_s = 1e-9 * _column(source, "time_ns") if "time_ns" in source.columns else _column(source, "time")
+    t_s = 1e-9 * _finite(source, "time_ns") if "time_ns" in source.columns else _finite(source, "time")
     if not (len(t_s) > 1 and np.all(np.diff(t_s) > 0.0)):
         raise CaptureError("its times do not grow")
     return t_s
@@ -269,6 +281,14 @@ def _column(source: RecordingSource, name: str) -> Array:
     if name not in source.columns:
         raise CaptureError(f"no column {name!r}; there are: {', '.join(source.columns)}")
     return np.asarray(source.columns[name], np.float64)
+
+
+def _finite(source: RecordingSource, name: str) -> Array:
+    """A column of a table that leaves out what it lacks, rather than saying so."""
+    column = _column(source, name)
+    if not np.isfinite(column).all():
+        raise CaptureError(f"column {name!r}: finite numbers expected")
+    return column
 
 
 # HaTT's recordings: XML that says its rate and its units.
@@ -391,6 +411,7 @@ LAYOUTS: Final[Mapping[str, Layout]] = {
     "cluster": Layout(
         re.compile(r"(?P<surface>\d+)_(?P<take>(?P<direction>\d+)_(?P<speed>\d+)_(?P<force>\d+)_\d+)\.(?:csv|parquet)"),
         _cluster,
+        ACCELERATION,
     ),
     "hatt": Layout(re.compile(r".*\.xml", re.IGNORECASE), _hatt),
     "proton": Layout(re.compile(r"teensy\.ft\.csv"), _proton),

@@ -138,6 +138,8 @@ def test_cluster_surface_is_all_its_strokes(tmp_path: Path) -> None:
     recording = load_recording(accel / "17", layout="cluster")
     assert recording.direction_rad is not None
     assert {round(math.degrees(angle)) % 360 for angle in np.unique(recording.direction_rad)} == {0, 270}
+    assert recording.speed_m_s is not None
+    np.testing.assert_allclose(recording.speed_m_s[600:-600], 0.05, rtol=0.2)  # the way back is none of it
 
 
 def test_cluster_gaps_are_missing_samples(tmp_path: Path) -> None:
@@ -150,6 +152,28 @@ def test_cluster_gaps_are_missing_samples(tmp_path: Path) -> None:
     file.write_text("\n".join(lines[:5000] + lines[6000:]))
     with pytest.raises(CaptureError, match="% of the samples are missing"):
         load_recording(file)
+    file.write_text("\n".join(lines[:5000] + lines[5030:]))
+    cluster_recording(tmp_path, "0_90_20_500_0")
+    with pytest.warns(BridgedWarning):  # of the one alone: the other's are whole
+        joined = load_recording(file.with_name("0"), layout="cluster")
+    assert joined.bridged["acceleration_x"] == recording.bridged["acceleration_x"]
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [("1e7,0,0,0", "samples from .* would take"), ("inf,0,0,0", "finite"), ("1.9,nan,0,0", "finite numbers expected")],
+)
+def test_cluster_refuses_what_no_table_of_it_has(tmp_path: Path, row: str, message: str) -> None:
+    file = cluster_recording(tmp_path, "0_0_20_500_0", leave_out=("force", "position"))
+    file.write_text("\n".join([*file.read_text().splitlines()[:5000], row]))
+    with pytest.raises(CaptureError, match=message):
+        load_recording(file)
+
+
+def test_a_file_that_is_called_by_its_date_is_no_published_one(tmp_path: Path) -> None:
+    write_csv(tmp_path / "2024_11_23_10_05.csv", {"acceleration": np.sin(np.arange(4000.0))})
+    recording = load_recording(tmp_path / "2024_11_23_10_05.csv", 1e4, units={"acceleration": "g"})
+    assert len(recording.acceleration_m_s2) == 4000
 
 
 # HaTT's recordings: XML with rate and units.
@@ -248,7 +272,7 @@ def test_errors_are_one_sentence(tmp_path: Path) -> None:
     stray = tmp_path / "0_0_20_500_0.csv"
     write_csv(stray, {"time": [0.0, 1.0], "X": [0.0, 1.0]})
     with pytest.raises(CaptureError, match="in the folder accel"):
-        load_recording(stray)
+        load_recording(stray, layout="cluster")
 
 
 def test_parquet_is_read_as_other_tables_are(tmp_path: Path) -> None:
