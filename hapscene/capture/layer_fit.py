@@ -16,7 +16,7 @@ from hapscene.capture import metric
 from hapscene.capture.streams import Array, third_of
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.perception import BAND_DB
-from hapscene.surface.texture import LAYERS_MAX, PERIOD_RAD
+from hapscene.surface.texture import LAYERS_MAX, PERIOD_RAD, layer_shares
 
 BANDS: Final = 6
 """Bands from 20 to 1000 Hz that a piece is told by [count]: a tenth of a second has no finer ones."""
@@ -83,7 +83,7 @@ def find_layers(pieces: Pieces, rate_Hz: float, by: str) -> Layers | str:
     told, tried = by.replace("_", " "), []
     for kind in ("axis", "direction") if by == "direction" else (by,):
         for at in _places(angle[known], kind):
-            gained = _gain(levels, plane, shares(angle[known], at, kind), block)
+            gained = _gain(levels, plane, layer_shares(angle[known], at, kind), block)
             if gained is not None:
                 tried.append((gained, kind, at))
     if not tried:
@@ -95,22 +95,14 @@ def find_layers(pieces: Pieces, rate_Hz: float, by: str) -> Layers | str:
     gain = float(gained.sum() / len(kept))
     if not (gain > GAIN and gained.mean() > SURE * gained.std(ddof=1) / np.sqrt(len(gained))):
         return f"layers of the {told} gain nothing that is sure on pieces left out ({gain:.2f}, {GAIN:g} are asked)"
-    if not _felt(levels, plane, shares(angle[known], at, kind)):
+    if not _felt(levels, plane, layer_shares(angle[known], at, kind)):
         return f"no band differs by what is felt ({BAND_DB:g} dB) over the {told}"
     near = np.full(len(pieces), -1)
-    share = shares(angle[known], at, kind)
+    share = layer_shares(angle[known], at, kind)
     near[known] = np.where(share.max(axis=1) > OWN_SHARE, np.argmax(share, axis=1), -1)
     if np.bincount(near[near >= 0], minlength=len(at)).min() < LAYER_PIECES:
         near[known] = np.argmax(share, axis=1)
     return Layers(kind, at, gain, near)
-
-
-def shares(angle_rad: Array, at_rad: Array, by: str) -> Array:
-    """Weights (n, k) of layers at angles (n,), as `Texture.layer_share` has them."""
-    period = PERIOD_RAD[by]
-    if np.isinf(period):
-        return np.stack([np.interp(angle_rad, at_rad, row) for row in np.eye(len(at_rad))], axis=1)
-    return np.stack([np.interp(angle_rad, at_rad, row, period=period) for row in np.eye(len(at_rad))], axis=1)
 
 
 def _levels(pieces: Pieces, rate_Hz: float) -> Array:
@@ -157,7 +149,7 @@ def _places(angle_rad: Array, by: str) -> Iterator[Array]:
                 if size.min() < LAYER_PIECES:
                     break
                 at = at + np.array([off[near == i, i].mean() for i in range(count)])
-            at = np.sort(at if np.isinf(period) else at % period)
+            at = np.sort(at if np.isinf(period) else at % period % period)  # once: a hair below 0 is the period
             gaps = np.diff(at if np.isinf(period) else np.append(at, at[0] + period))
             alike = any(np.abs(away(at) - away(other)).max() < SAME_RAD for other in found)
             if size.min() >= LAYER_PIECES and gaps.min() > APART_RAD[by] and not alike:

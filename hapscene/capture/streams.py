@@ -99,6 +99,8 @@ def clean(
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m, "torque_Nm": torque_Nm}
     others |= {"grip_force_N": grip_force_N, "contact_angle_rad": contact_angle_rad}
     low = {n: None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items()}
+    if low["contact_angle_rad"] is not None:
+        low["contact_angle_rad"] = np.abs(low["contact_angle_rad"])  # a tilt to either side is one
     if direction_rad is not None:
         direction_rad = _turning(_stream("direction_rad", direction_rad, count), rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)

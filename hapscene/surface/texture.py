@@ -407,16 +407,7 @@ class Texture:
 
     def layer_share(self, third_rad: ArrayLike) -> Array:
         """Weights (n, k) of the layers at angles (n,) of the third variable: of the two beside each, sum 1."""
-        at, period = self.layer_at_rad, PERIOD_RAD[self.layer_by]
-        angle = np.nan_to_num(np.asarray(third_rad, dtype=np.float64))
-        if period < math.inf:
-            ends = np.concatenate((at, [at[0] + period]))
-            angle = at[0] + (angle - at[0]) % period
-        else:
-            ends = at
-        columns = [np.interp(angle, ends, row) for row in np.eye(len(ends))]
-        columns[0] = columns[0] + (columns.pop() if len(ends) > len(at) else 0.0)
-        return np.stack(columns, axis=1)
+        return layer_shares(third_rad, self.layer_at_rad, self.layer_by)
 
     @property
     def states(self) -> "tuple[Texture, ...]":
@@ -597,6 +588,13 @@ def _check_states(texture: Texture) -> None:
             f"texture: dwell_s must be two times from {DWELL_MIN_S} to {DWELL_MAX_S:g} s, in this state and in the "
             f"other, not {dwell.ravel()[:3].tolist()}"
         )
+
+
+def layer_shares(third_rad: ArrayLike, at_rad: Array, by: str) -> Array:
+    """Weights (n, k) of layers at `at_rad` (k,) at angles (n,), as `Texture.layer_share`; an unknown angle is 0."""
+    angle = np.nan_to_num(np.asarray(third_rad, dtype=np.float64))
+    period = PERIOD_RAD[by] if math.isfinite(PERIOD_RAD[by]) else None
+    return np.stack([np.interp(angle, at_rad, row, period=period) for row in np.eye(len(at_rad))], axis=1)
 
 
 def _check_layers(texture: Texture) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hapscene.capture import fit
-from hapscene.capture.layer_fit import Layers, find_layers, shares
+from hapscene.capture.layer_fit import Layers, find_layers
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.report import report
 from hapscene.capture.streams import Streams
@@ -16,7 +16,7 @@ from hapscene.capture.texture_pieces import Pieces, cut, pooled
 from hapscene.dsp.ar_filter import power_gain, power_response
 from hapscene.errors import CaptureError
 from hapscene.surface.swatch_summary import lines
-from hapscene.surface.texture import PERIOD_RAD
+from hapscene.surface.texture import PERIOD_RAD, layer_shares
 
 RATE = 2500.0
 LOW, HIGH = (
@@ -113,6 +113,22 @@ def test_recordings_of_one_direction_each_are_pooled_into_layers():
     assert isinstance(found, Layers) and np.all(found.near[np.isnan(both.direction_rad)] == -1)
 
 
+@pytest.mark.parametrize("by", ["axis", "direction", "contact_angle"])
+def test_an_angle_a_hair_below_0_is_0(by):
+    """As of a recording to and fro, whose direction is half a turn but for what is rounded."""
+    rng, parts = np.random.default_rng(3), []
+    for way, voice in ((0.0, 0.9), (0.5 * np.pi, 0.1)):
+        force, speed, _ = stroke(rng, 8.0, "line")
+        y = heard(rng, force, speed, np.full(len(force), voice))
+        angle = np.full(len(y), -1e-17 + way + (np.arange(len(y)) // 1250 % 2 * np.pi if by == "axis" else 0.0))
+        stream = {"contact_angle_rad" if by == "contact_angle" else "direction_rad": angle}
+        recording = SurfaceRecording(RATE, y, force, speed, None)
+        parts.append(prepare(replace(recording, **stream)))
+    swatch = fit_parts(parts, order=6, model_count=1)
+    assert swatch.texture is not None and len(swatch.texture.layers) == 2
+    np.testing.assert_allclose(swatch.texture.layer_at_rad, [0.0, 0.5 * np.pi], atol=0.02)
+
+
 @pytest.fixture(scope="module")
 def turning():
     """A stroke over a surface whose axis is felt, and what is fitted to it."""
@@ -174,8 +190,9 @@ def test_the_angle_of_the_tool_makes_layers_on_a_line():
     assert np.array_equal(texture.layer_share([-1.0, 2.0])[:, [0, -1]], [[1.0, 0.0], [0.0, 1.0]])  # held at the ends
 
 
-def test_shares_are_those_of_the_texture(turning):
-    texture = turning[2].texture
-    angle = np.linspace(-7.0, 7.0, 99)
-    np.testing.assert_allclose(shares(angle, texture.layer_at_rad, "axis"), texture.layer_share(angle), atol=1e-12)
-    np.testing.assert_allclose(texture.layer_share(angle).sum(axis=1), 1.0)
+def test_shares_go_in_straight_lines_from_layer_to_layer_and_round():
+    at = np.array([0.5, 2.0])
+    angle = [0.5, 0.875, 2.0, np.pi, 0.5 + np.pi, 0.5 - np.pi, 0.25]
+    over = (np.pi - 2.0) / (np.pi - 1.5)  # from 2 on to 0.5 + π
+    expected = [1.0, 0.75, 0.0, over, 1.0, 1.0, 1.0 - 0.25 / (np.pi - 1.5)]
+    np.testing.assert_allclose(layer_shares(angle, at, "axis"), np.transpose([expected, 1.0 - np.array(expected)]))
