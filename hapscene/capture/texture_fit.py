@@ -144,7 +144,8 @@ def _missed(texture: Texture, pieces: Pieces, lags: Array) -> Array:
     a, _ = texture.models(pieces.force_N, pieces.speed_m_s)
     shape = np.log(residual_power(predictor(a, texture.warp), lags) / lags[:, 0])
     power = pieces.power_m2_s4
-    level = np.log(texture.power(pieces.force_N, pieces.speed_m_s) / np.maximum(power, 1e-9 * power.mean()))
+    least = 1e-9 * power.mean()  # of a piece, or of a place where the texture is silent
+    level = np.log(np.maximum(texture.power(pieces.force_N, pieces.speed_m_s), least) / np.maximum(power, least))
     return np.stack([shape, level**2])
 
 

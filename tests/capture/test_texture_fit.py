@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter, lfiltic
 
 from hapscene.capture.metric import log_spectral_distance, model_spectrum
-from hapscene.capture.texture_fit import PIECES_PER_MODEL, _cluster, _corners, choose_model_count, fit_texture
+from hapscene.capture.texture_fit import PIECES_PER_MODEL, _cluster, _corners, _missed, choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import Pieces
 from hapscene.dsp.ar_filter import power_gain
 from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
@@ -172,3 +172,12 @@ def test_a_warped_texture_has_the_recordings_power_and_spectrum():
     truth = model_spectrum(filter_of(300.0), 1.0, RATE_HZ, frequency)
     found = texture.density([1.0], [0.1], frequency_Hz=frequency)[0]
     assert log_spectral_distance(found, truth, frequency) < 1.0
+
+
+def test_a_piece_where_a_texture_is_silent_is_missed_by_much_but_not_without_end():
+    part = pieces(np.ones(12), np.full(12, 0.1))
+    texture = fit_texture(part, RATE_HZ, 2, 1)
+    lifted = Pieces(part.acceleration_m_s2, 0.0 * part.force_N, part.speed_m_s, part.start)
+    lags = autocorrelation(tapered(part.acceleration_m_s2, RATE_HZ), 2)
+    assert np.all(_missed(texture, lifted, lags)[1] > 100.0 * _missed(texture, part, lags)[1])
+    assert np.all(np.isfinite(_missed(texture, lifted, lags)))
