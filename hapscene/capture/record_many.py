@@ -66,9 +66,11 @@ def record_many(
 
     spawn, clock = multiprocessing.get_context("spawn"), uuid.uuid4().hex
     stop = spawn.RawValue("b", 0)
-    sources = [_Source(spawn, *each, baud, duration_s, clock, stop) for each in zip(ports, paths, strict=True)]
+    sources: list[_Source] = []
     shown_s, period_s = time.monotonic(), TERMINAL_S if sys.stdout.isatty() else LOG_S
     try:
+        begun = (_Source(spawn, *each, baud, duration_s, clock, stop) for each in zip(ports, paths, strict=True))
+        sources.extend(begun)  # one by one: where one cannot begin, those before it are ended
         while any([source.look(say) is None for source in sources]):
             time.sleep(POLL_S)
             stop.value = stop.value or stopped()
