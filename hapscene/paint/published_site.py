@@ -36,7 +36,7 @@ from hapscene.surface.library import (
     swatch_place,
     write_index,
 )
-from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import TOOL_FIELDS, Swatch, touched_with
 from hapscene.surface.swatch_file import BYTES_MAX, SUFFIX, swatch_from_json
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S, lines
 from hapscene.view.chart import inline_svg, new_chart
@@ -224,7 +224,7 @@ def swatch_page(
     where = [
         ("provenance", _text(swatch.provenance) or "not stated"),
         ("licence", _licence(swatch)),
-        ("touched with", _text(", ".join(filter(None, (swatch.tool, swatch.tip)))) or "not stated"),
+        ("touched with", _text(touched_with(swatch)) or "not stated"),
         ("words", _tags(entry) or "none"),
         ("file", f'<a href="{stem}{SUFFIX}" download>{escape(entry.file)}</a>, {entry.bytes:,} bytes'),
         ("sha256", f"<code>{entry.sha256}</code>"),
@@ -283,7 +283,8 @@ def _row(swatch: Swatch, phrase: Phrase) -> str:
 
 def _numbers(swatch: Swatch) -> str:
     """What is told of it in lines, without what stands above them already."""
-    kept = (line for line in lines(swatch)[2:] if not line.startswith(("  provenance ", "  licence ")))
+    above = tuple(f"  {what} " for what in ("provenance", "licence", *TOOL_FIELDS))
+    kept = (line for line in lines(swatch)[2:] if not line.startswith(above))
     return escape("\n".join(map(printable, kept)))
 
 
