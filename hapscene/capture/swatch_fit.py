@@ -152,6 +152,7 @@ def fit_parts(
     if third not in (None, "auto", *THIRDS):
         raise CaptureError(f'third must be "auto", None or one of {", ".join(THIRDS)}, is {third!r}')
     friction, taps, contact = fit_friction(parts), fit_taps(parts), fit_contact(parts)
+    ranges = felt(parts)
     intervals = friction.intervals | taps.intervals | contact.intervals
     absent = friction.absent | taps.absent | contact.absent
     numbers: dict[str, Any] = dict(contact.numbers)
@@ -184,7 +185,7 @@ def fit_parts(
         texture=texture,
         taps=taps.taps,
         leaving=contact.leaving,
-        provenance=" ".join(filter(None, (friction.note, felt(parts)))),
+        provenance=" ".join(filter(None, (friction.note, ranges and f"Recorded with {ranges}."))),
         tool=tool,
         tip=tip,
         intervals=intervals,
@@ -193,7 +194,7 @@ def fit_parts(
 
 
 def felt(parts: Sequence[Part]) -> str:
-    """In which ranges the streams beside force and speed were while the tool slid, or at all: for a reader."""
+    """In which ranges the streams beside force and speed were while the tool slid, or at all; "" without any."""
     said = []
     for name, (word, scale, unit) in FELT.items():
         found = []
@@ -206,7 +207,7 @@ def felt(parts: Sequence[Part]) -> str:
             low, high = np.quantile(np.concatenate(found), FELT_SHARES)
             ends = dict.fromkeys((f"{low:.3g}", f"{high:.3g}"))
             said.append(f"{word} {' to '.join(ends)} {unit}".replace(" °", "°"))
-    return f"Recorded with {', '.join(said)}." if said else ""
+    return ", ".join(said)
 
 
 FELT: Final = {

@@ -1,18 +1,15 @@
-"""`hapscene capture`: the group of commands of haptography."""
+"""`hapscene capture`: the group of commands of haptography; here those that fit, and judge a fit."""
 
 import argparse
 import math
 import os
-import re
-import shutil
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from hapscene.command.console import complain, name_made, note, say, tell, tell_over
+from hapscene.command.console import complain, name_made, say, tell, tell_over
 from hapscene.command.options import (
     add_command,
     add_group,
@@ -22,25 +19,19 @@ from hapscene.command.options import (
     add_recording_options,
     add_workers,
     base_name,
-    baud,
     check_swatch,
     check_there,
     new_file,
     number,
-    pairs,
-    port,
     recording_options,
-    seconds,
     whole,
 )
+from hapscene.command.record import add_coverage, add_join, add_record
 from hapscene.constants import ORDER_MAX
 from hapscene.errors import CaptureError, SwatchError, printable
-from hapscene.wire.port import BAUD
 
 if TYPE_CHECKING:
     from hapscene.capture.batch import ManifestEntry, Result
-    from hapscene.capture.coverage import Wanted
-    from hapscene.capture.record import Made
     from hapscene.surface.swatch import Swatch
 
 
@@ -69,6 +60,10 @@ def add_fit(commands: Any) -> None:
     )
     add_fit_options(command)
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
+    command.add_argument(
+        "--direction", type=_directions, metavar="DEG,…",
+        help="of sliding, instead of what the recordings say: one for all or one each, as 0,90 of two along and across",
+    )  # fmt: skip
     add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
     add_recording_options(command)
     add_layout_option(command)
@@ -83,6 +78,7 @@ def _fit(options: argparse.Namespace) -> int:
           --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'
       hapscene capture fit oak.npz --plot states.png
+      hapscene capture fit along.npz across.npz -o oak.swatch --direction 0,90   # layers, where they differ
       hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
       hapscene capture fit sensor_data/accel/17 --layout cluster --name denim -o denim.swatch
     """
@@ -126,13 +122,18 @@ def _is_batch(options: argparse.Namespace) -> bool:
             f"{options.out}: a swatch's file name must end in {SUFFIX}; a folder, for a swatch of each recording, "
             f"is named with a slash: -o {options.out}/"
         )
-    for name in ("name", "plot"):
+    for name in ("name", "plot", "direction"):
         if getattr(options, name) is not None:
             raise CaptureError(
                 f"--{name} is for one swatch: leave it out, or name a file, as in -o oak{SUFFIX}; here each recording "
                 f"has a swatch of its own in {options.out}"
             )
     return True
+
+
+def _directions(text: str) -> list[float]:
+    """Directions as in "0,90"."""
+    return [number("a direction is a number of degrees", -360.0, 360.0)(part) for part in text.split(",")]
 
 
 def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
@@ -147,19 +148,27 @@ def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
 def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    import numpy as np
+
     from hapscene import __version__
     from hapscene.capture.recording_file import load_recording
     from hapscene.capture.segment import InteractionState
     from hapscene.capture.segment_plot import WORDS, write_states
-    from hapscene.capture.swatch_fit import fit_parts, prepare
+    from hapscene.capture.swatch_fit import felt, fit_parts, prepare
     from hapscene.files import refusing
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
 
-    parts = []
-    for path in options.recordings:
+    parts, count = [], len(options.recordings)
+    directions = options.direction or [None]
+    if len(directions) not in (1, count):
+        raise CaptureError(f"--direction: {len(directions)} for {count} recordings: give one for all, or one each")
+    for path, direction in zip(options.recordings, directions * (count // len(directions)), strict=True):
         with step(say, f"reading {path}"):
             recording = [load_recording(path, **recording_options(options))]
+            if direction is not None:
+                length = len(recording[0].acceleration_m_s2)
+                recording[0] = replace(recording[0], direction_rad=np.full(length, math.radians(direction)))
             with refusing(CaptureError, path):
                 parts.append(prepare(recording.pop()))  # a long one is as large as what is made of it
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
@@ -174,12 +183,12 @@ def _fit_one(options: argparse.Namespace) -> int:
     provenance = f"Fitted by hapscene {__version__} to {files}. {swatch.provenance}".strip()
     swatch = replace(swatch, provenance=provenance)
     save_swatch(swatch, options.out)
-    tell(_told(swatch))
+    tell(_told(swatch, felt(parts)))
     name_made([Path(options.out), *made])
     return 0
 
 
-def _told(swatch: "Swatch") -> list[str]:
+def _told(swatch: "Swatch", ranges: str) -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
     from hapscene.capture.tap_fit import SPEED_RATIO
     from hapscene.surface.swatch import TOOL_FIELDS
@@ -224,8 +233,8 @@ def _told(swatch: "Swatch") -> list[str]:
         )
     if taps is not None:
         lines.append(f"  (taps at speeds within {100 * (SPEED_RATIO - 1):.0f} % count as one)")
-    if ranges := re.search(r"Recorded with (.*)\.", swatch.provenance):
-        lines.append(f"  recorded with {ranges[1]}")
+    if ranges:
+        lines.append(f"  recorded with {ranges}")
     if swatch.intervals:
         lines.append("  in brackets: 95 % intervals")
     lines += [f"  absent: {name}: {reason}" for name, reason in swatch.absent.items()]
@@ -421,255 +430,6 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
-
-
-# `hapscene capture record`.
-
-
-RATE_TOLERANCE: Final = 0.02
-"""How far the samples that come may be off the announced rate before it is told [1]."""
-
-
-def add_record(commands: Any) -> None:
-    command = add_command(commands, "record", _record)
-    command.add_argument(
-        "--port", required=True, action="append",
-        help="of the probe: /dev/ttyUSB0, COM3, …; given more than once: of several, recorded side by side",
-    )  # fmt: skip
-    command.add_argument("--baud", type=baud, default=BAUD, help=f"speed of the port (default {BAUD})")
-    command.add_argument("--seconds", type=seconds, metavar="N", help="how much to record (default: until Ctrl-C)")
-    told = (
-        "the file to write: .hsrec (crash-safe), or .npz at the end; none is replaced (default recording.hsrec); of "
-        "several probes recording-1.hsrec, recording-2.hsrec, …"
-    )
-    add_out_file(command, "FILE", told)
-    add_coverage_options(command, "show on a page what the fit still lacks, and end when more would not help")
-
-
-def _record(options: argparse.Namespace) -> int:
-    """Record from an accelerometer or force probe on a serial port, or from several (docs/probe-protocol.md).
-
-    for example:
-      hapscene capture record --port /dev/ttyUSB0
-      hapscene capture record --port COM3 --baud 2000000 --seconds 10 -o stroke.npz
-      hapscene capture record --port /dev/ttyUSB0 --live --force-range 0.5:2   # guided by a page
-      hapscene capture record --port /dev/ttyUSB0 --port /dev/ttyUSB1   # as recording-1.hsrec and recording-2.hsrec
-      python -m hapscene.capture.record_simulator   # a probe to try it with, without hardware
-    """
-    from hapscene.capture.coverage_server import CoverageProcess
-    from hapscene.capture.record import record
-    from hapscene.capture.record_file import SUFFIX
-    from hapscene.interrupt import interrupt_noted
-
-    options.out = options.out or f"recording{SUFFIX}"
-    if len(options.port) > 1:
-        if options.live:
-            raise CaptureError("--live is for one probe: leave it out, or name one --port")
-        return _record_many(options)
-    place = Path(options.out).with_suffix(SUFFIX)
-    was_there = place.exists()
-    with ExitStack() as stack:
-        noted, live = stack.enter_context(interrupt_noted()), None
-        if options.live:
-            live = stack.enter_context(CoverageProcess(_wanted(options), options.page_port))
-            _say_line(f"the page: {live.url}")
-
-        def stopped() -> bool:
-            return noted() or (live is not None and live.done)
-
-        watch = () if live is None else (live,)
-        try:
-            made = record(options.port[0], options.out, options.baud, options.seconds, stopped, _say_line, watch=watch)
-        except KeyboardInterrupt:
-            if was_there or not place.exists():
-                raise
-            complain(f"interrupted; what was recorded until then is in {place}")
-            return 130
-    _say_line(str(made))
-    _note_rate(made)
-    tell((live and live.lines) or [])
-    name_made([made.path])
-    return 0 if made.well else 1
-
-
-def _note_rate(made: "Made", which: str = "the probe") -> None:
-    """Notes what a user should know of the probe itself."""
-    if made.rate_measured_Hz is not None and abs(made.rate_measured_Hz / made.rate_Hz - 1.0) > RATE_TOLERANCE:
-        note(f"{which} announced {made.rate_Hz:g} Hz; by this computer's clock it is {made.rate_measured_Hz:.4g} Hz")
-    if made.count.restarts:
-        note(f"{which} began anew {made.count.restarts} times")
-
-
-def _record_many(options: argparse.Namespace) -> int:
-    from hapscene.capture.record_many import record_many
-    from hapscene.interrupt import interrupt_noted
-
-    live, line_open = sys.stdout.isatty(), False
-
-    def show(line: str) -> None:
-        nonlocal line_open
-        line_open = live
-        tell_over(line[: shutil.get_terminal_size().columns - 1]) if live else tell([line])
-
-    def say_below(line: str) -> None:
-        nonlocal line_open
-        _say_line(f"{chr(10) * line_open}{line}")
-        line_open = False
-
-    with interrupt_noted() as stopped:
-        results = record_many(
-            options.port, options.out, options.baud, options.seconds, stopped=stopped, say=say_below, show=show
-        )
-    made = [result for result in results if not isinstance(result, str)]
-    for each in made:
-        _note_rate(each, each.path.name)
-    if made:
-        name_made([each.path for each in made])
-    return 0 if len(made) == len(results) and all(each.well for each in made) else 1
-
-
-def _say_line(line: str) -> None:
-    say(f"{line}\n")
-
-
-# `hapscene capture coverage`.
-
-
-def add_coverage(commands: Any) -> None:
-    command = add_command(commands, "coverage", _coverage)
-    command.add_argument("recording", metavar="RECORDING", help="CSV, text, WAV, NPZ, MAT or .hsrec")
-    add_coverage_options(command, "play it back on the page of `capture record --live`")
-    add_recording_options(command)
-
-
-def add_coverage_options(command: argparse.ArgumentParser, live: str) -> None:
-    """Adds --live, --page-port, and what is wanted of a recording."""
-    command.add_argument("--live", action="store_true", help=live)
-    command.add_argument("--page-port", type=port, default=0, metavar="N", help="of that page (default: any)")
-    command.add_argument("--force-range", type=_range, metavar="N:N", help="forces wanted (default 0.3:3)")
-    command.add_argument("--speed-range", type=_range, metavar="MM/S:MM/S", help="speeds wanted (default 20:300)")
-    command.add_argument("--taps", type=whole("a number of taps", 0), default=3, help="taps wanted (default 3)")
-    command.add_argument(
-        "--full-scale", type=pairs, default={}, metavar="Q=VALUE,…",
-        help="what sensors reach, in m/s², N and m/s, as acceleration=78,force=10; without, flat tops tell",
-    )  # fmt: skip
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, colon, high = text.partition(":")
-    with suppress(ValueError):
-        if colon and 0.0 < float(low) < float(high) < math.inf:
-            return float(low), float(high)
-    raise argparse.ArgumentTypeError(f"{text[:40]!r}: expected LOW:HIGH, both above 0, as in 0.5:2")
-
-
-def _wanted(options: argparse.Namespace) -> "Wanted":
-    from hapscene.capture.coverage import FORCE_N, SPEED_M_S, Wanted
-
-    low, high = options.speed_range or (1e3 * SPEED_M_S[0], 1e3 * SPEED_M_S[1])
-    full_scale = {}
-    for quantity, text in options.full_scale.items():
-        try:
-            full_scale[quantity] = float(text)
-        except ValueError:
-            raise CaptureError(f"--full-scale {quantity}={text[:40]}: expected a number") from None
-    return Wanted(options.force_range or FORCE_N, (1e-3 * low, 1e-3 * high), options.taps, full_scale)
-
-
-def _coverage(options: argparse.Namespace) -> int:
-    """Tell what a recording holds over force and speed, and what more would help a fit.
-
-    for example:
-      hapscene capture coverage stroke.hsrec
-      hapscene capture coverage oak.csv --rate 10000 --units acceleration=m/s2,speed=mm/s,force=N --force-range 0.5:2
-      hapscene capture coverage stroke.hsrec --live     # played back on the page
-    """
-    check_there(options.recording, CaptureError)
-    from hapscene.capture.coverage_server import BEAT_S, CoveragePage, LiveCoverage, blocks_of, table
-    from hapscene.capture.recording_file import load_recording
-    from hapscene.interrupt import interrupt_noted
-
-    wanted = _wanted(options)
-    recording = load_recording(options.recording, **recording_options(options))
-    rows = {"acceleration": recording.acceleration_m_s2, "force": recording.force_N, "speed": recording.speed_m_s}
-    rows["tangential_force"] = recording.tangential_force_N
-    streams = {name: row for name, row in rows.items() if row is not None}
-    live = LiveCoverage(wanted)
-    live.start(recording.rate_Hz, tuple(streams))
-    assert live.coverage is not None
-    with ExitStack() as stack:
-        noted = stack.enter_context(interrupt_noted())
-        if options.live:
-            _say_line(f"the page: {stack.enter_context(CoveragePage(live, port=options.page_port)).url}")
-        begun_s = time.monotonic()
-        for first, block in blocks_of(streams, recording.rate_Hz):
-            if noted() or live.stopped.is_set():
-                break
-            live.feed(first, block)
-            if options.live:
-                live.publish()
-                time.sleep(max(0.0, begun_s + first / recording.rate_Hz + BEAT_S - time.monotonic()))
-        live.end("the recording is over")
-        live.publish()
-    tell(table(live.coverage))
-    return 0
-
-
-# `hapscene capture join`.
-
-
-def add_join(commands: Any) -> None:
-    command = add_command(commands, "join", _join)
-    command.add_argument(
-        "recordings", metavar="RECORDING", nargs="+", help="CSV, text, WAV, NPZ, MAT or .hsrec, two or more"
-    )
-    add_out_file(command, "FILE", "the .npz file to write (default joined.npz)")
-    command.add_argument(
-        "--within", type=number("milliseconds are", 0.1, 1000.0), metavar="MS",
-        help="how well the clocks must be known, the 95 %% interval to either side (default 5)",
-    )  # fmt: skip
-    add_recording_options(command, several=True)
-
-
-def _join(options: argparse.Namespace) -> int:
-    """Join recordings of one event, made by different devices, into one file with one clock.
-
-    Offset and drift of the clocks are found by taps that both felt, else by how their envelopes rise and fall
-    together, and told with their 95 % interval; where they are not certain, nothing is written. Records made side by
-    side (`hapscene capture record --port … --port …`) know each other by the computer's clock, to some 20 ms.
-
-    for example:
-      hapscene capture join handle.csv plate.wav -o oak.npz --rate 1000 --columns force=Fz --units force=N
-      hapscene capture join recording-1.hsrec recording-2.hsrec -o oak.npz
-      hapscene capture fit oak.npz --units 'acceleration=98 m/s2'
-    """
-    from hapscene.capture.clock_offset import WITHIN_S
-    from hapscene.capture.recording_join import join
-
-    for path in options.recordings:
-        check_there(path, CaptureError)
-    options.out = options.out or new_file("joined.npz", "-o")
-    within_s = WITHIN_S if options.within is None else 1e-3 * options.within
-    made = join(
-        options.recordings,
-        options.out,
-        rates_Hz=options.rates,
-        columns=options.columns,
-        units=options.units,
-        within_s=within_s,
-    )
-    lines = [f"{printable(path.name)}: {known}" for path, known in made.offsets.items()]
-    shared = f"{made.duration_s:.3f} s at {made.rate_Hz:g} Hz, by the clock of {printable(made.leader.name)}"
-    tell([*lines, f"{shared}: {', '.join(made.names)}"])
-    for path, known in made.offsets.items():
-        if known.by == "envelopes":
-            note(f"{path.name}: of unlike quantities; what a sensor's filter delays counts as offset")
-        if known.by == "clock":
-            note(
-                f"{path.name} tells no offset by itself: the computer's clock knows it to {1e3 * known.interval_s:g} ms"
-            )
-    name_made([made.path])
-    return 0
 
 
 # `hapscene capture report`.

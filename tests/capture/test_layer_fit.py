@@ -96,7 +96,7 @@ def test_a_surface_that_turns_has_layers_of_its_period(kind, by):
 
 
 def test_recordings_of_one_direction_each_are_pooled_into_layers():
-    """As of the LMT: one recording along x, one along y. Where a recording says no direction, the others do."""
+    """One recording along, one across. Where a recording says no direction, the others do."""
     rng, parts = np.random.default_rng(3), []
     for way, voice in ((0.0, 0.9), (np.pi / 2.0, 0.1)):
         force, speed, _ = stroke(rng, 8.0, "line")
