@@ -71,9 +71,9 @@ def clean(
     """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it. A direction may turn round and round. Streams
-    that the caller does not hold are let go once they are used: of a long recording each is as large as all that is
-    done with it.
+    Depth grows into the surface; it is negative above it. A direction may turn round and round; a tilt to either side
+    is one. Streams that the caller does not hold are let go once they are used: of a long recording each is as large as
+    all that is done with it.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
@@ -99,8 +99,10 @@ def clean(
     others = {"tangential_force_N": tangential_force_N, "depth_m": depth_m, "torque_Nm": torque_Nm}
     others |= {"grip_force_N": grip_force_N, "contact_angle_rad": contact_angle_rad}
     low = {n: None if s is None else _low_passed(_stream(n, s, count), rate_Hz) for n, s in others.items()}
-    if low["contact_angle_rad"] is not None:
-        low["contact_angle_rad"] = np.abs(low["contact_angle_rad"])  # a tilt to either side is one
+    if (tilt := low["contact_angle_rad"]) is not None:
+        low["contact_angle_rad"] = tilt = np.abs(tilt)  # to either side is one
+        if (most := float(tilt.max())) > np.pi:
+            raise CaptureError(f"the contact angle reaches {most:.4g} rad, beyond a straight line: is its unit right?")
     if direction_rad is not None:
         direction_rad = _turning(_stream("direction_rad", direction_rad, count), rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)

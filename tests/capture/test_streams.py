@@ -97,3 +97,12 @@ def test_an_angle_that_turns_round_is_cleaned_as_an_angle() -> None:
     assert streams.torque_Nm is None and streams.contact_angle_rad is None
     half = part_of(streams, slice(0, 500))
     assert np.array_equal(half.direction_rad, streams.direction_rad[:500])
+
+
+def test_a_tilt_has_no_sign_and_a_unit() -> None:
+    tilt = 0.3 * np.sin(np.arange(len(NOISE)) / 300.0)
+    streams = clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=tilt)
+    assert streams.contact_angle_rad is not None
+    np.testing.assert_allclose(streams.contact_angle_rad, np.abs(tilt), atol=0.01)
+    with pytest.raises(CaptureError, match=r"reaches 17.* rad, .*: is its unit right"):
+        clean(NOISE, RATE_HZ, 1.0, 0.1, contact_angle_rad=np.degrees(tilt))
