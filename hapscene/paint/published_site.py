@@ -284,7 +284,7 @@ def _row(swatch: Swatch, phrase: Phrase) -> str:
 def _numbers(swatch: Swatch) -> str:
     """What is told of it in lines, without what stands above them already."""
     kept = (line for line in lines(swatch)[2:] if not line.startswith(("  provenance ", "  licence ")))
-    return escape("\n".join(map(printable, kept)))
+    return escape("\n".join(printable(line).rstrip() for line in kept))
 
 
 def _text(text: str) -> str:
