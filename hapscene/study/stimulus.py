@@ -232,8 +232,5 @@ def all_stimuli(plan: Plan) -> list[Stimulus]:
     found: list[Stimulus] = [plan.stimuli[name] for name in plan.stimuli if name in names]
     for block in plan.blocks:
         if block.kind == "staircase":
-            given = plan.stimuli[block.stimulus]
-            values = [block.reference + (-level if block.below else level) for level in (0.0, *block.levels)]
-            whole = isinstance(given[block.parameter], int)
-            found += [{**given, block.parameter: round(value) if whole else value} for value in values]
+            found += [block.varied(plan.stimuli[block.stimulus], level) for level in (0.0, *block.levels)]
     return found
