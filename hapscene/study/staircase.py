@@ -94,6 +94,17 @@ class Staircase:
         found = min(max(found, float(scale[0])), float(scale[-1]))
         return found if self._linear else math.exp(found)
 
+    def interval(self, certainty: float) -> tuple[float, float]:
+        """Where the threshold is with this probability, in the unit of the levels; open where it may lie beyond them.
+
+        Open is an end at which the outermost threshold that is thought possible is so probable that the interval
+        does not end before it: people who are never right, or always, have their threshold beyond.
+        """
+        tail = 0.5 * (1.0 - certainty)
+        low, high = self.quantile(tail), self.quantile(1.0 - tail)
+        least, most = float(self._thresholds[0]), float(self._thresholds[-1])
+        return -math.inf if low <= least * (1.0 + 1e-9) else low, math.inf if high >= most * (1.0 - 1e-9) else high
+
     @property
     def slope(self) -> float:
         """The slope of the Weibull function [1]: the mean of its posterior."""

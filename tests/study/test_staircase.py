@@ -99,6 +99,9 @@ def test_who_always_errs_and_who_never_does() -> None:
         for _ in range(15):
             staircase.add(staircase.level, right)
         assert abs(math.log(staircase.threshold / end)) < 0.7 and 0.25 <= staircase.threshold <= 8.0 + 1e-9
+        low, high = staircase.interval(0.95)
+        assert math.isinf(low) == right and math.isinf(high) == (not right) and low < staircase.threshold < high
+    assert not any(map(math.isinf, Staircase(LEVELS).interval(0.95)))  # nothing is known: nothing is claimed open
 
 
 @pytest.mark.soak
