@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -124,6 +125,16 @@ def test_a_person_alone_says_nothing_of_others(answered: Callable[..., Path]) ->
 def test_who_is_in_the_middle_is_named(count: int, answered: Callable[..., Path]) -> None:
     page = text_of(report(answered(count)))
     assert "Not at the end: P01" in page and f"P01 {count} of 34" in page
+
+
+def test_what_was_played_on_is_told_not_what_the_plan_says(answered: Callable[..., Path]) -> None:
+    folder = answered(3)
+    with Sitting(replace(parse_plan(PLAN), channel="device"), folder, "P02") as sitting:
+        sitting.answer(0, latency_s=2.0)
+    page = text_of(report(folder))
+    assert "2 of 8 people; 4 answers, 34 of each at most; device, headphones." in page
+    assert "Answers by device and headphones are counted together." in page
+    assert "heard, not felt" in page and "People moved as they liked" in page
 
 
 def test_equality_is_claimed_within_a_margin_alone(tmp_path: Path) -> None:
