@@ -132,9 +132,9 @@ def _run(options: argparse.Namespace) -> int:
             while not (noted() or server.ended.is_set() or server.fault):
                 time.sleep(NAP_S)
             time.sleep(0.0 if noted() else LINGER_S)
-        report = player.report()
         if server.fault:
             raise StudyError(f"{server.fault}; {sitting.done} answers are kept; {again}")
+        report = player.report()
         lines = [f"{person}: {sitting.done} of {sitting.total} answered, in {folder / 'results.csv'}"]
         lines += [f"{words}: {report[name]:.0f} times" for name, words in WRONG.items() if report.get(name)]
         lines.append(f"report: hapscene study report {folder}" if sitting.trial is None else again)

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.scene.scene import Scene
 
+DEAF_S: Final = 10.0
+"""How much longer than it lasts a sound is waited for, before what plays it counts as gone [s]."""
+
 LOOK_S: Final = 0.005
 """How often it is looked whether a sound has ended [s]."""
 
@@ -108,9 +111,10 @@ class OutputPlayer:
         return partial(self._play, self._shaped(interval))
 
     def _play(self, samples: Array) -> None:
-        ended = self._feed.give(samples)
+        ended, last_s = self._feed.give(samples), time.monotonic() + len(samples) / self._output.rate_Hz + DEAF_S
         while not (ended.wait(LOOK_S) or self._output.fault or self._closed):
-            pass
+            if time.monotonic() > last_s:
+                raise StudyError(f"{self._output.name}: takes no samples any more: was it unplugged?")
         if self._output.fault:
             raise StudyError(self._output.fault)
         time.sleep(0.0 if self._closed else self._output.latency_s)
@@ -230,6 +234,8 @@ class DevicePlayer:
         self._servo.resume()
         try:
             self._felt(stimulus)
+            if not self._closed.is_set():
+                self._servo.handle_report()  # raises where a real handle plays no more
         finally:
             if not self._closed.is_set():
                 self._servo.rest()

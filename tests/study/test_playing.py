@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.errors import HapsceneError, StudyError
+from hapscene.errors import HandleError, HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import parse_plan
@@ -112,6 +112,17 @@ def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
     player.close()
 
 
+def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(
+    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapscene.study.playing.DEAF_S", 0.1)
+    output = FakeOutput()
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    output.close()
+    with pytest.raises(StudyError, match="fake: takes no samples any more"):
+        player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
+
+
 def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
     output = FakeOutput(block=1)
     told_of = stimulus(swatch="wood", seconds=60.0)
@@ -153,7 +164,9 @@ def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None
     assert not out.any()
 
 
-def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: StimulusMaker) -> None:
+def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(
+    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     on = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=["lpc_texture", "friction"])
     off = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=[])
     player = DevicePlayer(maker, "omni", [on, off])
@@ -172,6 +185,13 @@ def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: Sti
             assert servo.state().tick == rests  # no ticks, no force, between intervals
         assert felt[0][0] > 0.1 and felt[2][0] > 0.1 and felt[1][0] == 0.0
         assert felt[0][1] > 0.05 and felt[1][1] < 0.02
+
+        def gone() -> None:
+            raise HandleError("it plays no more")
+
+        monkeypatch.setattr(servo, "handle_report", gone)
+        with pytest.raises(HandleError):
+            player.ready(Interval(off, 1))()
     finally:
         player.close()
         player.close()
