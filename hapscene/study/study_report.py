@@ -60,7 +60,7 @@ def report(folder: Path) -> str:
     """The page that `write_report` writes.
 
     Raises:
-        StudyError: no study's folder, or no answer yet.
+        StudyError: no study's folder, no answer yet, or a field that is no number.
     """
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
@@ -74,7 +74,11 @@ def report(folder: Path) -> str:
     for number, block in enumerate(plan.blocks):
         mine = [row for row in rows if row["block"] == block.name]
         body += _block(number, block, analysis, mine)
-    body += ["<h2>Each person</h2>", _people(analysis, rows), "<h2>What cannot be said</h2>", _limits(analysis, rows)]
+    try:
+        people = _people(analysis, rows)
+    except ValueError as fault:
+        raise StudyError(f"{folder / RESULTS}: an answer is not what it should be: {fault}") from None
+    body += ["<h2>Each person</h2>", people, "<h2>What cannot be said</h2>", _limits(analysis, rows)]
     items = "".join(f"<dt>{escape(name)}</dt><dd>{escape(_said(of))}</dd>" for name, of in plan.stimuli.items())
     body += ["<h2>Stimuli</h2>", f"<dl>{items}</dl>", f'<p class="muted">Plan {plan.sha256}</p>', "</main>"]
     return document(f"{plan.title}: study report", body, STYLE)

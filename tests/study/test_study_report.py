@@ -155,6 +155,14 @@ def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
     assert not (tmp_path / "report.html").exists()
 
 
+def test_a_field_that_is_no_number_is_said(answered: Callable[..., Path]) -> None:
+    folder = answered(2)
+    path = folder / "results.csv"
+    path.write_bytes(path.read_bytes().replace(b",2.500,", b",soon,"))
+    with pytest.raises(StudyError, match=r"results\.csv: an answer is not what it should be: .*soon"):
+        report(folder)
+
+
 def test_a_number_is_said_with_its_interval() -> None:
     inf = float("inf")
     assert shown(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
