@@ -173,8 +173,7 @@ def _player(plan: "Plan", folder: Path, options: argparse.Namespace) -> "Player"
             if plan.channel == "handle":
                 return handle(maker, output, stimuli, options.handle_file or "")
             player = headphones(maker, output, stimuli)
-        told = player.report()
-        say(f"{output.name}: the loudest leaves {told['headroom_dB']:.0f} dB below full scale\n")
+        say(f"{output.name}: full scale is {player.report()['full_scale_m_s2']:.3g} m/s²\n")
         return player
     except BaseException:
         output.close()

@@ -16,7 +16,7 @@ from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import EFFECTS
-from hapscene.study.stimulus import FULL_SCALE, Level, Stimulus, StimulusMaker, level_of
+from hapscene.study.stimulus import FULL_SCALE, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
 from hapscene.surface.swatch import Swatch
 
@@ -135,7 +135,7 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
     """
     if output.takes_force:
         raise StudyError(f'{output.name} takes a force, not sound: it is a handle (channel = "handle")')
-    level: Level = level_of(maker, stimuli, output.rate_Hz)
+    level = level_of(maker, stimuli, output.rate_Hz)
     clipped = 0
 
     def shaped(interval: Interval) -> Array:
@@ -145,7 +145,7 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
         return whole / FULL_SCALE
 
     def told() -> dict[str, float]:
-        return {"headroom_dB": level.headroom_dB, "full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
+        return {"full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
 
     return OutputPlayer(output, shaped, told)
 

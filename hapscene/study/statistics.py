@@ -36,7 +36,7 @@ class Finding:
     person: str
     """Whose; "" for the people that these are drawn from."""
     quantity: str
-    """threshold, slope, lapses, d′, right, first, rating or difference of ratings."""
+    """threshold, d′, right, first, rating or difference of ratings."""
     unit: str
     method: str
     estimate: Estimate
