@@ -336,6 +336,10 @@ def _block(number: int, given: Any, stimuli: Mapping[str, Mapping[str, object]])
     if kind == "rating" and not values["scale"][0] < values["scale"][1] <= values["scale"][0] + 20:
         raise StudyError(f"{where}.scale must be [lowest, highest], 2 to 21 steps, is {list(values['scale'])}")
     if kind == "staircase":
+        recorded = stimuli[values["stimulus"]]["recording"]
+        if values["parameter"] in (("force_N", "speed_m_s") if recorded else ("rate_Hz",)):
+            is_a = "recording" if recorded else "swatch"
+            raise StudyError(f"{where}.parameter: {values['parameter']} changes nothing of a {is_a}")
         values["levels"] = _levels(where, values)
     return Block(**values)
 

@@ -72,6 +72,7 @@ WRONG = {
     "scale": ("repeats = 4\n", "repeats = 4\nscale = [7, 1]\n", "blocks[0].scale must be [lowest, highest]"),
     "same name": ('name = "life"', 'name = "real"', "the name 'real' stands twice"),
     "parameter": ('"gain_dB"', '"life"', "blocks[3].parameter must be one of rate_Hz, force_N"),
+    "no effect": ('"gain_dB"', '"rate_Hz"', "blocks[3].parameter: rate_Hz changes nothing of a swatch"),
     "levels": ("[0.25, 8.0, 32]", "[0, 8.0, 32]", "blocks[3].levels must be [least, most, count]"),
     "levels out of range": ("[0.25, 8.0, 32]", "[0.25, 80.0, 32]", "gain_dB at the level"),
     "half": ('"gain_dB"', '"order"\nreference = 4.5', "blocks[3].reference must be whole, as order is; is 4.5"),
