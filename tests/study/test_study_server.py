@@ -332,6 +332,7 @@ def test_a_person_answers_by_keys_and_buttons(
         looked_at("begin")
         assert "free will" in tab.inner_text("#consent") and "3 for practice" in tab.inner_text("#practices")
         tab.click("text=I agree: begin")
+        tab.wait_for_selector("#trial:not([hidden])")
         looks, asked = set(), 0
         while sitting.trial is not None:
             state = server.state()
