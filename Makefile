@@ -22,7 +22,8 @@ test: $(READY) system
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the
 # lowest Python alone.
 FLOORS := tests/scene tests/surface tests/contact tests/exchange tests/test_recording.py \
-	tests/capture/test_recording_file.py tests/capture/test_record_file.py tests/study
+	tests/capture/test_recording_file.py tests/capture/test_record_file.py \
+	tests/study/test_staircase.py tests/study/test_statistics.py
 
 floors:
 	@if $(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then \

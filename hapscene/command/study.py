@@ -111,15 +111,16 @@ def _run(options: argparse.Namespace) -> int:
 
     plan = load_plan(options.plan)
     if options.channel and options.channel != plan.channel:
-        note(f"played by {options.channel}; the plan says {plan.channel}, and the answers will not tell")
+        note(f"played by {options.channel}; the plan says {plan.channel}")
         plan = replace(plan, channel=options.channel)
     person = options.person or next_person(folder)
-    again = f"hapscene study {options.plan} --person {person} --out {folder}"
+    again = f"to go on: the same command with --person {person}"
     with ExitStack() as stack:
         sitting = stack.enter_context(Sitting(plan, folder, person))
         if sitting.trial is None:
             raise StudyError(f"{person} has answered all {sitting.done}; --person NAME asks another")
         player = _player(plan, folder, options)
+        stack.callback(player.close)
         server = stack.enter_context(StudyServer(sitting, player, host=options.host, port=options.port))
         say(f"{person}: {sitting.done} of {sitting.total} answered\n")
         print(f"{server.url}   (Ctrl-C ends; it can be gone on with)", flush=True)
@@ -131,12 +132,12 @@ def _run(options: argparse.Namespace) -> int:
             while not (noted() or server.ended.is_set() or server.fault):
                 time.sleep(NAP_S)
             time.sleep(0.0 if noted() else LINGER_S)
-        report = player.report()
         if server.fault:
-            raise StudyError(f"{server.fault}; {sitting.done} answers are kept. To go on: {again}")
+            raise StudyError(f"{server.fault}; {sitting.done} answers are kept; {again}")
+        report = player.report()
         lines = [f"{person}: {sitting.done} of {sitting.total} answered, in {folder / 'results.csv'}"]
         lines += [f"{words}: {report[name]:.0f} times" for name, words in WRONG.items() if report.get(name)]
-        lines.append(f"go on: {again}" if sitting.trial is not None else f"report: hapscene study report {folder}")
+        lines.append(f"report: hapscene study report {folder}" if sitting.trial is None else again)
         tell(lines)
     return 0
 
@@ -172,8 +173,7 @@ def _player(plan: "Plan", folder: Path, options: argparse.Namespace) -> "Player"
             if plan.channel == "handle":
                 return handle(maker, output, stimuli, options.handle_file or "")
             player = headphones(maker, output, stimuli)
-        told = player.report()
-        say(f"{output.name}: the loudest leaves {told['headroom_dB']:.0f} dB below full scale\n")
+        say(f"{output.name}: full scale is {player.report()['full_scale_m_s2']:.3g} m/s²\n")
         return player
     except BaseException:
         output.close()

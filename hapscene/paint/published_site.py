@@ -285,7 +285,7 @@ def _numbers(swatch: Swatch) -> str:
     """What is told of it in lines, without what stands above them already."""
     above = tuple(f"  {what} " for what in ("provenance", "licence", *TOOL_FIELDS))
     kept = (line for line in lines(swatch)[2:] if not line.startswith(above))
-    return escape("\n".join(map(printable, kept)))
+    return escape("\n".join(printable(line).rstrip() for line in kept))
 
 
 def _text(text: str) -> str:

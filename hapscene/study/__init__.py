@@ -31,6 +31,10 @@ with tempfile.TemporaryDirectory() as folder, hapscene.study.Sitting(plan, folde
 | `sitting` | one person's run of a plan, crash-safe: `Sitting` |
 | `results_file` | the answers, a CSV that is only added to |
 | `simulated_person` | people whose thresholds are known: `simulate` |
+| `stimulus` | the samples or the swatch of an interval |
+| `playing` | plays it: headphones, a handle, a device |
+| `study_server` | the page on which a person answers |
+| `study_report` | the page that says what they answered |
 | `statistics` | thresholds, d′, ratings and proportions, with intervals: `analyse` |
 """
 

@@ -1,7 +1,6 @@
 """The plan of a study: a TOML file that says what is felt, what is asked and how often."""
 
 import hashlib
-import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,6 +16,9 @@ CHANNELS: Final = ("headphones", "handle", "device")
 
 PLAN_MAX_B: Final = 1 << 20
 """Largest plan [bytes]."""
+
+EFFECTS: Final = ("friction", "lpc_texture", "tap")
+"""What a stimulus may have; the wall is always there, since nothing is touched without it."""
 
 TRIALS_MAX: Final = 10_000
 """Most trials of one person [count]: a day and a half without sleep at ten seconds each."""
@@ -60,6 +62,12 @@ class Block:
     """staircase: most trials."""
     stop_within: float = 0.0
     """staircase: ends once the threshold is known to this share of itself (0.1: 10 %), 0 never."""
+
+    def varied(self, stimulus: Mapping[str, object], distance: float) -> dict[str, object]:
+        """staircase: the stimulus so far from the reference."""
+        value = self.reference + (-distance if self.below else distance)
+        whole = isinstance(stimulus[self.parameter], int)
+        return {**stimulus, self.parameter: round(value) if whole else value}
 
     @property
     def most(self) -> int:
@@ -265,7 +273,7 @@ _STIMULUS: Final[Keys] = {
     "life": (_truth, True),
     "order": (_whole(0, 400), 0),
     "gain_dB": (_number(-120.0, 40.0), 0.0),
-    "effects": (_list(_text(1, 64), 0, 32, "a list of effects' names"), ("lpc_texture",)),
+    "effects": (_list(_among(*EFFECTS), 0, len(EFFECTS), f"a list of {', '.join(EFFECTS)}"), ("lpc_texture",)),
     "compensator": (_text(), ""),
 }
 
@@ -328,6 +336,10 @@ def _block(number: int, given: Any, stimuli: Mapping[str, Mapping[str, object]])
     if kind == "rating" and not values["scale"][0] < values["scale"][1] <= values["scale"][0] + 20:
         raise StudyError(f"{where}.scale must be [lowest, highest], 2 to 21 steps, is {list(values['scale'])}")
     if kind == "staircase":
+        recorded = stimuli[values["stimulus"]]["recording"]
+        if values["parameter"] in (("force_N", "speed_m_s") if recorded else ("rate_Hz",)):
+            is_a = "recording" if recorded else "swatch"
+            raise StudyError(f"{where}.parameter: {values['parameter']} changes nothing of a {is_a}")
         values["levels"] = _levels(where, values)
     return Block(**values)
 
@@ -343,10 +355,12 @@ def _levels(where: str, values: Mapping[str, Any]) -> tuple[float, ...]:
     spaced = np.linspace(least, most, int(count)) if values["linear"] else np.geomspace(least, most, int(count))
     check, default = _STIMULUS[values["parameter"]]
     whole = type(default) is int
+    if whole and values["reference"] % 1.0:
+        raise StudyError(f"{where}.reference must be whole, as {values['parameter']} is; is {values['reference']:g}")
     levels = tuple(dict.fromkeys(float(round(level)) if whole else float(level) for level in spaced))
     for level in (0.0, *levels):
         value = values["reference"] + (-level if values["below"] else level)
         check(f"{where}: {values['parameter']} at the level {level:g}", round(value) if whole else value)
-    if len(levels) < 2 or not math.isfinite(sum(levels)):
+    if len(levels) < 2:
         raise StudyError(f"{where}.levels: {values['parameter']} is a whole number, and fewer than two values are left")
     return levels

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -14,7 +15,8 @@ from hapscene.handle.handle_file import load_handle
 from hapscene.handle.handle_output import HandleOutput
 from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import play
-from hapscene.study.stimulus import FULL_SCALE, TEXTURE, Level, Stimulus, StimulusMaker, level_of
+from hapscene.study.plan import EFFECTS
+from hapscene.study.stimulus import FULL_SCALE, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
 from hapscene.surface.swatch import Swatch
 
@@ -22,11 +24,11 @@ if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.scene.scene import Scene
 
+DEAF_S: Final = 10.0
+"""How much longer than it lasts a sound is waited for, before what plays it counts as gone [s]."""
+
 LOOK_S: Final = 0.005
 """How often it is looked whether a sound has ended [s]."""
-
-SWITCHED: Final = ("friction", TEXTURE, "tap")
-"""Effects that a stimulus switches on a device; the wall is always there, since nothing is touched without it."""
 
 PAD_M: Final = (0.16, 0.12, 0.02)
 """The pad that a device touches; its top is z = 0 [m]."""
@@ -39,13 +41,15 @@ REACH_M: Final = 0.05
 
 
 class Player(Protocol):
-    """What plays an interval."""
+    """What plays intervals."""
 
-    def play(self, interval: Interval) -> None:
-        """From its beginning until its end has been put out, or `close`.
+    def ready(self, interval: Interval) -> Callable[[], None]:
+        """Makes it, which takes long for some stimuli; what is returned plays it, as often as it is called, at once.
+
+        It plays until the end has been put out, or `close`; it raises HapsceneError where what plays it is gone.
 
         Raises:
-            HapsceneError: what it is played on is gone.
+            HapsceneError: it cannot be made.
         """
 
     def close(self) -> None:
@@ -56,29 +60,32 @@ class Player(Protocol):
 
 
 class _Samples:
-    """A `Feed`: samples once they are given, silence otherwise."""
+    """A `Feed`: samples once they are given, silence otherwise. Each side writes what is its own: nothing is locked."""
 
     def __init__(self) -> None:
-        self._given: tuple[Array, int] = np.zeros(0), 0
-        self.ended = Event()
-        self.ended.set()
+        self._given = self._now = np.zeros(0), Event()
+        self._first = 0
 
-    def give(self, samples: Array) -> None:
-        self.ended.clear()
-        self._given = samples, 0
+    def give(self, samples: Array) -> Event:
+        """Have them played; the event is set once all were pulled."""
+        self._given = samples, Event()
+        return self._given[1]
 
     def pull(self, out: Array) -> None:
-        samples, first = self._given
-        part = samples[first : first + len(out)]
+        if self._now is not self._given:
+            self._now, self._first = self._given, 0
+        samples, ended = self._now
+        part = samples[self._first : self._first + len(out)]
         out[: len(part)] = part
         out[len(part) :] = 0.0
-        self._given = samples, first + len(part)
+        self._first += len(part)
         if len(part) < len(out):
-            self.ended.set()
+            ended.set()
 
     def fade_in(self) -> None:
-        """A sound that was broken off is not taken up in its middle."""
-        self._given = np.zeros(0), 0
+        """A sound that was broken off begins anew."""
+        if not self._now[1].is_set():
+            self._first = 0
 
     def hear(self, numbers: NDArray[np.int64], force_N: Array, acceleration_m_s2: Array) -> None:
         """Nothing learns."""
@@ -100,12 +107,16 @@ class OutputPlayer:
         self._feed, self._closed = _Samples(), False
         output.start(self._feed)
 
-    def play(self, interval: Interval) -> None:
-        self._feed.give(self._shaped(interval))
-        while not (self._feed.ended.wait(LOOK_S) or self._output.fault or self._closed):
-            pass
+    def ready(self, interval: Interval) -> Callable[[], None]:
+        return partial(self._play, self._shaped(interval))
+
+    def _play(self, samples: Array) -> None:
+        ended, last_s = self._feed.give(samples), time.monotonic() + len(samples) / self._output.rate_Hz + DEAF_S
+        while not (ended.wait(LOOK_S) or self._output.fault or self._closed):
+            if time.monotonic() > last_s:
+                raise StudyError(f"{self._output.name}: takes no samples any more: was it unplugged?")
         if self._output.fault:
-            raise StudyError(f"{self._output.fault}; mend it and go on with the same command")
+            raise StudyError(self._output.fault)
         time.sleep(0.0 if self._closed else self._output.latency_s)
 
     def close(self) -> None:
@@ -124,7 +135,7 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
     """
     if output.takes_force:
         raise StudyError(f'{output.name} takes a force, not sound: it is a handle (channel = "handle")')
-    level: Level = level_of(maker, stimuli, output.rate_Hz)
+    level = level_of(maker, stimuli, output.rate_Hz)
     clipped = 0
 
     def shaped(interval: Interval) -> Array:
@@ -134,7 +145,7 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
         return whole / FULL_SCALE
 
     def told() -> dict[str, float]:
-        return {"headroom_dB": level.headroom_dB, "full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
+        return {"full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
 
     return OutputPlayer(output, shaped, told)
 
@@ -212,15 +223,19 @@ class DevicePlayer:
             self._servo.close()
             raise
 
-    def play(self, interval: Interval) -> None:
-        stimulus = interval.stimulus
-        self._scene.swatches[self._scene.bodies[0].face_swatch[0]] = self._maker.swatch(stimulus)
+    def ready(self, interval: Interval) -> Callable[[], None]:
+        return partial(self._play, interval.stimulus, self._maker.swatch(interval.stimulus))
+
+    def _play(self, stimulus: Stimulus, swatch: Swatch) -> None:
+        self._scene.swatches[self._scene.bodies[0].face_swatch[0]] = swatch
         self._servo.repaint(self._scene)
-        for effect in SWITCHED:
-            self._servo.mute(effect, effect not in stimulus["effects"])  # type: ignore[operator]
+        for effect in EFFECTS:
+            self._servo.mute(effect, effect not in stimulus["effects"])
         self._servo.resume()
         try:
             self._felt(stimulus)
+            if not self._closed.is_set():
+                self._servo.handle_report()  # raises where a real handle plays no more
         finally:
             if not self._closed.is_set():
                 self._servo.rest()

@@ -15,20 +15,9 @@ from hapscene.errors import StudyError, warn
 from hapscene.files import naming, read_bytes, refusing
 
 COLUMNS: Final = (
-    *(
-        "person",
-        "place",
-        "channel",
-        "trial",
-        "block",
-        "kind",
-        "stimulus_1",
-        "stimulus_2",
-        "stimulus_3",
-        "parameter",
-        "level",
-    ),
-    *("choice", "rating", "answer", "correct_answer", "correct", "latency_s", "replays", "time", "plan_sha256"),
+    *("person", "place", "channel", "trial", "block", "kind", "stimulus_1", "stimulus_2", "stimulus_3", "parameter"),
+    *("level", "choice", "rating", "answer", "correct_answer", "correct", "latency_s", "replays", "time"),
+    "plan_sha256",
 )
 """`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0."""
 

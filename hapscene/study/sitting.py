@@ -73,13 +73,15 @@ class Sitting:
             replays: how often it was played again [count].
 
         Raises:
-            StudyError: no such choice, nothing is asked any more, or the answer could not be written.
+            StudyError: no such choice or time, nothing is asked any more, or the answer could not be written.
         """
         trial = self.trial
         if trial is None:
             raise StudyError(f"{self.person}: all {self.done} trials are answered")
         if not 0 <= choice < len(trial.choices):
             raise StudyError(f"choice must be from 0 to {len(trial.choices) - 1} ({', '.join(trial.choices)})")
+        if not 0.0 <= latency_s < math.inf:
+            raise StudyError(f"latency_s must be a time in seconds, is {latency_s:g}")
         self._file.add(
             {
                 **self._expected(trial),
@@ -88,7 +90,7 @@ class Sitting:
                 "answer": choice,
                 "correct": None if trial.correct is None else int(choice == trial.correct),
                 "level": trial.level,
-                "latency_s": f"{latency_s:.3f}" if math.isfinite(latency_s) else None,
+                "latency_s": f"{latency_s:.3f}",
                 "replays": replays,
                 "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
             }

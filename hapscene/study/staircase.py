@@ -73,7 +73,7 @@ class Staircase:
 
         The standard deviation of the normal whose entropy is that of the threshold's posterior.
         """
-        p = self._marginal("threshold")
+        p = self._marginal()
         entropy = -float(np.sum(p[p > 0.0] * np.log(p[p > 0.0])))
         scale = self._thresholds if self._linear else np.log(self._thresholds)
         spread = float(scale[1] - scale[0]) * math.exp(entropy) / math.sqrt(2.0 * math.pi * math.e)
@@ -89,23 +89,24 @@ class Staircase:
         scale = self._thresholds if self._linear else np.log(self._thresholds)
         half = 0.5 * (scale[1] - scale[0])
         edges = np.concatenate([[scale[0] - half], scale + half])
-        below = np.concatenate([[0.0], np.cumsum(self._marginal("threshold"))])
+        below = np.concatenate([[0.0], np.cumsum(self._marginal())])
         found = float(np.interp(share, below, edges))
         found = min(max(found, float(scale[0])), float(scale[-1]))
         return found if self._linear else math.exp(found)
 
-    @property
-    def slope(self) -> float:
-        """The slope of the Weibull function [1]: the mean of its posterior."""
-        return float(self._quest.param_estimate["slope"])
+    def interval(self, certainty: float) -> tuple[float, float]:
+        """Where the threshold is with this probability, in the unit of the levels; open where it may lie beyond them.
 
-    @property
-    def lapse(self) -> float:
-        """The share of lapses [1]: the mean of its posterior."""
-        return float(self._quest.param_estimate["lapse_rate"])
+        Open is an end at which the outermost threshold that is thought possible is so probable that the interval
+        does not end before it: people who are never right, or always, have their threshold beyond.
+        """
+        tail = 0.5 * (1.0 - certainty)
+        low, high = self.quantile(tail), self.quantile(1.0 - tail)
+        least, most = float(self._thresholds[0]), float(self._thresholds[-1])
+        return -math.inf if low <= least * (1.0 + 1e-9) else low, math.inf if high >= most * (1.0 - 1e-9) else high
 
-    def _marginal(self, name: str) -> Any:
-        return self._quest.marginal_posterior[name]
+    def _marginal(self) -> Any:
+        return self._quest.marginal_posterior["threshold"]
 
 
 def library() -> Any:

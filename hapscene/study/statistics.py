@@ -36,7 +36,7 @@ class Finding:
     person: str
     """Whose; "" for the people that these are drawn from."""
     quantity: str
-    """threshold, slope, lapses, d′, right, first, rating or difference of ratings."""
+    """threshold, d′, right, first, rating or difference of ratings."""
     unit: str
     method: str
     estimate: Estimate
@@ -79,7 +79,7 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
         rows: answers by column, see `hapscene.study.results_file`.
 
     Raises:
-        StudyError: answers to another plan or none of its blocks, a field that is no number, or statsmodels is missing.
+        StudyError: answers to another plan, a field that is no number, or statsmodels is missing.
     """
     try:
         import statsmodels.stats.proportion  # noqa: F401
@@ -122,8 +122,7 @@ def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         staircase = Staircase(block.levels, linear=block.linear)
         for row in mine:
             staircase.add(float(row["level"]), row["correct"] == "1")
-        tail = 0.5 * (1.0 - CERTAINTY)
-        threshold = Estimate(staircase.threshold, staircase.quantile(tail), staircase.quantile(1.0 - tail))
+        threshold = Estimate(staircase.threshold, *staircase.interval(CERTAINTY))
         found.append(threshold.value)
         yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
     if len(found) > 1:
@@ -259,10 +258,7 @@ def mixed_effect(ratings: NDArray[np.float64], treated: NDArray[np.bool_], peopl
     if count < 2 or len(ratings) <= 2 * count or not np.ptp(ratings):
         return None
     x = np.column_stack([np.ones(len(ratings)), np.where(treated, 0.5, -0.5)])
-    for method in (
-        "powell",
-        "lbfgs",
-    ):  # where people are alike, a variance is 0, and one or the other does not end well
+    for method in ("powell", "lbfgs"):  # where people are alike, a variance is 0, and one or the other ends badly
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:

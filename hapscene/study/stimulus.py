@@ -7,7 +7,6 @@ alone are driven by the same noise.
 """
 
 import hashlib
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -190,16 +189,9 @@ class Level:
 
     Attributes:
         gain: share of full scale for 1 m/s².
-        loudest_m_s2: the largest sample that was tried.
     """
 
     gain: float
-    loudest_m_s2: float
-
-    @property
-    def headroom_dB(self) -> float:
-        """What is left above the largest sample that was tried [dB]."""
-        return -20.0 * math.log10(max(self.gain * self.loudest_m_s2, 1e-9))
 
     def whole(self, samples: Array) -> tuple[NDArray[np.int16], int]:
         """Samples (n,) [m/s²] in 16 bits, and how many of them did not fit [count]."""
@@ -223,7 +215,7 @@ def level_of(maker: StimulusMaker, stimuli: Iterable[Stimulus], rate_Hz: float) 
     loudest = float(max(peaks, default=0.0))
     if not loudest > 0.0:
         raise StudyError("all stimuli are silent: there is nothing to ask about")
-    return Level(10.0 ** (-HEADROOM_DB / 20.0) / loudest, loudest)
+    return Level(10.0 ** (-HEADROOM_DB / 20.0) / loudest)
 
 
 def all_stimuli(plan: Plan) -> list[Stimulus]:
@@ -232,8 +224,5 @@ def all_stimuli(plan: Plan) -> list[Stimulus]:
     found: list[Stimulus] = [plan.stimuli[name] for name in plan.stimuli if name in names]
     for block in plan.blocks:
         if block.kind == "staircase":
-            given = plan.stimuli[block.stimulus]
-            values = [block.reference + (-level if block.below else level) for level in (0.0, *block.levels)]
-            whole = isinstance(given[block.parameter], int)
-            found += [{**given, block.parameter: round(value) if whole else value} for value in values]
+            found += [block.varied(plan.stimuli[block.stimulus], level) for level in (0.0, *block.levels)]
     return found

@@ -60,26 +60,33 @@ def report(folder: Path) -> str:
     """The page that `write_report` writes.
 
     Raises:
-        StudyError: no study's folder, or no answer yet.
+        StudyError: no study's folder, no answer yet, or a field that is no number.
     """
     analysis, rows = analyse(folder), load_rows(folder / RESULTS)
     if not rows:
         raise StudyError(f"{folder}: nobody has answered yet")
     plan = analysis.plan
-    most = sum(block.most for block in plan.blocks)
-    lead = (
-        f"{len(analysis.people)} of {plan.people} people; {len(rows)} answers, {most} of each at most; {plan.channel}."
-    )
+    most, channels = sum(block.most for block in plan.blocks), ", ".join(_channels(rows))
+    lead = f"{len(analysis.people)} of {plan.people} people; {len(rows)} answers, {most} of each at most; {channels}."
     body = [f'<header><h1>{escape(plan.title)}</h1><p class="lead">{escape(lead)}</p></header>', "<main>"]
-    if all(row["person"][0] == "S" and row["latency_s"] == SIMULATED_S for row in rows):
+    if all(row["person"].startswith("S") and row["latency_s"] == SIMULATED_S for row in rows):
         body.append(f'<p class="warning">{SIMULATED}</p>')
     for number, block in enumerate(plan.blocks):
         mine = [row for row in rows if row["block"] == block.name]
         body += _block(number, block, analysis, mine)
-    body += ["<h2>Each person</h2>", _people(analysis, rows), "<h2>What cannot be said</h2>", _limits(analysis, rows)]
+    try:
+        people = _people(analysis, rows)
+    except ValueError as fault:
+        raise StudyError(f"{folder / RESULTS}: an answer is not what it should be: {fault}") from None
+    body += ["<h2>Each person</h2>", people, "<h2>What cannot be said</h2>", _limits(analysis, rows)]
     items = "".join(f"<dt>{escape(name)}</dt><dd>{escape(_said(of))}</dd>" for name, of in plan.stimuli.items())
     body += ["<h2>Stimuli</h2>", f"<dl>{items}</dl>", f'<p class="muted">Plan {plan.sha256}</p>', "</main>"]
     return document(f"{plan.title}: study report", body, STYLE)
+
+
+def _channels(rows: Sequence[Row]) -> list[str]:
+    """What was truly played on: a person may be asked by another channel than the plan's."""
+    return sorted({row["channel"] for row in rows})
 
 
 def _said(stimulus: Any) -> str:
@@ -225,8 +232,7 @@ def _choice_plots(name: str, block: Block, found: Sequence[Finding], rows: Seque
 def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Sequence[Row]) -> list[Plot]:
     from matplotlib.ticker import LogLocator
 
-    own = [one for one in found if one.quantity == "threshold" and one.person]
-    together = [one for one in found if one.quantity == "threshold" and not one.person]
+    own, together = [one for one in found if one.person], [one for one in found if not one.person]
     unit = own[0].unit if own else ""
     label = f"distance in {block.parameter} from {block.reference:g}" + (f" [{unit}]" if unit else "")
     levels, right = np.array([[float(row["level"]), row["correct"] == "1"] for row in rows]).T
@@ -238,11 +244,7 @@ def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Se
             here = places == place
             size = 3.0 + 1.2 * math.sqrt(np.count_nonzero(here))
             axes.plot([levels[here].mean()], [right[here].mean()], "o", color=MUTED, markersize=min(size, 14.0))
-        x = (
-            np.linspace(levels.min(), levels.max(), 200)
-            if block.linear
-            else np.geomspace(levels.min(), levels.max(), 200)
-        )
+        x = (np.linspace if block.linear else np.geomspace)(levels.min(), levels.max(), 200)
         for one in own:
             axes.plot(x, 1.0 - 0.5 * np.exp(-((x / one.estimate.value) ** SLOPE)), color=BLUE, alpha=0.25, linewidth=1)
         for one in together:
@@ -265,7 +267,7 @@ def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Se
         f"of {SLOPE:g}; thick, with its 95 % interval: people together. Dashed: guessing."
     )
     plots = [Plot("Psychometric function", caption, drawn(f"{name}c", curve), said)]
-    people = [_named(one, one.person) for one in own] + [_named(one, "together") for one in together]
+    people = [replace(one, what=one.person or "together") for one in (*own, *together)]
     said = "; ".join(f"{one.what} {shown(one.estimate, unit)}" for one in people)
     svg = _intervals(f"{name}t", people, label, None)
     return [*plots, Plot("Thresholds", "Where 82 % are right, 95 % intervals.", svg, said)]
@@ -273,10 +275,6 @@ def _staircase_plots(name: str, block: Block, found: Sequence[Finding], rows: Se
 
 SLOPE: Final = 3.5
 """Of the curves that are drawn [1] (Watson & Pelli 1983); thresholds are estimated over several."""
-
-
-def _named(one: Finding, name: str) -> Finding:
-    return replace(one, what=name)
 
 
 # What is told of each person, and of what the answers do not say.
@@ -314,8 +312,11 @@ def _limits(analysis: Analysis, rows: Sequence[Row]) -> str:
         said.append(f"{tests} comparisons stand here, each at 95 % by itself: of twenty, one is found by chance.")
     if any(block.kind == "abx" for block in plan.blocks):
         said.append("d′ of ABX depends on how people decide, which answers alone do not tell: both ways are given.")
-    if plan.channel == "headphones":
+    channels = _channels(rows)
+    if len(channels) > 1:
+        said.append(f"Answers by {' and '.join(channels)} are counted together.")
+    if "headphones" in channels:
         said.append("This was heard, not felt: the skin tells other differences apart than the ear.")
-    if plan.channel == "device":
+    if "device" in channels:
         said.append("People moved as they liked: force and speed were not those of the plan.")
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in said) + "</ul>"

@@ -6,7 +6,7 @@ sends is data of a stranger (`web_listener.PageListener` lets it in), and is loo
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from itertools import groupby
@@ -65,6 +65,7 @@ class StudyServer:
         self._practice = [] if sitting.done else practice_trials(sitting.plan)
         self._begun, self._rested, self._feedback = False, sitting.done, ""
         self._heard: dict[int, int] = {}  # of this trial: how often each interval was played to its end
+        self._ready: list[Callable[[], None]] = []  # plays each interval; all are made before the first is heard
         self._lock, self._lane, self._pages = RLock(), ThreadPoolExecutor(1, "study"), set[Any]()
         self._playing, self.ended, self.fault = False, Event(), ""
         folder = resources.files("hapscene.study")
@@ -141,10 +142,10 @@ class StudyServer:
     def _talk(self, connection: "ServerConnection") -> None:
         from websockets.exceptions import ConnectionClosed
 
-        with self._lock:
-            self._pages.add(connection)
         try:
-            connection.send(json.dumps(self.state()))
+            with self._lock:
+                self._pages.add(connection)
+                connection.send(json.dumps(self.state()))
             while True:
                 self.take(connection.recv())
         except ConnectionClosed:
@@ -189,7 +190,8 @@ class StudyServer:
                 self._answer(trial, choice, float(latency_s))
 
     def _answer(self, trial: Trial, choice: int, latency_s: float) -> None:
-        replays, self._heard, self._feedback = sum(self._heard.values()) - len(trial.intervals), {}, ""
+        replays = sum(self._heard.values()) - len(trial.intervals)
+        self._heard, self._ready, self._feedback = {}, [], ""
         if self._practice:
             self._practice.pop(0)
             if trial.correct is not None:
@@ -202,13 +204,17 @@ class StudyServer:
     # --- what is played
 
     def _play(self, trial: Trial, which: range) -> None:
-        """Play some intervals of a trial, one after the other, and tell the pages."""
+        """Play some intervals of a trial, one after the other, and tell the pages.
+
+        What a stimulus takes to be made is in no silence between two: it would tell which is which.
+        """
         try:
+            self._ready = self._ready or [self._player.ready(interval) for interval in trial.intervals]
             for place in which:
                 if place > which.start:
                     time.sleep(GAP_S)
                 self._tell({"plays": place})
-                self._player.play(trial.intervals[place])
+                self._ready[place]()
                 with self._lock:
                     self._heard[place] = self._heard.get(place, 0) + 1
         except HapsceneError as error:

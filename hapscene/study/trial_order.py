@@ -130,16 +130,14 @@ def _staircase(plan: Plan, block: Block, rng: np.random.Generator, number: int) 
     from hapscene.study.staircase import Staircase
 
     staircase = Staircase(block.levels, linear=block.linear)
-    whole = isinstance(plan.stimuli[block.stimulus][block.parameter], int)
     for side in balanced(block.trials, 2, rng):
         level = staircase.level
-        intervals = []
-        for distance in (level, 0.0) if side == 0 else (0.0, level):
-            value = block.reference + (-distance if block.below else distance)
-            stimulus = {**plan.stimuli[block.stimulus], block.parameter: round(value) if whole else value}
-            intervals.append(Interval(stimulus, int(rng.integers(2**31))))
+        intervals = tuple(
+            Interval(block.varied(plan.stimuli[block.stimulus], distance), int(rng.integers(2**31)))
+            for distance in ((level, 0.0) if side == 0 else (0.0, level))
+        )
         choices = ("first", "second")
-        trial = Trial(number, block.name, block.kind, block.question, tuple(intervals), choices, int(side), level)
+        trial = Trial(number, block.name, block.kind, block.question, intervals, choices, int(side), level)
         choice, played = yield trial
         number += 1
         staircase.add(level if played is None else played, choice == side)

@@ -1,4 +1,4 @@
-"""`hapscene study`, as a user meets it: asked over the page, ended by Ctrl-C and by kill, gone on with."""
+"""`hapscene study`, as a user meets it: asked over the page, ended by Ctrl-C, gone on with."""
 
 import json
 import os
@@ -121,22 +121,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_a_sitting_is_interrupted_killed_and_gone_on_with(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sitting_is_interrupted_and_gone_on_with(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     results = folder / "out" / "plan" / "results.csv"
     run = Run(folder, "plan.toml")
     run.answer()
     code, said, errors = run.end(signal.SIGINT)
-    assert code == 0 and errors == "" and "headroom" not in said
+    assert code == 0 and errors == ""
     assert "P01: 1 of 4 answered, in out/plan/results.csv" in said
-    again = re.search(r"go on: hapscene study (.*)", said)
-    assert again and again.group(1).split() == ["plan.toml", "--person", "P01", "--out", "out/plan"]
-    run = Run(folder, *again.group(1).split())
-    run.answer()
-    assert run.end(signal.SIGKILL)[0] == -signal.SIGKILL
-    assert len(load_rows(results)) == 2
-    run = Run(folder, *again.group(1).split())
-    run.answer()
-    run.answer()
+    assert "to go on: the same command with --person P01" in said
+    assert len(load_rows(results)) == 1
+    run = Run(folder, "plan.toml", "--person", "P01")
+    for _ in range(3):
+        run.answer()
     code, said, _ = run.end(0)  # by itself
     assert code == 0 and "P01: 4 of 4 answered" in said and "report: hapscene study report out/plan" in said
     rows = load_rows(results)

@@ -56,7 +56,8 @@ WRONG = {
     "neither": ('swatch = "paper"', "", 'stimuli.rough must have one of swatch = "NAME"'),
     "name": ("[stimuli.rough]", "[stimuli.'1e5']", "a name must begin with a letter"),
     "name read as missing": ("[stimuli.rough]", "[stimuli.NA]", "a name must begin with a letter"),
-    "effects": ("order = 40", 'effects = "tap"', "stimuli.rough.effects must be a list of effects' names, is 'tap'"),
+    "effects": ("order = 40", 'effects = "tap"', "stimuli.rough.effects must be a list of friction, lpc_texture, tap,"),
+    "effect": ("order = 40", 'effects = ["taps"]', "stimuli.rough.effects[0] must be one of friction, lpc_texture"),
     "kind": ('kind = "rating"', 'kind = "rate"', "blocks[0].kind must be one of rating, 2ifc, abx, staircase"),
     "key of another kind": ('kind = "abx"', 'kind = "abx"\ntrials = 3', "unknown key 'blocks[1].trials'; allowed are"),
     "repeats": ("repeats = 8", "repeats = 0", "blocks[1].repeats must be a whole number from 1 to 1000, is 0"),
@@ -71,8 +72,10 @@ WRONG = {
     "scale": ("repeats = 4\n", "repeats = 4\nscale = [7, 1]\n", "blocks[0].scale must be [lowest, highest]"),
     "same name": ('name = "life"', 'name = "real"', "the name 'real' stands twice"),
     "parameter": ('"gain_dB"', '"life"', "blocks[3].parameter must be one of rate_Hz, force_N"),
+    "no effect": ('"gain_dB"', '"rate_Hz"', "blocks[3].parameter: rate_Hz changes nothing of a swatch"),
     "levels": ("[0.25, 8.0, 32]", "[0, 8.0, 32]", "blocks[3].levels must be [least, most, count]"),
     "levels out of range": ("[0.25, 8.0, 32]", "[0.25, 80.0, 32]", "gain_dB at the level"),
+    "half": ('"gain_dB"', '"order"\nreference = 4.5', "blocks[3].reference must be whole, as order is; is 4.5"),
     "few": ('"gain_dB"\nlevels = [0.25, 8.0, 32]', '"order"\nlevels = [1, 1.2, 9]', "fewer than two values are left"),
 }
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.errors import HapsceneError, StudyError
+from hapscene.errors import HandleError, HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import parse_plan
-from hapscene.study.playing import DevicePlayer, handle, headphones
+from hapscene.study.playing import DevicePlayer, _Samples, handle, headphones
 from hapscene.study.stimulus import FULL_SCALE, StimulusMaker
 from hapscene.study.trial_order import Interval
 
@@ -71,7 +71,7 @@ def test_headphones_are_given_whole_steps_of_16_bits_from_the_first_to_the_last(
     told = player.report()
     for count, (told_of, seed) in enumerate(((one, 5), (two, 6), (one, 5))):
         output.blocks.clear()
-        player.play(Interval(told_of, seed))
+        player.ready(Interval(told_of, seed))()
         exact = maker.samples(told_of, seed, 48_000.0) / told["full_scale_m_s2"]
         wanted = np.rint(FULL_SCALE * exact)
         (loud,) = np.nonzero(wanted)
@@ -90,7 +90,7 @@ def test_a_handle_is_given_the_force_of_its_compensator(maker: StimulusMaker) ->
     heard = {}
     for told_of, name in ((flat, "flat"), (naive, "naive")):
         output.blocks.clear()
-        player.play(Interval(told_of, 3))
+        player.ready(Interval(told_of, 3))()
         wanted = play(maker.samples(told_of, 3, 1e4), 1e4, Plant(), compensator=name, nominal=Plant(), seed=3).force_N
         (loud,) = np.nonzero(wanted)
         np.testing.assert_array_equal(output.heard, wanted[loud[0] : loud[-1] + 1])
@@ -108,22 +108,65 @@ def test_what_an_output_cannot_play_is_said(maker: StimulusMaker) -> None:
     player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
     output.fault = "fake: plays no more: was it unplugged?"
     with pytest.raises(StudyError, match="was it unplugged"):
-        player.play(Interval(stimulus(swatch="wood", seconds=0.1), 1))
+        player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
     player.close()
+
+
+def test_an_output_that_takes_no_samples_any_more_is_not_waited_for(
+    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapscene.study.playing.DEAF_S", 0.1)
+    output = FakeOutput()
+    player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
+    output.close()
+    with pytest.raises(StudyError, match="fake: takes no samples any more"):
+        player.ready(Interval(stimulus(swatch="wood", seconds=0.1), 1))()
 
 
 def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
     output = FakeOutput(block=1)
     told_of = stimulus(swatch="wood", seconds=60.0)
     player = headphones(maker, output, [stimulus(swatch="wood", seconds=0.1)])
-    playing = Thread(target=player.play, args=(Interval(told_of, 1),))
+    playing = Thread(target=player.ready(Interval(told_of, 1)))
     playing.start()
     player.close()
     playing.join(60.0)
     assert not playing.is_alive()
 
 
-def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: StimulusMaker) -> None:
+def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None:
+    feed, out = _Samples(), np.full(7, np.nan)
+    ended = []
+
+    class Out:
+        """Memory of a card that is written to as the next sound is given."""
+
+        def __len__(self) -> int:
+            return len(out)
+
+        def __setitem__(self, places: slice, values: Any) -> None:
+            if not ended:
+                ended.append(feed.give(np.arange(1.0, 11.0)))
+            out[places] = values
+
+    feed.pull(Out())  # type: ignore[arg-type]
+    assert not out.any() and not ended[0].is_set()
+    feed.pull(out)
+    np.testing.assert_array_equal(out, np.arange(1.0, 8.0))
+    feed.fade_in()  # it was lost: it begins anew
+    heard = []
+    while not ended[0].is_set():
+        feed.pull(out)
+        heard.append(out.copy())
+    np.testing.assert_array_equal(np.concatenate(heard), [*np.arange(1.0, 11.0), 0.0, 0.0, 0.0, 0.0])
+    feed.fade_in()
+    feed.pull(out)
+    assert not out.any()
+
+
+def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(
+    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     on = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=["lpc_texture", "friction"])
     off = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=[])
     player = DevicePlayer(maker, "omni", [on, off])
@@ -131,7 +174,7 @@ def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: Sti
     try:
         for told_of in (on, off, on):
             before = servo.state().tick + 1
-            player.play(Interval(told_of, 1))
+            player.ready(Interval(told_of, 1))()
             log = servo.read(before)
             touching = log.rows["depth_m"] > 0.0
             assert 300 < len(log.rows) < 60_000 and touching[-100:].any()
@@ -142,6 +185,13 @@ def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(maker: Sti
             assert servo.state().tick == rests  # no ticks, no force, between intervals
         assert felt[0][0] > 0.1 and felt[2][0] > 0.1 and felt[1][0] == 0.0
         assert felt[0][1] > 0.05 and felt[1][1] < 0.02
+
+        def gone() -> None:
+            raise HandleError("it plays no more")
+
+        monkeypatch.setattr(servo, "handle_report", gone)
+        with pytest.raises(HandleError):
+            player.ready(Interval(off, 1))()
     finally:
         player.close()
         player.close()

@@ -168,6 +168,10 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
         assert sitting.done == 20
         with pytest.raises(StudyError, match="choice must be from 0 to"):
             sitting.answer(99, latency_s=0.5)
+        for latency_s in (-1.0, float("nan"), float("inf")):
+            with pytest.raises(StudyError, match="latency_s must be a time in seconds"):
+                sitting.answer(0, latency_s=latency_s)
+        assert sitting.done == 20
         with pytest.raises(StudyError, match="another sitting"):
             Sitting(PLAN, tmp_path, "P02")
     (tmp_path / "plan.toml").unlink()

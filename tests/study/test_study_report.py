@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,16 @@ def test_who_is_in_the_middle_is_named(count: int, answered: Callable[..., Path]
     assert "Not at the end: P01" in page and f"P01 {count} of 34" in page
 
 
+def test_what_was_played_on_is_told_not_what_the_plan_says(answered: Callable[..., Path]) -> None:
+    folder = answered(3)
+    with Sitting(replace(parse_plan(PLAN), channel="device"), folder, "P02") as sitting:
+        sitting.answer(0, latency_s=2.0)
+    page = text_of(report(folder))
+    assert "2 of 8 people; 4 answers, 34 of each at most; device, headphones." in page
+    assert "Answers by device and headphones are counted together." in page
+    assert "heard, not felt" in page and "People moved as they liked" in page
+
+
 def test_equality_is_claimed_within_a_margin_alone(tmp_path: Path) -> None:
     same = Truth({"alive": 1.0, "steady": 1.0}, {"alive": 4.0, "steady": 4.0}, {"gain": 2.0})
     plan = PLAN.replace("repeats = 8", "repeats = 60").replace("trials = 12", "trials = 5")
@@ -142,6 +153,14 @@ def test_without_an_answer_there_is_no_report(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="nobody has answered yet"):
         write_report(tmp_path / "a", tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
+
+
+def test_a_field_that_is_no_number_is_said(answered: Callable[..., Path]) -> None:
+    folder = answered(2)
+    path = folder / "results.csv"
+    path.write_bytes(path.read_bytes().replace(b",2.500,", b",soon,"))
+    with pytest.raises(StudyError, match=r"results\.csv: an answer is not what it should be: .*soon"):
+        report(folder)
 
 
 def test_a_number_is_said_with_its_interval() -> None:

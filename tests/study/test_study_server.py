@@ -59,14 +59,20 @@ class FakePlayer:
 
     def __init__(self) -> None:
         self.played: list[Interval] = []
+        self.made: list[tuple[Interval, int]] = []  # and how many had been played by then
         self.fault, self.free = "", Event()
         self.free.set()
 
-    def play(self, interval: Interval) -> None:
-        assert self.free.wait(120.0)
-        if self.fault:
-            raise StudyError(self.fault)
-        self.played.append(interval)
+    def ready(self, interval: Interval) -> Callable[[], None]:
+        self.made.append((interval, len(self.played)))
+
+        def play() -> None:
+            assert self.free.wait(120.0)
+            if self.fault:
+                raise StudyError(self.fault)
+            self.played.append(interval)
+
+        return play
 
     def close(self) -> None:
         self.free.set()
@@ -186,6 +192,23 @@ def test_what_was_played_again_is_counted_whoever_asks_for_it(ask: Callable[...,
     order(server, answer=[server.state()["number"], 0, 1.0])
     assert load_rows(tmp_path / "answers" / "results.csv")[0]["replays"] == str(count + 1)
     assert len(player.played) == 2 * count + 1 and sitting.done == 1
+
+
+def test_all_of_a_trial_is_made_once_and_before_the_first_is_heard(ask: Callable[..., Asked]) -> None:
+    """Else the silence between two would tell which of them takes longer to make."""
+    server, sitting, player = ask(PLAN.replace("practice = 1", ""))
+    order(server, go=True)
+    heard = 0
+    while sitting.trial is not None:
+        if server.state()["screen"] == "break":
+            order(server, go=True)
+        trial = sitting.trial
+        hear(server)
+        hear(server)  # and once more
+        assert player.made == [(interval, heard) for interval in trial.intervals]
+        heard += 2 * len(trial.intervals)
+        player.made.clear()
+        order(server, answer=[trial.number, 0, 1.0])
 
 
 def test_while_it_plays_nothing_else_is_done(ask: Callable[..., Asked]) -> None:
@@ -309,6 +332,7 @@ def test_a_person_answers_by_keys_and_buttons(
         looked_at("begin")
         assert "free will" in tab.inner_text("#consent") and "3 for practice" in tab.inner_text("#practices")
         tab.click("text=I agree: begin")
+        tab.wait_for_selector("#trial:not([hidden])")
         looks, asked = set(), 0
         while sitting.trial is not None:
             state = server.state()

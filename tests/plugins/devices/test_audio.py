@@ -116,7 +116,7 @@ output = open_output("audio", {"device": "dualsense", "channels": "1,2", "buffer
 player = headphones(StimulusMaker(plan.folder), output, all_stimuli(plan))
 for interval in next(trials(plan, "P01", 0)).intervals:
     time.sleep(0.3)
-    player.play(interval)
+    player.ready(interval)()
 time.sleep(0.3)
 player.close()
 print(player.report()["full_scale_m_s2"], player.report()["underruns"])
