@@ -285,8 +285,8 @@ def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
     if options.excitation is not None:
         print("hapscene: --excitation has no effect any more", file=sys.stderr)
-    names = ("order", "domain", "interpolation", "tool", "tip")
-    return {name: getattr(options, name) for name in names}
+    found = {name: getattr(options, name) for name in ("order", "domain", "interpolation")}
+    return found | {name: said for name in ("tool", "tip") if (said := getattr(options, name))}
 
 
 def _order(text: str) -> int | Literal["auto"]:
