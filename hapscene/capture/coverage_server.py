@@ -161,6 +161,7 @@ class CoveragePage:
 
     Attributes:
         url: of the page, with its token.
+        seen: set once somebody looked.
 
     Raises:
         HapsceneError: websockets is missing; the port is taken, the host not ours.
@@ -173,7 +174,12 @@ class CoveragePage:
         files = {name: ((folder / file).read_bytes(), kind) for name, (file, kind) in FILES.items()}
         self._live, self._closing, self._told = live, Event(), 0
         self._listener = PageListener(self._talk, host, port, files=files, message_max=MESSAGE_MAX, option=option)
-        self.url = self._listener.url
+        self.url, self.seen = self._listener.url, Event()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether somebody looks."""
+        return self._told > 0
 
     def __enter__(self) -> "CoveragePage":
         self._listener.open()
@@ -190,11 +196,13 @@ class CoveragePage:
         """Tell a page what is new until it goes, and listen for its one word."""
         from websockets.exceptions import ConnectionClosed
 
-        Thread(target=self._listen, args=(connection,), daemon=True).start()
+        gone = Event()
+        Thread(target=self._listen, args=(connection, gone), daemon=True).start()
         self._told += 1
+        self.seen.set()
         shown = -1
         try:
-            while True:
+            while not gone.is_set():
                 closing = self._closing.wait(BEAT_S)
                 text, state = self._live.said
                 if state != shown:
@@ -208,15 +216,16 @@ class CoveragePage:
             self._told -= 1
             connection.close()
 
-    def _listen(self, connection: "ServerConnection") -> None:
+    def _listen(self, connection: "ServerConnection", gone: Event) -> None:
         from websockets.exceptions import ConnectionClosed
 
         try:
-            while connection.recv() != "stop":
-                pass
-            self._live.stopped.set()
+            for word in connection:
+                if word == "stop":
+                    self._live.stopped.set()
         except ConnectionClosed:
             pass
+        gone.set()
 
 
 class CoverageProcess:

@@ -210,9 +210,12 @@ def _coverage(options: argparse.Namespace) -> int:
     live.start(recording.rate_Hz, tuple(streams))
     assert live.coverage is not None
     with ExitStack() as stack:
-        noted = stack.enter_context(interrupt_noted())
+        noted, page = stack.enter_context(interrupt_noted()), None
         if options.live:
-            _say_line(f"the page: {stack.enter_context(CoveragePage(live, port=options.page_port)).url}")
+            page = stack.enter_context(CoveragePage(live, port=options.page_port))
+            _say_line(f"the page: {page.url}   (played once it is open; ends when it is closed, or by Ctrl-C)")
+            while not (noted() or page.seen.wait(BEAT_S)):
+                pass
         begun_s = time.monotonic()
         for first, block in blocks_of(streams, recording.rate_Hz):
             if noted() or live.stopped.is_set():
@@ -223,6 +226,8 @@ def _coverage(options: argparse.Namespace) -> int:
                 time.sleep(max(0.0, begun_s + first / recording.rate_Hz + BEAT_S - time.monotonic()))
         live.end("the recording is over")
         live.publish()
+        while page is not None and page.is_open and not noted():
+            time.sleep(BEAT_S)
     tell(table(live.coverage))
     return 0
 
