@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from websockets.sync.server import ServerConnection
 
-BEAT_S: Final = 0.05
-"""How often the page is told [s]."""
+BEAT_S: Final = 0.045
+"""How long the page is told nothing [s]: with what waiting takes longer, 20 times a second."""
 
 WAITING_MAX: Final = 4096
 """Most blocks that wait to be looked at [count]: some 20 s. What is more is left out of the picture, and told."""
