@@ -95,10 +95,10 @@ def find_layers(pieces: Pieces, rate_Hz: float, by: str) -> Layers | str:
     gain = float(gained.sum() / len(kept))
     if not (gain > GAIN and gained.mean() > SURE * gained.std(ddof=1) / np.sqrt(len(gained))):
         return f"layers of the {told} gain nothing that is sure on pieces left out ({gain:.2f}, {GAIN:g} are asked)"
-    if not _felt(levels, plane, layer_shares(angle[known], at, kind)):
+    share = layer_shares(angle[known], at, kind)
+    if not _felt(levels, plane, share):
         return f"no band differs by what is felt ({BAND_DB:g} dB) over the {told}"
     near = np.full(len(pieces), -1)
-    share = layer_shares(angle[known], at, kind)
     near[known] = np.where(share.max(axis=1) > OWN_SHARE, np.argmax(share, axis=1), -1)
     if np.bincount(near[near >= 0], minlength=len(at)).min() < LAYER_PIECES:
         near[known] = np.argmax(share, axis=1)

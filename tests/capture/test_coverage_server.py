@@ -24,14 +24,10 @@ from hapscene.capture.record_simulator import COLUMNS, lines
 from hapscene.cli import main
 from hapscene.errors import HapsceneError
 from hapscene.wire.protocol import Column, Count, Header, Run
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+from tests.chromium import AXE, AXE_RUN, launched
 
 PATIENCE_S = 120.0
 RATE_HZ = 10_000.0
-
-AXE = Path(__file__).parents[2] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
-AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
-  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
 
 
 def until(true: Callable[[], Any]) -> None:
@@ -149,13 +145,8 @@ class BlockingProbe:
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
-    if find_chromium() is None:
-        pytest.skip("no Chromium here: apt-get install chromium")
-    with api.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+    with launched() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")

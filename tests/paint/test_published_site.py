@@ -27,9 +27,9 @@ from hapscene.surface.library import LibraryEntry, add, entry_of, load_swatch, o
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
 from hapscene_benchmarks.paint_browser import browser, find_chromium
+from tests.chromium import AXE, AXE_RUN
 
 NODE = Path(__file__).resolve().parents[2] / "build" / "node" / "node_modules"
-AXE = NODE / "axe-core" / "axe.min.js"
 VALIDATOR = NODE / "html-validate"
 
 VALIDATE = """
@@ -38,10 +38,6 @@ const validator = new (require(package).HtmlValidate)({root: true, extends: ["ht
 Promise.all(files.map(file => validator.validateString(fs.readFileSync(file, "utf8"))))
     .then(reports => console.log(JSON.stringify(reports.map(r => r.results.flatMap(x => x.messages)))));
 """
-
-AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
-  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
-"""All that axe-core finds, of whatever weight."""
 
 HOSTILE = "</h1><b onload='x'>\"&amp;<!-- "
 

@@ -19,7 +19,7 @@ from hapscene.study.simulated_person import Truth, simulate
 from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
 from hapscene.study.study_report import report, shown, write_report
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+from tests.chromium import AXE, AXE_RUN, launched
 
 PLAN = """
 title = "<b>Surfaces</b> & more"
@@ -170,21 +170,10 @@ def test_a_number_is_said_with_its_interval() -> None:
     assert shown(Estimate(3.0, -inf, inf)) == "3 (no interval)" and shown(Estimate(3.0, -inf, 4.0)) == "3 (at most 4)"
 
 
-AXE = Path(__file__).parents[2] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
-
-AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
-  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
-
-
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
-    if find_chromium() is None:
-        pytest.skip("no Chromium here: apt-get install chromium")
-    with sync.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+    with launched() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")

@@ -18,7 +18,7 @@ from hapscene.study.results_file import load_rows
 from hapscene.study.sitting import Sitting
 from hapscene.study.study_server import StudyServer, practice_trials
 from hapscene.study.trial_order import Interval
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+from tests.chromium import AXE, AXE_RUN, launched
 
 SECRETS = ("zebra", "yak", "secretblock", "wood", "paper")
 
@@ -294,21 +294,11 @@ def test_garbage_breaks_nothing(ask: Callable[..., Asked]) -> None:
 
 # --- in Chromium
 
-AXE = Path(__file__).parents[2] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
-
-AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found => found.violations
-  .map(rule => `${rule.id}: ${rule.nodes.map(node => node.html.slice(0, 200)).join(', ')}`))"""
-
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
-    if find_chromium() is None:
-        pytest.skip("no Chromium here: apt-get install chromium")
-    with sync.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+    with launched() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1000), ("dark", 390)])
