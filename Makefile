@@ -17,7 +17,7 @@ test: $(READY) system
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/pytest --numprocesses auto --dist loadfile
+	$(BIN)/pytest --numprocesses auto --dist loadfile --reruns 1 -rR
 
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the
 # lowest Python alone.

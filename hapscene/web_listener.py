@@ -12,8 +12,9 @@ import ipaddress
 import logging
 import secrets
 import socket
+import time
 from collections.abc import Callable, Mapping
-from threading import BoundedSemaphore, Event, Thread
+from threading import BoundedSemaphore, Event, Thread, current_thread
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -21,6 +22,9 @@ from hapscene.errors import HapsceneError
 
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
+
+CLOSE_S: Final = 5.0
+"""Longest wait for the connections' ends [s]."""
 
 
 class WebListener:
@@ -67,7 +71,7 @@ class WebListener:
             raise HapsceneError(reason) from None
         self.address: tuple[str, int] = self._listener.socket.getsockname()[:2]
         self._room, self._ended, self._came = BoundedSemaphore(room), Event(), came
-        self._sockets: set[socket.socket] = set()
+        self._talks: dict[socket.socket, Thread] = {}
         self._take, self._listener.handler = self._listener.handler, self._bounded
         self._thread = Thread(target=self._listener.serve_forever)
 
@@ -76,14 +80,19 @@ class WebListener:
         self._thread.start()
 
     def close(self) -> None:
-        """Close it, and every connection."""
+        """Close it, and every connection: their threads have ended, but one that closes it or does not end in time."""
         self._ended.set()
         self._listener.shutdown()
         if self._thread.ident is not None:
             self._thread.join()
-        for taken in list(self._sockets):
+        talks = list(self._talks.items())
+        for taken, _ in talks:
             with contextlib.suppress(OSError):
                 taken.shutdown(socket.SHUT_RDWR)
+        end_s = time.monotonic() + CLOSE_S
+        for _, thread in talks:
+            if thread is not current_thread():
+                thread.join(max(0.0, end_s - time.monotonic()))
 
     def _bounded(self, taken: socket.socket, address: Any) -> None:
         """Serve a connection, if there is room for one more."""
@@ -92,11 +101,11 @@ class WebListener:
         if not let_in:
             taken.close()
             return
-        self._sockets.add(taken)
+        self._talks[taken] = current_thread()
         try:
             self._take(taken, address)
         finally:
-            self._sockets.discard(taken)
+            del self._talks[taken]
             self._room.release()
 
 
