@@ -259,10 +259,11 @@ def read_parquet(file: Any, *paths: str) -> dict[str, NDArray[Any]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    pa.set_memory_pool(pa.system_memory_pool())  # its own reserves far more than it needs, which the limit forbids
     found: dict[str, NDArray[Any]] = {}
     for i, path in enumerate(paths):
         try:
-            table = pq.ParquetFile(path)
+            table = pq.ParquetFile(path, pre_buffer=False)  # no threads
             schema = table.schema_arrow
             wanted = [f.name for f in schema if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
             check_unpacked(Path(path).stat().st_size, 8 * table.metadata.num_rows * len(wanted), BYTES_MAX, TOO_MUCH)
