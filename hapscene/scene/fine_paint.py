@@ -295,10 +295,14 @@ def paint_region(
     """
     mesh = body.mesh
     finest_m = finest_of(mesh) if finest_m is None else finest_m
-    if not (finest_m > 0 and 0 <= soft_m < math.inf and 0 <= opacity <= 1):
+    try:
+        is_sound = finest_m > 0 and 0 <= soft_m < math.inf and 0 <= opacity <= 1
+    except (TypeError, ValueError):  # a text, or many numbers
+        is_sound = False
+    if not is_sound:
         raise SceneError(
-            f"finest_m must be positive, soft_m 0 or more, opacity within 0 and 1; they are {finest_m}, {soft_m} and "
-            f"{opacity}"
+            f"finest_m must be positive, soft_m 0 or more, opacity within 0 and 1; they are {finest_m!r}, {soft_m!r} "
+            f"and {opacity!r}"
         )
     chosen = np.arange(len(mesh.faces)) if faces is None else np.asarray(faces)
     chosen = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else np.unique(chosen)
