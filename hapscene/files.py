@@ -20,6 +20,9 @@ from hapscene.errors import FormatError, did_you_mean, printable
 if TYPE_CHECKING:
     import zipfile
 
+FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL_HINT: Final = "; make room there, or write elsewhere"
+
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
@@ -152,10 +155,12 @@ def _said_of(path: Path, part: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        full = error.filename is None and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        full = error.filename is None and error.errno in FULL
         if not full and not str(error.filename).startswith(str(part)):
             raise
         why = str(error.strerror or error).removeprefix("cannot be written: ")
+        if error.errno in FULL and FULL_HINT not in why:
+            why += FULL_HINT
         raise OSError(error.errno, f"cannot be written: {why}", str(path)) from None
 
 

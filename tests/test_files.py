@@ -310,7 +310,8 @@ def test_it_is_said_once_of_a_file_in_a_folder(tmp_path: Path) -> None:
     out = whole_folder(tmp_path / "out")
     with pytest.raises(OSError, match="No room") as caught, out as folder, whole_file(folder / "a.out"):
         raise OSError(errno.ENOSPC, "No room")
-    assert (caught.value.filename, caught.value.strerror) == (str(tmp_path / "out"), "cannot be written: No room")
+    said = "cannot be written: No room; make room there, or write elsewhere"
+    assert (caught.value.filename, caught.value.strerror) == (str(tmp_path / "out"), said)
 
 
 def test_another_fault_within_keeps_its_words(tmp_path: Path) -> None:

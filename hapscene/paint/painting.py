@@ -14,7 +14,7 @@ from hapscene.geometry import numbers as floats
 from hapscene.paint.change_watch import Changes, Watch
 from hapscene.paint.history import BodyDelta, FaceDelta, History, Paint, Step, SwatchDelta, SwatchState, face_count_text
 from hapscene.paint.paintable_mesh import Hit, PaintableMesh, pick
-from hapscene.paint.visibility import seen_faces
+from hapscene.paint.visibility import Sight
 from hapscene.scene.body import Body
 from hapscene.scene.fine_paint import NOTHING, blend, paint_faces, paint_region, parts, put_leaves
 from hapscene.scene.mesh import Mesh
@@ -115,9 +115,9 @@ class Painting:
             hit = pick(bodies, shapes, floats(origin_W_m), floats(direction_W), seen)
             return None if hit is None else replace(hit, body=there[hit.body])
 
-    def seen(self, body: int, faces: NDArray[np.integer], eye_W_m: ArrayLike) -> NDArray[np.integer]:
-        """Those of a body's faces (n,) that are seen from a point (3,) in W [m]: see `visibility.seen_faces`."""
-        return seen_faces(self.scene.bodies, self.shapes, body, faces, eye_W_m, self.hidden)
+    def sight(self, body: int, eye_W_m: ArrayLike) -> Sight:
+        """What is seen of a body from a point (3,) in W [m]."""
+        return Sight(self.scene.bodies, self.shapes, body, eye_W_m, self.hidden)
 
     def swatch_index(self, swatch: int | str, body: int = 0) -> int:
         """The swatch that a body is painted with, by its name or index: `ERASE` is its default, any other is itself.
@@ -240,11 +240,12 @@ class Painting:
         *,
         swatch: int | None = None,
         over: int | None = None,
+        eye_W_m: ArrayLike | None = None,
     ) -> int:
         """Paint what a region in a body's frame cuts out of its faces, or of those (n,), in the open step.
 
-        With its swatch, unless another is given. Soft borders, opacity and `over` are those of
-        `hapscene.scene.fine_paint.paint_region`.
+        With its swatch, unless another is given; from an eye at a point (3,) in W [m], what is seen of it alone.
+        Soft borders, opacity and `over` are those of `hapscene.scene.fine_paint.paint_region`.
 
         Returns:
             how many faces it reached.
@@ -260,7 +261,11 @@ class Painting:
                 return 0
             before = self._keep(step, body)
             swatch = self.swatch_index(step.swatch if swatch is None else swatch, body)
-            faces = paint_region(painted, region, swatch, soft_m=soft_m, opacity=opacity, faces=faces, over=over)
+            sight = None if eye_W_m is None else self.sight(body, eye_W_m)
+            if sight is not None:
+                faces = sight.facing(np.arange(len(painted.face_swatch)) if faces is None else faces)
+            more: dict[str, Any] = {"soft_m": soft_m, "opacity": opacity, "over": over, "sight": sight}
+            faces = paint_region(painted, region, swatch, faces=faces, **more)
             if len(faces):
                 self._note_faces(body, faces)
             elif before is None:

@@ -381,9 +381,8 @@ class Session:
                 for image in symmetry.images_W(self.scene.bodies[i]):
                     region = region_of(np.linalg.inv(self.scene.bodies[i].X_WB) @ image)
                     faces: NDArray[np.integer] = self.shapes[i].near(region)
-                    if eye_W_m is not None:
-                        faces = self.painting.seen(i, faces, image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3])
-                    count += self.painting.paint_region(i, region, faces, opacity=opacity)
+                    eye = None if eye_W_m is None else image[:3, :3] @ np.asarray(eye_W_m) + image[:3, 3]
+                    count += self.painting.paint_region(i, region, faces, opacity=opacity, eye_W_m=eye)
             self.painting.end_step()
             return count
 

@@ -148,9 +148,7 @@ class Stroke:
         ends = pairwise(line) if len(line) > 1 else [(line[0], line[0])]
         touched = [shape.brush((a.face, b.face), (a.p_B_m, b.p_B_m), brush.radius_m, touched=True) for a, b in ends]
         faces = np.unique(np.concatenate(touched))
-        if eye_W_m is not None:
-            faces = np.union1d(self._painting.seen(body, faces, eye_W_m), [hit.face for hit in line])
-        return self._painting.paint_region(body, region, faces, soft_m, brush.opacity)
+        return self._painting.paint_region(body, region, faces, soft_m, brush.opacity, eye_W_m=eye_W_m)
 
     def _pieces(self, tip: _Tip, now: Ray, hit: Hit | None) -> int:
         """How many pieces a move is split into."""

@@ -15,38 +15,84 @@ NEAR_SHARE: Final = 3e-4
 """How far before a place a surface must be to hide it, in radii of the body that hides [1]: more than a ray's rounding;
 nearer is the place itself, or what is drawn as one with it."""
 
-CORNER_SHARE: Final = 0.8
-"""Where besides its middle a face is looked at, from there towards its corners [1]: what is half hidden is seen."""
+WIDE: Final = 1 / 32
+"""Widest piece that is looked at as it is, in its distance from the eye [1]; a wider one is cut first."""
+
+PIXEL: Final = 1 / 1000
+"""Width of a face that is looked at in its middle alone, in its distance from the eye [1]: a pixel of a window."""
+
+LATTICE_COUNT: Final = 6
+"""Steps along a side at which a wide piece is looked at [count]: what hides it is missed if it is smaller than a
+200th of its distance from the eye, 6 pixels of a window."""
+
+MANY_SHARE: Final = 2 / LATTICE_COUNT
+"""From what size on a piece is looked at so, of the widest [1]; a smaller one in its middle and near its corners."""
+
+MANY: Final = 8000
+"""Most pieces that are looked at so [count]: the more a mesh has, long slivers say, the wider they may be."""
+
+STEPS: Final = range(LATTICE_COUNT + 1)
+INSET: Final = 0.1
+"""How far from the corners towards the middle a piece is looked at [1]: on the edge itself the face beyond is seen."""
+
+CORNERS: Final = (1 - INSET) * np.eye(3) + INSET / 3
+LATTICE: Final = (
+    np.array([(i, j, LATTICE_COUNT - i - j) for i in STEPS for j in STEPS[: LATTICE_COUNT + 1 - i]])
+    @ CORNERS
+    / LATTICE_COUNT
+)
 
 
-def seen_faces(
-    bodies: Sequence[Body],
-    shapes: Sequence[PaintableMesh],
-    body: int,
-    faces: NDArray[np.integer],
-    eye_W_m: ArrayLike,
-    hidden: Container[str] = (),
-) -> NDArray[np.integer]:
-    """Those of a body's faces (n,) that are seen from a point (3,) in W [m]: drawn, and not hidden altogether.
+class Sight:
+    """What an eye sees of one body: drawn, and hidden by nothing.
 
-    Bodies named in `hidden` are not drawn, nor are backs of one-sided bodies: these hide nothing. A face is looked at
-    in its middle and near its corners.
+    Args:
+        bodies, shapes: of the scene.
+        body: index of the one that is looked at.
+        eye_W_m: (3,) in W [m].
+        hidden: names of bodies that are not drawn. They hide nothing, nor do backs of one-sided bodies.
     """
-    shape, X_WB = shapes[body], bodies[body].X_WB
-    eye_B_m = (np.asarray(eye_W_m, np.float64) - X_WB[:3, 3]) @ X_WB[:3, :3]
-    if not bodies[body].two_sided:
-        towards_m = eye_B_m - shape.centroid_m[faces]
-        faces = faces[np.einsum("ij,ij->i", towards_m, shape.normal[faces]) > 0.0]
-    there = [i for i, other in enumerate(bodies) if other.name not in hidden]
-    bodies, shapes = [bodies[i] for i in there], [shapes[i] for i in there]
-    seen = seen_places(bodies, shapes, shape.centroid_m[faces] @ X_WB[:3, :3].T + X_WB[:3, 3], eye_W_m)
-    left = np.flatnonzero(~seen)
-    if len(left):
-        middle_m = shape.centroid_m[faces[left], None]
-        corner_m = (middle_m + CORNER_SHARE * (shape.corner_m[faces[left]] - middle_m)).reshape(-1, 3)
-        any_seen = seen_places(bodies, shapes, corner_m @ X_WB[:3, :3].T + X_WB[:3, 3], eye_W_m).reshape(-1, 3)
-        seen[left] = any_seen.any(axis=1)
-    return faces[seen]
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        shapes: Sequence[PaintableMesh],
+        body: int,
+        eye_W_m: ArrayLike,
+        hidden: Container[str] = (),
+    ) -> None:
+        self._body, self._shape = bodies[body], shapes[body]
+        self._eye_W_m = np.asarray(eye_W_m, np.float64)
+        self._X_WB = self._body.X_WB
+        self._eye_B_m = (self._eye_W_m - self._X_WB[:3, 3]) @ self._X_WB[:3, :3]
+        self._there = [(b, shape) for b, shape in zip(bodies, shapes, strict=True) if b.name not in hidden]
+
+    def facing(self, faces: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Those of the body's faces (n,) that are drawn, seen from there: a one-sided body's backs are not."""
+        if self._body.two_sided:
+            return faces
+        towards_m = self._eye_B_m - self._shape.centroid_m[faces]
+        return np.asarray(faces[np.einsum("ij,ij->i", towards_m, self._shape.normal[faces]) > 0.0])
+
+    def __call__(
+        self, where_m: NDArray[np.float64], level: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Of pieces of its faces (n, 3, 3) [m], cut so often (n,): whether the middle is seen, and a part not alike."""
+        middle_m = where_m.mean(axis=1)
+        side_m = np.linalg.norm(where_m - np.roll(where_m, 1, axis=1), axis=2).max(axis=1)
+        away_m = np.linalg.norm(middle_m - self._eye_B_m, axis=1)
+        wide_m = WIDE * away_m
+        wide_m *= max(1.0, np.count_nonzero(side_m > MANY_SHARE * wide_m) / MANY)
+        seen, partly = self._see(middle_m), side_m > wide_m
+        many, one = side_m > MANY_SHARE * wide_m, (level == 0) & (side_m < PIXEL * away_m)
+        for chosen, places in ((many & ~partly, LATTICE), (~many & ~one, CORNERS)):
+            found = self._see((places @ where_m[chosen]).reshape(-1, 3)).reshape(-1, len(places))
+            partly[chosen] = (found != seen[chosen, None]).any(axis=1)
+        return seen, partly
+
+    def _see(self, p_B_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        bodies, shapes = zip(*self._there, strict=True) if self._there else ((), ())
+        return seen_places(bodies, shapes, p_B_m @ self._X_WB[:3, :3].T + self._X_WB[:3, 3], self._eye_W_m)
 
 
 def seen_places(

@@ -6,6 +6,7 @@ is touched stays as it is.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -37,6 +38,9 @@ so does the stiffness where one swatch is twice as stiff: a fifth of what is fel
 
 WEIGHT_STEPS: Final = 256
 """Weights of a blend are whole parts of this [count]."""
+
+Sight = Callable[[NDArray[np.float64], NDArray[np.uint8]], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
+"""Tells of pieces of faces (n, 3, 3) [m], cut so often (n,), whether the middle is seen, and a part not alike."""
 
 _SWATCH_BITS: Final = 16
 _ROUNDING: Final = 1e-9  # of the diagonal: a region that ends in a face's plane has the face
@@ -269,6 +273,7 @@ def paint_region(
     opacity: float = 1.0,
     faces: NDArray[Any] | None = None,
     over: int | None = None,
+    sight: Sight | None = None,
 ) -> NDArray[np.int64]:
     """Paint a region of space onto a body, through its faces; returns those that it reaches, ascending.
 
@@ -283,16 +288,21 @@ def paint_region(
         opacity: the swatch's weight where it is all [0, 1].
         faces: the only ones that are painted, by index or mask; None: all.
         over: the only swatch that is painted over; of a blend, the heavier counts. None: any.
+        sight: what is seen; nothing else is painted. None: all is.
 
     Raises:
         SceneError: a number is out of range, or the border would need more than `LEAF_MAX` leaves.
     """
     mesh = body.mesh
     finest_m = finest_of(mesh) if finest_m is None else finest_m
-    if not (finest_m > 0 and 0 <= soft_m < math.inf and 0 <= opacity <= 1):
+    try:
+        is_sound = finest_m > 0 and 0 <= soft_m < math.inf and 0 <= opacity <= 1
+    except (TypeError, ValueError):  # a text, or many numbers
+        is_sound = False
+    if not is_sound:
         raise SceneError(
-            f"finest_m must be positive, soft_m 0 or more, opacity within 0 and 1; they are {finest_m}, {soft_m} and "
-            f"{opacity}"
+            f"finest_m must be positive, soft_m 0 or more, opacity within 0 and 1; they are {finest_m!r}, {soft_m!r} "
+            f"and {opacity!r}"
         )
     chosen = np.arange(len(mesh.faces)) if faces is None else np.asarray(faces)
     chosen = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else np.unique(chosen)
@@ -300,7 +310,7 @@ def paint_region(
     centre = corners.mean(axis=1)
     reach_m = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     chosen = chosen[region.distance_m(centre) < reach_m + soft_m / 2 + _ROUNDING * mesh.diagonal_m]
-    painter = _Painter(region, max(finest_m, soft_m * SOFT_STEP), soft_m, _ROUNDING * mesh.diagonal_m)
+    painter = _Painter(region, max(finest_m, soft_m * SOFT_STEP), soft_m, _ROUNDING * mesh.diagonal_m, sight)
     had = body.fine or NOTHING
     fine = had.of_faces(chosen)
     plain = np.setdiff1d(chosen, fine.faces, assume_unique=True)
@@ -341,6 +351,7 @@ class _Painter:
     finest_m: float
     soft_m: float
     rounding_m: float
+    sight: Sight | None
 
     def look(self, where_m: NDArray[np.float64], level: NDArray[np.uint8]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """The weight (n,) at the middle of pieces (n, 3, 3), and whether they must be cut."""
@@ -352,13 +363,18 @@ class _Painter:
             weight = np.clip(0.5 - distance_m / self.soft_m, 0, 1)
         else:
             weight = (distance_m <= 0).astype(np.float64)
-        cut = (np.abs(distance_m) < reach_m + half_m) & (level < LEVEL_MAX)
-        cut &= np.linalg.norm(where_m - np.roll(where_m, 1, axis=1), axis=2).max(axis=1) > self.finest_m
+        may = np.linalg.norm(where_m - np.roll(where_m, 1, axis=1), axis=2).max(axis=1) > self.finest_m
+        may &= level < LEVEL_MAX
+        cut = (np.abs(distance_m) < reach_m + half_m) & may
         if self.region.is_convex and cut.any():
             row = np.flatnonzero(cut)
             deep_m = self.region.distance_m(where_m[row].reshape(-1, 3)).reshape(-1, 3).max(axis=1)
             within = row[deep_m <= self.rounding_m - half_m]
             cut[within], weight[within] = False, 1.0
+        if self.sight is not None:
+            row = np.flatnonzero(~cut & (weight > 0))
+            seen, partly = self.sight(where_m[row], level[row])
+            weight[row[~seen]], cut[row] = 0.0, partly & may[row]
         return weight, cut
 
 

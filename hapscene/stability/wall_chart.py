@@ -36,6 +36,9 @@ LABEL: Final[dict[str, Any]] = {
 LABEL_RATIO: Final = 1.42
 """Least ratio of the heights of two labels on a logarithmic axis [1]: closer ones would overlap."""
 
+LABELS_MAX: Final = 4
+"""Most swatches at one place that each have a label [count]."""
+
 
 def draw_panels(
     path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[Any, Any], None]
@@ -150,6 +153,19 @@ def _draw_caps(ax: "Axes", caps: Limits) -> None:
         ax.plot((0.0, B, B), (K, K, STIFFNESS_N_M[0]), ":", color=OKABE_ITO["purple"], linewidth=2.2, label=label)
 
 
+def _label(point: Point, points: Sequence[Point]) -> str:
+    """What stands beside a swatch; of many at one place, beside the first, how many they are."""
+    here = [other.swatch for other in points if _place(other) == _place(point)]
+    if len(here) <= LABELS_MAX:
+        return point.swatch if point.stable else f"{point.swatch} buzzes"
+    told = f"{len(here)} swatches" + " buzz" * (not point.stable)
+    return told if point.swatch == here[0] else ""
+
+
+def _place(point: Point) -> tuple[str, str, bool]:
+    return f"{point.stiffness_N_m:.2g}", f"{point.damping_Ns_m:.2g}", point.stable
+
+
 def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
     """The swatches, each with its name beside it."""
     height = 0.0
@@ -157,8 +173,10 @@ def _draw_points(ax: "Axes", points: Sequence[Point]) -> None:
         K, B = point.stiffness_N_m, point.damping_Ns_m
         marker, colour = ("o", OKABE_ITO["green"]) if point.stable else ("X", OKABE_ITO["vermilion"])
         ax.plot(B, K, marker, color=colour, markersize=7, markeredgecolor="white", zorder=5, clip_on=False)
+        name = _label(point, points)
+        if not name:
+            continue
         height = max(K, LABEL_RATIO * height)
-        name = point.swatch if point.stable else f"{point.swatch} buzzes"
         x, align = (1.35 * B, "left") if B > 0.1 else (B - 0.12, "right")
         ax.annotate(name, (B, K), (x, height), ha=align, **LABEL)
     for label, marker, colour in (("swatch that rests", "o", "green"), ("swatch that buzzes", "X", "vermilion")):

@@ -175,6 +175,9 @@ POWER_GAIN_MAX: Final = 1e10
 """Largest power gain of a model [1]. Real recordings give 1e1 to 1e5; at 1e14 double precision no longer tells
 a stable filter from an unstable one."""
 
+LINE_NOISE: Final = 1e-9
+"""Power of the noise beside a line that no filter could hold alone, of the line's own [1]."""
+
 
 POWER_MAX: Final = 1e12
 """Largest variance of a model's output [(m/s²)²]. Real surfaces give 1e-2 to 1e3; beyond this it is no vibration."""
@@ -680,8 +683,6 @@ _BINS: Final = 1 << 16  # of the spectrum at the old rate: 0.15 Hz at 10 kHz, le
 
 def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
     """The filter (order+1,) at `ratio` times the rate of `a`, and its excitation's variance when that of `a` is 1."""
-    from scipy.linalg import solve_toeplitz
-
     # One-sided samples of the density at 2π j / _BINS rad, scaled so that their mean over the circle is the power.
     density = 1.0 / np.abs(np.fft.rfft(a, _BINS)) ** 2
     density *= power_gain(a) / np.fft.irfft(density)[0]
@@ -689,8 +690,22 @@ def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
     shared = min(len(kept), len(density))
     kept[:shared] = density[:shared]
     r = np.fft.irfft(kept)[: order + 1] * ratio  # the same density per Hz is more power per sample at a higher rate
-    new = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
-    return new, float(r[0] / power_gain(new))
+    return _predictor(r)
+
+
+def _predictor(r: Array) -> tuple[Array, float]:
+    """The filter (p+1,) that predicts a signal of autocovariances (p+1,), and its excitation's variance.
+
+    Of a line in silence, as of a grating, the filter would be next to unstable: it gets a noise 90 dB below it.
+    """
+    from scipy.linalg import solve_toeplitz
+
+    for noise in (0.0, LINE_NOISE):
+        made = np.concatenate([[1.0], solve_toeplitz(np.concatenate([[(1.0 + noise) * r[0]], r[1:-1]]), -r[1:])])
+        gain = float(power_gain(made))
+        if gain < POWER_GAIN_MAX:
+            break
+    return made, float(r[0] / gain)
 
 
 def _warp_at(warp: float, ratio: float) -> float:
@@ -707,13 +722,10 @@ def _warp_at(warp: float, ratio: float) -> float:
 
 def _refit_warped(a: Array, ratio: float, order: int, old: float, new: float) -> tuple[Array, float]:
     """As `_refit`, of a filter warped by `old`, for one warped by `new`: in the phase of D its spectrum is an AR's."""
-    from scipy.linalg import solve_toeplitz
-
     phase = np.exp(-1j * np.pi / _WARPED_BINS * np.arange(_WARPED_BINS + 1))
     omega = -np.angle((phase + new) / (1.0 + new * phase)) * ratio  # what D has this phase at, in the old rate's terms
     density = np.full(len(omega), power_response(a, np.linspace(0.0, np.pi, 4096), old).min())
     within = omega <= np.pi
     density[within] = power_response(a, omega[within], old)
     r = np.fft.irfft(density)[: order + 1] * ratio
-    made = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
-    return made, float(r[0] / power_gain(made))
+    return _predictor(r)

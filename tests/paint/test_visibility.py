@@ -6,6 +6,7 @@ from trimesh.creation import box, icosphere
 
 from hapscene.paint.session import Session
 from hapscene.paint.visibility import seen_places
+from hapscene.scene.fine_paint import finest_of, parts
 from hapscene.scene.scene import Scene
 
 from .conftest import mesh_of, plate_mesh, turned
@@ -77,3 +78,50 @@ def test_against_rays_over_all_faces(away_m: float) -> None:
                 before = (t > 0.0) & (t < 1.0 - 1e-4 / np.linalg.norm(d))
                 hidden |= bool((inside & (under < 0.0) & before).any())
             assert seen == (not hidden)
+
+
+@pytest.mark.parametrize("tool", ["box", "brush"])
+def test_a_face_that_is_half_hidden_is_painted_up_to_the_shadow(tool: str) -> None:
+    scene = Scene()
+    scene.add(mesh_of(box((0.2, 0.2, 0.01))), name="plate")
+    scene.add(mesh_of(icosphere(subdivisions=4, radius=0.02)), name="ball", pose=turned(0.0, (0.0, 0.0, 0.06)))
+    session = Session(scene)
+    wood, eye, body = session.add_swatch("wood"), np.array([0.03, 0.02, 0.3]), scene.bodies[0]
+    if tool == "box":
+        session.fill_box(np.eye(4), [1.0, 1.0, 1.0], wood, body="plate", eye_W_m=eye)
+    else:
+        session.begin_stroke(wood, 0.1)
+        session.drag_to(eye, np.array([0.028, 0.0, 0.005]) - eye)
+        session.end_stroke()
+    rng = np.random.default_rng(0)
+    top = [int(f) for f in np.flatnonzero(body.mesh.normals[:, 2] > 0.9)]
+    wrong_m, hidden_count = [0.0], 0
+    for weight in rng.dirichlet([1.0, 1.0, 1.0], 2000):
+        face = top[rng.integers(2)]
+        p = weight @ body.mesh.triangles_m[face]
+        if tool == "brush" and np.linalg.norm(p - [0.028, 0.0, 0.005]) > 0.099:
+            continue
+        found = None if body.fine is None else body.fine.at(face, weight)
+        painted = (body.face_swatch[face] if found is None else parts(found)[0]) == wood
+        towards = (eye - p) / np.linalg.norm(eye - p)
+        by_m = float(np.linalg.norm(np.cross(np.array([0.0, 0.0, 0.06]) - p, towards))) - 0.02  # off the ball's border
+        hidden_count += by_m < 0.0
+        if painted == (by_m < 0.0):
+            wrong_m.append(abs(by_m))
+    assert hidden_count > 50
+    assert max(wrong_m) < finest_of(body.mesh) + 0.02 * (1 - np.cos(np.pi / 50))  # the ball is of facets
+
+
+def test_what_hides_a_face_narrowly_is_not_missed() -> None:
+    scene = Scene()
+    scene.add(mesh_of(box((0.2, 0.2, 0.01))), name="plate")
+    scene.add(mesh_of(box((0.0015, 0.3, 0.001))), name="wire", pose=turned(0.0, (0.013, 0.0, 0.06)))
+    session = Session(scene)
+    wood, body = session.add_swatch("wood"), scene.bodies[0]
+    session.fill_box(np.eye(4), [1.0, 1.0, 1.0], wood, body="plate", eye_W_m=EYE)
+    assert body.fine is not None
+    bare = parts(body.fine.paint)[0] != wood
+    up = body.mesh.normals[body.fine.face][:, 2] > 0.9
+    area_m2 = body.fine.leaf_areas_m2(body.mesh)[bare & up].sum()
+    wide_m = 0.0015 * (0.3 - 0.005) / (0.3 - 0.0605)  # of the shadow of its upper side
+    assert area_m2 == pytest.approx(0.2 * wide_m, rel=0.15)

@@ -185,6 +185,9 @@ def test_only_the_faces_that_are_told_are_painted_and_opacity_is_a_blend_of_whol
         ({"finest_m": 0.0}, "finest_m must be positive"),
         ({"soft_m": -1.0}, "soft_m 0 or more"),
         ({"opacity": math.nan}, "opacity within 0 and 1"),
+        ({"soft_m": "3 mm"}, "soft_m 0 or more.*'3 mm'"),
+        ({"soft_m": None}, "soft_m 0 or more"),
+        ({"finest_m": [1e-3, 2e-3]}, "finest_m must be positive"),
         ({"finest_m": 1e-7}, "needs more than 4,000,000 pieces"),
     ],
 )

@@ -405,3 +405,14 @@ def test_layers_are_of_their_texture_s_kind() -> None:
     for one in (texture, replace(texture.layers[0], life=Life([0.3], [20.0], [0.0]))):
         with pytest.raises(SwatchError, match="a layer has neither layers nor life"):
             replace(texture, layers=(*texture.layers[:2], one))
+
+
+@pytest.mark.parametrize("rate_Hz", [2000.0, 5000.0])
+def test_a_line_in_silence_is_played_at_other_rates(rate_Hz: float) -> None:
+    from hapscene.surface.library import load_swatch
+
+    texture = load_swatch("grating-1mm-10um").texture  # its models are next to unstable there
+    assert texture is not None
+    other = texture.resampled(rate_Hz)
+    slip_m_s = np.array([0.05, 0.1, 0.15, 0.2])  # the line at v/λ: 50 to 200 Hz
+    assert other.power(np.full(4, 1.0), slip_m_s) == pytest.approx(texture.power(np.full(4, 1.0), slip_m_s), rel=0.05)

@@ -54,13 +54,14 @@ class BodyPanel:
     Attributes:
         chosen: name of the body whose fields are seen; None for none.
         dragging: whether its handles are held.
+        closed: whether the page shows another scene by now: what was begun here comes to nothing.
     """
 
     def __init__(self, context: PageContext, container: Any) -> None:
         self._context = context
         self._composing = context.session.composing
         self.chosen: str | None = None
-        self.dragging = False
+        self.dragging = self.closed = False
         self._handles = True
         with container:
             self._tree = context.server.gui.add_html("")
@@ -144,7 +145,12 @@ class BodyPanel:
         """Have a body another size; what takes long is done beside."""
         composing, view = self._composing, self._context.view
         await asyncio.to_thread(lambda: view.prepare([composing.scaled_mesh(name, factor)]))
+        self._check_open(name, "scaled")
         composing.scale(name, factor, beside=beside)
+
+    def _check_open(self, name: str, done: str) -> None:
+        if self.closed:
+            raise MeshError(f"{name}: not {done}, as another scene was opened meanwhile: do it again")
 
     async def _resize(self, name: str, value: str) -> None:
         size_m = np.ptp(self._context.session.scene.body(name).mesh.bounds_m, axis=0)[AXES.index(self._what[-1])]
@@ -211,6 +217,7 @@ class BodyPanel:
             raw = await loop.run_in_executor(None, load_mesh, file, "m")
             unit = await self._ask_unit(file.name, raw)
         scene = await loop.run_in_executor(None, load)
+        self._check_open(file.name, "added")
         names = self._composing.add(scene)
         self.chosen = names[0]
         self._context.refresh()
@@ -273,8 +280,20 @@ class BodyPanel:
         for body, depth in tree[:ROW_MAX]:
             name, hidden, locked = escape_html(body.name), body.name in painting.hidden, body.name in painting.locked
             row = _button("choose", name, name, body.name == self.chosen, f"{len(body.mesh.faces):,} faces")
-            marks = _button("hide", "Show" if hidden else "Hide", name, hidden, "It is not seen, nor painted")
-            marks += _button("lock", "Unlock" if locked else "Lock", name, locked, "It is not painted, nor moved")
+            marks = _button(
+                "hide",
+                "Show" if hidden else "Hide",
+                name,
+                hidden,
+                "It is not seen, nor painted: no step, so undo leaves it, and it is not saved",
+            )
+            marks += _button(
+                "lock",
+                "Unlock" if locked else "Lock",
+                name,
+                locked,
+                "It is not painted, nor moved: no step, so undo leaves it, and it is not saved",
+            )
             rows.append(
                 f'<div role="treeitem" aria-level="{depth + 1}" aria-selected="{aria(body.name == self.chosen)}" '
                 f'style="--depth:{depth}"{" class=off" * hidden}>{row}{marks}</div>'
@@ -287,7 +306,8 @@ class BodyPanel:
             f'<div class="hs-bodies"><div role="tree" aria-label="Bodies of the scene">{"".join(rows)}</div>'
             f'<p><button data-upload="{accept}" title="STL, OBJ, PLY, glTF, 3MF, STEP …">Add meshes …</button>'
             f'<select data-body-set="shape" aria-label="Add a shape"><option value="">Add a shape …</option>{shapes}'
-            '</select></p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p></div>'
+            '</select></p><p class="dim">Or drop mesh files onto the page. They are copied beside the scene.</p>'
+            '<p class="dim">What is hidden, alone or locked is part of the view: neither undone nor saved.</p></div>'
         )
 
     def _fields_html(self, body: Body) -> str:
@@ -323,7 +343,13 @@ class BodyPanel:
         buttons = [
             _button("copy", "Copy", name, None, "Another body of the same mesh, beside it"),
             _button("delete", "Delete", name, None, "Ctrl Z brings it back"),
-            _button("isolate", "Show all" if hidden else "Isolate", name, None, "See this body alone, or all again"),
+            _button(
+                "isolate",
+                "Show all" if hidden else "Isolate",
+                name,
+                None,
+                "See this body alone, or all again; undo leaves it",
+            ),
             _button("handles", "Handles", name, self._handles, "Arrows and rings in the picture that move and turn it"),
             _button("up", "Up: y → z", name, None, "Turn it by 90° about x, to stand", "y"),
             _button("up", "z → y", name, None, "Turn it back", "z"),

@@ -164,6 +164,7 @@ class Page:
         self._keep()
         self._touch.forget()
         self._shelf_panel.close()
+        self._body_panel.closed = True
         while old.questions:
             old.dismiss()
         self.server.scene.reset()

@@ -1,6 +1,7 @@
 """The tab Paint above its shelf: the tool, and its settings."""
 
 import math
+from functools import partial
 from typing import Any, Final
 
 from hapscene.errors import SceneError
@@ -44,91 +45,48 @@ class ToolPanel:
         self._context = context
         gui, tools = context.server.gui, context.tools
         low, high, step = self._sizes()
+        self._groups = self._grouped()
+
+        def slider(label: str, low: float, high: float, step: float, value: float, hint: str) -> Any:
+            return gui.add_slider(label, min=low, max=high, step=step, initial_value=value, hint=hint)
+
+        def size(label: str, low: float, value_m: float, hint: str) -> Any:
+            return slider(f"{label} [mm]", low, high, step, _round_up(1e3 * value_m, step), hint)
+
+        def percent(label: str, low: int, value: int, hint: str) -> Any:
+            return slider(f"{label} [%]", low, 100, 5, value, hint)
+
         with gui.add_folder("Tool"):
             self._hint = gui.add_html("")
-            self._size = gui.add_slider(
-                "Size [mm]",
-                min=low,
-                max=high,
-                step=step,
-                initial_value=_round_up(2e3 * tools.radius_m, step),
-                hint="Diameter of brush, eraser, and of a sphere that is clicked; keys [ and ]",
-            )
+            told = "Diameter of brush, eraser, and of a sphere that is clicked; keys [ and ]"
+            self._size = size("Size", low, 2 * tools.radius_m, told)
             self._fill = gui.add_dropdown("Fill", FILLS, initial_value=tools.fill, hint="What a click fills")
-            self._angle = gui.add_slider(
-                "Angle [°]",
-                min=0,
-                max=180,
-                step=1,
-                initial_value=round(math.degrees(tools.angle_rad)),
-                hint="A facet goes on over edges that bend by at most this",
-            )
-            self._margin = gui.add_slider(
-                "Depth [mm]",
-                min=step,
-                max=high,
-                step=step,
-                initial_value=_round_up(1e3 * tools.margin_m, step),
-                hint="How far the box reaches beyond the two places that span it",
-            )
-            self._groups = self._grouped()
+            angle = round(math.degrees(tools.angle_rad))
+            self._angle = slider("Angle [°]", 0, 180, 1, angle, "A facet goes on over edges that bend by at most this")
+            told = "How far the box reaches beyond the two places that span it"
+            self._margin = size("Depth", step, tools.margin_m, told)
             self._group = gui.add_dropdown("Part", tuple(self._groups), hint="A material, object or group of the file")
             self._group_button = gui.add_button("Fill this part", hint="Paints the part with the chosen swatch")
-            self._by = gui.add_slider(
-                "Border [mm]",
-                min=step,
-                max=high,
-                step=step,
-                initial_value=_round_up(1e3 * tools.margin_m, step),
-                hint="How far the chosen swatch grows or shrinks, along all of its border",
-            )
+            told = "How far the chosen swatch grows or shrinks, along all of its border"
+            self._by = size("Border", step, tools.margin_m, told)
             self._border = gui.add_button_group("Swatch", BORDER, hint="On all bodies that are seen and not locked")
-            self._softness = gui.add_slider(
-                "Softness [%]",
-                min=0,
-                max=100,
-                step=5,
-                initial_value=0,
-                hint="How far in from the edge of the brush its swatch fades into what is there",
-            )
-            self._opacity = gui.add_slider(
-                "Opacity [%]",
-                min=5,
-                max=100,
-                step=5,
-                initial_value=100,
-                hint="How much of the swatch is put over what is there: two swatches are felt at once, by weight",
-            )
-            self._force = gui.add_slider(
-                "Force [N]",
-                min=FORCE_N[0],
-                max=FORCE_N[1],
-                step=0.1,
-                initial_value=tools.force_N,
-                hint="With which the hand presses on the surface; what it holds is chosen in the tab Feel",
-            )
+            told = "How far in from the edge of the brush its swatch fades into what is there"
+            self._softness = percent("Softness", 0, 0, told)
+            told = "How much of the swatch is put over what is there: two swatches are felt at once, by weight"
+            self._opacity = percent("Opacity", 5, 100, told)
+            told = "With which the hand presses on the surface; what it holds is chosen in the tab Feel"
+            self._force = slider("Force [N]", *FORCE_N, 0.1, tools.force_N, told)
             self._more = gui.add_folder("More", expand_by_default=False)
             with self._more:
-                self._mirrors = gui.add_dropdown(
-                    "Mirror", MIRRORS, hint="Paints the same on the other side of planes through the body's middle"
-                )
-                self._turns = gui.add_slider(
-                    "Around", min=1, max=24, step=1, initial_value=1, hint="How often it is painted around the axis"
-                )
-                self._axis = gui.add_dropdown(
-                    "Axis", ("x", "y", "z"), initial_value="z", hint="Through the body's middle"
-                )
-                self._colours = gui.add_checkbox(
-                    "File's colours",
-                    True,
-                    visible=context.view.has_file_colours,
-                    hint="Shows what is unpainted as the file colours it; else all in the colours of swatches",
-                )
-                self._through = gui.add_checkbox(
-                    "Paint through",
-                    tools.through,
-                    hint="Paints also what is not seen: backs, and what something else hides",
-                )
+                told = "Paints the same on the other side of planes through the body's middle"
+                self._mirrors = gui.add_dropdown("Mirror", MIRRORS, hint=told)
+                self._turns = slider("Around", 1, 24, 1, 1, "How often it is painted around the axis")
+                self._axis = gui.add_dropdown("Axis", tuple("xyz"), initial_value="z", hint="Through the body's middle")
+                told = "Shows what is unpainted as the file colours it; else all in the colours of swatches"
+                has = context.view.has_file_colours
+                self._colours = gui.add_checkbox("File's colours", True, visible=has, hint=told)
+                told = "Paints also what is not seen: backs, and what something else hides"
+                self._through = gui.add_checkbox("Paint through", tools.through, hint=told)
         self._listen()
         self.show()
 
@@ -205,16 +163,13 @@ class ToolPanel:
             mirrors = "" if self._mirrors.value == MIRRORS[0] else str(self._mirrors.value).replace(" ", "")
             tools.symmetry = Symmetry(mirrors, int(self._turns.value), str(self._axis.value))
 
-        def softness(target: Any) -> None:
-            tools.softness = bounded(target.value, 0.0, 100.0, 100 * tools.softness) / 100
-
-        def opacity(target: Any) -> None:
-            tools.opacity = bounded(target.value, 5.0, 100.0, 100 * tools.opacity) / 100
+        def percent(name: str, slider: Any) -> None:
+            setattr(tools, name, bounded(slider.value, slider.min, slider.max, 100 * getattr(tools, name)) / 100)
 
         for control in (self._mirrors, self._turns, self._axis):
             control.on_update(callback(symmetry))
-        self._softness.on_update(callback(softness))
-        self._opacity.on_update(callback(opacity))
+        self._softness.on_update(callback(partial(percent, "softness")))
+        self._opacity.on_update(callback(partial(percent, "opacity")))
         self._colours.on_update(callback(lambda target: self._context.view.show_file_colours(bool(target.value))))
         self._through.on_update(callback(through))
         self._size.on_update(callback(lambda t: tools.resize(5e-4 * bounded(t.value, 0.0, 1e6, 2e3 * tools.radius_m))))

@@ -268,3 +268,29 @@ def test_recent_scenes_are_those_that_are_there(tmp_path: Path) -> None:
         assert recent_scenes() == []
     note_scene(paths[3])
     assert json.loads(recent_file().read_text()) == [os.fspath(paths[3])]
+
+
+def test_a_mesh_that_is_read_while_another_scene_is_opened_is_told_of(
+    page: Page, tab: Tab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hapscene import touch
+
+    begun, goes_on, read = threading.Event(), threading.Event(), touch.open_scene
+
+    def slow(*arguments: object) -> Scene:
+        begun.set()
+        assert goes_on.wait(120.0)
+        return read(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(touch, "open_scene", slow)
+    (tmp_path / "dropped").mkdir()
+    trimesh.creation.box((0.05, 0.05, 0.05)).export(tmp_path / "dropped" / "cube.glb")
+    loop, old = page.server.get_event_loop(), page.context.session
+    taken = asyncio.run_coroutine_threadsafe(page._take([tmp_path / "dropped" / "cube.glb"]), loop)
+    assert begun.wait(120.0)
+    asyncio.run_coroutine_threadsafe(page._scene_panel.new(), loop).result(120.0)
+    goes_on.set()
+    with pytest.raises(HapsceneError, match=r"cube\.glb: not added, as another scene was opened meanwhile"):
+        taken.result(120.0)
+    assert [body.name for body in page.context.session.scene.bodies] == ["plate"]
+    assert len(old.scene.bodies) == 2 and not (tmp_path / "cube.glb").exists()
