@@ -13,7 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.capture.batch import fit_batch, gather
 from hapscene.constants import TICK_S
+from hapscene.errors import HapsceneError
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -147,9 +149,6 @@ def _batch_s(count: int, jobs: int, dask: bool = False, kill: bool = False) -> f
     Raises:
         HapsceneError: one of them was not fitted.
     """
-    from hapscene.capture.batch import fit_batch, gather
-    from hapscene.errors import HapsceneError
-
     with tempfile.TemporaryDirectory() as folder:
         rng = np.random.default_rng(0)
         for k in range(count):
