@@ -271,15 +271,6 @@ def residual(a: ArrayLike, acceleration_m_s2: ArrayLike) -> Array:
     return np.asarray(lfilter(a, [1.0], signal)[len(a) - 1 :])
 
 
-def variance_ratio(a: ArrayLike, acceleration_m_s2: ArrayLike) -> float:
-    """Residual power over signal power, Σ e² / Σ y² [1] (the normalised error of Makhoul 1975).
-
-    1 for a model that explains nothing, 1/power gain for the model that made the signal; it can exceed 1 for the
-    model of another surface.
-    """
-    return float(np.mean(residual(a, acceleration_m_s2) ** 2) / np.mean(np.asarray(acceleration_m_s2) ** 2))
-
-
 def correlation(signal: ArrayLike, lag_count: int = LAG_COUNT) -> Array:
     """Autocorrelation ρ_k of a signal for lags 1 … lag_count, (lag_count,) [1]; mean removed, biased (over n).
 
