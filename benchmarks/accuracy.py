@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from hapscene.recording import Recording
 
@@ -42,8 +43,6 @@ def distances(corners_m: Array, proxy_m: Array, tool_m: Array) -> tuple[Array, A
     Inside a convex body the distance to its surface is that to the nearest facet's plane, exactly; the closest point is
     the foot on that plane.
     """
-    from scipy.spatial import cKDTree
-
     middle = corners_m.mean(axis=1)
     n = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from hapscene.device.hand import grip_named
@@ -245,8 +246,6 @@ def _jump_limit_deg(case: dict[str, Any]) -> float:
 
 def _twin(folder: Path, name: str, limits: Limits) -> tuple[Twin, Array]:
     """A twin that touches one of the meshes, device and place to be set later; the mesh's bounds (2, 3)."""
-    import trimesh
-
     if name in SUBDIVISIONS:
         mesh = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS[name], radius=0.05)
     else:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from hapscene.command.console import complain, say, tell
 from hapscene.command.options import add_command, key_value
+from hapscene.errors import DeviceError
 
 FIND_S: Final = 5.0
 """How long a driver may look for its device [s]."""
@@ -38,7 +39,6 @@ def _devices(options: argparse.Namespace) -> int:
     from hapscene.device.driver_registry import DRIVERS
 
     if options.what == "try":
-        from hapscene.errors import DeviceError
         from hapscene.play.first_run import try_device
 
         if options.name is None:

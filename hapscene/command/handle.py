@@ -1,6 +1,8 @@
 """`hapscene handle`: identify a handle, show what is known of it, play through it."""
 
 import argparse
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -279,9 +281,6 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
 
 def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[str]) -> list[Any]:
     """The sweep played through a real handle, the user told how to hold it."""
-    import sys
-    from contextlib import closing
-
     from hapscene.handle.measure import play_grips
     from hapscene.handle.serial_handle import SerialSource
 

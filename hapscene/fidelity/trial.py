@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.model import DeviceWarning, limits_of
+from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, Hand
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
 from hapscene.perception import band_edges_Hz, bands_jnd, force_jnd
@@ -23,7 +23,6 @@ from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import MeshWarning
 
 if TYPE_CHECKING:
-    from hapscene.device.model import Limits
     from hapscene.recording import Recording
     from hapscene.scene.scene import Scene
 
@@ -63,7 +62,7 @@ EMBREE_B: Final = 90
 """What Embree takes for a face [bytes]: 88 to 103 by the memory of the process, at 20 k to 1.3 M faces."""
 
 
-def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: "Limits", count: int) -> list[Array]:
+def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: Limits, count: int) -> list[Array]:
     """Paths (n, 3) [m], a row a tick, each a tap and a stroke on a body as it stands; none where it is not seen."""
     look, body = look_from_above(scene), scene.bodies[index]
     low, high = window_of(bounds_of(body))
@@ -265,7 +264,7 @@ def seconds(work: Callable[[], object]) -> float:
     return least
 
 
-def limits_here(device: str) -> "Limits":
+def limits_here(device: str) -> Limits:
     """Limits of a device at the renderer's own rate."""
     return limits_of(device, TICK_S)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -206,8 +207,6 @@ def _mp4(part: Path, frames: Frames, count: int, seconds: float, size: tuple[int
 
 
 def _check_mp4(size: tuple[int, int], rate_Hz: float) -> None:
-    from importlib.util import find_spec
-
     if find_spec("imageio_ffmpeg") is None:
         raise ViewError(
             "an MP4 needs the extra `video`: pip install 'hapscene[video]'; or write a .gif, which needs nothing more"
