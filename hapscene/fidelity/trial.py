@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
@@ -109,10 +110,8 @@ def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
 
 def body_paths(scene: "Scene", name: str, seed: int, device: str) -> list[Array]:
     """Paths over a body in its own frame: as it stands, and turned."""
-    from scipy.spatial.transform import Rotation
-
     rng, limits = np.random.default_rng([seed, *name.encode()]), limits_here(device)
-    turns = [scene.body(name).X_WB[:3, :3], *Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
+    turns = [scene.body(name).X_WB[:3, :3], *scipy.spatial.transform.Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
     drawn = [(R, random_paths(alone(scene, name, R), 0, rng, limits, BODY_PATHS)) for R in turns]
     return reached(alone(scene, name), [path @ R for R, paths in drawn for path in paths], device)
 

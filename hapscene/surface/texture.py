@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
@@ -80,12 +81,10 @@ def _beside(place: Array, model: Array) -> Array:
 
 def triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
     """Delaunay triangles (t, 3) over the plane scaled to 1 × 1, without flat ones."""
-    from scipy.spatial import Delaunay
-
     x, y = force_N / force_N.max(), speed_m_s / speed_m_s.max()
     # Four models on a rectangle can be cut along either diagonal. Stretched across the diagonal a little, Delaunay
     # takes the one from silence to full level, along which the level does not sag.
-    triangles = Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
+    triangles = scipy.spatial.Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
     corner = np.stack([x, y], axis=1)[triangles]
     side = corner[:, 1:] - corner[:, :1]
     area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
@@ -680,8 +679,6 @@ _BINS: Final = 1 << 16  # of the spectrum at the old rate: 0.15 Hz at 10 kHz, le
 
 def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
     """The filter (order+1,) at `ratio` times the rate of `a`, and its excitation's variance when that of `a` is 1."""
-    from scipy.linalg import solve_toeplitz
-
     # One-sided samples of the density at 2π j / _BINS rad, scaled so that their mean over the circle is the power.
     density = 1.0 / np.abs(np.fft.rfft(a, _BINS)) ** 2
     density *= power_gain(a) / np.fft.irfft(density)[0]
@@ -689,7 +686,7 @@ def _refit(a: Array, ratio: float, order: int) -> tuple[Array, float]:
     shared = min(len(kept), len(density))
     kept[:shared] = density[:shared]
     r = np.fft.irfft(kept)[: order + 1] * ratio  # the same density per Hz is more power per sample at a higher rate
-    new = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
+    new = np.concatenate([[1.0], scipy.linalg.solve_toeplitz(r[:-1], -r[1:])])
     return new, float(r[0] / power_gain(new))
 
 
@@ -707,13 +704,11 @@ def _warp_at(warp: float, ratio: float) -> float:
 
 def _refit_warped(a: Array, ratio: float, order: int, old: float, new: float) -> tuple[Array, float]:
     """As `_refit`, of a filter warped by `old`, for one warped by `new`: in the phase of D its spectrum is an AR's."""
-    from scipy.linalg import solve_toeplitz
-
     phase = np.exp(-1j * np.pi / _WARPED_BINS * np.arange(_WARPED_BINS + 1))
     omega = -np.angle((phase + new) / (1.0 + new * phase)) * ratio  # what D has this phase at, in the old rate's terms
     density = np.full(len(omega), power_response(a, np.linspace(0.0, np.pi, 4096), old).min())
     within = omega <= np.pi
     density[within] = power_response(a, omega[within], old)
     r = np.fft.irfft(density)[: order + 1] * ratio
-    made = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
+    made = np.concatenate([[1.0], scipy.linalg.solve_toeplitz(r[:-1], -r[1:])])
     return made, float(r[0] / power_gain(made))
