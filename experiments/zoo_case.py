@@ -121,12 +121,7 @@ LEAST_DRAWN: Final = 1e-4
 _COLUMNS: Final[tuple[tuple[str, str, float, Callable[[ZooCase], float]], ...]] = (
     ("energy made in a contact", "energy [mJ]", ENERGY_MJ, lambda row: row.energy_mJ),
     ("at rest", "speed, rms [mm/s]", REST_MM_S, lambda row: row.rest_mm_s),
-    (
-        "jump of direction",
-        "turn in a tick / allowed [1]",
-        1.0,
-        lambda row: row.jump_deg / row.jump_limit_deg,
-    ),
+    ("jump of direction", "turn in a tick / allowed [1]", 1.0, lambda row: row.jump_deg / row.jump_limit_deg),
 )
 _MARKS: Final = {
     ("point", "light"): ("sky", "o"),

@@ -128,12 +128,7 @@ QUESTION: Final = Question(
     measures=(
         Measure("force", "force on a slide, 95 %", "JND", 1.0, "7 %, 18° (Pang et al. 1991, Barbagli et al. 2006)"),
         Measure(
-            "buzz",
-            f"speed on a wall of {BUZZ_N_M:g} N/m",
-            "mm/s",
-            REST_MM_S,
-            "half an encoder's noise",
-            limit="rest",
+            "buzz", f"speed on a wall of {BUZZ_N_M:g} N/m", "mm/s", REST_MM_S, "half an encoder's noise", limit="rest"
         ),
         Measure("felt", "stiffest wall in a light hand", "N/m", more_is_better=True),
         Measure("closed", "stiffest wall, no friction, no hand", "N/m", more_is_better=True),

@@ -9,14 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.device.driver import Connection, new_state
 from hapscene.device.hand import HAND
 from hapscene.device.model import DEVICES, DeviceLike, device_of
-from hapscene.device.omni import (
-    Omni,
-    advance_omni,
-    hold_omni,
-    read_omni,
-    tip_omni,
-    tip_velocity_omni,
-)
+from hapscene.device.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni, tip_velocity_omni
 from hapscene.device.omni_record import OMNI
 from hapscene.device.point import POINT, PointMass, advance_point, hold_point, read_point
 from hapscene.errors import HapsceneError

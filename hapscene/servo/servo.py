@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -328,9 +327,7 @@ class Servo:
         self._frames = shared.frames.view(np.ndarray)
         self._fault = shared.fault
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def cancel(self) -> None:
@@ -437,12 +434,7 @@ class Servo:
 
     @old_spellings(p_W_m="p_WT")
     def aim(
-        self,
-        p_WT: ArrayLike,
-        grip: str | Grip = "light",
-        push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
-        *,
-        tool: int = 0,
+        self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
     ) -> None:
         """Have the hand mean a tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 

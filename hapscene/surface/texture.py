@@ -379,12 +379,7 @@ class Texture:
 
     @old_spellings()
     def density(
-        self,
-        force_N: ArrayLike,
-        speed_m_s: ArrayLike,
-        *,
-        frequency_Hz: ArrayLike,
-        third_rad: ArrayLike | None = None,
+        self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike, third_rad: ArrayLike | None = None
     ) -> Array:
         """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
         a, variance = self.models(force_N, speed_m_s, third_rad=third_rad)
