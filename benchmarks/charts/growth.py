@@ -23,7 +23,7 @@ from hapscene.surface.effect import Effect
 from hapscene.surface.library import load_swatch
 
 from ..case import short, slide_path, sphere
-from ..crowd import grid
+from ..crowd import crowd_of, grid
 from ..machine import held_MB
 from ..tick_time import hot
 from .exponent import exponents
@@ -108,12 +108,7 @@ def _tick_us(renderer: Renderer) -> tuple[float, float]:
 
 def _spheres(mesh: Mesh, count: int) -> Scene:
     """Bodies of one mesh on a grid; the tool slides over the first."""
-    scene = Scene()
-    for i, place in enumerate(grid(count)):
-        X_WB = np.eye(4)
-        X_WB[:3, 3] = place
-        scene.add(mesh, name=f"body {i}", pose=X_WB)
-    return scene
+    return crowd_of(mesh, grid(count))
 
 
 def _painted(count: int) -> Scene:

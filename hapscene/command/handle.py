@@ -11,6 +11,7 @@ from hapscene.command.options import (
     add_command,
     add_group,
     add_out_folder,
+    add_pairs,
     add_recording_options,
     base_name,
     baud,
@@ -18,7 +19,6 @@ from hapscene.command.options import (
     check_there,
     folder,
     force,
-    key_value,
     number,
     rate,
     recording_options,
@@ -43,10 +43,7 @@ def _add_play(commands: Any) -> None:
         help="an identified handle (default: the assumed one); audio, serial or usb: a real one to play on. May be "
         "given once for each",
     )
-    command.add_argument(
-        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE",
-        help="of the real one, as port=/dev/ttyACM0",
-    )  # fmt: skip
+    add_pairs(command, "--option", "of the real one, as port=/dev/ttyACM0")
     command.add_argument(
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )

@@ -410,6 +410,11 @@ def vector(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def add_pairs(command: Any, name: str, told: str) -> None:
+    """Adds an option that takes KEY=VALUE, any number of times."""
+    command.add_argument(name, type=key_value, action="append", default=[], metavar="KEY=VALUE", help=told)
+
+
 def key_value(text: str) -> tuple[str, str]:
     """An option of a plugin as in "firmware=falcon.bin"."""
     key, equals, value = text.partition("=")
