@@ -58,16 +58,12 @@ SAMPLES: Final = 1500
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     found, batch = [], 20 if quick else BATCH
     for kind, sizes in SIZES.items():
-        if kind.startswith("Dask") and not _has_dask():
+        if kind.startswith("Dask") and find_spec("distributed") is None:
             continue
         for n in sizes[:3] if quick else sizes:
             label = short(20 * 4**n) if kind == "triangles" else f"{n:,}"
             found.append(Setting(kind, label, {"kind": kind, "n": n, "batch": batch}))
     return found
-
-
-def _has_dask() -> bool:
-    return find_spec("distributed") is not None
 
 
 def error(kind: str, n: int, batch: int) -> dict[str, float]:

@@ -45,12 +45,9 @@ LAGS_S: Final = np.linspace(0.0, 0.5, 51)
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     counts = COUNTS[::2] if quick else COUNTS
-    made = [Setting(f"by {over}", _label(n), {"count": n, "over": over}) for over in OVER for n in counts]
+    labels = {n: f"{n} process{'es' * (n > 1)}" for n in counts}
+    made = [Setting(f"by {over}", labels[n], {"count": n, "over": over}) for over in OVER for n in counts]
     return [Setting("steady", "no process", {"count": 0, "over": ""}), *made]
-
-
-def _label(count: int) -> str:
-    return f"{count} process{'es' if count > 1 else ''}"
 
 
 def error(count: int, over: str) -> dict[str, float]:
