@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from hapscene.recording import Recording
 
@@ -23,17 +24,17 @@ def measure_accuracy(sheet: Sheet, case: Case, recording: Recording) -> None:
     """Force against the sphere's normal; proxy against the facets, and against their point closest to the tool."""
     on = recording.touching & (recording.depth_m > DEPTH_MIN_M)
     tool, proxy, force = recording.p_WT_m[on], recording.p_WP_m[on], recording.f_W_N[on]
-    sheet.add_spread(case.name, "force direction error", direction_error_deg(force, tool), "°")
+    sheet.add_spread(case.name, "force direction error", angle_deg(force, tool), "°")
     gap_m, lag_m = distances(case.mesh.triangles_m, proxy, tool)
     sheet.add_spread(case.name, "proxy to facets", np.abs(gap_m), "m")
     sheet.add_spread(case.name, "proxy to closest point", lag_m, "m")
     sheet.add_spread(case.name, "proxy to round surface", np.abs(RADIUS_M - np.linalg.norm(proxy, axis=1)), "m")
 
 
-def direction_error_deg(f_W_N: Array, p_WT_m: Array) -> Array:
-    """Angle (n,) [°] between force and the outward normal of a sphere about the origin, below which the tool is."""
-    sine = np.linalg.norm(np.cross(f_W_N, p_WT_m), axis=1)
-    return np.asarray(np.degrees(np.arctan2(sine, np.einsum("ni,ni->n", f_W_N, p_WT_m))))
+def angle_deg(a: Array, b: Array) -> Array:
+    """Angles (n,) [°] between vectors (n, 3): of a force and a tool below a sphere about the origin, its error."""
+    sine = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.degrees(np.arctan2(sine, np.einsum("ni,ni->n", a, b))))
 
 
 def distances(corners_m: Array, proxy_m: Array, tool_m: Array) -> tuple[Array, Array]:
@@ -42,8 +43,6 @@ def distances(corners_m: Array, proxy_m: Array, tool_m: Array) -> tuple[Array, A
     Inside a convex body the distance to its surface is that to the nearest facet's plane, exactly; the closest point is
     the foot on that plane.
     """
-    from scipy.spatial import cKDTree
-
     middle = corners_m.mean(axis=1)
     n = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)

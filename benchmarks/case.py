@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.creation import icosphere
 
 from hapscene.constants import TICK_S
 from hapscene.scene.mesh import Mesh
@@ -58,8 +59,6 @@ class Case:
 
 def sphere(subdivisions: int) -> Mesh:
     """Icosphere of `RADIUS_M` about the origin: 20 · 4^subdivisions faces."""
-    from trimesh.creation import icosphere
-
     made = icosphere(subdivisions=subdivisions, radius=RADIUS_M)
     return Mesh(vertices_m=np.asarray(made.vertices), faces=np.asarray(made.faces, np.int32))
 

@@ -11,6 +11,7 @@ from hapscene.clock import new_clock, now_ns
 from hapscene.contact.moving import place_bodies
 from hapscene.native import native
 from hapscene.renderer import Renderer
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 
 from .case import slide_path, sphere
@@ -57,7 +58,7 @@ def measure_bodies(sheet: Sheet, count: int, tick_count: int, repeats: int) -> s
     path = slide_path(tick_count)
     name = f"{count} bodies" if count > 1 else "1 body"
     place = grid(count)
-    scene = _scene(place)
+    scene = crowd_of(sphere(3), place)
     sheet.add(name, "bodies", count, "1")
     sheet.add_spread(name, "contact", hot(Renderer(scene, effects=[]), path, repeats).contact_ns, "µs", 1e-3)
     if count * MOVING_SHARE >= 1.0:
@@ -68,7 +69,7 @@ def measure_bodies(sheet: Sheet, count: int, tick_count: int, repeats: int) -> s
 def measure_bound(sheet: Sheet, count: int, repeats: int) -> None:
     """A whole step from Python, in contact, while all bodies move: their poses written into slots."""
     place = grid(count)
-    renderer = Renderer(_scene(place), effects=["wall"])
+    renderer = Renderer(crowd_of(sphere(3), place), effects=["wall"])
     slots = renderer.moving([f"body {i}" for i in range(count)])
     X_WB = _sway(place, MOVING_TICKS)
     took_ns = np.zeros((repeats, MOVING_TICKS), np.int64)
@@ -123,8 +124,9 @@ def grid(count: int) -> Array:
     return SPACING_M * steps.astype(np.float64)
 
 
-def _scene(place: Array) -> Scene:
-    scene, mesh = Scene(), sphere(3)
+def crowd_of(mesh: Mesh, place: Array) -> Scene:
+    """A scene of bodies of one mesh at places (n, 3) [m]."""
+    scene = Scene()
     for i, p in enumerate(place):
         X_WB = np.eye(4)
         X_WB[:3, 3] = p

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import chirp
 
+from hapscene.capture.synthesis import synthesize
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import spectrogram_error
 from hapscene.handle.compensator import COMPENSATORS
@@ -15,6 +17,7 @@ from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play, run
 from hapscene.handle.sensor import ACCELEROMETER_HZ, Sensor
+from hapscene.surface.library import load_swatch
 from hapscene.teleoperation.experiment import compare_handles
 from hapscene.view.palette import OKABE_ITO
 
@@ -117,11 +120,6 @@ def signals() -> dict[str, Array]:
     approximate inverse of f₀ = 10 Hz it asks for 2.1 N and 0.43 mm, as the tap of the project's reference does. There
     are eight, for the error of one depends on where it lies between the spectrogram's windows.
     """
-    from scipy.signal import chirp
-
-    from hapscene.capture.synthesis import synthesize
-    from hapscene.surface.library import load_swatch
-
     count = round(DURATION_S * RATE_HZ)
     t_s, rng = np.arange(count) / RATE_HZ, np.random.default_rng(0)
     frequency = np.fft.rfftfreq(count, 1.0 / RATE_HZ)

@@ -4,7 +4,6 @@ import contextlib
 import multiprocessing
 import threading
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
@@ -40,9 +39,7 @@ class IdleLoop:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._close()
 
     def start(self) -> None:

@@ -6,6 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.capture import fit, load_recording, synthesize
+from hapscene.capture.order_search import search_order
+from hapscene.capture.streams import clean
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
 
@@ -31,8 +34,6 @@ RATE_HZ: Final = 10_000.0
 
 def swatch_of_order(order: int) -> Swatch:
     """The shipped wood, its texture played for `DURATION_S` and fitted again at `order`: real in level and spectrum."""
-    from hapscene.capture import fit, synthesize
-
     wood = load_swatch("wood")
     count = round(DURATION_S * RATE_HZ)
     force_N, speed_m_s = np.full(count, FORCE_N), np.full(count, SPEED_M_S)
@@ -45,10 +46,6 @@ def swatch_of_order(order: int) -> Swatch:
 
 def measure_recordings(sheet: Sheet, folder: Path) -> None:
     """Log-spectral distance between each order's model of one half of a recording and the other half."""
-    from hapscene.capture import load_recording
-    from hapscene.capture.order_search import search_order
-    from hapscene.capture.streams import clean
-
     for name, (file, words) in RECORDINGS.items():
         recording = load_recording(folder / file, RATE_HZ, **words)
         found = search_order(clean(recording.acceleration_m_s2, RATE_HZ).acceleration_m_s2, RATE_HZ)

@@ -13,7 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from trimesh.creation import box, icosphere
+
 from hapscene.scene.mesh import Mesh
+from hapscene.scene.region import Sphere
 from hapscene.scene.scene import Scene
 
 from .markdown import table
@@ -43,10 +46,6 @@ SEEN: Final = """
 
 def write_scenes(folder: Path) -> dict[str, Path]:
     """A cube of 12 triangles with a fine border, and plain balls, as scene files."""
-    from trimesh.creation import box, icosphere
-
-    from hapscene.scene.region import Sphere
-
     made = {"cube of 12, fine border": Scene()}
     cube = made["cube of 12, fine border"]
     cube.add(Mesh.from_trimesh(box((0.04, 0.04, 0.04)), "m"), name="cube", swatch="wood")

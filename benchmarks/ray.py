@@ -1,6 +1,7 @@
 """Where the time of a contact goes: the rays of a path, counted in the interpreted tick, timed in a compiled loop."""
 
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,6 @@ def recorded_rays(subdivisions: int, tick_count: int) -> tuple[Rays, int]:
 
 def record(subdivisions: int, tick_count: int, file: str) -> None:
     """Write the rays of a slide; only where the tick runs interpreted, so that a ray can be listened to."""
-    from importlib import import_module
-
     if not INTERPRETED:
         raise HapsceneError("rays are recorded under NUMBA_DISABLE_JIT=1")
     caster: Any = import_module("hapscene.contact.cast")

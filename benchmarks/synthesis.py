@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hapscene.capture.synthesis import synthesize
 from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
@@ -75,8 +76,6 @@ def _time_played(texture: Texture) -> float:
 
 def _time_filtered(a: Array) -> float:
     """Time of SciPy's filter on noise of the same length [s]."""
-    from scipy.signal import lfilter
-
     noise = np.random.default_rng(0).standard_normal(round(RATE_HZ * DURATION_S))
     return _best(lambda: lfilter([1.0], a, noise))
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hapscene.clock import new_clock, now_ns
 from hapscene.contact.proxy import move
+from hapscene.contact.world import Shapes
 from hapscene.describe import describe
 from hapscene.native import native
 from hapscene.reaction import react
@@ -86,7 +87,6 @@ def measure_contact(sheet: Sheet, case: Case, repeats: int = REPEATS) -> Recordi
 
 def measure_build(sheet: Sheet, case: Case) -> None:
     """Time to find the neighbours of faces, to pack the faces and to build their search."""
-    from hapscene.contact.world import Shapes
 
     def build() -> None:
         Shapes([replace(case.mesh)], 0.0)  # whose neighbours are not known yet

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from hapscene.device.hand import Grip
 from hapscene.device.point import PointMass
@@ -69,8 +70,6 @@ def energy_J(width_m: float, back: bool) -> float:
 
 def dip_m(width_m: float) -> float:
     """Deepest place on the way, of m z'' = P − K(v t) z from rest: by energy over a sharp border, else by SciPy."""
-    from scipy.integrate import solve_ivp
-
     rest_m = PUSH_N / STIFF_N_M
     if width_m == 0.0:
         return 2.0 * PUSH_N / SOFT_N_M - rest_m

@@ -11,6 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from hapscene.constants import SLIP_CUTOFF_HZ, TICK_S
 from hapscene.device.hand import Grip
@@ -89,8 +91,6 @@ def deep_damping() -> list[Answer]:
 
 def bounce(speed_m_s: float, stiffness_N_m: float = 500.0) -> float:
     """Restitution e: with a = χ v/K, a − ln(1 + a) = −a e − ln(1 − a e), of a free mass on d (K + χ ḋ)."""
-    from scipy.optimize import brentq
-
     a = DEEP_NS_M2 * speed_m_s / stiffness_N_m
 
     def off(e: float) -> float:
@@ -109,8 +109,6 @@ def bounced(speed_m_s: float, stiffness_N_m: float = 500.0) -> float:
 
 def torn_off() -> list[Answer]:
     """A tool that is lifted off loses A e δ, pulled by A at most; beside the surface it rings as a spring of A e/δ."""
-    from scipy.optimize import brentq
-
     sticky = {"adhesion_N": PULL_N, "adhesion_range_m": RANGE_M}
     height_m, f_N = lifted(_twin(PointMass(MASS_KG), ("wall", "adhesion"), **sticky))
     air = height_m[:-1] > 0.0
@@ -205,8 +203,6 @@ def period(t_s: Array, x: Array) -> float:
 
 def solved(static: float, cycles: int = 12) -> tuple[float, float]:
     """Period [s] and amplitude [m] of its stick and slip, of rigid friction, by SciPy."""
-    from scipy.integrate import solve_ivp
-
     tau = 1.0 / (2.0 * math.pi * SLIP_CUTOFF_HZ)
 
     def slip(_: float, y: Array) -> list[float]:

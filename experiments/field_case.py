@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from hapscene.constants import TICK_S
 from hapscene.device.hand import Grip
@@ -94,7 +95,6 @@ def let_go(field: str, stiffness_N_m: float, off_m: float, count: int, damping_N
 
 def critical(field: str, damping_Ns_m: float = DAMPING_NS_M, delay_ticks: int = 0) -> float:
     """The stiffness of a field beyond which small motion in it grows [N/m], by simulation."""
-    from scipy.optimize import brentq
 
     def grows(stiffness_N_m: float) -> float:
         return growth(
@@ -110,8 +110,6 @@ def critical(field: str, damping_Ns_m: float = DAMPING_NS_M, delay_ticks: int = 
 
 def largest_viscosity(cutoff_Hz: float) -> float:
     """The damping of `viscosity` beyond which a free tool without damping of its own is kicked [N·s/m]."""
-    from scipy.optimize import brentq
-
     twin = Twin(
         sheet(Swatch("wall")),
         PointMass(MASS_KG),
@@ -142,8 +140,6 @@ def balance(amplitude: float) -> float:
 
 def hum_m(ratio: float) -> float:
     """Amplitude of a magnet's hum whose stiffness is that many times the critical [m]; NaN where it throws out."""
-    from scipy.optimize import brentq
-
     if ratio >= balance(1.0):
         return math.nan
     return REACH_M * float(brentq(lambda a: balance(a) - ratio, 1e-6, 1.0)) if ratio > 1.0 else 0.0

@@ -20,6 +20,7 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hapscene.capture import metric
 from hapscene.capture.batch import gather
@@ -103,8 +104,6 @@ def simulated(
     surface: str, seconds: float, seed: int = 0, rate_Hz: float = 5000.0
 ) -> tuple[Streams, NDArray[np.bool_]]:
     """A stroke over one of `SURFACES`, made with nothing of the renderer, and where it squeals (n,)."""
-    from scipy.signal import lfilter
-
     rng = np.random.default_rng([seed, SURFACES.index(surface)])
     count = round(seconds * rate_Hz)
     t_s = np.arange(count) / rate_Hz

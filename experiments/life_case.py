@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from hapscene.constants import LEVEL_BOUND_DB, TICK_S
 from hapscene.device.hand import GRIPS, Grip
@@ -96,8 +97,6 @@ def wall_N_m() -> float:
 
 def critical(name: str) -> float:
     """The stiffness at which small motion over a texture neither grows nor dies, over the wall's own limit [1]."""
-    from scipy.optimize import brentq
-
     return float(brentq(lambda share: growth(name, share * wall_N_m()), 0.8, 1.2, xtol=1e-3))
 
 

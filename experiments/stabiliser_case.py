@@ -222,34 +222,6 @@ def ridge(swatch: Swatch, count: int = FACETS, width_m: float = FACET_M, turn_ra
     return scene
 
 
-def shading_leak_J(
-    stiffness_N_m: float,
-    near_m: float,
-    far_m: float,
-    turn_rad: float = FACET_RAD,
-    width_m: float = FACET_M,
-    steps: int = 2000,
-) -> tuple[float, float]:
-    """Energy that force shading makes in one closed tour, and what theory says it makes [J].
-
-    The tool goes from the middle of a face to its edge at depth `near_m`, there to `far_m`, and back.
-    """
-    scene = ridge(Swatch("wall", stiffness_N_m=stiffness_N_m), 3, width_m, turn_rad)
-    renderer = Renderer(scene, ("wall",), crease_rad=1.5 * turn_rad)
-    top, edge = ridge_radius_m(width_m, turn_rad), 0.5 * width_m * (1.0 - 1e-9)
-    s = np.linspace(0.0, 1.0, steps)
-    x = np.concatenate((edge * s, np.full(steps, edge), edge * s[::-1], np.zeros(steps)))
-    near, far = np.full(steps, near_m), np.full(steps, far_m)
-    depth = np.concatenate((near, near_m + (far_m - near_m) * s, far, far_m + (near_m - far_m) * s))
-    path = np.stack((x, np.full(len(x), 0.003), top - depth), axis=1)
-    renderer.reset((0.0, 0.003, top + 0.001))
-    recording = renderer.run(np.concatenate(([[0.0, 0.003, top + 0.0005]], path)))
-    force = recording.f_W_N[1:]
-    made = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(path, axis=0)))
-    said = (1.0 - math.cos(turn_rad / 2.0)) * ((near_m - far_m) * width_m / turn_rad - 0.5 * (near_m**2 - far_m**2))
-    return made, stiffness_N_m * said
-
-
 def cost_us(
     stabilisers: Sequence[str] = STABILISERS, stiffness_N_m: float = 2000.0, repeats: int = 12
 ) -> dict[str, float]:

@@ -15,15 +15,25 @@ import numpy as np
 from hapscene.constants import TICK_S
 from hapscene.device.model import DEVICES, MARGIN, TOUCH_SPEED_M_S, wall_limit
 from hapscene.files import whole_file
+from hapscene.stability import study
 from hapscene.stability.answer import Answer
-from hapscene.stability.random_limit import RandomLimit
+from hapscene.stability.random_limit import RandomLimit, random_limits
+from hapscene.stability.wall_case import wall_cases
+from hapscene.stability.wall_chart import write_random_chart
 from hapscene.view.chart import picture
 from hapscene_benchmarks.machine import describe_machine, machine_words
 from hapscene_benchmarks.markdown import paragraph, shown, table
 from hapscene_benchmarks.sheet import Sheet
 
-from .stabiliser_case import GESTURES, STABILISERS, STIFFNESSES_N_M, Row
-from .zoo_case import ENERGY_MJ, REST_MM_S, ZooCase
+from .contact_case import contact_cases, draw_contact
+from .field_case import draw_fields, field_cases
+from .friction_case import draw_friction, friction_cases
+from .handle_case import draw_handle_limits, handle_cases
+from .life_case import draw_life, life_cases
+from .moving_case import draw_moving, moving_cases
+from .stabiliser_case import GESTURES, STABILISERS, STIFFNESSES_N_M, Row, cost_us, draw_stabilisers, run_cases
+from .texture_case import draw_texture, texture_cases
+from .zoo_case import ENERGY_MJ, REST_MM_S, ZooCase, draw_zoo, zoo_cases
 
 DIVERGED_M_S: Final = 10.0
 """Speed from which a motion is said to diverge [m/s]."""
@@ -60,21 +70,6 @@ def find(folder: Path, reference: Path | None, zoo: Path | None, say: Callable[[
         zoo: folder of the zoo, or None.
         say: told how far it is.
     """
-    from hapscene.stability import study
-    from hapscene.stability.random_limit import random_limits
-    from hapscene.stability.wall_case import wall_cases
-    from hapscene.stability.wall_chart import write_random_chart
-
-    from .contact_case import contact_cases, draw_contact
-    from .field_case import draw_fields, field_cases
-    from .friction_case import draw_friction, friction_cases
-    from .handle_case import draw_handle_limits, handle_cases
-    from .life_case import draw_life, life_cases
-    from .moving_case import draw_moving, moving_cases
-    from .stabiliser_case import cost_us, draw_stabilisers, run_cases
-    from .texture_case import draw_texture, texture_cases
-    from .zoo_case import draw_zoo, zoo_cases
-
     found = Findings()
     if reference is not None:
         found.walls = wall_cases(reference, say)

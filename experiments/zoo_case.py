@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from hapscene.device.hand import grip_named
@@ -120,12 +121,7 @@ LEAST_DRAWN: Final = 1e-4
 _COLUMNS: Final[tuple[tuple[str, str, float, Callable[[ZooCase], float]], ...]] = (
     ("energy made in a contact", "energy [mJ]", ENERGY_MJ, lambda row: row.energy_mJ),
     ("at rest", "speed, rms [mm/s]", REST_MM_S, lambda row: row.rest_mm_s),
-    (
-        "jump of direction",
-        "turn in a tick / allowed [1]",
-        1.0,
-        lambda row: row.jump_deg / row.jump_limit_deg,
-    ),
+    ("jump of direction", "turn in a tick / allowed [1]", 1.0, lambda row: row.jump_deg / row.jump_limit_deg),
 )
 _MARKS: Final = {
     ("point", "light"): ("sky", "o"),
@@ -245,8 +241,6 @@ def _jump_limit_deg(case: dict[str, Any]) -> float:
 
 def _twin(folder: Path, name: str, limits: Limits) -> tuple[Twin, Array]:
     """A twin that touches one of the meshes, device and place to be set later; the mesh's bounds (2, 3)."""
-    import trimesh
-
     if name in SUBDIVISIONS:
         mesh = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS[name], radius=0.05)
     else:

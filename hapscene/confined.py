@@ -12,6 +12,7 @@ NumPy for the numbers of STL, PLY, OFF, glTF and recordings.
 """
 
 import contextlib
+import ctypes
 import importlib
 import json
 import math
@@ -218,7 +219,6 @@ def _main(order: str) -> None:
 def _limit(memory_B: int, time_s: int) -> None:
     """Bound this process's memory and time, and end it with the one that waits for it; where the system can."""
     if sys.platform == "linux":
-        import ctypes
         import resource
 
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -15,7 +15,7 @@ from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
 from hapscene.contact.world import Growth, Shapes, build_world, crowd, shapes_of, skin_of
 from hapscene.contact_info import Contact, Impulse
-from hapscene.device.model import IDEAL, DeviceWarning, Limits, limits_of
+from hapscene.device.model import IDEAL, DeviceLike, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
 from hapscene.fidelity.level_step import take_step
 from hapscene.fidelity.levels import checked_budget_ns, make_levels, one_surface, put_level, with_views
@@ -27,20 +27,17 @@ from hapscene.native import INTERPRETED
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
-from hapscene.surface.effect import check_range
+from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
 from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
 from hapscene.tick import run_ticks
 
 if TYPE_CHECKING:
-    from hapscene.device.model import DeviceLike
     from hapscene.fidelity.fidelity import Fidelity
     from hapscene.recording import Recording
     from hapscene.scene.body import Body
     from hapscene.scene.scene import Scene
-    from hapscene.surface.effect import Effect
-
 EFFECTS: Final = ("wall", "friction", "lpc_texture", "tap", "adhesion")
 """The effects a renderer has unless told otherwise."""
 
@@ -128,7 +125,7 @@ class Renderer:
     def __init__(
         self,
         scene: "Scene",
-        effects: "Sequence[str | Effect]" = EFFECTS,
+        effects: Sequence[str | Effect] = EFFECTS,
         *,
         seed: int = 0,
         tick_s: float = TICK_S,

@@ -13,7 +13,7 @@ import logging
 import secrets
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from threading import BoundedSemaphore, Event, Thread, current_thread
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
@@ -174,18 +174,40 @@ class PageListener(WebListener):
 
     def _refusal(self, request: Any) -> str:
         """Why a request gets nothing; empty if it is ours."""
-        host = request.headers.get("Host", "")
-        name = urlsplit(f"//{host}").hostname or ""
-        if not (name in self._names or (self.public and _is_address(name))):
-            return "this host name is not served"
+        upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
         token = request.path.partition("?")[0][1:].rpartition("/")[0]
-        if not hmac.compare_digest(token.encode(errors="replace"), self._token.encode()):
-            return "this page opens at the address that the terminal printed, with all its letters"
-        if request.headers.get("Upgrade", "").lower() == "websocket":
-            origin = urlsplit(request.headers.get("Origin", ""))
-            if origin.scheme not in ("http", "https") or origin.netloc.lower() != host.lower():
-                return "another origin is not served"
-        return ""
+        known = hmac.compare_digest(token.encode(errors="replace"), self._token.encode())
+        unknown = "" if known else "this page opens at the address that the terminal printed, with all its letters"
+        return refusal_reason(request.headers, self._names, self.public, upgrade) or unknown
+
+
+def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: bool, upgrade: bool) -> str | None:
+    """Why a request gets nothing; None if it is ours.
+
+    Args:
+        headers: of the request.
+        names: host names that are ours.
+        public: whether any address is ours too: an address cannot be rebound, as a name can.
+        upgrade: whether it asks for a WebSocket.
+    """
+    host = headers.get("Host", "")
+    name = _name(f"//{host}")
+    if name is None or not (name in names or (public and _is_address(name))):
+        return "this host name is not served"
+    if not upgrade:
+        return None
+    origin = headers.get("Origin", "")
+    if urlsplit(origin).scheme not in ("http", "https") or urlsplit(origin).netloc.lower() != host.lower():
+        return "another origin is not served"
+    return None
+
+
+def _name(url: str) -> str | None:
+    """Host name of a URL, lower case; None where there is none."""
+    try:
+        return urlsplit(url).hostname
+    except ValueError:
+        return None
 
 
 def _response(status: http.HTTPStatus, content: bytes, kind: str = "text/plain; charset=utf-8") -> Any:

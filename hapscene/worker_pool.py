@@ -5,12 +5,15 @@ arguments that can be sent. Imported first thing in every process: nothing heavy
 """
 
 import logging
+import multiprocessing
 import os
+import signal
 import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from typing import Any, Final, Protocol, TypeVar
 
 from hapscene.errors import HapsceneError
@@ -27,9 +30,6 @@ def version() -> str:
 
 def begin_process() -> None:
     """Prepares a process of this machine: one thread for mathematics, Ctrl-C left to the parent, no life without it."""
-    import multiprocessing
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # the processes share the cores already
@@ -91,8 +91,6 @@ class ProcessPool(Pool):
         self._executor = self._begun()
 
     def _begun(self) -> ProcessPoolExecutor:
-        import multiprocessing
-
         self._before = set(multiprocessing.active_children())
         spawn = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._jobs, spawn, initializer=begin_process)
@@ -116,8 +114,6 @@ class ProcessPool(Pool):
         return True
 
     def close(self, at_once: bool) -> None:
-        import multiprocessing
-
         if at_once:
             for process in set(multiprocessing.active_children()) - self._before:
                 process.kill()
@@ -142,8 +138,6 @@ class ClusterPool(Pool):
         Raises:
             HapsceneError: no package `distributed`; no scheduler, no workers, or none that has hapscene.
         """
-        from importlib import import_module
-
         try:
             distributed: Any = import_module("distributed")
         except ImportError:

@@ -1,6 +1,7 @@
 """How long a block a handle that is played as sound should have."""
 
 import math
+import time as clock
 from collections.abc import Sequence
 from functools import cache
 from types import SimpleNamespace
@@ -102,8 +103,6 @@ def streamed(block: int, at_s: float, duration_s: float) -> tuple[Array, Array]:
 
 def _on_a_card(block: int) -> dict[str, float]:
     """What PortAudio says of a real output, beside what the stream adds, and what it missed in `PLAYED_S`."""
-    import time as clock
-
     from hapscene_plugins.devices.audio import AudioHandle
 
     card = AudioHandle(block=block, buffer_s=2 * block / CARD_HZ, gain=0.0)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import linregress, t
 
 from .question import Point
 
@@ -29,8 +30,6 @@ def fit_exponent(work: Sequence[float], cost: Sequence[float]) -> Exponent:
     Raises:
         ValueError: fewer than two works that differ.
     """
-    from scipy.stats import linregress, t
-
     found = linregress(np.log(work), np.log(cost))
     free = len(work) - 2
     half = float(t.ppf(0.975, free)) * float(found.stderr) if free > 0 else np.nan

@@ -2,21 +2,25 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from hapscene.device.hand import GRIPS
 from hapscene.device.model import DEVICES
 from hapscene.device.point import PointMass
 from hapscene.perception import force_jnd
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+from hapscene.stability.closed_form import limit_of_small_motion
+from hapscene.stability.rig import Rig
+from hapscene.stability.z_width import trace, try_wall
+from hapscene.surface.swatch import Swatch
 
 from ..case import slide_path, sphere
 from .measuring import Array, enough, spread_us, ticks_ns
 from .question import Measure, Point, Question, Setting
-
-if TYPE_CHECKING:
-    from hapscene.scene.scene import Scene
 
 RATES_HZ: Final = (500.0, 1000.0, 2000.0, 4000.0)
 
@@ -43,10 +47,6 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 def error(device: str, rate_Hz: float, quick: bool = False) -> dict[str, float]:
     """The stiffest wall by theory and as felt, the speed at which a wall buzzes, the force on a slide."""
-    from hapscene.stability.closed_form import limit_of_small_motion
-    from hapscene.stability.rig import Rig
-    from hapscene.stability.z_width import trace, try_wall
-
     point, grip = _point(device), GRIPS["light"]
     found = {
         "closed": limit_of_small_motion(point.mass_kg, point.b_Ns_m, 1.0 / rate_Hz),
@@ -64,10 +64,7 @@ def _point(device: str) -> PointMass:
     return point
 
 
-def _scene() -> "Scene":
-    from hapscene.scene.scene import Scene
-    from hapscene.surface.swatch import Swatch
-
+def _scene() -> Scene:
     scene = Scene()
     scene.add(sphere(SUBDIVISIONS), name="sphere", swatch=Swatch("wall"))
     return scene
@@ -76,16 +73,12 @@ def _scene() -> "Scene":
 @cache
 def slid(rate_Hz: float) -> Array:
     """Forces (n, 3) [N] of a slide over a sphere at a rate: every so many-th place of one path."""
-    from hapscene.renderer import Renderer
-
     path = _path()[:: round(REFERENCE_HZ / rate_Hz)]
     return Renderer(_scene(), ("wall",), tick_s=1.0 / rate_Hz, a_rate_Hz=rate_Hz).run(path).f_W_N
 
 
 @cache
 def _path() -> Array:
-    from scipy.interpolate import CubicSpline
-
     coarse = slide_path(round(SLIDE_S * 1000.0))
     at = np.arange(round(SLIDE_S * REFERENCE_HZ)) / REFERENCE_HZ
     return np.asarray(CubicSpline(np.arange(len(coarse)) / 1000.0, coarse)(at))
@@ -104,8 +97,6 @@ def off_jnd(slow_N: Array, fast_N: Array) -> float:
 
 
 def time(device: str, rate_Hz: float, quick: bool = False) -> tuple[float, float]:
-    from hapscene.renderer import Renderer
-
     renderer = Renderer(_scene(), device=device, tick_s=1.0 / rate_Hz, a_rate_Hz=10.0 * rate_Hz)
     median, late = spread_us(ticks_ns(renderer, _path()[:: round(REFERENCE_HZ / rate_Hz)]))
     return 1e-3 * rate_Hz * median, 1e-3 * rate_Hz * late
@@ -137,12 +128,7 @@ QUESTION: Final = Question(
     measures=(
         Measure("force", "force on a slide, 95 %", "JND", 1.0, "7 %, 18° (Pang et al. 1991, Barbagli et al. 2006)"),
         Measure(
-            "buzz",
-            f"speed on a wall of {BUZZ_N_M:g} N/m",
-            "mm/s",
-            REST_MM_S,
-            "half an encoder's noise",
-            limit="rest",
+            "buzz", f"speed on a wall of {BUZZ_N_M:g} N/m", "mm/s", REST_MM_S, "half an encoder's noise", limit="rest"
         ),
         Measure("felt", "stiffest wall in a light hand", "N/m", more_is_better=True),
         Measure("closed", "stiffest wall, no friction, no hand", "N/m", more_is_better=True),

@@ -2,19 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from hapscene.constants import STIFFNESS_N_M
+from hapscene.device.hand import Grip
+from hapscene.device.point import PointMass
 from hapscene.perception import FORCE, FORCE_LEAST_N, FRICTION
+from hapscene.renderer import Renderer
+from hapscene.stability.rig import AT_M, sheet
 from hapscene.surface.effect import Effect, Param, State
+from hapscene.surface.swatch import Swatch
+from hapscene.twin.hand_intent import Intent
+from hapscene.twin.twin import Twin
 
 from .measuring import STROKES, Array, best, effect_us, measured, no_recordings, recorded
 from .question import Measure, Point, Question, Setting
-
-if TYPE_CHECKING:
-    from hapscene.surface.swatch import Swatch
 
 MASS_KG, PRESS_N, COULOMB = 0.045, 1.0, 0.3
 """The device, with what it is pressed on, and the coefficient of friction where none is recorded."""
@@ -96,10 +100,8 @@ def error(model: str) -> dict[str, float]:
     return found
 
 
-def rough(model: str, friction: float, drag_Ns_m: float) -> "Swatch":
+def rough(model: str, friction: float, drag_Ns_m: float) -> Swatch:
     """A swatch of that friction; the shipped one's adhesion is damped, as a device without friction needs."""
-    from hapscene.surface.swatch import Swatch
-
     own = {
         "viscous": {"viscous_drag": {"drag_Ns_m": drag_Ns_m}},
         "stick": {"friction": {"tangential_damping_Ns_m": 5.0}},
@@ -111,12 +113,6 @@ def rough(model: str, friction: float, drag_Ns_m: float) -> "Swatch":
 
 def _pushed(model: str, push_N: Array, speed_m_s: float = 0.0) -> tuple[Array, Array]:
     """A point mass pressed on a sheet and pushed along it by (n,) [N]: its place (n,) [m], the motors' force [N]."""
-    from hapscene.device.hand import Grip
-    from hapscene.device.point import PointMass
-    from hapscene.stability.rig import AT_M, sheet
-    from hapscene.twin.hand_intent import Intent
-    from hapscene.twin.twin import Twin
-
     swatch = rough(model, COULOMB, COULOMB * PRESS_N / SLIDE_M_S)
     effects = ("wall", MODELS[model][1])
     twin = Twin(sheet(swatch), PointMass(MASS_KG), effects, tick_s=1e-3, a_rate_Hz=1000.0)
@@ -157,11 +153,8 @@ def _held_out(model: str, name: str) -> float:
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
-def played_N(swatch: "Swatch", model: str, press_N: Array, speed_m_s: Array) -> Array:
+def played_N(swatch: Swatch, model: str, press_N: Array, speed_m_s: Array) -> Array:
     """The pull (n,) [N] that the tick plays along normal forces and speeds (n,), a tick each."""
-    from hapscene.renderer import Renderer
-    from hapscene.stability.rig import sheet
-
     path = np.zeros((len(press_N) + 1, 3))
     path[1:, 0], path[1:, 2] = 1e-3 * np.cumsum(speed_m_s), -press_N / STIFFNESS_N_M
     path[:, 0] -= 0.5 * path[-1, 0]

@@ -13,7 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapscene.capture.batch import fit_batch, gather
 from hapscene.constants import TICK_S
+from hapscene.errors import HapsceneError
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
@@ -21,7 +23,7 @@ from hapscene.surface.effect import Effect
 from hapscene.surface.library import load_swatch
 
 from ..case import short, slide_path, sphere
-from ..crowd import grid
+from ..crowd import crowd_of, grid
 from ..machine import held_MB
 from ..tick_time import hot
 from .exponent import exponents
@@ -56,16 +58,12 @@ SAMPLES: Final = 1500
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     found, batch = [], 20 if quick else BATCH
     for kind, sizes in SIZES.items():
-        if kind.startswith("Dask") and not _has_dask():
+        if kind.startswith("Dask") and find_spec("distributed") is None:
             continue
         for n in sizes[:3] if quick else sizes:
             label = short(20 * 4**n) if kind == "triangles" else f"{n:,}"
             found.append(Setting(kind, label, {"kind": kind, "n": n, "batch": batch}))
     return found
-
-
-def _has_dask() -> bool:
-    return find_spec("distributed") is not None
 
 
 def error(kind: str, n: int, batch: int) -> dict[str, float]:
@@ -106,12 +104,7 @@ def _tick_us(renderer: Renderer) -> tuple[float, float]:
 
 def _spheres(mesh: Mesh, count: int) -> Scene:
     """Bodies of one mesh on a grid; the tool slides over the first."""
-    scene = Scene()
-    for i, place in enumerate(grid(count)):
-        X_WB = np.eye(4)
-        X_WB[:3, 3] = place
-        scene.add(mesh, name=f"body {i}", pose=X_WB)
-    return scene
+    return crowd_of(mesh, grid(count))
 
 
 def _painted(count: int) -> Scene:
@@ -147,9 +140,6 @@ def _batch_s(count: int, jobs: int, dask: bool = False, kill: bool = False) -> f
     Raises:
         HapsceneError: one of them was not fitted.
     """
-    from hapscene.capture.batch import fit_batch, gather
-    from hapscene.errors import HapsceneError
-
     with tempfile.TemporaryDirectory() as folder:
         rng = np.random.default_rng(0)
         for k in range(count):

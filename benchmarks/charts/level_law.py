@@ -1,18 +1,16 @@
 """How loud a texture is beyond the forces and speeds that were recorded: clamped, or by a law."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
-from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS
+from hapscene.capture.texture_pieces import EXPONENT_SPREADS, EXPONENTS, Pieces, cut, fit_level
 from hapscene.constants import LEVEL_BOUND_DB
+from hapscene.surface.texture import Texture
 
 from .measuring import RATE_HZ, STROKES, Array, best, measured, no_recordings, recorded, texture_us
 from .question import Measure, Point, Question, Setting
-
-if TYPE_CHECKING:
-    from hapscene.capture.texture_pieces import Pieces
 
 LAWS: Final[dict[str, Any]] = {
     "clamped": None,
@@ -47,10 +45,8 @@ def error(law: str) -> dict[str, float]:
     return found
 
 
-def level_dB(law: str, known: "Pieces", force_N: Array, speed_m_s: Array) -> Array:
+def level_dB(law: str, known: Pieces, force_N: Array, speed_m_s: Array) -> Array:
     """Levels (n,) [dB] that a law gives beyond what it was fitted to."""
-    from hapscene.capture.texture_pieces import fit_level
-
     inner = np.minimum(force_N, known.force_N.max()), np.minimum(speed_m_s, known.speed_m_s.max())
     words = {} if LAWS[law] is None else dict(zip(("expected", "spreads"), LAWS[law], strict=True))
     fitted = fit_level(known, **words)
@@ -60,8 +56,6 @@ def level_dB(law: str, known: "Pieces", force_N: Array, speed_m_s: Array) -> Arr
 
 
 def _planted(law: str, seed: int = 0) -> float:
-    from hapscene.capture.texture_pieces import Pieces
-
     rng, off = np.random.default_rng(seed), []
     for exponents in KNOWN:
         for _ in range(DRAWS):
@@ -78,8 +72,6 @@ def _planted(law: str, seed: int = 0) -> float:
 
 def _narrow_to_wide(law: str, name: str) -> float:
     """The slower half of a recording's pieces is asked for the faster one, the softer half for the harder one."""
-    from hapscene.capture.texture_pieces import cut
-
     pieces, off = cut(recorded(name)), []
     for along in (pieces.force_N, pieces.speed_m_s):
         far = along > np.median(along)
@@ -91,8 +83,6 @@ def _narrow_to_wide(law: str, name: str) -> float:
 
 def time(law: str) -> tuple[float, float]:
     """Of a block of a texture that was recorded slower and softer than it is felt."""
-    from hapscene.surface.texture import Texture
-
     exponents = (0.0, 0.0) if law == "clamped" else (0.5, 2.0)
     a = [[1.0, *np.zeros(20)]]
     return texture_us(Texture.from_models(RATE_HZ, [0.3], [0.02], a=a, variance_m2_s4=[1.0], exponents=exponents))

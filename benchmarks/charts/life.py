@@ -3,18 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from scipy.signal import lfilter
+
+from hapscene.capture.life_fit import fit_life
+from hapscene.capture.metric import liveliness
+from hapscene.capture.streams import Streams, part_of
+from hapscene.capture.synthesis import synthesize
+from hapscene.capture.texture_fit import fit_texture
+from hapscene.capture.texture_pieces import cut
+from hapscene.surface.life import Life
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
 from .measuring import RATE_HZ, STROKES, Array, best, measured, no_recordings, recorded, texture_us
 from .question import Measure, Point, Question, Setting
 from .texture_domain import ORDER, planted_texture
-
-if TYPE_CHECKING:
-    from hapscene.capture.streams import Streams
-    from hapscene.surface.life import Life
-    from hapscene.surface.texture import Texture
 
 COUNTS: Final = (1, 2, 4)
 """To how many processes those that `fit` finds are joined [count]."""
@@ -39,12 +45,9 @@ LAGS_S: Final = np.linspace(0.0, 0.5, 51)
 
 def settings(quick: bool, scene_file: str | None) -> list[Setting]:
     counts = COUNTS[::2] if quick else COUNTS
-    made = [Setting(f"by {over}", _label(n), {"count": n, "over": over}) for over in OVER for n in counts]
+    labels = {n: f"{n} process{'es' * (n > 1)}" for n in counts}
+    made = [Setting(f"by {over}", labels[n], {"count": n, "over": over}) for over in OVER for n in counts]
     return [Setting("steady", "no process", {"count": 0, "over": ""}), *made]
-
-
-def _label(count: int) -> str:
-    return f"{count} process{'es' if count > 1 else ''}"
 
 
 def error(count: int, over: str) -> dict[str, float]:
@@ -56,37 +59,28 @@ def error(count: int, over: str) -> dict[str, float]:
     return found
 
 
-def halves(name: str) -> "list[Streams]":
+def halves(name: str) -> list[Streams]:
     """The two halves of a recording."""
-    from hapscene.capture.streams import part_of
-
     whole = recorded(name)
     middle = len(whole.force_N) // 2
     return [part_of(whole, half) for half in (slice(middle), slice(middle, None))]
 
 
 @cache
-def _steady(name: str, which: int) -> "Texture":
+def _steady(name: str, which: int) -> Texture:
     """The texture of a half, without life."""
-    from hapscene.capture.texture_fit import fit_texture
-    from hapscene.capture.texture_pieces import cut
-
     return fit_texture(cut(halves(name)[which]), RATE_HZ, ORDER, 1)
 
 
-def life_of(texture: "Texture", stretch: "Streams", count: int, over: str) -> "Life | None":
+def life_of(texture: Texture, stretch: Streams, count: int, over: str) -> Life | None:
     """The slow gain that is found in a stretch of sliding, joined to so many processes; None of none."""
-    from hapscene.capture.life_fit import fit_life
-
     found = fit_life(texture, [stretch]).life if count else None
     return None if found is None else joined(found, count, over, float(stretch.speed_m_s.mean()))
 
 
-def joined(life: "Life", count: int, over: str, speed_m_s: float) -> "Life":
+def joined(life: Life, count: int, over: str, speed_m_s: float) -> Life:
     """A gain of at most so many processes, neighbours in time made one, that forget by time or by the distance that is
     travelled at a speed. The spread and the area beneath the covariance stay."""
-    from hapscene.surface.life import Life
-
     power, rate_1_s = life.spread**2, life.decay_1_s + life.decay_1_m * speed_m_s
     groups = np.array_split(np.argsort(rate_1_s), min(count, len(power)))
     total = np.array([power[group].sum() for group in groups])
@@ -98,10 +92,6 @@ def joined(life: "Life", count: int, over: str, speed_m_s: float) -> "Life":
 def _held_out(name: str, which: int, count: int, over: str) -> Array:
     """How far strokes of a half's texture are from the other half in modulation and spread of levels (2,), |ln ratio|:
     mean over `SEEDS`."""
-    from hapscene.capture.metric import liveliness
-    from hapscene.capture.synthesis import synthesize
-    from hapscene.surface.swatch import Swatch
-
     texture, parts = _steady(name, which), halves(name)
     swatch = Swatch("asked", texture=replace(texture, life=life_of(texture, parts[which], count, over)))
     other = parts[1 - which]
@@ -120,7 +110,7 @@ def _planted(count: int, over: str) -> float:
     return float(np.mean(off))
 
 
-def covariance(life: "Life | None", speed_m_s: float) -> Array:
+def covariance(life: Life | None, speed_m_s: float) -> Array:
     """Of the logarithm of a gain, over `LAGS_S` at a steady speed."""
     if life is None:
         return np.zeros(len(LAGS_S))
@@ -128,13 +118,8 @@ def covariance(life: "Life | None", speed_m_s: float) -> Array:
     return np.asarray(np.sum(life.spread[:, None] ** 2 * np.exp(-np.outer(forgets_1_s, LAGS_S)), axis=0))
 
 
-def known_stroke(seed: int) -> "tuple[Texture, Streams]":
+def known_stroke(seed: int) -> tuple[Texture, Streams]:
     """A steady stroke over the known surface: noise of a texture of ours, times a gain that SciPy's filters make."""
-    from scipy.signal import lfilter
-
-    from hapscene.capture.streams import Streams
-    from hapscene.surface.texture import Texture
-
     rng, count, warm = np.random.default_rng(seed), round(PLANTED_S * RATE_HZ), round(2.0 * RATE_HZ)
     logarithm = np.zeros(count)
     for spread, forgets_s in PLANTED:
@@ -150,8 +135,6 @@ def known_stroke(seed: int) -> "tuple[Texture, Streams]":
 
 
 def time(count: int, over: str) -> tuple[float, float]:
-    from hapscene.surface.life import Life
-
     texture: Any = planted_texture("lsf", 2)
     if count:
         many = Life(np.full(count, 0.2), np.geomspace(4.0, 60.0, count), np.zeros(count))

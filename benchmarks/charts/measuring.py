@@ -1,21 +1,26 @@
 """What several questions measure with: recordings, bands of vibration, times, and what is near enough."""
 
+import time
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.capture import load_recording
+from hapscene.capture.metric import band_power, model_spectrum
+from hapscene.capture.streams import Streams, clean
 from hapscene.perception import band_edges_Hz, bands_jnd
+from hapscene.renderer import Renderer
+from hapscene.stability.rig import sheet
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
+from ..order import RECORDINGS as KNOWN
+from ..tick_time import hot
 from .question import Point
-
-if TYPE_CHECKING:
-    from hapscene.capture.streams import Streams
-    from hapscene.renderer import Renderer
-    from hapscene.surface.texture import Texture
 
 Array = NDArray[np.float64]
 
@@ -43,13 +48,8 @@ def no_recordings() -> str:
 
 
 @cache
-def recorded(name: str) -> "Streams":
+def recorded(name: str) -> Streams:
     """One of `STROKES`, cleaned, at `RATE_HZ`."""
-    from hapscene.capture import load_recording
-    from hapscene.capture.streams import clean
-
-    from ..order import RECORDINGS as KNOWN
-
     file, words = KNOWN[name]
     told = load_recording(RECORDINGS / file, RATE_HZ, **words)
     return clean(told.acceleration_m_s2, RATE_HZ, told.force_N, told.speed_m_s, told.tangential_force_N)
@@ -57,12 +57,10 @@ def recorded(name: str) -> "Streams":
 
 def model_bands(a: ArrayLike, variance_m2_s4: float, rate_Hz: float, warp: float = 0.0) -> Array:
     """Root mean squares (k,) [m/s²] of an AR model in the felt bands, in closed form but for the integral."""
-    from hapscene.capture.metric import model_spectrum
-
     return bands_of(FINE_HZ, model_spectrum(a, variance_m2_s4, rate_Hz, FINE_HZ, warp))
 
 
-def texture_bands(texture: "Texture", force_N: ArrayLike, speed_m_s: ArrayLike, *, held: bool = False) -> Array:
+def texture_bands(texture: Texture, force_N: ArrayLike, speed_m_s: ArrayLike, *, held: bool = False) -> Array:
     """Root mean squares (n, k) [m/s²] of a texture in the felt bands at forces and speeds (n,).
 
     `held`: each sample for its whole time, as a converter does, which leaves |sinc(f/rate)|.
@@ -73,8 +71,6 @@ def texture_bands(texture: "Texture", force_N: ArrayLike, speed_m_s: ArrayLike, 
 
 def bands_of(frequency_Hz: Array, density: Array) -> Array:
     """Root mean squares (..., k) [m/s²] of a power density (..., n) [(m/s²)²/Hz] in the felt bands."""
-    from hapscene.capture.metric import band_power
-
     return np.asarray(np.sqrt(np.maximum(band_power(density, frequency_Hz), 0.0)))
 
 
@@ -91,8 +87,6 @@ def spread_us(times_ns: ArrayLike) -> tuple[float, float]:
 
 def call_us(job: Callable[[], object], per: float = 1.0, repeats: int = 200) -> tuple[float, float]:
     """Median and 99th percentile of the time of a call [µs], over `per`."""
-    import time
-
     job()
     times = []
     for _ in range(repeats):
@@ -117,9 +111,6 @@ def effect_us(
 
     Each tick's is the least of several runs, measured inside it; what has no `less` is the whole tick.
     """
-    from hapscene.renderer import Renderer
-    from hapscene.stability.rig import sheet
-
     path = stroke_path() if path is None else path
     taken = ticks_ns(Renderer(sheet(swatch), list(effects), **rates), path)
     if not less:
@@ -129,17 +120,13 @@ def effect_us(
     )
 
 
-def ticks_ns(renderer: "Renderer", path: Array, repeats: int = 9) -> NDArray[np.int64]:
+def ticks_ns(renderer: Renderer, path: Array, repeats: int = 9) -> NDArray[np.int64]:
     """Time of each tick in contact [ns], the least of several runs."""
-    from ..tick_time import hot
-
     return hot(renderer, path, repeats).tick_ns
 
 
-def texture_us(texture: "Texture", a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
+def texture_us(texture: Texture, a_rate_Hz: float = RATE_HZ) -> tuple[float, float]:
     """Median and 99th percentile of the time of a block of texture in the tick [µs]."""
-    from hapscene.surface.swatch import Swatch
-
     return effect_us(Swatch("timed", texture=texture), ("wall", "lpc_texture"), ("wall",), a_rate_Hz=a_rate_Hz)
 
 

@@ -11,6 +11,7 @@ from hapscene.recording import Recording
 from hapscene.renderer import Renderer
 from hapscene.surface.swatch import PLAIN
 
+from ..accuracy import angle_deg
 from ..machine import held_MB
 from ..tick_time import hot
 from .measuring import spread_us
@@ -91,11 +92,6 @@ def force_errors(felt: Recording, into_m: Array, stiffness_N_m: float) -> dict[s
         "edge": float(np.max(np.maximum(step - true_step, 0.0)[sliding], initial=0.0)),
         "depth": 1e3 * float(np.percentile(np.abs(felt.depth_m - depth_m)[on], LATE)),
     }
-
-
-def angle_deg(a: Array, b: Array) -> Array:
-    """Angles (n,) [°] between vectors (n, 3)."""
-    return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b))))
 
 
 def time(scene_file: str | None, body: str, divisor: int, shaded: bool) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from functools import cache
 from typing import Final
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from hapscene.renderer import Renderer
@@ -41,8 +42,6 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 @cache
 def painted(kind: str, finest_mm: float) -> Scene:
     """A disc of 60 mm on one side of a cube of 12 triangles."""
-    import trimesh
-
     scene = Scene()
     scene.add(trimesh.creation.box((SIDE_M,) * 3), "cube", unit="m", swatch=Swatch("stiff", stiffness_N_m=STIFF_N_M))
     soft_m = SOFT_M if kind == SOFT else 0.0

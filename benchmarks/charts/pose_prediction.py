@@ -5,12 +5,16 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
+from trimesh.creation import box
 
 from hapscene.clock import new_clock
 from hapscene.constants import TICK_S
 from hapscene.contact.prediction import FRAME, HORIZON_S, PREDICTED, predict_bodies
 from hapscene.perception import FORCE, FORCE_LEAST_N
 from hapscene.records import records
+from hapscene.renderer import Renderer
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
 
 from .measuring import Array, call_us
 from .question import Measure, Point, Question, Setting
@@ -106,12 +110,6 @@ def swing_off_m(method: str, frames_Hz: float, velocity_m_s: float | None = None
 @cache
 def pushed(method: str, frames_Hz: float) -> Array:
     """Forces (n,) [N] of a tool that pushes a crate, which the program moves by what it was given since last time."""
-    from trimesh.creation import box
-
-    from hapscene.renderer import Renderer
-    from hapscene.scene.scene import Scene
-    from hapscene.surface.swatch import Swatch
-
     scene, ticks = Scene(), round(PUSH_S / TICK_S)
     scene.add(box((0.05,) * 3), name="crate", unit="m", swatch=Swatch("crate", stiffness_N_m=STIFFNESS_N_M))
     renderer, line = Renderer(scene, ("wall",)), Between(method, MASS_KG)

@@ -3,18 +3,21 @@
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from scipy.linalg import hankel, svd
+from scipy.optimize import least_squares
 
+from hapscene.renderer import Renderer
+from hapscene.stability.rig import sheet
 from hapscene.surface.effect import Effect, State
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.taps import Taps
 
 from .acceleration_rate import tap_bands
 from .measuring import ISRAR, RATE_HZ, Array, apart_jnd, best, effect_us, enough
 from .question import Measure, Point, Question, Setting
-
-if TYPE_CHECKING:
-    from hapscene.surface.swatch import Swatch
 
 MODES: Final = ((1.0, 140.0, 90.0), (0.8, 330.0, 160.0), (0.5, 760.0, 300.0))
 """A known surface's answer: amplitude at 1 m/s over `LOUD_M_S2` [1], frequency [Hz], decay [1/s] of each mode."""
@@ -53,9 +56,6 @@ def fitted(tap_m_s2: Array, modes: int) -> Array:
 
     Least squares from the poles of the matrix pencil (Hua & Sarkar 1990).
     """
-    from scipy.linalg import hankel, svd
-    from scipy.optimize import least_squares
-
     count = len(tap_m_s2)
     t = np.arange(count) / RATE_HZ
     early = tap_m_s2[: count // 2]  # the rest is noise
@@ -114,11 +114,8 @@ def ring(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
 
 
 @cache
-def model(modes: int, heeds: bool) -> tuple["Swatch", str | Effect]:
+def model(modes: int, heeds: bool) -> tuple[Swatch, str | Effect]:
     """A swatch of the taps that were measured, and the effect that plays them; 0 modes is the transient itself."""
-    from hapscene.surface.swatch import Swatch
-    from hapscene.surface.taps import Taps
-
     taps, speeds = _recorded(), np.array(MEASURED_M_S)
     if not heeds:  # that of the middle, as loud however slowly it comes
         taps, speeds = taps[len(taps) // 2 :][:1], np.array([1e-3])
@@ -144,9 +141,6 @@ def error(modes: int, heeds: bool) -> dict[str, float]:
 
 def played(speed_m_s: float, modes: int, heeds: bool) -> Array:
     """What the tick plays (n,) [m/s²] when the tool comes at a speed, from its onset."""
-    from hapscene.renderer import Renderer
-    from hapscene.stability.rig import sheet
-
     swatch, effect = model(modes, heeds)
     path = np.full((round(TAP_S * 1e3) + 20, 3), 0.01)
     path[:, 2] = speed_m_s * 1e-3 * np.maximum(19.5 - np.arange(len(path)), -0.5)

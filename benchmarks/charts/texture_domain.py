@@ -1,9 +1,17 @@
 """In which coordinates a texture's models are best blended: at forces and speeds that were not tested."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+
+from hapscene.capture.metric import spectrum
+from hapscene.capture.texture_fit import fit_texture
+from hapscene.capture.texture_pieces import Pieces, cut
+from hapscene.dsp.ar_filter import power_gain, power_response
+from hapscene.dsp.linear_prediction import solve
+from hapscene.dsp.warped_prediction import warp_at, warped
+from hapscene.surface.texture import Texture
 
 from .measuring import (
     ISRAR,
@@ -21,10 +29,6 @@ from .measuring import (
     texture_us,
 )
 from .question import Measure, Point, Question, Setting
-
-if TYPE_CHECKING:
-    from hapscene.capture.texture_pieces import Pieces
-    from hapscene.surface.texture import Texture
 
 DOMAINS: Final = {
     "lsf": "LSF",
@@ -69,9 +73,6 @@ def surface_at(force_N: float, speed_m_s: float) -> tuple[Array, float]:
 
     Three lines rise, as ridges that are crossed faster; two stay, as those of a tool. Its power grows with both.
     """
-    from hapscene.dsp.ar_filter import power_gain
-    from hapscene.dsp.linear_prediction import solve
-
     frequency = np.linspace(0.0, 0.5 * RATE_HZ, 4097)
     lines = np.array([*(np.array([80.0, 170.0, 360.0]) * (speed_m_s / 0.1) ** 0.7), 450.0, 800.0])
     width = 0.2 * lines[:, None] * force_N**0.3
@@ -80,10 +81,8 @@ def surface_at(force_N: float, speed_m_s: float) -> tuple[Array, float]:
     return a, 25.0 * force_N * (speed_m_s / 0.1) / float(power_gain(a))
 
 
-def planted_texture(domain: str, grid: int) -> "Texture":
+def planted_texture(domain: str, grid: int) -> Texture:
     """The known surface as a texture of grid × grid models."""
-    from hapscene.surface.texture import Texture
-
     warp = warp_of(domain)
     force, speed = (g.ravel() for g in np.meshgrid(np.geomspace(*FORCE_N, grid), np.geomspace(*SPEED_M_S, grid)))
     models = [_warped(*surface_at(f, v), warp) for f, v in zip(force, speed, strict=True)]
@@ -95,10 +94,6 @@ def planted_texture(domain: str, grid: int) -> "Texture":
 
 def _warped(a: Array, variance_m2_s4: float, warp: float) -> tuple[Array, float]:
     """The warped model of as many coefficients that is nearest to an AR model's spectrum, and its variance."""
-    from hapscene.dsp.ar_filter import power_gain, power_response
-    from hapscene.dsp.linear_prediction import solve
-    from hapscene.dsp.warped_prediction import warped
-
     if warp == 0.0:
         return a, variance_m2_s4
     found = solve(warped(np.fft.irfft(power_response(a, np.linspace(0.0, np.pi, 4097))), len(a) - 1, warp))
@@ -107,8 +102,6 @@ def _warped(a: Array, variance_m2_s4: float, warp: float) -> tuple[Array, float]
 
 def warp_of(domain: str) -> float:
     """The warp of the models that are blended in a domain."""
-    from hapscene.dsp.warped_prediction import warp_at
-
     return warp_at(RATE_HZ) if domain == "warped" else 0.0
 
 
@@ -126,7 +119,7 @@ def _planted(domain: str, grid: int, seed: int = 0) -> float:
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
-def asked(texture: "Texture", domain: str, force_N: float, speed_m_s: float) -> Array:
+def asked(texture: Texture, domain: str, force_N: float, speed_m_s: float) -> Array:
     """Levels of the bands [m/s²] that a texture has at a force and a speed."""
     if domain == "nearest":
         away = (texture.force_N - force_N) ** 2 / texture.force_max_N**2
@@ -138,10 +131,6 @@ def asked(texture: "Texture", domain: str, force_N: float, speed_m_s: float) -> 
 
 def _left_out(domain: str, name: str) -> float:
     """Each part of a recording between others in force or speed, against a texture of the others [JND]."""
-    from hapscene.capture.metric import spectrum
-    from hapscene.capture.texture_fit import fit_texture
-    from hapscene.capture.texture_pieces import cut
-
     pieces = cut(recorded(name))
     apart = []
     for order in (np.argsort(pieces.force_N), np.argsort(pieces.speed_m_s)):

@@ -4,9 +4,14 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from scipy.signal import freqz, iirpeak, lfilter
 
+from hapscene.capture.metric import spectrum
 from hapscene.constants import ORDER_MAX
-from hapscene.dsp.warped_prediction import warp_at
+from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
+from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
+from hapscene.dsp.warped_prediction import lag_count, warp_at, warped
+from hapscene.surface.texture import Texture
 
 from .measuring import (
     ISRAR,
@@ -45,8 +50,6 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 
 def error(order: int, warped: bool = False) -> dict[str, float]:
     """A half of each recording is fitted and held against the other half, both ways; a made one against its truth."""
-    from hapscene.capture.metric import spectrum
-
     warp = warp_at(RATE_HZ) if warped else 0.0
     found = {"planted": _planted(order, warp)}
     if not no_recordings():
@@ -71,8 +74,6 @@ def planted_surface(count: int, seed: int = 1) -> tuple[Array, Array, Array]:
 
     Noise through `LINES`, filters of SciPy's, each noise its own, over a white floor: nothing that a few poles make.
     """
-    from scipy.signal import freqz, iirpeak, lfilter
-
     rng, warm = np.random.default_rng(seed), 5000
     frequency = np.geomspace(20.0, 1000.0, 2000)
     heard = FLOOR_M_S2 * rng.standard_normal(count + warm)
@@ -86,18 +87,12 @@ def planted_surface(count: int, seed: int = 1) -> tuple[Array, Array, Array]:
 
 def _apart(signal: Array, order: int, warp: float, true_m_s2: Array) -> float:
     """How far a fit of that order is from the true levels of the bands, as loud as these in all [JND]."""
-    from hapscene.dsp.linear_prediction import autocorrelation, smoothed, solve, tapered
-    from hapscene.dsp.warped_prediction import lag_count, warped
-
     r = smoothed(autocorrelation(tapered(signal, RATE_HZ), lag_count(order, warp)), RATE_HZ)
     bands = model_bands(solve(warped(r, order, warp)), 1.0, RATE_HZ, warp)
     return float(apart_jnd(bands * np.sqrt(np.sum(true_m_s2**2) / np.sum(bands**2)), true_m_s2))
 
 
 def time(order: int, warped: bool = False) -> tuple[float, float]:
-    from hapscene.dsp.ar_filter import ar_from_reflection, power_gain
-    from hapscene.surface.texture import Texture
-
     a = ar_from_reflection(np.random.default_rng(order).uniform(-0.3, 0.3, order))
     warp = warp_at(RATE_HZ) if warped else 0.0
     variance = 1.0 / float(power_gain(a, warp))

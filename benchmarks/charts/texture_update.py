@@ -2,18 +2,21 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from hapscene.constants import TICK_S
+from hapscene.constants import STIFFNESS_N_M, TICK_S
+from hapscene.motion.hand_path import STROKE_M_S, Hand
+from hapscene.motion.look_from_above import look_from_above
+from hapscene.renderer import Renderer
+from hapscene.stability.rig import sheet
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
 from .measuring import ISRAR, Array, apart_jnd, effect_us, enough, texture_bands
 from .question import Measure, Point, Question, Setting
 from .texture_domain import planted_texture
-
-if TYPE_CHECKING:
-    from hapscene.surface.texture import Texture
 
 EVERY: Final = (1, 2, 5, 10, 20, 50)
 """Ticks from one look at force and speed to the next [count]."""
@@ -32,13 +35,6 @@ def settings(quick: bool, scene_file: str | None) -> list[Setting]:
 @cache
 def hand() -> tuple[Array, Array]:
     """Normal force [N] and slip speed [m/s] (n,), tick by tick, of a hand that strokes to and fro."""
-    from hapscene.constants import STIFFNESS_N_M
-    from hapscene.motion.hand_path import STROKE_M_S, Hand
-    from hapscene.motion.look_from_above import look_from_above
-    from hapscene.renderer import Renderer
-    from hapscene.stability.rig import sheet
-    from hapscene.surface.swatch import Swatch
-
     scene = sheet(Swatch("stroked"))
     moved = Hand((-0.05, 0.01, 0.01), TICK_S, look_from_above(scene))
     way = moved.line((-0.05, 0.01), (0.05, 0.01), STROKE_M_S)
@@ -50,7 +46,7 @@ def hand() -> tuple[Array, Array]:
 
 
 @cache
-def _texture() -> "Texture":
+def _texture() -> Texture:
     return planted_texture("lsf", 5)  # a shipped swatch has one filter for all forces and speeds
 
 
@@ -59,7 +55,7 @@ def error(every: int) -> dict[str, float]:
     return held_error(_texture(), force, speed, every)
 
 
-def held_error(texture: "Texture", force_N: Array, speed_m_s: Array, every: int) -> dict[str, float]:
+def held_error(texture: Texture, force_N: Array, speed_m_s: Array, every: int) -> dict[str, float]:
     """How far the bands of each tick are from those at its own force and speed [JND]: median and 95th percentile."""
     last = np.arange(len(force_N)) // every * every
     true = texture_bands(texture, force_N, speed_m_s)
@@ -77,8 +73,6 @@ def followed(level_m_s2: Array, every: int) -> Array:
 
 
 def time(every: int) -> tuple[float, float]:
-    from hapscene.surface.swatch import Swatch
-
     swatch = Swatch("timed", texture=_texture(), effects={"lpc_texture": {"update_ticks": float(every)}})
     return effect_us(swatch, ("wall", "lpc_texture"), ("wall",))
 

@@ -11,12 +11,17 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from trimesh import triangles
 
 from hapscene.constants import TICK_S
+from hapscene.fidelity.coarser_mesh import coarser_mesh
+from hapscene.motion.hand_path import explore
 from hapscene.scene.body import Body
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.surface.swatch import PLAIN, Swatch
+from hapscene.touch import open_scene
 
 from ..case import RADIUS_M, slide_path, sphere
 
@@ -84,16 +89,12 @@ def bodies_of(scene_file: str | None) -> list[str]:
 
 @cache
 def _scene(scene_file: str) -> Scene:
-    from hapscene.touch import open_scene
-
     return open_scene(scene_file)
 
 
 @cache
 def touched(scene_file: str | None, body: str, ticks: int = TICKS) -> Touched:
     """The sphere, or a body of a scene, with a path over it and what is true there."""
-    from hapscene.motion.hand_path import explore
-
     if body == SPHERE:
         scene = Scene()
         made = scene.add(sphere(6), name=SPHERE)
@@ -125,9 +126,6 @@ def closest_points(
     A triangle whose middle is farther than the best one found and the largest triangle's reach cannot be closer, so it
     is exact; for what lies farther than `near_m`, it need not be. With `among`, of those faces alone.
     """
-    from scipy.spatial import cKDTree
-    from trimesh import triangles
-
     closest_point: Any = triangles.closest_point
     corners = mesh.triangles_m
     middle = corners.mean(axis=1)
@@ -170,7 +168,5 @@ def reduced(scene_file: str | None, body: str, divisor: int, ticks: int = TICKS)
     body_of = touched(scene_file, body, ticks).body
     if divisor == 1:
         return body_of.mesh
-    from hapscene.fidelity.coarser_mesh import coarser_mesh
-
     plain = replace(body_of, face_swatch=np.zeros_like(body_of.face_swatch))  # where borders lie is not asked here
     return coarser_mesh(plain, len(body_of.mesh.faces) // divisor, (PLAIN.name,)) or body_of.mesh

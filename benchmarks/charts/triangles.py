@@ -10,7 +10,7 @@ from hapscene.perception import DIRECTION_DEG
 from hapscene.recording import Recording
 from hapscene.renderer import Renderer
 
-from ..accuracy import DEPTH_MIN_M, direction_error_deg, distances
+from ..accuracy import DEPTH_MIN_M, angle_deg, distances
 from ..case import Case, short, sphere_cases
 from ..peer import PEERS, SIDE_BY_SIDE, SIDE_BY_SIDE_SOURCE, TRIANGLES
 from ..tick_time import hot
@@ -54,7 +54,7 @@ def errors(case: Case, felt: Recording) -> dict[str, float]:
     tool, proxy = felt.p_WT_m[on], felt.p_WP_m[on]
     gap_m = np.abs(distances(case.mesh.triangles_m, proxy, tool)[0])
     return {
-        "direction": float(np.percentile(direction_error_deg(felt.f_W_N[on], tool), 99)),
+        "direction": float(np.percentile(angle_deg(felt.f_W_N[on], tool), 99)),
         "gap": max(1e6 * float(np.percentile(gap_m, 99)), GAP_LEAST_UM),
     }
 

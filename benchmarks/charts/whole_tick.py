@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -13,15 +13,13 @@ from hapscene.recording import Recording
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch
+from hapscene.surface.texture import Texture
 
 from ..tick_time import hot
 from .measuring import RATE_HZ, apart_jnd, enough, texture_bands
 from .mesh import CREASE_RAD, DEPTH_M, LATE
 from .question import Measure, Point, Question, Setting
 from .touched_surface import Array, Touched, bodies_of, reduced, touched
-
-if TYPE_CHECKING:
-    from hapscene.surface.texture import Texture
 
 DIVISORS: Final = (1, 4, 16, 64)
 ORDERS: Final = (0, 8, 20, 40)
@@ -95,7 +93,7 @@ def _slip_m_s(on: Touched) -> Array:
     return np.asarray(np.linalg.norm(v - np.einsum("ni,ni->n", v, n)[:, None] * n, axis=1))
 
 
-def _bands(texture: "Texture", force_N: Array, slip_m_s: Array) -> Array:
+def _bands(texture: Texture, force_N: Array, slip_m_s: Array) -> Array:
     texture = texture.resampled(RATE_HZ)
     return texture_bands(texture, force_N, slip_m_s)
 

@@ -8,6 +8,7 @@ fitted, the other half judges.
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hapscene.capture.metric import level_difference_dB, log_spectral_distance, model_spectrum, residual, spectrum
 from hapscene.capture.order_search import search_order
@@ -40,8 +41,6 @@ def predictor(signal: Array, rate_Hz: float, order: int) -> tuple[Array, float]:
 
 def synthetic(a: Array, deviation_m_s2: float, count: int, seed: int = 0) -> Array:
     """White Gaussian noise of that deviation through 1/A: `count` samples, the filter already running."""
-    from scipy.signal import lfilter
-
     return np.asarray(lfilter([1.0], a, np.random.default_rng(seed).normal(0.0, deviation_m_s2, 2 * count))[count:])
 
 

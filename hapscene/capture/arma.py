@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels
@@ -76,10 +77,8 @@ def as_texture(models: HattModels) -> Conversion:
 
 def ar_from_arma(density: Array, order: int) -> tuple[Array, float]:
     """The filter a (order+1,) and its excitation's variance for a two-sided density at _BINS/2 + 1 bins from 0 to π."""
-    from scipy.linalg import solve_toeplitz
-
     r = np.fft.irfft(density)[: order + 1]
-    a = np.concatenate([[1.0], solve_toeplitz(r[:-1], -r[1:])])
+    a = np.concatenate([[1.0], scipy.linalg.solve_toeplitz(r[:-1], -r[1:])])
     return a, float(r[0] / power_gain(a))
 
 

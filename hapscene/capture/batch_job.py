@@ -4,6 +4,7 @@ It writes nothing: the process that runs the batch does, so that a fit that is d
 written once. Imported first thing in every process: nothing heavy at the top.
 """
 
+import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -72,8 +73,6 @@ def fit_job(job: Job) -> FitOutcome:
 
 def _copied(job: Job, copy: Path) -> str:
     """Write the recording's content, as it is now, into a file of our own; its SHA-256."""
-    import hashlib
-
     content = read_content(Path(job.path)) if job.content is None else job.content
     copy.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
@@ -106,8 +105,6 @@ def content_sha256(path: Path, layout: str | None = None) -> str:
     Raises:
         CaptureError: larger than a recording may be, or not in that layout.
     """
-    import hashlib
-
     from hapscene.capture.published_layouts import files_of
 
     digest = hashlib.sha256()

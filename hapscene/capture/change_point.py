@@ -15,6 +15,7 @@ estimate is (2 + κ)σ⁴/n and not 2σ⁴/n.
 from typing import Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.streams import Array
 
@@ -52,10 +53,8 @@ def change_points(signal: Array, rate_Hz: float) -> list[int]:
     Places are first sought on every `COARSE`-th block, then between. A long recording is searched in windows of
     `WINDOW_S`, each from the last change on, so that the time grows with the length and not with its square.
     """
-    from scipy.signal import decimate
-
     factor = max(1, int(rate_Hz // RATE_HZ))
-    low = np.asarray(decimate(signal, factor, ftype="fir")) if factor > 1 else signal
+    low = np.asarray(scipy.signal.decimate(signal, factor, ftype="fir")) if factor > 1 else signal
     block = max(1, round(BLOCK_S * rate_Hz / factor))
     count = len(low) // (COARSE * block) * COARSE
     shortest = -(-round(PIECE_MIN_S * rate_Hz / factor) // (COARSE * block))
@@ -156,11 +155,9 @@ def _residual(products: Array) -> Array:
 
 def _excess_kurtosis(signal: Array) -> float:
     """Of the residual of short pieces, each by its own level, so that a change of level is no burst; at least 0."""
-    from scipy.signal import lfilter
-
     from hapscene.dsp.linear_prediction import autocorrelation, solve
 
-    residual = np.asarray(lfilter(solve(autocorrelation(signal, ORDER)), [1.0], signal))[ORDER:]
+    residual = np.asarray(scipy.signal.lfilter(solve(autocorrelation(signal, ORDER)), [1.0], signal))[ORDER:]
     length = ORDER * 32  # a tenth of a second
     count = len(residual) // length
     rows = residual[: count * length].reshape(count, length) if count else residual[None]

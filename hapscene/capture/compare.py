@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import scipy
 
 from hapscene import perception
 from hapscene.capture import metric
@@ -391,14 +392,12 @@ def follow(surfaces: Sequence[Swatch]) -> Series:
 
 
 def _trend(quantity: Quantity, change: list[float]) -> Trend:
-    from scipy.stats import kendalltau, theilslopes
-
     known = _known(change)
     values = np.array(change)[known]
-    slope = float(theilslopes(values, known)[0])
+    slope = float(scipy.stats.theilslopes(values, known)[0])
     p_value = math.nan
     if len(known) >= TREND_COUNT:
-        tau = kendalltau(known, values)
+        tau = scipy.stats.kendalltau(known, values)
         p_value = 1.0 if math.isnan(tau.pvalue) else float(tau.pvalue)  # NaN where all values are one
     return Trend(quantity, tuple(change), slope, p_value)
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.segment import IMPACT, InteractionState, Part, Run, noise, runs
 from hapscene.capture.stiffness import jackknife_half
@@ -227,8 +228,6 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
 
     Its spring and its zero of depth are fitted with them; the model's force is low-passed as the recorded one is.
     """
-    from scipy.optimize import least_squares
-
     low = int(force.argmin())
     zero = float(np.interp(0.0, force[low::-1], depth[low::-1])) if low > 1 else float(depth[0])
     size, far = -float(force[low]), float(np.clip(zero - depth[low], 1e-5, RANGE_MAX_M))
@@ -249,7 +248,7 @@ def _pull(force: Array, depth: Array, rate_Hz: float, damping: Mapping[str, floa
     scale = np.array([size, far, stiff, far])
     bounds = [0.0, 1e-2, 1e-2, -np.inf], [10.0, RANGE_MAX_M / far, 1e2, np.inf]
     start = np.clip(begin / scale, *bounds)
-    made: Any = least_squares(off, start, bounds=bounds, max_nfev=100)
+    made: Any = scipy.optimize.least_squares(off, start, bounds=bounds, max_nfev=100)
     residual = np.asarray(made.fun)
     count = max(1.0, len(residual) * 2.0 * HAND_CUTOFF_HZ / rate_Hz - 4.0)  # what the low-pass leaves independent
     inverse = np.linalg.pinv(made.jac.T @ made.jac)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.segment import TAP_S
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array
@@ -118,8 +119,6 @@ class Coverage:
     """
 
     def __init__(self, rate_Hz: float, quantities: tuple[str, ...], wanted: Wanted | None = None) -> None:
-        from scipy.signal import butter
-
         if "acceleration" not in quantities:
             raise CaptureError(f"no acceleration is recorded, only {', '.join(quantities)}: nothing can be fitted")
         if not rate_Hz > 4.0 * HAND_CUTOFF_HZ:
@@ -139,7 +138,7 @@ class Coverage:
             if not there
         ]
         self._length = max(1, round(STEP_S * rate_Hz))
-        self._sections = butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
+        self._sections = scipy.signal.butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
         self._rest: dict[str, Array] = {}
         self._next = 0
         self._filter: Array | None = None
@@ -211,11 +210,9 @@ class Coverage:
             self._steps({name: row[:, :whole].reshape(len(row), -1, self._length) for name, row in rows.items()})
 
     def _high_passed(self, acceleration: Array) -> Array:
-        from scipy.signal import sosfilt, sosfilt_zi
-
         if self._filter is None:
-            self._filter = sosfilt_zi(self._sections)[:, None, :] * acceleration[None, :, :1]
-        passed, self._filter = sosfilt(self._sections, acceleration, zi=self._filter)
+            self._filter = scipy.signal.sosfilt_zi(self._sections)[:, None, :] * acceleration[None, :, :1]
+        passed, self._filter = scipy.signal.sosfilt(self._sections, acceleration, zi=self._filter)
         return np.asarray(passed)
 
     def _steps(self, rows: Mapping[str, Array]) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.segment import BRIEF_S, InteractionState, Part, noise, runs
@@ -263,16 +264,14 @@ def _breakaways(parts: Sequence[Part]) -> list[tuple[float, float]]:
     It is the end of the parabola before it: two of them, low-passed as the forces are, are laid through the pull before
     and after; where they do not fit most, as not to jerks, the largest over 10 ms is taken.
     """
-    from scipy.ndimage import uniform_filter1d
-
     pulls: list[tuple[float, float]] = []
     jerks: list[tuple[float, float]] = []
     for channels, states in parts:
         assert channels.tangential_force_N is not None
         rate, n = channels.rate_Hz, len(channels.force_N)
         length = max(1, round(0.01 * rate))
-        tangential = np.abs(uniform_filter1d(channels.tangential_force_N, length))
-        normal = uniform_filter1d(channels.force_N, length)
+        tangential = np.abs(scipy.ndimage.uniform_filter1d(channels.tangential_force_N, length))
+        normal = scipy.ndimage.uniform_filter1d(channels.force_N, length)
         before, after = (round(s * rate) for s in BREAKAWAY_S)
         least = 0.1 * float(channels.force_N.max())
         scatter = noise(channels.tangential_force_N, rate), noise(channels.force_N, rate)
@@ -380,11 +379,9 @@ def _of_slips(slips: list[tuple[float, float, float, float]]) -> Friction:
 
 def _of_median(values: Array, off: Array) -> tuple[float, float]:
     """The 95 % interval of a median (m,), by Student's t, and of what all values may be off together."""
-    from scipy.stats import t
-
     middle, count = float(np.median(values)), len(values)
     error = np.sqrt(0.5 * np.pi / count) * float(np.std(values, ddof=1))
-    half = float(np.hypot(t.ppf(0.975, count - 1) * error, 1.96 * np.median(off)))
+    half = float(np.hypot(scipy.stats.t.ppf(0.975, count - 1) * error, 1.96 * np.median(off)))
     return middle - half, middle + half
 
 

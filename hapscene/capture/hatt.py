@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.hatt_file import HattModels, HattTaps, read_models, read_taps, root_name
@@ -63,8 +64,6 @@ def play_taps(taps: Taps) -> HattTaps:
 
 def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
     """Amplitude [m/s²], frequency [Hz] and decay [1/s] of A exp(−βt) sin(2πft) nearest to a transient."""
-    from scipy.optimize import least_squares
-
     peak = float(np.abs(wave).max())
     t_s = np.arange(len(wave)) / RATE_HZ
     if peak == 0.0:
@@ -77,7 +76,7 @@ def _decaying_sinusoid(wave: Array) -> tuple[float, float, float]:
     loudest = float(np.argmax(density[1:]) + 1) * RATE_HZ / (8 * len(wave))
     bounds = ([-100.0, 1.0, 0.1], [100.0, RATE_HZ / 2, 5000.0])
     tries = [
-        least_squares(off, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
+        scipy.optimize.least_squares(off, [sign, min(max(frequency, 2.0), 499.0), decay], bounds=bounds)
         for frequency in (loudest, 1.5 * loudest)
         for decay in (20.0, 150.0)
         for sign in (1.0, -1.0)

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from hapscene.capture.segment import runs
 from hapscene.capture.streams import Array, Streams, filtered, part_of
@@ -178,8 +179,6 @@ def _noise(texture: Texture, found: Sequence[_Block]) -> Array:
     Of the mean of N samples of ρ: cov_j = 2/N² Σ_k (N − |k|) ρ²(jN + k). As a share of the squared mean it is 2/ν,
     for a χ² of ν degrees, whose logarithm has the variance ψ'(ν/2).
     """
-    from scipy.special import polygamma
-
     size, length = 1 << 13, round(WINDOW_S * texture.rate_Hz)
     force, speed = (np.concatenate([one[i] for one in found]) for i in (1, 2))
     step = -(-len(force) // 8)
@@ -193,19 +192,17 @@ def _noise(texture: Texture, found: Sequence[_Block]) -> Array:
     lags = min(16, size // (2 * length) - 1)
     share = np.array([np.sum((length - np.abs(k)) * rho[np.abs(j * length + k)] ** 2) for j in range(lags)])
     share *= 2.0 / length**2
-    return np.asarray(share * float(polygamma(1, 1.0 / share[0])) / share[0])
+    return np.asarray(share * float(scipy.special.polygamma(1, 1.0 / share[0])) / share[0])
 
 
 def _basis(block: _Block) -> Array:
     """Coordinates (n, m) of a stretch of n windows in which the texture's level, force and speed explain nothing."""
-    from scipy.fft import idct
-
     (_, model), force, speed = block
     known = [np.ones(len(model))]
     if max(np.ptp(x) / x.mean() for x in (force, speed)) > FLAT:
         known += [model, *(np.log(x) for x in (force, speed) if np.ptp(x) > FLAT * x.mean())]
     # the explained part first, then cosines: what QR makes of the rest are nearly those, and exactly without that part
-    cosines = idct(np.eye(len(model)), axis=0, norm="ortho")[:, 1:]
+    cosines = scipy.fft.idct(np.eye(len(model)), axis=0, norm="ortho")[:, 1:]
     whole = np.linalg.qr(np.hstack([np.stack(known, axis=1), cosines]))[0]
     return np.asarray(whole[:, len(known) : len(model)])
 
@@ -216,12 +213,10 @@ def _covariances(speed: Array, chance: Array, mean_m_s: float) -> Iterator[Array
     Between windows of widths w and w', u apart, it is exp(−u) sinh(w/2)/(w/2) sinh(w'/2)/(w'/2), all in the time in
     which it forgets; within one 2 (w − 1 + exp(−w))/w². Both are exact means over the windows.
     """
-    from scipy.linalg import toeplitz
-
     count = len(speed)
     lags = np.zeros(count)
     lags[: len(chance)] = chance[:count]
-    yield np.asarray(toeplitz(lags))
+    yield np.asarray(scipy.linalg.toeplitz(lags))
     for width in (np.full(count, WINDOW_S), speed * WINDOW_S / mean_m_s):
         place = np.cumsum(width) - 0.5 * width
         for w, u in ((width / forgets_s, place / forgets_s) for forgets_s in FORGETS_S):
@@ -255,8 +250,6 @@ def _kind(
 
     Time is what is kept where the data do not say: then the gain goes on at any speed as it was recorded.
     """
-    from scipy.linalg import solve_triangular
-
     if len(blocks) < 2:
         return "time", (np.nan, np.nan)
     halves = [_together(parts[i::2]) for i in (0, 1)]
@@ -272,7 +265,7 @@ def _kind(
                     whole[kind] = whole[kind] + powers[1 - number % 2, kind][i - chosen.start] * kernel
         for kind in _KINDS:
             root = np.linalg.cholesky(basis.T @ whole[kind] @ basis)
-            white = solve_triangular(root, basis.T @ block[0][0], lower=True)
+            white = scipy.linalg.solve_triangular(root, basis.T @ block[0][0], lower=True)
             score[kind] -= float(0.5 * white @ white + np.sum(np.log(np.diag(root))))
     ahead = score["distance"] - score["time"], score["both"] - score["time"]
     if ahead[1] > max(ahead[0], 0.0) + MARGIN:

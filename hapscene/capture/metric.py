@@ -8,6 +8,7 @@ unexplained, and what a person makes of the difference.
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.capture.streams import Array
@@ -37,8 +38,6 @@ BAND_EDGES_HZ: Final = tuple(band_edges_Hz(BAND_COUNT).tolist())
 
 def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array]:
     """Frequencies (k,) [Hz] and one-sided power spectral density (k,) [(m/s²)²/Hz] of a signal, after Welch 1967."""
-    from scipy.signal import welch
-
     signal = np.asarray(acceleration_m_s2, dtype=np.float64)
     size = min(len(signal), round(WINDOW_S * rate_Hz))
     step = size - size // 2
@@ -46,7 +45,7 @@ def spectrum(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Array
     for first in range(0, count, WINDOWS):  # a long signal part by part, for memory's sake
         windows = min(WINDOWS, count - first)
         part = signal[first * step : (first + windows) * step + size // 2]
-        frequency, density = welch(part, rate_Hz, nperseg=size)
+        frequency, density = scipy.signal.welch(part, rate_Hz, nperseg=size)
         total += windows / count * density
     return np.asarray(frequency), total
 
@@ -198,11 +197,11 @@ def envelope_spectrum(felt: Array, rate_Hz: float) -> tuple[Array, Array]:
 
     The envelope is the root mean square of windows of `ENVELOPE_S`; Welch's estimate with Hann windows of 1 s.
     """
-    from scipy.signal import welch
-
     envelope = np.sqrt(_window_power(felt, rate_Hz, ENVELOPE_S))
     envelope /= max(float(envelope.mean()), np.finfo(np.float64).tiny)
-    frequency, density = welch(envelope, 1.0 / ENVELOPE_S, nperseg=min(len(envelope), round(1.0 / ENVELOPE_S)))
+    frequency, density = scipy.signal.welch(
+        envelope, 1.0 / ENVELOPE_S, nperseg=min(len(envelope), round(1.0 / ENVELOPE_S))
+    )
     return np.asarray(frequency), np.asarray(density)
 
 
@@ -213,13 +212,13 @@ def levels_dB(felt: Array, rate_Hz: float) -> Array:
 
 def felt_part(acceleration_m_s2: ArrayLike, rate_Hz: float) -> Array:
     """What a signal (n,) has within 20 to 1000 Hz, without delay."""
-    from scipy.signal import butter, sosfiltfilt
-
     signal = np.asarray(acceleration_m_s2, dtype=np.float64)
     low_Hz, high_Hz = ACCELERATION_BAND_HZ
-    sections = butter(4, (low_Hz, min(high_Hz, 0.45 * rate_Hz)), "bandpass", fs=rate_Hz, output="sos")
+    sections = scipy.signal.butter(4, (low_Hz, min(high_Hz, 0.45 * rate_Hz)), "bandpass", fs=rate_Hz, output="sos")
     # turned over at the ends for five periods of 20 Hz, or it would ring there
-    return np.asarray(sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(5.0 * rate_Hz / low_Hz))))
+    return np.asarray(
+        scipy.signal.sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(5.0 * rate_Hz / low_Hz)))
+    )
 
 
 def _window_power(signal: Array, rate_Hz: float, window_s: float) -> Array:
@@ -266,18 +265,7 @@ def residual(a: ArrayLike, acceleration_m_s2: ArrayLike) -> Array:
     a, signal = np.asarray(a, dtype=np.float64), np.asarray(acceleration_m_s2, dtype=np.float64)
     if len(signal) <= len(a):
         raise CaptureError(f"{len(signal)} samples are too few for the residual of a model of order {len(a) - 1}")
-    from scipy.signal import lfilter
-
-    return np.asarray(lfilter(a, [1.0], signal)[len(a) - 1 :])
-
-
-def variance_ratio(a: ArrayLike, acceleration_m_s2: ArrayLike) -> float:
-    """Residual power over signal power, Σ e² / Σ y² [1] (the normalised error of Makhoul 1975).
-
-    1 for a model that explains nothing, 1/power gain for the model that made the signal; it can exceed 1 for the
-    model of another surface.
-    """
-    return float(np.mean(residual(a, acceleration_m_s2) ** 2) / np.mean(np.asarray(acceleration_m_s2) ** 2))
+    return np.asarray(scipy.signal.lfilter(a, [1.0], signal)[len(a) - 1 :])
 
 
 def correlation(signal: ArrayLike, lag_count: int = LAG_COUNT) -> Array:
@@ -302,14 +290,12 @@ def ljung_box(signal: ArrayLike, lag_count: int = LAG_COUNT, fitted: int = 0) ->
     Raises:
         CaptureError: more fitted than lags, or not more samples than lags.
     """
-    from scipy.special import chdtrc
-
     signal = np.asarray(signal, dtype=np.float64)
     if not 0 <= fitted < lag_count < len(signal):
         raise CaptureError(f"{lag_count} lags must be more than {fitted} fitted and fewer than {len(signal)} samples")
     rho, count = correlation(signal, lag_count), len(signal)
     statistic = count * (count + 2.0) * np.sum(rho**2 / (count - np.arange(1, lag_count + 1)))
-    return LjungBox(float(statistic), float(chdtrc(lag_count - fitted, statistic)), lag_count - fitted)
+    return LjungBox(float(statistic), float(scipy.special.chdtrc(lag_count - fitted, statistic)), lag_count - fitted)
 
 
 def excess_kurtosis(signal: ArrayLike) -> float:
@@ -371,16 +357,13 @@ def st_sim(distorted: ArrayLike, reference: ArrayLike, rate_Hz: float) -> Simila
     Raises:
         CaptureError: the signals differ in length, or are shorter than a block.
     """
-    from scipy.fft import dct
-    from scipy.special import ndtr
-
     one, two = (np.asarray(s, dtype=np.float64) for s in (distorted, reference))
     if one.ndim != 1 or one.shape != two.shape or len(one) < BLOCK:
         raise CaptureError(f"ST-SIM needs two signals of one length, {BLOCK} or more: have {one.shape} and {two.shape}")
     blocks = [s[: len(s) // BLOCK * BLOCK].reshape(-1, BLOCK) for s in (one, two)]
     tiny = np.finfo(np.float64).tiny
-    level = [20.0 * np.log10(np.maximum(np.abs(dct(block, norm="ortho", axis=1)), tiny)) for block in blocks]
-    felt = [ndtr((x - threshold_dB(rate_Hz)) / SUPPORT_DB) for x in level]
+    level = [20.0 * np.log10(np.maximum(np.abs(scipy.fft.dct(block, norm="ortho", axis=1)), tiny)) for block in blocks]
+    felt = [scipy.special.ndtr((x - threshold_dB(rate_Hz)) / SUPPORT_DB) for x in level]
     shape = [(b - b.mean(axis=1, keepdims=True)) / (b.std(axis=1, keepdims=True) + _EPSILON) for b in blocks]
     spectral, temporal = _likeness(*felt), max(0.0, _likeness(*shape))
     return Similarity(temporal**TEMPORAL_SHARE * spectral ** (1.0 - TEMPORAL_SHARE), spectral, temporal)

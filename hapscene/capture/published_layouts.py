@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.recording_source import (
     AXES,
@@ -236,8 +237,6 @@ def _beside(file: Path, kind: str) -> Path:
 def _cluster_take(
     file: Path, accel: RecordingSource, force: RecordingSource | None, position: RecordingSource | None
 ) -> RecordingSource:
-    from scipy.interpolate import CubicSpline
-
     named = LAYOUTS["cluster"].file.fullmatch(file.name)
     assert named is not None
     with refusing(CaptureError, file):
@@ -253,7 +252,7 @@ def _cluster_take(
         lost = np.diff(own_s)[np.clip(np.searchsorted(own_s, t_s, "right") - 1, 0, len(own_s) - 2)] > GAP_S
         columns: dict[str, Column] = {}
         for axis in AXES:
-            curve: Array = CubicSpline(own_s, _finite(accel, axis.upper()))(t_s)
+            curve: Array = scipy.interpolate.CubicSpline(own_s, _finite(accel, axis.upper()))(t_s)
             columns[f"acceleration_{axis}"] = np.where(lost, np.nan, curve)
         if force is None:
             columns["force"] = np.full(len(t_s), 1e-3 * float(named["force"]))

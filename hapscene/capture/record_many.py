@@ -4,6 +4,7 @@ Stands alone: `record` knows one port and no process. What a process shows goes 
 lock: a terminal that stands still, or a process that is killed, stops nobody else.
 """
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -62,8 +63,6 @@ def record_many(
     for file in {name for each in paths for name in (each, each.with_suffix(SUFFIX))}:
         if file.exists():
             raise taken(file)
-    import multiprocessing
-
     spawn, clock = multiprocessing.get_context("spawn"), uuid.uuid4().hex
     stop = spawn.RawValue("b", 0)
     sources: list[_Source] = []

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.clock_offset import DRIFT_MAX, WITHIN_S, ClockedStreams, ClockOffset, clock_offset
 from hapscene.capture.record_file import SUFFIX, Record, load_record, save_npz
@@ -129,8 +130,6 @@ def resampled(stream: Array, at: Array) -> Array:
 
     By splines of the fifth degree: at a tenth of the rate they are off by 6e-6, at a fifth by 6e-4.
     """
-    from scipy.interpolate import make_interp_spline
-
     missing = np.isnan(stream)
     if missing.any():
         known = np.flatnonzero(~missing)
@@ -138,7 +137,7 @@ def resampled(stream: Array, at: Array) -> Array:
     made = np.empty(len(at))
     for part in blocks(len(at), BLOCK):
         low, high = max(0, int(at[part][0]) - _MARGIN), min(len(stream), int(at[part][-1]) + _MARGIN)
-        spline = make_interp_spline(np.arange(low, high), stream[low:high], 5)
+        spline = scipy.interpolate.make_interp_spline(np.arange(low, high), stream[low:high], 5)
         made[part] = spline(at[part])
     beside = np.floor(at).astype(np.int64).clip(0, len(stream) - 2)
     made[missing[beside] | missing[beside + 1]] = np.nan
@@ -275,12 +274,10 @@ def _pace(record: Record) -> tuple[float, float]:
 
     Samples come late, never early: the line below all of them, as near to them as can be.
     """
-    from scipy.optimize import linprog
-
     own_s, computer_s = record.clock_s[:, 0] / record.rate_Hz, record.clock_s[:, 1]
     base = float(computer_s[0] - own_s[0])
     below = np.stack([np.ones_like(own_s), own_s], axis=1)
-    found = linprog(
+    found = scipy.optimize.linprog(
         -below.sum(axis=0), below, computer_s - own_s - base, bounds=[(None, None), (-2.0 * DRIFT_MAX, 2.0 * DRIFT_MAX)]
     )
     late_s, slow = (0.0, 0.0) if found.x is None else map(float, found.x)

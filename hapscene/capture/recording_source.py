@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.confined import confined
@@ -127,13 +128,11 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
 
 
 def _wav(file: Path) -> RecordingSource:
-    from scipy.io import wavfile
-
     _check_wav(file)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # chunks that it does not know
-            rate, data = wavfile.read(file)
+            rate, data = scipy.io.wavfile.read(file)
         data = data.reshape(len(data), -1)
     except OSError:
         raise
@@ -207,10 +206,8 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
     Raises:
         FormatError: of version 7.3, or it unpacks to more than it may.
     """
-    from scipy.io import loadmat, whosmat
-
     try:
-        held = whosmat(file)
+        held = scipy.io.whosmat(file)
     except NotImplementedError:
         raise FormatError("a MATLAB 7.3 file is not read: save it with -v7") from None
     wanted = [
@@ -220,7 +217,7 @@ def read_mat(file: Any, most_B: int) -> dict[str, NDArray[Any]]:
     check_unpacked(os.fstat(file.fileno()).st_size, unpacked_B, most_B, TOO_MUCH)
     file.seek(0)
     names = [name for name, _, _ in held]
-    content = loadmat(file, variable_names=names) if names else {}
+    content = scipy.io.loadmat(file, variable_names=names) if names else {}
     return {name: content[name] for name in names if content[name].dtype.kind in f"{_NUMBERS}U"}
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+import scipy
 
 from hapscene.capture import metric
 from hapscene.capture.metric import Liveliness, LjungBox, Similarity, st_sim
@@ -159,8 +160,6 @@ def spectrum_along(
 def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, Array]:
     """What a texture leaves of a recording: residual (n,) [m/s²], the texture's standard deviation for it (n,), and
     the acceleration (n,) [m/s²] of the same samples; those in which the tool does not slide are left out."""
-    from scipy.signal import lfilter
-
     order, step = texture.order, max(1, round(BLOCK_S * texture.rate_Hz))
     y, force, speed = channels.acceleration_m_s2, channels.force_N, channels.speed_m_s
     start = np.arange(order, len(y) - step + 1, step)
@@ -175,7 +174,7 @@ def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, A
     left, past = np.zeros(at.shape), y
     for weight in a[kept].T:  # of the signal, then of what the allpass D, for plain models the delay, makes of it
         left += weight[:, None] * past[at]
-        past = lfilter([-texture.warp, 1.0], [1.0, -texture.warp], past)
+        past = scipy.signal.lfilter([-texture.warp, 1.0], [1.0, -texture.warp], past)
     left /= (first := a[kept] @ (-texture.warp) ** np.arange(order + 1.0))[:, None]  # what is new in each sample
     return left.ravel(), np.repeat(np.sqrt(variance[kept]) / first, step), y[at].ravel()
 

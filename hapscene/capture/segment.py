@@ -23,6 +23,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.change_point import change_points
@@ -252,13 +253,11 @@ def _heard(level: Array, rate: float, air: Mask) -> tuple[bool, Mask]:
 
 def _level(acceleration: Array, rate: float) -> Array:
     """Root of the mean square (n,) over `LEVEL_S`."""
-    from scipy.ndimage import uniform_filter1d
-
     length = max(1, round(LEVEL_S * rate))
     power = np.empty_like(acceleration)
     for block in blocks(len(power), BLOCK):
         first = max(0, block.start - length)
-        near = uniform_filter1d(acceleration[first : block.stop + length] ** 2, length, mode="nearest")
+        near = scipy.ndimage.uniform_filter1d(acceleration[first : block.stop + length] ** 2, length, mode="nearest")
         power[block] = near[block.start - first :][:BLOCK]
     return np.asarray(np.sqrt(np.maximum(power, 0.0, out=power), out=power))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.segment import InteractionState, Part, Segmentation, noise, runs
 from hapscene.capture.streams import HAND_CUTOFF_HZ, Array, Streams
@@ -83,10 +84,8 @@ def fit_stiffness(parts: Sequence[Part]) -> Stiffness:
 
 def jackknife_half(without: Array) -> Array:
     """Half the width (...) of the 95 % interval of what comes out without each of some samples (n, ...): Student's."""
-    from scipy.stats import t
-
     count = len(without)
-    return np.asarray(t.ppf(0.975, count - 1) * np.sqrt((count - 1.0) * without.var(axis=0)))
+    return np.asarray(scipy.stats.t.ppf(0.975, count - 1) * np.sqrt((count - 1.0) * without.var(axis=0)))
 
 
 def _noise_ratio(parts: Sequence[Part]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import ACCELERATION_BAND_HZ
@@ -200,10 +201,8 @@ def direction_of(x_m: Array, y_m: Array, rate_Hz: float) -> Array | None:
 
 def high_pass_gain(size: int, rate_Hz: float) -> Array:
     """Gain (size//2+1,) of the high-pass that `clean` puts on the acceleration, at the lines of an FFT of `size`."""
-    from scipy.signal import butter, sosfreqz
-
-    sections = butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
-    _, response = sosfreqz(sections, 2.0 * np.pi * np.arange(size // 2 + 1) / size)
+    sections = scipy.signal.butter(4, ACCELERATION_BAND_HZ[0], "highpass", fs=rate_Hz, output="sos")
+    _, response = scipy.signal.sosfreqz(sections, 2.0 * np.pi * np.arange(size // 2 + 1) / size)
     return np.asarray(np.abs(response) ** 2)  # forward and backward
 
 
@@ -247,16 +246,14 @@ def filtered(
 
     As `scipy.signal.sosfiltfilt`, to the bit; long ones block by block, for that takes five times its signal.
     """
-    from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
-
-    sections = butter(order, cutoff_Hz, kind, fs=rate_Hz, output="sos")
+    sections = scipy.signal.butter(order, cutoff_Hz, kind, fs=rate_Hz, output="sos")
     if signal.ndim > 1 or signal.shape[-1] <= BLOCK:
-        return np.asarray(sosfiltfilt(sections, signal))
+        return np.asarray(scipy.signal.sosfiltfilt(sections, signal))
     edge = 3 * (2 * len(sections) + 1)
     turned = (2.0 * signal[0] - signal[edge:0:-1], signal, 2.0 * signal[-1] - signal[-2 : -(edge + 2) : -1])
     made = np.concatenate(turned)
     for way in (made, made[::-1]):
-        state = sosfilt_zi(sections) * way[0]
+        state = scipy.signal.sosfilt_zi(sections) * way[0]
         for part in blocks(len(way), BLOCK):
-            way[part], state = sosfilt(sections, way[part], zi=state)
+            way[part], state = scipy.signal.sosfilt(sections, way[part], zi=state)
     return made[edge:-edge]

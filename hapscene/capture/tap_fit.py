@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from hapscene.capture.segment import InteractionState, Part, Run, onset
 from hapscene.capture.streams import Array, Streams, high_pass_gain
@@ -216,10 +217,9 @@ class _Impact:
     """The samples (n,) about one impact, of largest size 1, and models of it, high-passed as it is."""
 
     def __init__(self, data: Array, lead: int, rate: float) -> None:
-        from scipy.fft import next_fast_len
-
         self.data, self.lead, self.rate = data, lead, rate
-        self.size = next_fast_len(len(data) + round(0.2 * rate), real=True)  # the filter's ripple has room to fade
+        ripple = round(0.2 * rate)  # the filter's has room to fade
+        self.size = scipy.fft.next_fast_len(len(data) + ripple, real=True)
         self.gain = high_pass_gain(self.size, rate)
         self.t_s = (np.arange(len(data) + round(LEAD_S * rate)) - lead) / rate  # what comes later is not heard before
 
@@ -235,8 +235,6 @@ class _Impact:
 
     def sinusoid(self) -> _Fitted:
         """One sinusoid from the onset on."""
-        from scipy.optimize import least_squares
-
         rate = self.rate
         # Onsets half a period off fit nearly as well: of all of them the best begins the search.
         frequency = self.loudest_after(0.0)
@@ -252,7 +250,7 @@ class _Impact:
         def off(p: Array) -> Array:
             return np.asarray(p[0] * self.rings(p[1], p[2:3], p[3:4])[0] - self.data)
 
-        fitted = least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
+        fitted = scipy.optimize.least_squares(off, begin, bounds=(low, high), x_scale=scales, max_nfev=60)
         error = _errors(np.asarray(fitted.jac), np.asarray(fitted.fun))
         value = np.array([abs(fitted.x[0]), *fitted.x[1:3]])
         return _Fitted(value, error[:3], float(fitted.x[3]), 2.0 * float(fitted.cost))
@@ -280,7 +278,6 @@ class _Impact:
 
     def ring(self, plain: _Fitted, waves: int) -> _Fitted:
         """A ring of any phase after a contact of so many waves; the linear is solved for at each step of the search."""
-        from scipy.optimize import least_squares
 
         def solved(p: Array) -> tuple[Array, Array]:
             models = self.contact_and_ring(waves, p)
@@ -306,7 +303,7 @@ class _Impact:
         low, high = np.array([10.0, 1.0, -0.04, 5e-4]), np.array([0.45 * self.rate, 0.25 * self.rate, 0.04, 0.04])
         low, high, scales = low[:count], high[:count], np.array([0.1 * begins[0][0], 50.0, 0.002, 0.002])[:count]
         options: Any = {"bounds": (low, high), "x_scale": scales, "max_nfev": 25, "ftol": 1e-5, "xtol": 1e-5}
-        fits = (least_squares(off, np.clip(p, low, high), **options) for p in begins[:SEARCHES])
+        fits = (scipy.optimize.least_squares(off, np.clip(p, low, high), **options) for p in begins[:SEARCHES])
         fitted = min(fits, key=lambda fit: float(fit.cost))
         weight, residual = solved(fitted.x)
         models = self.contact_and_ring(waves, fitted.x)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.streams import Array
@@ -200,8 +201,6 @@ def _with_power(texture: Texture, pieces: Pieces) -> Texture:
 
     Those of one filter keep to the law of the level but for one factor: four corners of two seconds learn chance.
     """
-    from scipy.optimize import nnls
-
     power = pieces.power_m2_s4
     corner, weight = texture.locate(pieces.force_N, pieces.speed_m_s)
     share = np.zeros((len(pieces), len(texture.force_N)))
@@ -218,7 +217,7 @@ def _with_power(texture: Texture, pieces: Pieces) -> Texture:
         expected = told.sum(axis=1)
         matrix = np.vstack([told / expected[:, None], pull * np.eye(len(sounding))])
         target = np.concatenate([power / expected, np.full(len(sounding), pull)])
-        factor = POWER_LEAST + nnls(matrix, target - POWER_LEAST * matrix.sum(axis=1))[0]
+        factor = POWER_LEAST + scipy.optimize.nnls(matrix, target - POWER_LEAST * matrix.sum(axis=1))[0]
     factor = factor * power.sum() / (share[:, sounding] @ (factor * before)).sum()
     variance = texture.variance_m2_s4.copy()
     variance[sounding] *= factor

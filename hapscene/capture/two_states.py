@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.life_fit import LifeFit, fit_life, moving_runs
@@ -172,15 +173,11 @@ def find_states(stretches: Sequence[Streams]) -> TwoStates | None:
 
 def _contrasts(bands: int) -> Array:
     """Directions (bands − 1, bands) across that in which all bands move together, orthonormal."""
-    from scipy.linalg import helmert
-
-    return np.asarray(helmert(bands))
+    return np.asarray(scipy.linalg.helmert(bands))
 
 
 def _seen(stretches: Sequence[Streams]) -> tuple[list[tuple[int, int, int]], list[_Seen]]:
     """Stretch, first sample and samples a window, and what is seen there, of each run in which the tool slides."""
-    from scipy.signal import lfilter
-
     places, levels, known = [], [], []
     for i, start, windows, length in moving_runs(stretches, WINDOW_S, 4.0 * RECENT_S):
         stretch = stretches[i]
@@ -204,7 +201,7 @@ def _seen(stretches: Sequence[Streams]) -> tuple[list[tuple[int, int, int]], lis
     seen, share = [], WINDOW_S / RECENT_S
     for y in np.split(level, np.cumsum([len(one) for one in levels])[:-1]):
         before = np.vstack([y[:1], y[:-1]])
-        recent, _ = lfilter([share], [1.0, share - 1.0], before, axis=0, zi=(1.0 - share) * y[:1])
+        recent, _ = scipy.signal.lfilter([share], [1.0, share - 1.0], before, axis=0, zi=(1.0 - share) * y[:1])
         seen.append((np.stack([np.ones_like(y), before, recent], axis=2), y))
     return places, seen
 

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.streams import Array
@@ -256,13 +257,11 @@ def _fits(model: NoisyModel, density: Density, part: NDArray[np.bool_]) -> bool:
 
     The logarithm of a mean of n ordinates scatters with variance ψ′(n); over k bins that is known to √(2/k) of it.
     """
-    from scipy.special import polygamma
-
     count = int(np.count_nonzero(part))
     if count < 3:
         return True
     away = _DB * np.log(density.power / model.parts(density)[2])[part]
-    chance = _DB**2 * float(np.mean(polygamma(1, density.ordinates[part])))
+    chance = _DB**2 * float(np.mean(scipy.special.polygamma(1, density.ordinates[part])))
     return bool(away.var() <= MISFIT_DB**2 + chance * (1.0 + 2.0 * np.sqrt(2.0 / count)))
 
 
@@ -309,10 +308,8 @@ def _predicted(density: Density, order: int) -> Iterator[NoisyModel]:
 
 def _from_spectrum(even: Array, order: int, log_noise: float) -> Iterator[NoisyModel]:
     """Linear prediction of a spectrum at even frequencies; nothing where a real pole is left over."""
-    from scipy.linalg import solve_toeplitz
-
     r = np.fft.irfft(even + 1e-13 * even.mean())[: order + 1]
-    a = np.concatenate([[1.0], np.asarray(solve_toeplitz(r[:-1], -r[1:]))])
+    a = np.concatenate([[1.0], np.asarray(scipy.linalg.solve_toeplitz(r[:-1], -r[1:]))])
     pole = np.roots(a)
     pole = pole * np.minimum(1.0, (1.0 - 1e-5) / np.maximum(np.abs(pole), 1e-9))
     pair, real = pole[pole.imag > 1e-9], np.sort(pole[np.abs(pole.imag) <= 1e-9].real)

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from hapscene.command.console import complain, say, tell
-from hapscene.command.options import add_command, key_value
+from hapscene.command.options import add_command, add_pairs
+from hapscene.errors import DeviceError
 
 FIND_S: Final = 5.0
 """How long a driver may look for its device [s]."""
@@ -18,9 +19,7 @@ def add_devices(commands: Any) -> None:
     command = add_command(commands, "devices", _devices)
     command.add_argument("what", nargs="?", choices=("try",), help="try: a first run with a device, step by step")
     command.add_argument("name", nargs="?", metavar="NAME", help="of the device that is tried")
-    command.add_argument(
-        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the device"
-    )
+    add_pairs(command, "--option", "of the device")
     command.add_argument("--yes", action="store_true", help="do not wait for the Enter key; never more than 0.5 N")
     command.add_argument("--json", action="store_true", help="print JSON")
 
@@ -38,7 +37,6 @@ def _devices(options: argparse.Namespace) -> int:
     from hapscene.device.driver_registry import DRIVERS
 
     if options.what == "try":
-        from hapscene.errors import DeviceError
         from hapscene.play.first_run import try_device
 
         if options.name is None:

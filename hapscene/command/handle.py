@@ -1,6 +1,8 @@
 """`hapscene handle`: identify a handle, show what is known of it, play through it."""
 
 import argparse
+import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,6 +11,7 @@ from hapscene.command.options import (
     add_command,
     add_group,
     add_out_folder,
+    add_pairs,
     add_recording_options,
     base_name,
     baud,
@@ -16,7 +19,6 @@ from hapscene.command.options import (
     check_there,
     folder,
     force,
-    key_value,
     number,
     rate,
     recording_options,
@@ -41,10 +43,7 @@ def _add_play(commands: Any) -> None:
         help="an identified handle (default: the assumed one); audio, serial or usb: a real one to play on. May be "
         "given once for each",
     )
-    command.add_argument(
-        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE",
-        help="of the real one, as port=/dev/ttyACM0",
-    )  # fmt: skip
+    add_pairs(command, "--option", "of the real one, as port=/dev/ttyACM0")
     command.add_argument(
         "--grip", type=whole("a grip", 1), metavar="N", help="hold it as in its Nth grip (default: their mean)"
     )
@@ -279,9 +278,6 @@ def _recordings(options: argparse.Namespace, sweep: Any, guess: Any) -> tuple[li
 
 def _from_port(options: argparse.Namespace, sweep: Any, guess: Any, names: list[str]) -> list[Any]:
     """The sweep played through a real handle, the user told how to hold it."""
-    import sys
-    from contextlib import closing
-
     from hapscene.handle.measure import play_grips
     from hapscene.handle.serial_handle import SerialSource
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
-from hapscene.command.options import HOST, key_value, port
+from hapscene.command.options import HOST, add_pairs, port
 from hapscene.constants import TICK_S
 from hapscene.interrupt import interrupt_noted
 
@@ -31,9 +31,7 @@ NAP_S: Final = 0.2
 def add_page_options(command: Any) -> None:
     """Where the page is, and what is heard."""
     command.add_argument("--handle", metavar="NAME", help="what plays the vibrations: audio, serial, usb")
-    command.add_argument(
-        "--handle-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the handle"
-    )
+    add_pairs(command, "--handle-option", "of the handle")
     command.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: it drives the handle")
     command.add_argument("--kiosk", action="store_true", help=f"all as at the start after {KIOSK_S:g} s without input")
     command.add_argument("--port", type=port, default=0, help="where the page is (default: any that is free)")

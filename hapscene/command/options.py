@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -146,8 +147,6 @@ def _names(folder: Path) -> Iterable[str]:
 
 def nearest(word: str, known: Iterable[str], alike: float = 0.6) -> str | None:
     """The one that may have been meant: the most alike, from that ratio of difflib on."""
-    from difflib import get_close_matches
-
     return next(iter(get_close_matches(word, list(known), 1, alike)), None)
 
 
@@ -409,6 +408,11 @@ def vector(text: str) -> tuple[float, float, float]:
     if not all(map(math.isfinite, (x, y, z))):
         raise argparse.ArgumentTypeError(f"{text!r}: expected finite numbers")
     return x, y, z
+
+
+def add_pairs(command: Any, name: str, told: str) -> None:
+    """Adds an option that takes KEY=VALUE, any number of times."""
+    command.add_argument(name, type=key_value, action="append", default=[], metavar="KEY=VALUE", help=told)
 
 
 def key_value(text: str) -> tuple[str, str]:

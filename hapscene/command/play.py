@@ -15,9 +15,9 @@ from hapscene.command.live import add_page_options, chosen_handle, opened_page
 from hapscene.command.options import (
     add_command,
     add_mesh_options,
+    add_pairs,
     base_name,
     check_scene,
-    key_value,
     load_input,
     number,
     reading,
@@ -49,7 +49,7 @@ def add_play(commands: Any) -> None:
         "--device", default="pointer", metavar="NAME",
         help="`hapscene devices` lists them; default: pointer, a page in the browser",
     )  # fmt: skip
-    command.add_argument("--option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of it")
+    add_pairs(command, "--option", "of it")
     command.add_argument(
         "--at", type=vector, metavar="X,Y,Z",
         help="where the middle of its workspace lies in the scene, in m (default: the middle of the top)",

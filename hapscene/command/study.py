@@ -16,10 +16,10 @@ from hapscene.command.options import (
     add_group,
     add_out_file,
     add_out_folder,
+    add_pairs,
     base_name,
     check_out_folder,
     check_there,
-    key_value,
     port,
     seed,
     whole,
@@ -73,16 +73,12 @@ def _add_run(commands: Any) -> None:
     command.add_argument("--channel", choices=("headphones", "handle", "device"), help="in place of the plan's")
     played = command.add_argument_group("what it is played on")
     played.add_argument("--output", metavar="NAME", help="what plays vibrations: audio (default), serial, usb")
-    played.add_argument(
-        "--output-option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the output"
-    )
+    add_pairs(played, "--output-option", "of the output")
     played.add_argument("--handle-file", metavar="FILE", help="of `handle identify`: what the compensator drives")
     played.add_argument(
         "--device", default="omni", metavar="NAME", help="of the channel device (default omni, simulated)"
     )
-    played.add_argument(
-        "--option", type=key_value, action="append", default=[], metavar="KEY=VALUE", help="of the device"
-    )
+    add_pairs(played, "--option", "of the device")
     page = command.add_argument_group("the page")
     page.add_argument("--port", type=port, default=0, help="where it is (default: any that is free)")
     page.add_argument(

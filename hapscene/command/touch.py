@@ -25,7 +25,7 @@ from hapscene.command.options import (
     whole,
 )
 from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP, TICK_S
-from hapscene.errors import EffectError, HapsceneError, PathError
+from hapscene.errors import EffectError, HapsceneError, PathError, no_such
 
 HAND_DEFAULTS: Final = {"grip": DEFAULT_GRIP, "device": "omni", "compensator": "adaptive", "delay": 0}
 """Options of a touch in closed loop."""
@@ -188,7 +188,6 @@ def _check_names(options: argparse.Namespace, effects: Iterable[str]) -> None:
     if options.hand is not None:
         from hapscene.device.hand import grip_named
         from hapscene.device.model import device_named
-        from hapscene.errors import no_such
         from hapscene.handle.compensator import find_compensator
         from hapscene.motion.gestures import GESTURES
 

@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
@@ -30,9 +31,6 @@ class CornerGroups:
     """
 
     def __init__(self, mesh: "Mesh", crease_rad: float) -> None:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         faces = np.asarray(mesh.faces)
         normal = _face_normals(np.asarray(mesh.vertices_m, np.float64)[faces])
         _, index = np.unique(mesh.vertices_m, axis=0, return_inverse=True)
@@ -50,8 +48,8 @@ class CornerGroups:
         turned = start[one] == end[two]  # neighbours with the same winding run along their edge in opposite directions
         ends = np.concatenate((one, after[one]))
         others = np.concatenate((np.where(turned, after[two], two), np.where(turned, two, after[two])))
-        joined = coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
-        self._count, self._group = connected_components(joined, directed=False)
+        joined = scipy.sparse.coo_array((np.ones(len(ends), bool), (ends, others)), shape=(len(start), len(start)))
+        self._count, self._group = scipy.sparse.csgraph.connected_components(joined, directed=False)
 
     def normals(self, corner: NDArray[np.float64]) -> NDArray[np.float64]:
         """Unit normals (f, 3, 3) at the corners (f, 3, 3) of the faces."""

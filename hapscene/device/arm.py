@@ -1,32 +1,21 @@
 """What the tool hangs on, driven alike whichever it is: a simulated point mass or Omni in a hand, or a real device."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.driver import Connection, new_state
 from hapscene.device.hand import HAND
-from hapscene.device.model import DEVICES, device_of
-from hapscene.device.omni import (
-    Omni,
-    advance_omni,
-    hold_omni,
-    read_omni,
-    tip_omni,
-    tip_velocity_omni,
-)
+from hapscene.device.model import DEVICES, DeviceLike, device_of
+from hapscene.device.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni, tip_velocity_omni
 from hapscene.device.omni_record import OMNI
 from hapscene.device.point import POINT, PointMass, advance_point, hold_point, read_point
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector
 from hapscene.native import native
 from hapscene.records import records
-
-if TYPE_CHECKING:
-    from hapscene.device.model import DeviceLike
-
 
 SIMULATED_POINT: Final = 0
 SIMULATED_OMNI: Final = 1
@@ -44,7 +33,7 @@ class Arm(NamedTuple):
     X_WD: NDArray[np.float64]  # (4, 4) where that stands
 
 
-def simulated_device(device: "DeviceLike") -> PointMass | Omni:
+def simulated_device(device: DeviceLike) -> PointMass | Omni:
     """The simulation of a device, given by its name or as an object.
 
     Raises:

@@ -49,15 +49,6 @@ ELBOW_RAD: Final = (-0.81 + ELBOW_TURN_RAD, 1.25 + ELBOW_TURN_RAD)
 """Limits of q3 − q2 [rad]: the URDF's elbow limits, −0.81 and 1.25. Short of ±π/2, where the arm would be stretched
 or folded and the inverse have two answers."""
 
-YAW_RAD: Final = (3.92, 8.83)
-"""Limits of the gimbal's first joint, about the forearm [rad]. URDF."""
-
-PITCH_RAD: Final = (-0.5, 1.75)
-"""Limits of the gimbal's second joint [rad]. URDF."""
-
-ROLL_RAD: Final = (-2.58, 2.58)
-"""Limits of the stylus about its own axis [rad]. URDF."""
-
 NOMINAL_RAD: Final = (0.0, 0.65, 0.65)
 """The nominal posture [rad]: arms orthogonal, as the data sheet has it, the tip in the middle of the workspace. There
 each joint moves the tip at a right angle to the others, at levers of `NOMINAL_LEVER_M`."""
@@ -195,32 +186,6 @@ def singular(q: ArrayLike) -> NDArray[np.bool_]:
     rows, shape = _rows(q)
     nominal = math.prod(NOMINAL_LEVER_M)
     return np.asarray((np.abs(np.linalg.det(jacobian(rows))) < SINGULAR * nominal).reshape(shape[:-1]))
-
-
-def stylus_pose(q: ArrayLike, gimbal: ArrayLike) -> NDArray[np.float64]:
-    """Pose X_DS (4, 4) of the stylus for joints q (3,) and gimbal (3,): yaw, pitch, roll [rad].
-
-    S has its origin at the tip and its −y axis along the stylus, away from the gimbal, as in the URDF, whose chain
-    this is. The forces of a scene act on the tip alone; the pose is for pictures.
-    """
-    q1, q2, q3 = (float(v) for v in np.asarray(q, float))
-    yaw, pitch, roll = (float(v) for v in np.asarray(gimbal, float))
-    axes_DU = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # U: the URDF's base
-    X_DS = np.eye(4)
-    X_DS[:3, :3] = axes_DU @ _turn(2, q1) @ _turn(0, q3 - math.pi / 2.0) @ _turn(1, yaw)
-    X_DS[:3, :3] @= _turn(0, 0.5 + pitch) @ _turn(1, math.pi) @ _turn(0, math.pi) @ _turn(1, roll)
-    X_DS[:3, 3] = tip(turns_at(q1, q2, q3))
-    return X_DS
-
-
-def _turn(axis: int, angle_rad: float) -> NDArray[np.float64]:
-    """Rotation (3, 3) about a coordinate axis."""
-    R = np.eye(3)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[i, i] = R[j, j] = math.cos(angle_rad)
-    R[j, i] = math.sin(angle_rad)
-    R[i, j] = -R[j, i]
-    return R
 
 
 def _rows(values: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:

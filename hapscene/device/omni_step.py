@@ -137,30 +137,10 @@ def mass_matrix(q: ArrayLike) -> NDArray[np.float64]:
     return np.array([[a, b, 0.0], [b, K6, c], [0.0, c, K7]])
 
 
-def coriolis_matrix(q: ArrayLike, dq: ArrayLike) -> NDArray[np.float64]:
-    """C (3, 3) [N·m·s/rad] from the Christoffel symbols of M, at joint speeds (3,) [rad/s]."""
-    _, q2, q3 = np.asarray(q, float)
-    w1, w2, w3 = np.asarray(dq, float)
-    *_, a2, a3, b2, c3 = slopes_at(float(q2), float(q3), turns_at(0.0, float(q2), float(q3)))
-    return np.array(
-        [
-            [0.5 * (a2 * w2 + a3 * w3), 0.5 * a2 * w1 + b2 * w2, 0.5 * a3 * w1],
-            [-0.5 * a2 * w1, 0.0, c3 * w3],
-            [-0.5 * a3 * w1, -c3 * w2, 0.0],
-        ]
-    )
-
-
 def gravity(q: ArrayLike) -> NDArray[np.float64]:
     """G (3,) [N·m], the torque that holds the arm up."""
     _, q2, q3 = np.asarray(q, float)
     return np.array([0.0, *gravity_at(float(q2), turns_at(0.0, float(q2), float(q3)))])
-
-
-def potential_J(q: ArrayLike) -> float:
-    """Potential energy of gravity and counterbalance [J], whose gradient is G."""
-    _, q2, q3 = np.asarray(q, float)
-    return float(K8 * math.sin(q2) + 0.5 * K10 * (q2 - math.pi / 2.0) ** 2 - K9 * math.cos(q3))
 
 
 def apparent_mass(q: ArrayLike) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -66,11 +67,9 @@ def solve(r: Array) -> Array:
 
     Solves the normal equations Σ_j a_j r(|i−j|) = 0 for i = 1 … p by Levinson's recursion (SciPy).
     """
-    from scipy.linalg import solve_toeplitz
-
     column = r[:-1].copy()
     column[0] *= 1.0 + WHITE
-    return np.concatenate([[1.0], np.asarray(solve_toeplitz(column, -r[1:]))])
+    return np.concatenate([[1.0], np.asarray(scipy.linalg.solve_toeplitz(column, -r[1:]))])
 
 
 def solve_orders(r: Array) -> Array:

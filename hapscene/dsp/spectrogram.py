@@ -64,11 +64,7 @@ def spectrogram(acceleration_m_s2: ArrayLike, rate_Hz: float) -> tuple[Array, Ar
 
 @old_spellings()
 def spectrogram_error(
-    desired: ArrayLike,
-    rendered: ArrayLike,
-    rate_Hz: float,
-    *,
-    band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ,
+    desired: ArrayLike, rendered: ArrayLike, rate_Hz: float, *, band_Hz: tuple[float, float] = ACCELERATION_BAND_HZ
 ) -> float:
     """Root-mean-square error of a spectrogram over its own root mean square [1], as the haptography handle is judged.
 

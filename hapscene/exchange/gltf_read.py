@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError
@@ -359,11 +360,9 @@ class _Reader(Tree):
 
     def unscaled(self, mesh: Mesh, found: _Node) -> tuple[Mesh, NDArray[np.float64]]:
         """A mesh that has taken up what its pose scales, shears or mirrors, and the rigid pose that is left."""
-        from scipy.linalg import polar
-
         if not np.isfinite(found.X).all():
             raise self.fail(f"object {found.name[:60]!r} is at a place that is not finite")
-        R, S = polar(found.X[:3, :3])
+        R, S = scipy.linalg.polar(found.X[:3, :3])
         mirrors = np.linalg.det(R) < 0.0
         R, S = (-R, -S) if mirrors else (R, S)
         X_WB = np.eye(4)

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.errors import SceneError, no_such
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
 
 if TYPE_CHECKING:
     from hapscene.fidelity.fidelity import Level, SwatchFidelity
-    from hapscene.scene.mesh import Mesh
-    from hapscene.surface.swatch import Swatch
-
 SILENT: Final[dict[str, dict[str, Any]]] = {
     "lpc_texture": {"texture": None},
     "tap": {"taps": None, "leaving": None},
@@ -76,7 +75,7 @@ def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene
     return at
 
 
-def _swatch_at(swatch: "Swatch", fidelity: "SwatchFidelity", stepped: bool) -> "Swatch":
+def _swatch_at(swatch: Swatch, fidelity: "SwatchFidelity", stepped: bool) -> Swatch:
     """The swatch as that fidelity has it."""
     order, texture = fidelity.order, swatch.texture
     effects = {name: dict(numbers) for name, numbers in swatch.effects.items()}
@@ -101,7 +100,7 @@ def _swatch_at(swatch: "Swatch", fidelity: "SwatchFidelity", stepped: bool) -> "
     return replace(swatch, effects=effects, **fields)
 
 
-def nearest_faces(mesh: "Mesh", coarse: "Mesh") -> NDArray[np.intp]:
+def nearest_faces(mesh: Mesh, coarse: Mesh) -> NDArray[np.intp]:
     """The face of `mesh` (n,) nearest to the middle of each face of `coarse`, the first of several.
 
     Where the two have the same faces each is its own, also where faces lie on each other.

@@ -30,10 +30,12 @@ from hapscene.errors import FormatError, no_such
 from hapscene.fidelity.apply import SILENT
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh_file import load_mesh
+from hapscene.scene.ply import HEADER_MAX_B, mesh_to_ply
+from hapscene.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
     from hapscene.scene.scene_file import SidecarFiles
 
 FORMAT: Final = "hapscene fidelity"
@@ -64,7 +66,7 @@ def fidelity_beside(scene: str | os.PathLike[str]) -> Path:
     return path.with_name(name + SUFFIX)
 
 
-def scene_digest(scene: "Scene") -> str:
+def scene_digest(scene: Scene) -> str:
     """SHA-256, in hex, of what a fidelity depends on: meshes, painting, swatches, by name and in order; not poses."""
     from hapscene.surface.swatch_file import swatch_to_json
 
@@ -79,7 +81,7 @@ def scene_digest(scene: "Scene") -> str:
     return content.hexdigest()
 
 
-def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: "Scene") -> None:
+def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: Scene) -> None:
     """Write a scene's fidelity, NAME.fidelity.json, and its coarser meshes beside it: whole, or not at all.
 
     Raises:
@@ -113,9 +115,7 @@ def check_place(path: Path) -> None:
 
 
 def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
-    from hapscene.scene.ply import mesh_to_ply
-
-    def mesh_told(name: str, mesh: "Mesh") -> dict[str, Any]:
+    def mesh_told(name: str, mesh: Mesh) -> dict[str, Any]:
         content = mesh_to_ply(mesh)
         file = files.put(name, ".ply", content)
         return {"path": file, "sha256": hashlib.sha256(content).hexdigest(), "face_count": len(mesh.faces)}
@@ -130,7 +130,7 @@ def _level_told(level: Level, files: "SidecarFiles") -> dict[str, Any]:
     }
 
 
-def load_fidelity(path: str | os.PathLike[str], scene: "Scene") -> Fidelity:
+def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
     """Read a scene's fidelity that `save_fidelity` wrote. Safe to call on a file from anybody.
 
     Raises:
@@ -148,7 +148,7 @@ def load_fidelity(path: str | os.PathLike[str], scene: "Scene") -> Fidelity:
         raise FidelityError(str(fault)) from None
 
 
-def saving_words(path: str | os.PathLike[str], scene: "Scene") -> str:
+def saving_words(path: str | os.PathLike[str], scene: Scene) -> str:
     """What the fidelity file saves in a line, "tuned: 12 k of 82 k faces, …"; what is wrong with it; "" without one."""
     if not Path(path).exists():
         return ""
@@ -167,7 +167,7 @@ def saving_words(path: str | os.PathLike[str], scene: "Scene") -> str:
         return "tuned"
 
 
-def _read(path: Path, content: dict[str, Any], scene: "Scene") -> Fidelity:
+def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
     check_keys("", content, ("format", "version", "scene", "made", "levels"))
     if not (isinstance(content["scene"], str) and re.fullmatch("[0-9a-f]{64}", content["scene"])):
         raise FidelityError(f"scene must be a SHA-256 in hex, is {short(content['scene'])}")
@@ -184,7 +184,7 @@ def _read(path: Path, content: dict[str, Any], scene: "Scene") -> Fidelity:
     return Fidelity(tuple(_level(f"levels[{i}]", told, path, scene, meshes) for i, told in enumerate(levels)), made)
 
 
-def _level(where: str, told: Any, path: Path, scene: "Scene", meshes: "dict[str, Mesh]") -> Level:
+def _level(where: str, told: Any, path: Path, scene: Scene, meshes: dict[str, Mesh]) -> Level:
     check_keys(where, told, ("told", "bodies", "swatches"))
     bodies, swatches = {}, {}
     known = {body.name: body for body in scene.bodies}
@@ -219,11 +219,8 @@ def _level(where: str, told: Any, path: Path, scene: "Scene", meshes: "dict[str,
     return Level(bodies, swatches, _flat(f"{where}.told", told["told"], int | float))
 
 
-def _mesh(where: str, told: Any, path: Path, meshes: "dict[str, Mesh]", own_count: int) -> "Mesh":
+def _mesh(where: str, told: Any, path: Path, meshes: dict[str, Mesh], own_count: int) -> Mesh:
     """A coarser mesh, from the file beside; each file is read once."""
-    from hapscene.scene.mesh_file import load_mesh
-    from hapscene.scene.ply import HEADER_MAX_B
-
     check_keys(where, told, ("path", "sha256", "face_count"))
     name, count = told["path"], told["face_count"]
     if not (_name(name) and name.endswith(".ply") and not re.search(r"[/\\:]", name)):

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapscene.contact.world import Shapes
 from hapscene.errors import HapsceneError
 from hapscene.fidelity.level_step import LEVEL_STATE, SINCE, Levels
 from hapscene.records import records
 from hapscene.surface.surface_arrays import Surface
 
 if TYPE_CHECKING:
-    from hapscene.contact.world import Shapes
     from hapscene.scene.scene import Scene
 
 
@@ -58,7 +58,7 @@ def one_surface(surfaces: Sequence[Surface]) -> tuple[Surface, list[Surface]]:
     return views[0]._replace(**{name: getattr(views[0], name).copy() for name in STEPPED}), views
 
 
-def make_levels(scenes: "Sequence[Scene]", shapes: "Shapes | None", views: Sequence[Surface], budget_ns: int) -> Levels:
+def make_levels(scenes: "Sequence[Scene]", shapes: Shapes | None, views: Sequence[Surface], budget_ns: int) -> Levels:
     """The levels whose scenes these are, felt at the first. Without `shapes` there are none."""
     count = len(scenes) if shapes is not None else 0
     bodies = len(scenes[0].bodies) if count else 0

@@ -58,15 +58,7 @@ def watch_load(levels: Any, tick_s: float, busy_ns: int, late: int) -> None:
 
 @native
 def run_watched(
-    world: Any,
-    surface: Any,
-    levels: Any,
-    p_WT_m: Any,
-    moving: Any,
-    X_WB: Any,
-    teleported: Any,
-    rows: Any,
-    a_m_s2: Any,
+    world: Any, surface: Any, levels: Any, p_WT_m: Any, moving: Any, X_WB: Any, teleported: Any, rows: Any, a_m_s2: Any
 ) -> None:
     """As `hapscene.tick.run_ticks`, at one level or another."""
     tick_s = surface.touch[0].tick_s

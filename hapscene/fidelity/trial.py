@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
-from hapscene.device.model import DeviceWarning, limits_of
+from hapscene.device.model import DeviceWarning, Limits, limits_of
 from hapscene.motion.hand_path import HOVER_M, Hand
 from hapscene.motion.look_from_above import bounds_of, look_from_above, window_of
 from hapscene.perception import band_edges_Hz, bands_jnd, force_jnd
@@ -23,7 +24,6 @@ from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.mesh import MeshWarning
 
 if TYPE_CHECKING:
-    from hapscene.device.model import Limits
     from hapscene.recording import Recording
     from hapscene.scene.scene import Scene
 
@@ -63,7 +63,7 @@ EMBREE_B: Final = 90
 """What Embree takes for a face [bytes]: 88 to 103 by the memory of the process, at 20 k to 1.3 M faces."""
 
 
-def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: "Limits", count: int) -> list[Array]:
+def random_paths(scene: "Scene", index: int, rng: np.random.Generator, limits: Limits, count: int) -> list[Array]:
     """Paths (n, 3) [m], a row a tick, each a tap and a stroke on a body as it stands; none where it is not seen."""
     look, body = look_from_above(scene), scene.bodies[index]
     low, high = window_of(bounds_of(body))
@@ -110,10 +110,8 @@ def alone(scene: "Scene", name: str, R: Array | None = None) -> "Scene":
 
 def body_paths(scene: "Scene", name: str, seed: int, device: str) -> list[Array]:
     """Paths over a body in its own frame: as it stands, and turned."""
-    from scipy.spatial.transform import Rotation
-
     rng, limits = np.random.default_rng([seed, *name.encode()]), limits_here(device)
-    turns = [scene.body(name).X_WB[:3, :3], *Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
+    turns = [scene.body(name).X_WB[:3, :3], *scipy.spatial.transform.Rotation.random(TURN_COUNT, rng=rng).as_matrix()]
     drawn = [(R, random_paths(alone(scene, name, R), 0, rng, limits, BODY_PATHS)) for R in turns]
     return reached(alone(scene, name), [path @ R for R, paths in drawn for path in paths], device)
 
@@ -265,7 +263,7 @@ def seconds(work: Callable[[], object]) -> float:
     return least
 
 
-def limits_here(device: str) -> "Limits":
+def limits_here(device: str) -> Limits:
     """Limits of a device at the renderer's own rate."""
     return limits_of(device, TICK_S)
 

@@ -13,11 +13,12 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from hapscene import __version__
+from hapscene.device.model import device_named
 from hapscene.errors import HapsceneError, PathError
 from hapscene.fidelity import trial
 from hapscene.fidelity.apply import apply_level
@@ -37,13 +38,13 @@ from hapscene.perception import (
     bands_jnd,
     is_felt,
 )
-
-if TYPE_CHECKING:
-    from hapscene.renderer import Renderer
-    from hapscene.scene.body import Body
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
-    from hapscene.surface.swatch import Swatch
+from hapscene.renderer import EFFECTS, Renderer
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import swatches_of
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.effect_registry import load_effect
+from hapscene.surface.swatch import Swatch
 
 WITHIN: Final = 95.0
 """Share of the ticks in contact in which an error must keep to the JND [%]."""
@@ -146,7 +147,7 @@ class Tuned:
 
 
 @lru_cache(maxsize=1)
-def opened(source: Source) -> "Scene":
+def opened(source: Source) -> Scene:
     """The scene, opened once in a process."""
     from hapscene.touch import open_scene
 
@@ -167,7 +168,7 @@ def judge_body(source: dict[str, Any], name: str, device: str, seed: int, most_j
         return {"seen": bool(paths), "tried": tried}
     alone = trial.alone(scene, name)
 
-    def felt(mesh: "Mesh | None") -> Any:
+    def felt(mesh: Mesh | None) -> Any:
         at = apply_level(alone, Level({name: BodyFidelity(mesh)}))
         return trial.forces(trial.ready(at, device, ("wall", "friction")), paths)
 
@@ -228,11 +229,11 @@ def judge_swatch(source: dict[str, Any], name: str, device: str, reach_m_s2: lis
     return {"tried": sorted(tried.items(), reverse=True), "left_out": left_out, "why": why}
 
 
-def _reduced(scene: "Scene", body: "Body", count: int) -> "Mesh | None":
+def _reduced(scene: Scene, body: Body, count: int) -> Mesh | None:
     return coarser_mesh(body, count, [swatch.name for swatch in scene.swatches])
 
 
-def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
+def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
     """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states and layers in turn, at places (n,)."""
     texture = swatch.texture
     assert texture is not None
@@ -248,7 +249,7 @@ def texture_rms(swatch: "Swatch", force_N: Array, speed_m_s: Array) -> Array:
     return np.asarray(gain * np.sqrt(np.diff([np.interp(edges, lines, row) for row in total], axis=1)))
 
 
-def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str], dict[str, str]]:
+def unfelt(swatch: Swatch, device: str, reach_m_s2: Array) -> tuple[list[str], dict[str, str]]:
     """Effects of a swatch that nobody could feel with a device, and for each effect of it why, or why not."""
     limits, edges = trial.limits_here(device), band_edges_Hz()
     force_N = min(limits.force_N, 10.0)
@@ -282,8 +283,6 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
         why["tap"] = f"a tap at {fastest:.2g} m/s {'is felt' if felt else 'nobody feels'}"
         left_out += [] if felt else ["tap"]
     if swatch.friction_static > 0.0:
-        from hapscene.device.model import device_named
-
         point = device_named(device).point
         own_N = 0.0 if point is None else point.c_N
         fast = swatch.friction_dynamic + swatch.friction_viscous_s_m * SPEED_M_S
@@ -302,7 +301,7 @@ def unfelt(swatch: "Swatch", device: str, reach_m_s2: Array) -> tuple[list[str],
 class _Plan:
     """What is chosen so far: meshes and orders, from which a level is made."""
 
-    meshes: "dict[str, Mesh]" = field(default_factory=dict)
+    meshes: dict[str, Mesh] = field(default_factory=dict)
     orders: dict[str, int] = field(default_factory=dict)
     updates: dict[str, int] = field(default_factory=dict)
     left_out: dict[str, list[str]] = field(default_factory=dict)
@@ -329,7 +328,7 @@ _Set = tuple[list[Array], trial.Felt]
 class _Feeling:
     """A scene felt along drawn paths: as it is, and as a plan has it."""
 
-    def __init__(self, scene: "Scene", whole: "Renderer", device: str, reach: Array, seed: int) -> None:
+    def __init__(self, scene: Scene, whole: Renderer, device: str, reach: Array, seed: int) -> None:
         self.scene, self._whole, self._device, self._reach, self._seed = scene, whole, device, reach, seed
 
     def drawn(self, k: int) -> _Set:
@@ -381,7 +380,7 @@ def _settled(
             checks, unseen = [*checks, unseen], feeling.drawn(len(checks) + 2)
 
 
-def _halved(scene: "Scene", plan: _Plan) -> bool:
+def _halved(scene: Scene, plan: _Plan) -> bool:
     """Makes a plan coarser by a step; whether there is anything left to make coarser."""
     return any([_shorter(scene, plan), _coarser(scene, plan)]) or _leave_out(scene, plan)
 
@@ -491,7 +490,7 @@ def reach_m_s2(handle: str) -> Array:
 
 
 def _judged(
-    source: Source, scene: "Scene", device: str, reach: Array, seed: int, jnd: float, jobs: int | None,
+    source: Source, scene: Scene, device: str, reach: Array, seed: int, jnd: float, jobs: int | None,
     scheduler: str | None, say: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """What was found of each body and each painted swatch, by "body NAME" and "swatch NAME"."""
@@ -511,15 +510,13 @@ def _judged(
     )
 
 
-def painted(scene: "Scene") -> "list[Swatch]":
+def painted(scene: Scene) -> list[Swatch]:
     """The swatches that the scene is painted with anywhere."""
-    from hapscene.scene.fine_paint import swatches_of
-
     used = {int(index) for body in scene.bodies for index in swatches_of(body)}
     return [swatch for index, swatch in enumerate(scene.swatches) if index in used]
 
 
-def _failed(scene: "Scene", judged: Mapping[str, Any], error: trial.Error, jnd: float) -> list[str]:
+def _failed(scene: Scene, judged: Mapping[str, Any], error: trial.Error, jnd: float) -> list[str]:
     """The bodies and swatches that differ by more, as keys of what was judged."""
     made = []
     for keys, index, off in (
@@ -532,7 +529,7 @@ def _failed(scene: "Scene", judged: Mapping[str, Any], error: trial.Error, jnd: 
     return made
 
 
-def _planned(scene: "Scene", judged: Mapping[str, Any], most_jnd: Mapping[str, float]) -> _Plan:
+def _planned(scene: Scene, judged: Mapping[str, Any], most_jnd: Mapping[str, float]) -> _Plan:
     """The least of all that was tried and keeps to an error."""
     plan = _Plan()
     for name in trial.felt_bodies(scene):
@@ -551,7 +548,7 @@ def _planned(scene: "Scene", judged: Mapping[str, Any], most_jnd: Mapping[str, f
 
 
 def _slow_updates(
-    scene: "Scene", plan: _Plan, error: Callable[[_Plan], trial.Error], most_jnd: Mapping[str, float]
+    scene: Scene, plan: _Plan, error: Callable[[_Plan], trial.Error], most_jnd: Mapping[str, float]
 ) -> dict[str, int]:
     """After how many ticks each texture's filter may follow force and speed, so that nobody notices."""
     sounding = [s.name for s in painted(scene) if s.texture is not None and "lpc_texture" not in plan.left_out[s.name]]
@@ -570,7 +567,7 @@ def _slow_updates(
     return updates
 
 
-def _shorter(scene: "Scene", plan: _Plan) -> bool:
+def _shorter(scene: Scene, plan: _Plan) -> bool:
     """Halve the order of every texture; False where none is left to be halved."""
     done = False
     for swatch in painted(scene):
@@ -582,7 +579,7 @@ def _shorter(scene: "Scene", plan: _Plan) -> bool:
     return done
 
 
-def _coarser(scene: "Scene", plan: _Plan) -> bool:
+def _coarser(scene: Scene, plan: _Plan) -> bool:
     """Halve the mesh of every body; False where none is left to be halved."""
     done = False
     for name in trial.felt_bodies(scene):
@@ -593,7 +590,7 @@ def _coarser(scene: "Scene", plan: _Plan) -> bool:
     return done
 
 
-def _leave_out(scene: "Scene", plan: _Plan) -> bool:
+def _leave_out(scene: Scene, plan: _Plan) -> bool:
     """Leave an effect out of every swatch; False where none is left that is not the shape itself."""
     for effect in LEAVING:
         having = [s.name for s in painted(scene) if effect in _effects_of(s) and effect not in plan.left_out[s.name]]
@@ -604,7 +601,7 @@ def _leave_out(scene: "Scene", plan: _Plan) -> bool:
     return False
 
 
-def _effects_of(swatch: "Swatch") -> list[str]:
+def _effects_of(swatch: Swatch) -> list[str]:
     has = {
         "life": swatch.texture is not None and swatch.texture.log_spread > 0.0,
         "lpc_texture": swatch.texture is not None,
@@ -614,9 +611,7 @@ def _effects_of(swatch: "Swatch") -> list[str]:
     return [effect for effect, there in has.items() if there]
 
 
-def _cost(
-    scene: "Scene", level: Level, device: str, paths: list[Array], budget_us: float = math.inf
-) -> dict[str, float]:
+def _cost(scene: Scene, level: Level, device: str, paths: list[Array], budget_us: float = math.inf) -> dict[str, float]:
     """What a level costs on this machine, by the names of `Level.told`."""
     load_s = trial.seconds(lambda: trial.ready(apply_level(scene, level), device))
     renderer = trial.ready(apply_level(scene, level), device)
@@ -635,7 +630,7 @@ def _told(error: trial.Error, jnd: float) -> dict[str, float]:
 
 
 def _choices(
-    scene: "Scene", plan: _Plan, judged: Mapping[str, Any], final: trial.Error, device: str, paths: list[Array],
+    scene: Scene, plan: _Plan, judged: Mapping[str, Any], final: trial.Error, device: str, paths: list[Array],
     most_jnd: Mapping[str, float],
 ) -> list[Choice]:  # fmt: skip
     """Each choice with what it costs and saves."""
@@ -671,11 +666,8 @@ def _felt_error(error_jnd: Array) -> float | None:
     return round(float(np.percentile(error_jnd, WITHIN)), 3) if len(error_jnd) else None
 
 
-def _table_B(swatch: "Swatch") -> int:
+def _table_B(swatch: Swatch) -> int:
     """What the effects' tables of a swatch take [bytes]."""
-    from hapscene.renderer import EFFECTS
-    from hapscene.surface.effect_registry import load_effect
-
     tables = [effect.table for effect in map(load_effect, EFFECTS)]
     return sum(np.asarray(table(swatch, trial.RATE_HZ)).nbytes for table in tables if table is not None)
 
@@ -693,7 +685,7 @@ def _why_body(found: Mapping[str, Any] | None, most_jnd: float) -> str:
     return f"asked for {most_jnd:.2g} JND on the paths to choose by; " + ", ".join(told)
 
 
-def _why_swatch(swatch: "Swatch", plan: _Plan, found: Mapping[str, Any], most_jnd: float) -> tuple[str, str]:
+def _why_swatch(swatch: Swatch, plan: _Plan, found: Mapping[str, Any], most_jnd: float) -> tuple[str, str]:
     """What a swatch has, and why, in words."""
     words, why = [], list(found["why"].values())
     left_out = plan.left_out[swatch.name]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from hapscene.constants import ACCELERATION_RATE_HZ
@@ -109,9 +110,7 @@ class SimulatedSource:
         noise[:, 0] *= self.noise_m_s2_rtHz * np.sqrt(0.5 * self.rate_Hz)
         noise[:, 1] *= self.unrest_N * np.sqrt(self.rate_Hz / (np.pi * UNREST_HZ))
         if self._stepped is not self.plant:
-            from scipy.signal import cont2discrete
-
-            a, b, *_ = cont2discrete(self._system(), 1.0 / self.rate_Hz, method="zoh")
+            a, b, *_ = scipy.signal.cont2discrete(self._system(), 1.0 / self.rate_Hz, method="zoh")
             self._step, self._stepped = np.hstack([a, b]), self.plant
         out = np.zeros((len(force), 2))
         _advance(self._step, np.column_stack([force, noise]), self._state, self._late[0], out)

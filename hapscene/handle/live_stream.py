@@ -19,6 +19,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
@@ -199,14 +200,12 @@ def filter_table(rate_Hz: float, output_rate_Hz: float) -> Array:
 
     Flat to a quarter of the lower rate, and to 1 kHz where that is more; nothing passes from half of it on.
     """
-    from scipy.signal import firwin, kaiser_beta
-
     lower_Hz = min(rate_Hz, output_rate_Hz)
     edge_Hz = max(0.25 * lower_Hz, min(1000.0, 0.42 * lower_Hz))
     width = (0.5 * lower_Hz - edge_Hz) / rate_Hz
     half = math.ceil((STOP_DB - 7.95) / (4.0 * math.pi * 2.285 * width))  # Kaiser 1974
-    window, cut_Hz = ("kaiser", float(kaiser_beta(STOP_DB))), 0.5 * (edge_Hz + 0.5 * lower_Hz)
-    whole = firwin(2 * half * PHASES + 1, cut_Hz, window=window, fs=rate_Hz * PHASES)
+    window, cut_Hz = ("kaiser", float(scipy.signal.kaiser_beta(STOP_DB))), 0.5 * (edge_Hz + 0.5 * lower_Hz)
+    whole = scipy.signal.firwin(2 * half * PHASES + 1, cut_Hz, window=window, fs=rate_Hz * PHASES)
     table = np.stack([whole[p : p + (2 * half - 1) * PHASES + 1 : PHASES][::-1] for p in range(PHASES + 1)])
     return np.asarray(table / table.sum(axis=1, keepdims=True))
 
@@ -215,9 +214,7 @@ def _high_pass(corner_Hz: float, rate_Hz: float) -> Array:
     """b0 b1 b2 a1 a2 of a Butterworth filter."""
     if corner_Hz <= 0.0:
         return np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    from scipy.signal import butter
-
-    b, a = butter(2, corner_Hz, "highpass", fs=rate_Hz)
+    b, a = scipy.signal.butter(2, corner_Hz, "highpass", fs=rate_Hz)
     return np.concatenate([b, a[1:]])
 
 

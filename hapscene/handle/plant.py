@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
@@ -113,7 +114,5 @@ class Plant:
 
     def discretised(self, rate_Hz: float) -> tuple[Array, Array, Array, Array]:
         """The state space for a force that is held over each sample (zero-order hold): exact at the samples."""
-        from scipy.signal import cont2discrete
-
-        a, b, c, d, _ = cont2discrete(self.state_space(), 1.0 / rate_Hz, method="zoh")
+        a, b, c, d, _ = scipy.signal.cont2discrete(self.state_space(), 1.0 / rate_Hz, method="zoh")
         return np.asarray(a), np.asarray(b), np.asarray(c), np.asarray(d)

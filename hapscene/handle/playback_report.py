@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
+import scipy
 
 from hapscene.constants import ACCELERATION_BAND_HZ
 from hapscene.dsp.spectrogram import SPECTROGRAM_S, decibels, spectrogram
@@ -32,12 +33,10 @@ def write_wave(acceleration_m_s2: Array, rate_Hz: float, path: Path) -> float:
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    from scipy.io import wavfile
-
     full_m_s2 = float(np.abs(acceleration_m_s2).max(initial=0.0)) / 10 ** (PEAK_DBFS / 20)
     wave = acceleration_m_s2 / (full_m_s2 or 1.0)
     with whole_file(path) as part:
-        wavfile.write(part, round(rate_Hz), np.rint(wave * 32767).astype(np.int16))
+        scipy.io.wavfile.write(part, round(rate_Hz), np.rint(wave * 32767).astype(np.int16))
     return full_m_s2
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.errors import HandleError
@@ -63,9 +64,7 @@ class Response:
         That is Bendat & Piersol's normalised random error, (1 − γ²)^½/(|γ| (2 n)^½) (2010, 9.2.3), with the estimated
         noise's own uncertainty in Student's t.
         """
-        from scipy.stats import t
-
-        reach = t.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom) * self.deviation
+        reach = scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom) * self.deviation
         magnitude = np.abs(self.response)
         return np.maximum(magnitude - reach, 0.0), magnitude + reach
 

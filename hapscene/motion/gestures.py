@@ -13,14 +13,7 @@ from numpy.typing import NDArray
 from hapscene.device.hand import GRIPS, Grip, grip_named
 from hapscene.errors import PathError, no_such
 from hapscene.motion.hand_path import HOVER_M, STROKE_M_S, Hand, explore
-from hapscene.motion.look_from_above import (
-    UNSEEN,
-    Line,
-    Look,
-    between,
-    look_from_above,
-    places_to_feel,
-)
+from hapscene.motion.look_from_above import UNSEEN, Line, Look, between, look_from_above, places_to_feel
 from hapscene.old_spellings import old_spellings
 from hapscene.twin.hand_intent import Intent
 

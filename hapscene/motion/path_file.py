@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import IO, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.constants import REACH_MAX_M
@@ -73,8 +74,6 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
     off_s = np.abs(t_s - t_s[0] - tick * tick_s)
     if off_s.max() <= GRID_TOLERANCE_S and np.array_equal(tick, np.arange(len(tick))):
         return t_s.copy(), p_WT.copy()
-    from scipy.interpolate import PchipInterpolator
-
     del tick, off_s
     count = int(np.floor((t_s[-1] - t_s[0] + GRID_TOLERANCE_S) / tick_s)) + 1
     if count < 2:
@@ -93,7 +92,7 @@ def load_path(path: str | Path, tick_s: float) -> tuple[NDArray[np.float64], NDA
     clipped_s = np.clip(grid_s, t_s[0], t_s[-1])
     values = np.empty((count, 3))
     for axis in range(3):
-        values[:, axis] = PchipInterpolator(t_s, p_WT[:, axis])(clipped_s)
+        values[:, axis] = scipy.interpolate.PchipInterpolator(t_s, p_WT[:, axis])(clipped_s)
     return grid_s, values
 
 

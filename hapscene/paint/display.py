@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.contact.embree import Search, first_face, new_ray
@@ -558,17 +559,15 @@ def _stand_for(
     shape: PaintableMesh, corner_m: NDArray[np.float64], normal: NDArray[np.float64], shown_of: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The shown face (M,) for every face, those of −1 found by centroid and normal; and for those idle, `lent`."""
-    from scipy.spatial import cKDTree
-
     edge_m = float(np.median(np.linalg.norm(corner_m[:, 1] - corner_m[:, 0], axis=1)))
     scale_m = NORMAL_EDGES / 2 * edge_m  # normals that oppose are 2 apart
     shown = np.hstack([corner_m.mean(axis=1), scale_m * normal])
     full = np.hstack([shape.centroid_m, scale_m * shape.normal])
     lost = np.flatnonzero(shown_of < 0)
     if len(lost):
-        shown_of[lost] = cKDTree(shown).query(full[lost], workers=-1)[1]
+        shown_of[lost] = scipy.spatial.cKDTree(shown).query(full[lost], workers=-1)[1]
     idle = np.flatnonzero(np.bincount(shown_of, minlength=len(shown)) == 0)
-    lender = cKDTree(full).query(shown[idle])[1] if len(idle) else idle
+    lender = scipy.spatial.cKDTree(full).query(shown[idle])[1] if len(idle) else idle
     return shown_of, np.stack([idle, lender], axis=1).astype(np.int32)
 
 

@@ -19,6 +19,7 @@ from hapscene.errors import ViewError
 from hapscene.files import whole_file, whole_folder
 from hapscene.paint.shelf import START_S, Phrase, phrases, swatch_sound, wav_bytes
 from hapscene.paint.swatch_picture import ball_png
+from hapscene.scene.scene import Scene
 from hapscene.surface.library import entry_of
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_summary import FORCE_N, SPEED_M_S, TAP_M_S
@@ -88,7 +89,6 @@ def painted_body(swatch: Swatch) -> Pixels | None:
     from PIL import Image
     from scipy.ndimage import binary_erosion
 
-    from hapscene.scene.scene import Scene
     from hapscene.view.picture import write_picture
 
     scene = Scene()

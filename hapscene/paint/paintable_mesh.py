@@ -300,11 +300,6 @@ class PaintableMesh:
         v, w = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), p_B_m - a, rcond=None)[0]
         return np.array([1.0 - v - w, v, w])
 
-    def longest_edge_m(self, face: int) -> float:
-        """Of a face [m]."""
-        corners = self.corner_m[face]
-        return float(np.linalg.norm(corners - corners[[1, 2, 0]], axis=1).max())
-
     def facet(self, face: int, angle_rad: float) -> NDArray[np.bool_]:
         """Faces (M,) connected with one over edges that bend by at most an angle, as `region.Facet` picks them."""
         label = self._facets(angle_rad)

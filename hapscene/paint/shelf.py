@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.capture.synthesis import synthesize
@@ -310,12 +311,10 @@ def concatenated(sounds: Sequence[Sound], pause_s: float = PAUSE_S) -> Sound:
 
 def wav_bytes(sound: Sound) -> bytes:
     """A sound as WAV, mono, 16 bit, its end faded. Silence stays silent."""
-    from scipy.io import wavfile
-
     a_m_s2 = sound.a_m_s2.copy()
     ramp = np.linspace(0.0, 1.0, round(FADE_S * sound.rate_Hz), endpoint=False)
     a_m_s2[len(a_m_s2) - len(ramp) :] *= ramp[::-1]
     scale = max(FULL_SCALE_M_S2, float(np.abs(a_m_s2).max(initial=0.0)) / 10 ** (PEAK_DBFS / 20))
     file = io.BytesIO()
-    wavfile.write(file, round(sound.rate_Hz), np.rint(a_m_s2 / scale * 32767).astype(np.int16))
+    scipy.io.wavfile.write(file, round(sound.rate_Hz), np.rint(a_m_s2 / scale * 32767).astype(np.int16))
     return file.getvalue()

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.surface.look import Look
@@ -132,13 +133,11 @@ def _slopes(texture: Texture) -> Array:
 
 def _period_m(texture: Texture, force_N: float) -> float | None:
     """Period [m] of a profile that repeats: its line moves in proportion to the speed, as no tool's resonance does."""
-    from scipy.signal import find_peaks
-
     q = np.geomspace(1.0 / PERIOD_M[1], 1.0 / PERIOD_M[0], 800)
     lines = []
     for v in (texture.speed_max_m_s, texture.speed_max_m_s / 2):
         level = 10.0 * np.log10(np.maximum(texture.density([force_N], [v], frequency_Hz=q * v)[0], 1e-30))
-        lines.append(q[find_peaks(level, prominence=LINE_DB)[0]])
+        lines.append(q[scipy.signal.find_peaks(level, prominence=LINE_DB)[0]])
     found = [peak for peak in lines[0] if np.any(np.abs(lines[1] / peak - 1.0) < 0.06)]
     return 1.0 / found[0] if found else None
 

@@ -5,7 +5,6 @@ import time
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapscene.errors import HandleError
 from hapscene.flags import Flag
@@ -73,7 +72,8 @@ class Monitor:
         self._since, self._at_s = log.first + len(log.rows), now_s
         self._note_worst(log)
         state, device = servo.state(), servo.device_state()
-        force = f"{_norm(state.f_W_N):5.2f} N" + (f", most {_most(log.rows):.2f} N" if len(log.rows) else "")
+        most_N = np.linalg.norm(log.rows["f_W_N"], axis=1).max(initial=0.0)
+        force = f"{np.linalg.norm(state.f_W_N):5.2f} N" + (f", most {most_N:.2f} N" if len(log.rows) else "")
         where = f"touching {servo.body_names[state.body]}" if state.touching else "in the air"
         told = [
             f"{rate_Hz:5.0f} ticks/s   {force}   {where}" + _warmth(device) + _buttons(device),
@@ -153,11 +153,3 @@ def _warmth(device: Any) -> str:
 def _buttons(device: Any) -> str:
     pressed = [str(k + 1) for k in range(16) if int(device.buttons) >> k & 1]
     return f"   button {', '.join(pressed)}" if pressed else ""
-
-
-def _norm(vector: NDArray[np.float64]) -> float:
-    return float(np.sqrt(vector @ vector))
-
-
-def _most(rows: Any) -> float:
-    return float(np.sqrt((np.asarray(rows["f_W_N"]) ** 2).sum(axis=1)).max())

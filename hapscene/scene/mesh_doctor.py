@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.constants import SKIN_RATIO
@@ -41,15 +42,13 @@ class Cracks:
 
 def cracks(mesh: Mesh, body: MeshStructure, tolerance_m: float) -> Cracks:
     """Cracks no wider than a tolerance [m]."""
-    from scipy.spatial import cKDTree
-
     ends = body.edges.ends(np.flatnonzero(body.edges.count == 1))
     rim = np.unique(ends)
     if not len(rim):
         none = np.zeros(0, np.int64)
         return Cracks(none, np.zeros(0), none.reshape(0, 2), np.zeros(0))
     place = mesh.vertices_m[rim]
-    tree = cKDTree(place)
+    tree = scipy.spatial.cKDTree(place)
     near = rim[tree.query_pairs(tolerance_m, output_type="ndarray")]
     size = np.int64(len(mesh.vertices_m))
     side = ends.min(axis=1) * size + ends.max(axis=1)

@@ -31,7 +31,7 @@ from hapscene.scene.mesh import (
     parts_of,
     unit_name,
 )
-from hapscene.scene.obj import LINE_MAX
+from hapscene.scene.obj import LINE_MAX, read_obj
 from hapscene.scene.ply import binary_ply, declared, ply_groups
 from hapscene.scene.resource_resolver import ArchiveResources, FolderResources
 from hapscene.scene.step_file import faces_in, promised_by, step_glb
@@ -326,8 +326,6 @@ def _read(path: Path, suffix: str, content: bytes, resolver: Any) -> tuple[list[
             "reduce the mesh, or save it as binary .ply, which takes the least"
         )
     if suffix == "obj":
-        from hapscene.scene.obj import read_obj
-
         return [read_obj(content, str(path), resolver)], None
     face_count = check(suffix, content, str(path))
     if suffix == "3mf":

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.geometry import cross, dot, row, sub
@@ -167,11 +168,8 @@ def _ends(corners: Index, half: int) -> tuple[int, int]:
 
 def connected(pairs: Index, count: int) -> Index:
     """Label (count,) of the connected set that each face is in, over pairs (n, 2) of faces."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    graph = scipy.sparse.coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -24,29 +23,26 @@ from hapscene.contact_events import ContactEvent, events_of
 from hapscene.contact_info import Impulse
 from hapscene.device.driver_registry import DRIVERS, DeviceChoice
 from hapscene.device.hand import Grip, grip_named
-from hapscene.device.model import DEVICES
+from hapscene.device.model import DEVICES, DeviceLike
 from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, no_such
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
+from hapscene.handle.plant import Plant
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
-from hapscene.servo.flight_recorder import note_order
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import Painting
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.servo.flight_recorder import Flight, flight_of, note_order
 from hapscene.servo.heartbeat import Heartbeat
 from hapscene.servo.servo_loop import Lateness
 from hapscene.servo.shared_memory import Channel, open_channel, read_text
+from hapscene.surface.swatch import SwatchLike
 
 if TYPE_CHECKING:
-    from hapscene.device.model import DeviceLike
     from hapscene.handle.live_process import LiveHandle
-    from hapscene.handle.plant import Plant
-    from hapscene.scene.body import Body
-    from hapscene.scene.fine_paint import Painting
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
-    from hapscene.servo.flight_recorder import Flight
-    from hapscene.surface.swatch import SwatchLike
-
 RING_S: Final = 8.0
 """How much of the past is held [s]: a page that hangs for some seconds loses nothing."""
 
@@ -168,12 +164,12 @@ class Servo:
     @old_spellings()
     def __init__(
         self,
-        scene: "Scene",
+        scene: Scene,
         device: "DeviceLike | DeviceChoice | Sequence[DeviceLike | DeviceChoice]",
         *,
         tick_s: float = TICK_S,
         a_rate_Hz: float = ACCELERATION_RATE_HZ,
-        handle: "Plant | DeviceChoice | str | None" = None,
+        handle: Plant | DeviceChoice | str | None = None,
         handle_file: "str | os.PathLike[str] | None" = None,
         flights: "str | os.PathLike[str] | None" = None,
         force_N: float | None = None,
@@ -331,9 +327,7 @@ class Servo:
         self._frames = shared.frames.view(np.ndarray)
         self._fault = shared.fault
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def cancel(self) -> None:
@@ -440,12 +434,7 @@ class Servo:
 
     @old_spellings(p_W_m="p_WT")
     def aim(
-        self,
-        p_WT: ArrayLike,
-        grip: str | Grip = "light",
-        push_W_N: Sequence[float] = (0.0, 0.0, 0.0),
-        *,
-        tool: int = 0,
+        self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
     ) -> None:
         """Have the hand mean a tool to be at `p_WT` (3,) [m], held by `grip`, pushed by `push_W_N` (3,) [N].
 
@@ -605,7 +594,7 @@ class Servo:
         self._order("mute", effect, muted)
         note_order(self._tuned, "mute", effect, {"muted": muted})
 
-    def repaint(self, scene: "Scene") -> None:
+    def repaint(self, scene: Scene) -> None:
         """Feel another painting of the same bodies from now on: their swatches and face by face which.
 
         Raises:
@@ -613,7 +602,7 @@ class Servo:
         """
         self._in_turn(lambda: self._repaint(scene))
 
-    def _repaint(self, scene: "Scene") -> None:
+    def _repaint(self, scene: Scene) -> None:
         given = {body.name: body for body in scene.bodies}
         if given.keys() - {body.name for body in self.scene.bodies}:
             raise SceneError(OTHER_BODIES)
@@ -634,14 +623,14 @@ class Servo:
     @old_spellings()
     def add(
         self,
-        mesh: "Mesh | str | os.PathLike[str]",
+        mesh: Mesh | str | os.PathLike[str],
         name: str | None = None,
         *,
         unit: str | None = None,
-        swatch: "SwatchLike | None" = None,
+        swatch: SwatchLike | None = None,
         pose: ArrayLike | None = None,
         two_sided: bool = False,
-    ) -> "Body":
+    ) -> Body:
         """Add a body to what is felt: as `Scene.add` does, to the servo's own `scene`. Touching goes on meanwhile.
 
         Raises:
@@ -651,7 +640,7 @@ class Servo:
         body: Body = self._in_turn(lambda: self._add(mesh, name, unit, swatch, pose, two_sided))
         return body
 
-    def _add(self, mesh: Any, name: str | None, unit: str | None, swatch: Any, pose: Any, two_sided: bool) -> "Body":
+    def _add(self, mesh: Any, name: str | None, unit: str | None, swatch: Any, pose: Any, two_sided: bool) -> Body:
         if len(self.scene.bodies) == self._room:
             raise HapsceneError(f"{BODY_ROOM:,} bodies were added to this servo, and no more fit in; start a new one")
         swatches, sources = list(self.scene.swatches), list(self.scene.swatch_source)
@@ -743,14 +732,12 @@ class Servo:
         over = max(int(shared.channel[0].done) + 1 - self._length - first, 0)  # written over meanwhile
         return TickLog(first + over, *(part[over:] for part in taken))
 
-    def flight(self, reason: str = "asked for") -> "Flight":
+    def flight(self, reason: str = "asked for") -> Flight:
         """What was felt last (`ring_s`), with what is needed to fly it again; also after the process has ended.
 
         Raises:
             HapsceneError: the servo is closed.
         """
-        from hapscene.servo.flight_recorder import flight_of
-
         if self._opened is None:
             raise HapsceneError("this servo is closed, and what it felt is gone with it")
         return flight_of(self._opened, self.scene, self._told_made, self._tuned, reason)

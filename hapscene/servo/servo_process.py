@@ -30,6 +30,10 @@ from hapscene.device.safety import begin_safety, resume_safety, safety_of, simul
 from hapscene.errors import DeviceError, HapsceneError
 from hapscene.geometry import rigid
 from hapscene.records import records
+from hapscene.renderer import Renderer
+from hapscene.scene.body import Body
+from hapscene.scene.fine_paint import Painting
+from hapscene.scene.scene import Scene
 from hapscene.servo.flight_recorder import flight_of, note_order, told_of, write_flight
 from hapscene.servo.servo_loop import (
     Loop,
@@ -43,13 +47,9 @@ from hapscene.servo.servo_loop import (
 )
 from hapscene.servo.shared_memory import Channel, open_channel, write_text
 from hapscene.servo.tick_memory import memory_of
+from hapscene.surface.swatch import Swatch
 
 if TYPE_CHECKING:
-    from hapscene.renderer import Renderer
-    from hapscene.scene.body import Body
-    from hapscene.scene.fine_paint import Painting
-    from hapscene.scene.scene import Scene
-    from hapscene.surface.swatch import Swatch
     from hapscene.twin import Twin
 
 
@@ -180,7 +180,7 @@ class Desk:
 
     def __init__(
         self,
-        scene: "Scene",
+        scene: Scene,
         twins: "Sequence[Twin]",
         channel: Channel,
         flights: str | None = None,
@@ -234,7 +234,7 @@ class Desk:
         sys.setswitchinterval(SWITCH_S)
 
     @property
-    def _renderers(self) -> "list[Renderer]":
+    def _renderers(self) -> list[Renderer]:
         return [twin.renderer for twin in self._twins]
 
     def start(self, places_m: Sequence[tuple[float, float, float]], grip: NDArray[np.float64]) -> None:
@@ -298,7 +298,7 @@ class Desk:
         note_order(self._tuned, "mute", effect, {"muted": muted})
         self._note_change()
 
-    def repaint(self, swatches: "Sequence[Swatch]", painted: "Sequence[Painting]") -> None:
+    def repaint(self, swatches: Sequence[Swatch], painted: Sequence[Painting]) -> None:
         """Take over swatches, and the faces of each body with what is painted finer."""
         before = self._scene.swatches, [(body.face_swatch, body.fine) for body in self._scene.bodies]
         self._paint(swatches, painted)
@@ -308,7 +308,7 @@ class Desk:
             self._paint(*before)
             raise
 
-    def add(self, body: "Body", like: int | None, swatches: "Sequence[Swatch]") -> None:
+    def add(self, body: Body, like: int | None, swatches: Sequence[Swatch]) -> None:
         """Feel one more body, of the mesh that the body number `like` has unless that is None."""
         if like is not None:
             body = replace(body, mesh=self._scene.bodies[like].mesh)
@@ -373,7 +373,7 @@ class Desk:
         for renderer in self._renderers:
             renderer.world = renderer.world._replace(impulse=np.zeros_like(renderer.world.impulse))
 
-    def _paint(self, swatches: "Sequence[Swatch]", painted: "Sequence[Painting]") -> None:
+    def _paint(self, swatches: Sequence[Swatch], painted: Sequence[Painting]) -> None:
         self._scene.swatches = list(swatches)
         for body, (face_swatch, fine) in zip(self._scene.bodies, painted, strict=True):
             body.face_swatch, body.fine = face_swatch, fine

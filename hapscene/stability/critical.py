@@ -8,6 +8,7 @@ import math
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.device.point import PointMass
@@ -238,8 +239,6 @@ def limit_of_motion(rig: Rig, wall_damping_Ns_m: float) -> float:
 
     The rig's device has neither friction nor encoder steps.
     """
-    from scipy.optimize import brentq
-
     mass, T = rig.point.mass_kg, rig.tick_s
     damping = rig.point.b_Ns_m + wall_damping_Ns_m
 
@@ -258,7 +257,7 @@ def limit_of_motion(rig: Rig, wall_damping_Ns_m: float) -> float:
     high = 2.0 * low
     for _ in range(DOUBLINGS):
         if grows(high) >= 0.0:
-            return float(brentq(grows, low, high, xtol=TOLERANCE * low, rtol=TOLERANCE))
+            return float(scipy.optimize.brentq(grows, low, high, xtol=TOLERANCE * low, rtol=TOLERANCE))
         low, high = high, 2.0 * high
     return math.inf
 

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from hapscene.device.hand import Grip
 from hapscene.device.model import device_named, limits_of
@@ -16,9 +16,7 @@ from hapscene.stability.random_limit import RandomLimit, random_limits
 from hapscene.stability.wall_case import wall_cases
 from hapscene.stability.wall_chart import write_random_chart, write_z_width_chart
 from hapscene.stability.z_width import DAMPINGS_NS_M, Point, StableRegion, place, say_of, trace_all
-
-if TYPE_CHECKING:
-    from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch import Swatch
 
 FILES: Final = (
     "z_width.png",
@@ -43,7 +41,7 @@ def stability(
     rates_Hz: Sequence[float],
     delays: Sequence[int],
     grip: Grip,
-    swatches: "Sequence[Swatch]",
+    swatches: Sequence[Swatch],
     cases: Path | None = None,
     random_count: int = 0,
     say: Callable[[str], None] = lambda _: None,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from hapscene.device.model import DEVICES
 from hapscene.device.point import PointMass
@@ -130,14 +131,15 @@ def apex(delay_ticks: int) -> tuple[float, float]:
     The top is found by a search, then as that of the polynomial through the limits beside it, which is smooth: from
     values alone its place would have half their digits.
     """
-    from scipy.optimize import minimize_scalar
 
     def limit(damping_Ns_m: float) -> float:
         return limit_of_motion(rig, damping_Ns_m)
 
     rig = Rig(PointMass(1.0), 1.0, delay_ticks)
     bounds = (0.1 / (1 + delay_ticks), 1.9 / (1 + 1.4 * delay_ticks))
-    near = minimize_scalar(lambda B: -limit(B), bounds=bounds, method="bounded", options={"xatol": 0.02 * bounds[1]}).x
+    near = scipy.optimize.minimize_scalar(
+        lambda B: -limit(B), bounds=bounds, method="bounded", options={"xatol": 0.02 * bounds[1]}
+    ).x
     fit = np.polynomial.Chebyshev.interpolate(np.vectorize(limit), 8, (0.9 * near, 1.1 * near))
     tops = fit.deriv().roots()
     inside = tops[(abs(tops.imag) < 1e-9) & (abs(tops.real - near) < 0.1 * near)].real
@@ -147,10 +149,8 @@ def apex(delay_ticks: int) -> tuple[float, float]:
 
 def largest_beta(delay_ticks: int) -> float:
     """The largest B at which some wall rests, for m = T = 1 and b = 0: that of a wall of almost no stiffness."""
-    from scipy.optimize import brentq
-
     rig, stiffness = Rig(PointMass(1.0), 1.0, delay_ticks), 1e-5
-    return float(brentq(lambda B: motion_growth(rig, stiffness, B), 0.05, 3.0, xtol=1e-6))
+    return float(scipy.optimize.brentq(lambda B: motion_growth(rig, stiffness, B), 0.05, 3.0, xtol=1e-6))
 
 
 def passivity_limit(setup: dict[str, float]) -> float:
@@ -159,8 +159,6 @@ def passivity_limit(setup: dict[str, float]) -> float:
     The real tick runs along the wave; its forces, held over a tick, do work on the tool, and the device's own damping
     takes what it takes at the wave's speed.
     """
-    from scipy.optimize import brentq
-
     tick_s, b, amplitude = setup["T"], setup["b"], 1e-4
     rig = Rig(PointMass(setup["m"]), tick_s)
     wave = 10.0 * amplitude + amplitude * (-1.0) ** np.arange(201)
@@ -174,7 +172,7 @@ def passivity_limit(setup: dict[str, float]) -> float:
         way = np.diff(path[:, 2])
         return float(((f_N * way) - b * way**2 / tick_s)[101:].sum())  # 100 ticks: 50 whole cycles
 
-    return float(brentq(energy, 0.0, 100.0 * b / tick_s, xtol=1e-9 * b / tick_s))
+    return float(scipy.optimize.brentq(energy, 0.0, 100.0 * b / tick_s, xtol=1e-9 * b / tick_s))
 
 
 def peak_speed(setup: dict[str, float]) -> float:

@@ -264,12 +264,7 @@ NAMES: Final = {True: "Omni", False: "as a point mass"}
 
 
 def trace_piece(
-    device: str,
-    arm: bool,
-    rate_Hz: float,
-    delay_ticks: int,
-    grip: Mapping[str, float],
-    dampings_Ns_m: Sequence[float],
+    device: str, arm: bool, rate_Hz: float, delay_ticks: int, grip: Mapping[str, float], dampings_Ns_m: Sequence[float]
 ) -> tuple[Any, ...]:
     """`trace` in numbers and names, for a process that is elsewhere."""
     point = device_named(device).point

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from hapscene.errors import SwatchError
@@ -143,12 +144,10 @@ class Taps:
             return np.zeros((len(self.approach_m_s), 0))
         if rate_Hz == self.wave_rate_Hz:
             return self.wave_m_s2
-        from scipy.signal import resample
-
         length = self.wave_m_s2.shape[1]
         padded = np.pad(self.wave_m_s2, ((0, 0), (0, length)))  # so that the end does not ring into the start
         count = max(1, round(length * rate_Hz / self.wave_rate_Hz))
-        return np.asarray(resample(padded, 2 * count, axis=1))[:, :count]
+        return np.asarray(scipy.signal.resample(padded, 2 * count, axis=1))[:, :count]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Taps):

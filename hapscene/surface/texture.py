@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from hapscene.constants import LEVEL_BOUND_DB, ORDER_MAX
@@ -80,12 +81,10 @@ def _beside(place: Array, model: Array) -> Array:
 
 def triangulate(force_N: Array, speed_m_s: Array) -> NDArray[np.int32]:
     """Delaunay triangles (t, 3) over the plane scaled to 1 × 1, without flat ones."""
-    from scipy.spatial import Delaunay
-
     x, y = force_N / force_N.max(), speed_m_s / speed_m_s.max()
     # Four models on a rectangle can be cut along either diagonal. Stretched across the diagonal a little, Delaunay
     # takes the one from silence to full level, along which the level does not sag.
-    triangles = Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
+    triangles = scipy.spatial.Delaunay(np.stack([x + y, 1.001 * (x - y)], axis=1)).simplices
     corner = np.stack([x, y], axis=1)[triangles]
     side = corner[:, 1:] - corner[:, :1]
     area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
@@ -383,12 +382,7 @@ class Texture:
 
     @old_spellings()
     def density(
-        self,
-        force_N: ArrayLike,
-        speed_m_s: ArrayLike,
-        *,
-        frequency_Hz: ArrayLike,
-        third_rad: ArrayLike | None = None,
+        self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike, third_rad: ArrayLike | None = None
     ) -> Array:
         """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
         a, variance = self.models(force_N, speed_m_s, third_rad=third_rad)
@@ -698,10 +692,10 @@ def _predictor(r: Array) -> tuple[Array, float]:
 
     Of a line in silence, as of a grating, the filter would be next to unstable: it gets a noise 90 dB below it.
     """
-    from scipy.linalg import solve_toeplitz
-
     for noise in (0.0, LINE_NOISE):
-        made = np.concatenate([[1.0], solve_toeplitz(np.concatenate([[(1.0 + noise) * r[0]], r[1:-1]]), -r[1:])])
+        made = np.concatenate(
+            [[1.0], scipy.linalg.solve_toeplitz(np.concatenate([[(1.0 + noise) * r[0]], r[1:-1]]), -r[1:])]
+        )
         gain = float(power_gain(made))
         if gain < POWER_GAIN_MAX:
             break

@@ -18,6 +18,7 @@ from hapscene.constants import ACCELERATION_RATE_HZ, DEFAULT_GRIP
 from hapscene.dsp.spectrogram import spectrogram, spectrogram_error
 from hapscene.files import whole_folder
 from hapscene.old_spellings import old_spellings
+from hapscene.surface.swatch import Swatch
 from hapscene.teleoperation.datagram import SAMPLE_COUNT
 from hapscene.teleoperation.endpoint import Coupling
 from hapscene.teleoperation.operation import Operated, Operation
@@ -28,8 +29,6 @@ from hapscene.view.plot import FREQUENCY_MAX_HZ, RANGE_DB
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from hapscene.surface.swatch import Swatch
 
 
 Array = NDArray[np.float64]
@@ -59,7 +58,7 @@ class Rendering:
 
 
 def compare_handles(
-    swatch: "str | Swatch",
+    swatch: str | Swatch,
     compensators: tuple[str, ...],
     grip: str = DEFAULT_GRIP,
     seed: int = 0,
@@ -72,7 +71,7 @@ def compare_handles(
     return [_render(swatch, compensator, coupling, gesture, seed) for compensator in compensators]
 
 
-def _render(swatch: "str | Swatch", compensator: str, coupling: Coupling, gesture: Gesture, seed: int) -> Rendering:
+def _render(swatch: str | Swatch, compensator: str, coupling: Coupling, gesture: Gesture, seed: int) -> Rendering:
     operation = Operation(plate(swatch), START_M, coupling=coupling, compensator=compensator, seed=seed)
     operated = operation.run(gesture.intent)
     desired, rendered = align(operated)
@@ -102,7 +101,7 @@ def _within(spans: list[tuple[int, int]], count: int) -> NDArray[np.bool_]:
 @old_spellings()
 def write_experiment(
     out: str | Path,
-    swatch: "str | Swatch" = "wood",
+    swatch: str | Swatch = "wood",
     *,
     compensator: str = "adaptive",
     grip: str = DEFAULT_GRIP,

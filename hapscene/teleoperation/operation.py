@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import find_tip, simulated_device
+from hapscene.device.model import DeviceLike
 from hapscene.handle.handle_loop import new_handle
 from hapscene.handle.plant import Plant
 from hapscene.old_spellings import old_spellings
 from hapscene.records import records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.scene.scene import Scene
+from hapscene.surface.effect import Effect
 from hapscene.teleoperation.bilateral_loop import HAPPENED, Line, begin_tick, end_tick, operate
 from hapscene.teleoperation.body_follower import BodyFollower
 from hapscene.teleoperation.datagram import MESSAGE, SAMPLE_COUNT
@@ -25,9 +27,6 @@ from hapscene.twin.hand_intent import Intent
 
 if TYPE_CHECKING:
     from hapscene.bridge.simulation import Simulation
-    from hapscene.device.model import DeviceLike
-    from hapscene.surface.effect import Effect
-
 Array = NDArray[np.float64]
 
 UP: Final = (0.0, 0.0, 1.0)
@@ -119,7 +118,7 @@ class Operation:
         device: "DeviceLike | None" = None,
         compensator: str = "adaptive",
         plant: Plant | None = None,
-        effects: "Sequence[str | Effect]" = EFFECTS,
+        effects: Sequence[str | Effect] = EFFECTS,
         seed: int = 0,
         axis_W: Sequence[float] = UP,
         body: str | None = None,
@@ -191,7 +190,7 @@ class Operation:
         return ticks * TICK_S + int(self.leader.handle[0].delay) / ACCELERATION_RATE_HZ
 
 
-def world_of(scene: Scene, effects: "Sequence[str | Effect]" = EFFECTS, seed: int = 0) -> Renderer:
+def world_of(scene: Scene, effects: Sequence[str | Effect] = EFFECTS, seed: int = 0) -> Renderer:
     """The scene as a world that a follower's tool meets: a tick for each sample of the accelerometer."""
     return Renderer(scene, effects, seed=seed, tick_s=1.0 / ACCELERATION_RATE_HZ, a_rate_Hz=ACCELERATION_RATE_HZ)
 

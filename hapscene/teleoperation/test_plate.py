@@ -1,6 +1,6 @@
 """What is touched in the experiments, and the hand that touches it: a flat plate, taps, a press and strokes."""
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,10 @@ from hapscene.device.hand import grip_named
 from hapscene.errors import HapsceneError
 from hapscene.motion.hand_path import Hand
 from hapscene.motion.look_from_above import TopView
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.scene import Scene
+from hapscene.surface.swatch import Swatch
 from hapscene.twin.hand_intent import Intent
-
-if TYPE_CHECKING:
-    from hapscene.scene.scene import Scene
-    from hapscene.surface.swatch import Swatch
 
 SIDE_M: Final = 0.2
 """Side of the plate [m]: wider than an Omni reaches."""
@@ -45,11 +44,8 @@ class Gesture(NamedTuple):
     parts: dict[str, list[tuple[int, int]]]
 
 
-def plate(swatch: "str | Swatch") -> "Scene":
+def plate(swatch: str | Swatch) -> Scene:
     """A scene of one plate, its top at z = 0."""
-    from hapscene.scene.mesh import Mesh
-    from hapscene.scene.scene import Scene
-
     half = SIDE_M / 2
     corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-THICK_M, 0.0)]
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))

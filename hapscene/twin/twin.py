@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hapscene.constants import ACCELERATION_RATE_HZ, TICK_S
 from hapscene.device.arm import new_arm, simulated_device
 from hapscene.device.driver import Connection
-from hapscene.device.model import Limits, limits_of
+from hapscene.device.model import DeviceLike, Limits, limits_of
 from hapscene.device.omni import Omni, stand
 from hapscene.device.point import PointMass
 from hapscene.device.safety import no_safety
@@ -21,16 +21,14 @@ from hapscene.handle.plant import Plant
 from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
+from hapscene.surface.effect import Effect
 from hapscene.twin.hand_intent import Intent
 from hapscene.twin.twin_loop import DELAY_MAX, TwinBody, live
 from hapscene.twin.twin_recording import FELT, Feel
 
 if TYPE_CHECKING:
-    from hapscene.device.model import DeviceLike
     from hapscene.fidelity.fidelity import Fidelity
     from hapscene.scene.scene import Scene
-    from hapscene.surface.effect import Effect
-
 Notes = tuple[Any, NDArray[np.float64], Any, NDArray[np.float64]]
 
 
@@ -63,7 +61,7 @@ class Twin:
         self,
         scene: "Scene",
         device: "DeviceLike | Connection",
-        effects: "Sequence[str | Effect]" = EFFECTS,
+        effects: Sequence[str | Effect] = EFFECTS,
         *,
         seed: int = 0,
         tick_s: float = TICK_S,

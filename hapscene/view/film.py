@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from PIL import Image
 
 from hapscene.errors import ViewError
 from hapscene.files import whole_file
@@ -104,8 +106,6 @@ def write_film(
     drawing, strip = _compose(scene, recording, film, count)
 
     def frames(order: Sequence[int]) -> Iterator[Any]:
-        from PIL import Image
-
         said = 0
         for k, pixels in enumerate(draw(replace(drawing, frames=[drawing.frames[i] for i in order]))):
             picture = Image.new("RGB", film.size)
@@ -146,8 +146,6 @@ def _compose(scene: "Scene", recording: Recording | None, film: Film, count: int
 
 
 def _gif(part: Path, frames: Frames, count: int, seconds: float, size: tuple[int, int]) -> None:
-    from PIL import Image
-
     key = np.unique(np.linspace(0, count - 1, KEY_FRAMES).round().astype(int)).tolist()
     drawn = frames([*key, *range(count)])
     palette = _palette([next(drawn) for _ in key])
@@ -167,8 +165,6 @@ def _gif(part: Path, frames: Frames, count: int, seconds: float, size: tuple[int
 
 def _palette(sample: list[Any]) -> Any:
     """One palette for all frames, or what stands still would flicker: from some of them, and of thin things by hand."""
-    from PIL import Image
-
     signs = np.array([rgb(colour) for colour in (FORCE, PATH, AIR)]) * 255
     shades = (signs[:, None] * np.linspace(0.6, 1.0, 5)[:, None]).reshape(-1, 3).clip(0, 255).astype(np.uint8)
     width = sample[0].width
@@ -206,8 +202,6 @@ def _mp4(part: Path, frames: Frames, count: int, seconds: float, size: tuple[int
 
 
 def _check_mp4(size: tuple[int, int], rate_Hz: float) -> None:
-    from importlib.util import find_spec
-
     if find_spec("imageio_ffmpeg") is None:
         raise ViewError(
             "an MP4 needs the extra `video`: pip install 'hapscene[video]'; or write a .gif, which needs nothing more"

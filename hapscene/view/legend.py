@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from hapscene.scene.mesh_report import length as length_text
 from hapscene.view.figure_parts import PROXY_COLOUR
@@ -13,9 +14,6 @@ from hapscene.view.palette import AIR, EDGE, FORCE, PATH, Theme, distinct_colour
 from hapscene.view.triangles import used_swatches
 
 if TYPE_CHECKING:
-    from PIL.ImageDraw import ImageDraw
-    from PIL.ImageFont import FreeTypeFont
-
     from hapscene.scene.scene import Scene
 
 NAME_MAX: Final = 28
@@ -108,8 +106,6 @@ def strip_height(entries: Sequence[LegendEntry], measure_count: int, width: int)
 
 def draw_strip(placed: Sequence[Placed], width: int, height: int, theme: Theme) -> Any:
     """The strip as an image of Pillow's."""
-    from PIL import Image, ImageDraw
-
     strip = Image.new("RGB", (width, height), theme.page)
     pen, size = ImageDraw.Draw(strip), font_size(width)
     font = _font(size)
@@ -124,7 +120,7 @@ def font_size(width: int) -> int:
     return max(11, round(width * 0.015))
 
 
-def _draw_sign(pen: "ImageDraw", item: Placed, size: int, theme: Theme) -> int:
+def _draw_sign(pen: ImageDraw.ImageDraw, item: Placed, size: int, theme: Theme) -> int:
     """Draw what stands before the text; return its width."""
     entry, x, y = item.entry, item.x, item.y
     width = _sign_width(entry, size)
@@ -152,7 +148,7 @@ def _sign_width(entry: LegendEntry, size: int) -> int:
     return {"bar": entry.length_px, "arrow": entry.length_px, "ball": size}.get(entry.kind, round(1.4 * size))
 
 
-def _fitted(entry: LegendEntry, font: "FreeTypeFont", size: int, most: int) -> tuple[LegendEntry, int]:
+def _fitted(entry: LegendEntry, font: ImageFont.FreeTypeFont, size: int, most: int) -> tuple[LegendEntry, int]:
     """The entry with its text cut to what there is room for, and its width [pixels]."""
     text = entry.text if len(entry.text) <= NAME_MAX else entry.text[: NAME_MAX - 1] + "…"
     sign = _sign_width(entry, size) + size // 2
@@ -165,10 +161,9 @@ def _middle(row: int, size: int) -> int:
     return round((1.5 + 1.9 * row) * size)
 
 
-def _font(size: int) -> "FreeTypeFont":
+def _font(size: int) -> ImageFont.FreeTypeFont:
     """The sans serif that comes with matplotlib: the same on every machine."""
     import matplotlib
-    from PIL import ImageFont
 
     return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from PIL import Image
 
 from hapscene.errors import ViewError
 from hapscene.files import whole_file
@@ -55,8 +56,6 @@ def write_picture(
         ViewError: no GL can draw here; one line says what to install.
         OSError: the folder is missing or cannot be written.
     """
-    from PIL import Image
-
     if recording is not None and len(recording) < 2:
         recording = None
     last = np.array([0 if recording is None else len(recording) - 1])

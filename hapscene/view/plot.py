@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.old_spellings import old_spellings
@@ -142,13 +143,11 @@ def _draw_spectrogram(ax: "Axes", bar: "Axes", recording: Recording) -> None:
     if len(a_m_s2) < 2 * length or not a_m_s2.any():
         ax.text(0.5, 0.5, "silence", transform=ax.transAxes, ha="center", va="center")
         return
-    from scipy.signal import spectrogram
-
     # about as many windows as the plot has columns, and at least half overlapping
     hop = max(min(length // 2, len(a_m_s2) // 1200), 1)
     pieces = []
     for start in range(0, len(a_m_s2) - length + 1, WINDOWS * hop):  # what is not seen is let go piece by piece
-        frequency_Hz, t_s, density = spectrogram(
+        frequency_Hz, t_s, density = scipy.signal.spectrogram(
             a_m_s2[start : start + (WINDOWS - 1) * hop + length],
             rate_Hz,
             window="hann",

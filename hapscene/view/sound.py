@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import scipy
 
 from hapscene.files import whole_file
 from hapscene.recording import Recording
@@ -28,8 +29,6 @@ def write_sound(recording: Recording, path: str | Path) -> float:
     Raises:
         OSError: the folder is missing or cannot be written.
     """
-    from scipy.io import wavfile
-
     a_m_s2 = recording.a_m_s2.ravel()
     peak_m_s2 = float(np.abs(a_m_s2).max(initial=0.0))
     full_scale_m_s2 = peak_m_s2 / 10 ** (PEAK_DBFS / 20)
@@ -39,5 +38,5 @@ def write_sound(recording: Recording, path: str | Path) -> float:
     wave[:fade_count] *= ramp
     wave[len(wave) - fade_count :] *= ramp[::-1]
     with whole_file(path) as part:
-        wavfile.write(part, round(recording.a_rate_Hz), np.rint(wave * 32767).astype(np.int16))
+        scipy.io.wavfile.write(part, round(recording.a_rate_Hz), np.rint(wave * 32767).astype(np.int16))
     return full_scale_m_s2

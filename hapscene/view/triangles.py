@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from hapscene.scene.fine_paint import NOTHING as NO_LEAVES
 from hapscene.scene.fine_paint import parts, swatches_of
+from hapscene.scene.mesh import Mesh
 from hapscene.scene.topology import unit
 from hapscene.view.palette import distinct_colours, rgb
 
 if TYPE_CHECKING:
     from hapscene.scene.body import Body
-    from hapscene.scene.mesh import Mesh
     from hapscene.scene.scene import Scene
 
 
@@ -167,7 +167,7 @@ def shade_of(colour_rgb: NDArray[Any], all_rgb: NDArray[Any]) -> NDArray[np.floa
     return np.asarray(1.0 + SHADE_SHARE * np.clip(grey / (all_rgb.mean() + 1.0) - 1.0, -0.5, 0.5))
 
 
-def _corner_normals(mesh: "Mesh") -> NDArray[np.float64]:
+def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
     """A normal for each corner (3 m, 3): averaged over the faces around the vertex, save across a crease.
 
     Faces count by their angle at the vertex: how a flat side is cut into triangles makes no difference.

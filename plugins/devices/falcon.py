@@ -306,10 +306,7 @@ DRIVER = Driver(
     button_count=4,
     rate_Hz=1000.0,
     needs="pyusb (pip install 'hapscene[usb]'), libusb, permission, and the firmware's file until it has been loaded",
-    options=(
-        Option("firmware", None, "file of the firmware, loaded where the device runs none"),
-        BACKEND,
-    ),
+    options=(Option("firmware", None, "file of the firmware, loaded where the device runs none"), BACKEND),
     release=release,
     assumptions=(
         "It runs at 1 kHz in lock-step, as the chip's latency timer of 1 ms allows.",

@@ -259,9 +259,7 @@ DRIVER = Driver(
     open=Haply2diyConnection,
     find=lambda port=None, **options: find_ports(port),
     model=Device(
-        "haply2diy",
-        PointMass(0.1, 0.1, 0.1, 60e-6),
-        Limits(3.0, 3000.0, stiffness_N_m=500.0, damping_Ns_m=2.0),
+        "haply2diy", PointMass(0.1, 0.1, 0.1, 60e-6), Limits(3.0, 3000.0, stiffness_N_m=500.0, damping_Ns_m=2.0)
     ),
     continuous_N=1.0,
     low_D_m=(-0.08, -0.07, -0.001),

@@ -121,12 +121,7 @@ class Inverse3Connection(Connection):
     """An Inverse3. A force goes out each tick, and a state comes back."""
 
     def __init__(
-        self,
-        uri: str = URI,
-        field: str = "vector",
-        x_m: float = 0.05,
-        y_m: float = -0.15,
-        z_m: float = 0.17,
+        self, uri: str = URI, field: str = "vector", x_m: float = 0.05, y_m: float = -0.15, z_m: float = 0.17
     ) -> None:
         super().__init__()
         self._field, self._middle, self._name = field, (x_m, y_m, z_m), f"inverse3: {uri}"

@@ -9,6 +9,7 @@ import math
 import socket
 import time
 from contextlib import suppress
+from importlib.util import find_spec
 from typing import Any, Final
 
 from hapscene.constants import TICK_S
@@ -153,8 +154,6 @@ def _own_page(host: str) -> Any:
 
 
 def _find(**options: Any) -> list[Found]:
-    from importlib.util import find_spec
-
     if find_spec("websockets") is None:
         return [Found("a page", trouble="its page needs websockets", remedy="pip install 'hapscene[serve]'")]
     return [Found("a page in the browser")]

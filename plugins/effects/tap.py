@@ -137,11 +137,6 @@ EFFECT = Effect(
     "A transient at the start and the end of contact, by speed.",
     render,
     params=(Param("tap_gain", 1.0, "1", "factor on the swatch's taps and leavings", 0.0, 10.0),),
-    state=(
-        *RESONATOR,
-        State("at"),
-        State("left"),
-        State("ring_m_s2", (RING,)),
-    ),
+    state=(*RESONATOR, State("at"), State("left"), State("ring_m_s2", (RING,))),
     table=table,
 )

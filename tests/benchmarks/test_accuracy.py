@@ -5,7 +5,7 @@ import pytest
 
 from hapscene.contact.planes import nearest
 from hapscene.renderer import Renderer
-from hapscene_benchmarks.accuracy import direction_error_deg, distances, measure_accuracy
+from hapscene_benchmarks.accuracy import angle_deg, distances, measure_accuracy
 from hapscene_benchmarks.case import sphere, sphere_cases
 from hapscene_benchmarks.projection import TOOL_M, alternating_error_m, groove, measure_projection
 from hapscene_benchmarks.sheet import Sheet
@@ -14,7 +14,7 @@ from hapscene_benchmarks.sheet import Sheet
 def test_direction_error_is_the_angle() -> None:
     p = np.array([[0.0, 0.0, 0.048], [0.048, 0.0, 0.0]])
     turned = np.array([[np.sin(0.1), 0.0, np.cos(0.1)], [3.0, 0.0, 0.0]])
-    assert direction_error_deg(turned, p) == pytest.approx([np.degrees(0.1), 0.0])
+    assert angle_deg(turned, p) == pytest.approx([np.degrees(0.1), 0.0])
 
 
 def test_distances_to_facets() -> None:

@@ -113,14 +113,6 @@ def test_the_residual_is_the_excitation() -> None:
         metric.residual(A, signal[:3])
 
 
-def test_variance_ratio_of_a_known_model() -> None:
-    noise, signal = made(400_000)
-    gain = (1 + 0.8) / ((1 - 0.8) * ((1 + 0.8) ** 2 - 1.5**2))  # power gain of an AR(2), Box & Jenkins 1970
-    assert metric.variance_ratio(A, signal) == pytest.approx(1 / gain, rel=0.02)
-    assert metric.variance_ratio([1.0], signal) == pytest.approx(1.0)
-    assert metric.variance_ratio(A, noise) > 1.0
-
-
 def test_correlation_of_a_first_order_model_falls_geometrically() -> None:
     signal = lfilter([1.0], [1.0, -0.7], np.random.default_rng(1).standard_normal(400_000))
     assert metric.correlation(signal, 5) == pytest.approx(0.7 ** np.arange(1, 6), abs=0.01)

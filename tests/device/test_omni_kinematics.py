@@ -19,7 +19,6 @@ from hapscene.device.omni_kinematics import (
     jacobian,
     reachable,
     singular,
-    stylus_pose,
     within_limits,
 )
 
@@ -128,23 +127,3 @@ def test_many_at_once_are_as_one_by_one() -> None:
     assert reachable(q).shape == singular(q).shape == within_limits(q).shape == (4, 5)
     assert np.array_equal(forward(q)[2, 3], forward(q[2, 3]))
     assert np.array_equal(jacobian(q)[2, 3], jacobian(q[2, 3]))
-
-
-@given(postures, st.tuples(st.floats(3.92, 8.83), st.floats(-0.5, 1.75), st.floats(-2.58, 2.58)))
-def test_stylus_is_the_urdf_s(q: NDArray[np.float64], gimbal: tuple[float, float, float]) -> None:
-    yaw, pitch, roll = gimbal
-    X = (
-        urdf_tip(q[0], q[1], q[2] - q[1] + 1.5 - math.pi / 2)
-        @ turned("y", yaw)
-        @ turned("x", 0.5)
-        @ turned("x", pitch)
-        # rpy = (π, π, 0): first about x, then about y, both fixed
-        @ turned("y", math.pi)
-        @ turned("x", math.pi)
-        @ turned("y", roll)
-    )
-    U = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
-    X_DS = stylus_pose(q, gimbal)
-    assert X_DS[:3, 3] == pytest.approx(forward(q), abs=1e-12)
-    assert np.linalg.det(X_DS[:3, :3]) == pytest.approx(1.0)
-    assert X_DS[:3, :3] == pytest.approx(U @ X[:3, :3], abs=1e-9)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hapscene.device.hand import HAND
 from hapscene.device.omni import Omni, advance_omni, hold_omni, read_omni, tip_omni
@@ -23,16 +23,17 @@ from hapscene.device.omni_kinematics import (
 )
 from hapscene.device.omni_record import OMNI, OmniFlag
 from hapscene.device.omni_step import (
+    K8,
+    K9,
+    K10,
     STEP_MAX_S,
     STOP_OVER_RAD,
     _times,
     _transposed,
     apparent_mass,
     coriolis_at,
-    coriolis_matrix,
     gravity,
     mass_matrix,
-    potential_J,
     slopes_at,
     slow,
     solve,
@@ -51,6 +52,26 @@ def hand(**fields: Any) -> Any:
     for name, value in fields.items():
         row[name] = value
     return row
+
+
+def coriolis_matrix(q: ArrayLike, dq: ArrayLike) -> NDArray[np.float64]:
+    """C (3, 3) [N·m·s/rad] from the Christoffel symbols of M, at joint speeds (3,) [rad/s]."""
+    _, q2, q3 = np.asarray(q, float)
+    w1, w2, w3 = np.asarray(dq, float)
+    *_, a2, a3, b2, c3 = slopes_at(float(q2), float(q3), turns_at(0.0, float(q2), float(q3)))
+    return np.array(
+        [
+            [0.5 * (a2 * w2 + a3 * w3), 0.5 * a2 * w1 + b2 * w2, 0.5 * a3 * w1],
+            [-0.5 * a2 * w1, 0.0, c3 * w3],
+            [-0.5 * a3 * w1, -c3 * w2, 0.0],
+        ]
+    )
+
+
+def potential_J(q: ArrayLike) -> float:
+    """Potential energy of gravity and counterbalance [J], whose gradient is G."""
+    _, q2, q3 = np.asarray(q, float)
+    return float(K8 * math.sin(q2) + 0.5 * K10 * (q2 - math.pi / 2.0) ** 2 - K9 * math.cos(q3))
 
 
 def energy_J(omni: Any, hands: Any) -> float:

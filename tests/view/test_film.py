@@ -103,7 +103,7 @@ def test_what_a_film_cannot_be_is_said_before_it_is_drawn(
         write_film(scene, None, tmp_path / "a.mp4", Film(size=(241, 200)))
     with pytest.raises(ViewError, match="too many for a GIF"):
         write_film(scene, None, tmp_path / "a.gif", Film(seconds=1.0, frame_count=60))
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("hapscene.view.film.find_spec", lambda name: None)
     with pytest.raises(ViewError, match=r"pip install 'hapscene\[video\]'"):
         write_film(scene, None, tmp_path / "a.mp4", Film())
     assert list(tmp_path.iterdir()) == []

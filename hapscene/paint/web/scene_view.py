@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hapscene.motion.look_from_above import bounds_of
@@ -421,20 +422,14 @@ def _turn_to(nhat: Vector) -> Vector:
 
 def _rotation(wxyz: Vector) -> Vector:
     """Rotation (3, 3) of a quaternion (w, x, y, z)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
+    return np.asarray(scipy.spatial.transform.Rotation.from_quat(wxyz, scalar_first=True).as_matrix())
 
 
 def rotation(angles_deg: Vector) -> NDArray[np.float64]:
     """A rotation (3, 3) about x, then y, then z."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
 
 
 def quaternion(R: NDArray[np.float64]) -> Vector:
     """Quaternion (w, x, y, z) of a rotation (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(R).as_quat(scalar_first=True))
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_quat(scalar_first=True))

@@ -14,20 +14,19 @@ import contextlib
 import hmac
 import http
 import io
-import ipaddress
 import logging
 import socket
 import threading
 import warnings
-from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Final
-from urllib.parse import urlsplit
 
 from hapscene.errors import ViewError
 from hapscene.paint.web.counted_log import CountedLog
 from hapscene.paint.web.viser_inside import CheckedConnection, harden
+from hapscene.web_listener import refusal_reason
 
 PORT_MAX: Final = 65535
 
@@ -87,27 +86,6 @@ def host_names(host: str) -> frozenset[str]:
     if host in LOOPBACK:
         return LOOPBACK
     return LOOPBACK | {host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
-
-
-def refusal_reason(headers: Mapping[str, str], names: Collection[str], public: bool, upgrade: bool) -> str | None:
-    """Why a request gets nothing; None if it is ours.
-
-    Args:
-        headers: of the request.
-        names: host names that are ours.
-        public: whether any address is ours too: an address cannot be rebound, as a name can.
-        upgrade: whether it asks for a WebSocket.
-    """
-    host = headers.get("Host", "")
-    name = _name(f"//{host}")
-    if name is None or not (name in names or (public and _is_address(name))):
-        return "this host name is not served"
-    if not upgrade:
-        return None
-    origin = headers.get("Origin", "")
-    if urlsplit(origin).scheme not in ("http", "https") or urlsplit(origin).netloc.lower() != host.lower():
-        return "another origin is not served"
-    return None
 
 
 @contextlib.contextmanager
@@ -276,19 +254,3 @@ def own_addresses() -> list[str]:
     with contextlib.suppress(OSError):
         found += [place[4][0] for place in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
     return [name for name in dict.fromkeys(found) if name not in LOOPBACK and not name.startswith("127.")]
-
-
-def _name(url: str) -> str | None:
-    """Host name of a URL, lower case; None where there is none."""
-    try:
-        return urlsplit(url).hostname
-    except ValueError:
-        return None
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True

@@ -24,10 +24,10 @@ from hapscene.paint.web.secure_server import (
     free_port,
     guarded,
     host_names,
-    refusal_reason,
     serve,
 )
 from hapscene.paint.web.viser_inside import harden
+from hapscene.web_listener import refusal_reason
 
 TOKEN = "of-this-test"
 
