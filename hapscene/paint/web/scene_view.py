@@ -435,6 +435,6 @@ def rotation(angles_deg: Vector) -> NDArray[np.float64]:
 
 def quaternion(R: NDArray[np.float64]) -> Vector:
     """Quaternion (w, x, y, z) of a rotation (3, 3)."""
-    from scipy.spatial.transform import Rotation
+    from viser.transforms import SO3  # is there; SciPy's takes a tenth of a second to import
 
-    return np.asarray(Rotation.from_matrix(R).as_quat(scalar_first=True))
+    return np.asarray(SO3.from_matrix(R).wxyz)
