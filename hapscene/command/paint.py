@@ -1,6 +1,7 @@
 """`hapscene paint`."""
 
 import argparse
+import gc
 import re
 import shutil
 import time
@@ -130,6 +131,8 @@ def _painted(options: argparse.Namespace, server: "PageServer") -> None:
     tell_size(session.scene, options.scene or "", options.device)
     earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
     page = Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
+    gc.freeze()  # what is there now stays
+    gc.set_threshold(700, 10, 10)  # as Python begins with
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)

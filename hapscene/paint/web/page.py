@@ -46,7 +46,7 @@ HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
 SHOWN_S: Final = 2.0
-"""How long the hand and the pictures of swatches wait for a page to show the scene [s]: whoever looks, comes by then.
+"""How long the hand's start waits for a page to show the scene [s]: whoever looks, comes by then.
 """
 
 DRAWN_S: Final = 0.3
@@ -132,8 +132,7 @@ class Page:
         """All that shows one session."""
         view = SceneView(self.server, session.painting, display)
         tools = Tools(session, view, self._touch, self._socket.say)
-        parts = view, tools, self._touch, self._socket
-        self.context = PageContext(self.server, session, *parts, self.refresh, self._shown)
+        self.context = PageContext(self.server, session, view, tools, self._touch, self._socket, self.refresh)
         if _path(session).is_file():
             note_scene(_path(session))
         self._repaint_due = False

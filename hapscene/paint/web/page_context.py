@@ -24,7 +24,6 @@ class PageContext:
         server: viser's.
         session, view, tools, touch, socket: one of each.
         refresh: shows what changed; called after whatever may have changed something.
-        shown: waits until a page shows the scene, for a while: what can come later leaves it the processor.
         questions: dialogs that stand, the last on top.
     """
 
@@ -35,7 +34,6 @@ class PageContext:
     touch: TouchHand
     socket: PageSocket
     refresh: Callable[[], None]
-    shown: Callable[[], Awaitable[None]]
     questions: list[Any] = field(default_factory=list)
 
     def callback(self, act: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -166,7 +166,6 @@ class ShelfPanel:
             self._drawing = asyncio.run_coroutine_threadsafe(self._draw(missing, shown), loop)
 
     async def _draw(self, missing: Sequence[tuple[tuple[Any, ...], Card]], shown: Sequence[Card]) -> None:
-        await self._context.shown()
         for key, card in missing[:BALLS_AT_ONCE]:
             self._balls[key] = await asyncio.to_thread(_ball, card, key[-1])
         self._drawing = None

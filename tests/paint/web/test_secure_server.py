@@ -59,10 +59,6 @@ def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
     assert refusal_reason({"Host": "rebound.example:80"}, names, True, upgrade=False)
 
 
-async def nobody(connection: Any) -> None:
-    """Serves nothing."""
-
-
 @pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid", "a..b", "x" * 300])
 def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
