@@ -161,9 +161,10 @@ def check_scene(path: str, unit: str | None = None, swatch: str | None = None) -
     check_there(path, SceneError)
     suffix = Path(path).suffix.lower().lstrip(".")
     if unit is not None:
-        from hapscene.scene.mesh import unit_name
+        if unit not in UNITS:
+            from hapscene.scene.mesh import unit_name
 
-        unit_name(unit)
+            unit_name(unit)
     elif suffix in UNITLESS and not _is_painted(path, suffix):
         raise MeshError(
             f"{path}: {suffix.upper()} files carry no unit of length: say which one its numbers are in, as --unit mm; "

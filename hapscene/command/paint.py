@@ -1,13 +1,15 @@
 """`hapscene paint`."""
 
 import argparse
+import gc
 import re
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import takewhile
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.command.console import say
@@ -28,7 +30,7 @@ from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
-    from hapscene.paint.web.page import Page
+    from hapscene.paint.web.secure_server import PageServer
     from hapscene.scene.scene import Scene
 
 SUFFIX: Final = ".scene.json"
@@ -102,8 +104,18 @@ def _paint(options: argparse.Namespace) -> int:
     for path in (options.scene, *options.more):
         if path is not None:
             check_scene(path, options.unit, options.swatch)
-    import webbrowser
+    from hapscene.paint.web.secure_server import PageServer
 
+    with PageServer(options.host, options.port) as server, ExitStack() as ends:
+        if not options.no_browser:
+            is_scene = str(options.scene).endswith(SUFFIX)
+            lead_browser(server.url, Path(options.scene).parent if is_scene else Path(), ends)
+        _painted(options, server)
+    return 0
+
+
+def _painted(options: argparse.Namespace, server: "PageServer") -> None:
+    """Load what is named, and have it painted until Ctrl-C. The browser fetches the page meanwhile."""
     from hapscene.paint.web.hand_config import HandConfig
     from hapscene.paint.web.page import Page
     from hapscene.paint.web.scene_panel import earlier_words
@@ -118,7 +130,9 @@ def _paint(options: argparse.Namespace) -> int:
         session.painting.take_painting(scene, f"picture {picture.name}")
     tell_size(session.scene, options.scene or "", options.device)
     earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
-    page = Page(session, options.host, options.port, with_hand=not options.no_hand, hand=hand, earlier=earlier)
+    page = Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
+    gc.freeze()  # what is there now stays
+    gc.set_threshold(700, 10, 10)  # as Python begins with
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)
@@ -128,8 +142,6 @@ def _paint(options: argparse.Namespace) -> int:
                 say(f"{page.context.session.document.problem}\n")
             if page.public:
                 say("open to the network: whoever has this address may paint here, and save over your files\n")
-            if not options.no_browser and (opener := write_opener(page)) is not None:
-                webbrowser.open(opener.as_uri())
             told = ""
             while True:
                 time.sleep(NAP_S)
@@ -145,21 +157,21 @@ def _paint(options: argparse.Namespace) -> int:
         say(f"not saved, and lost: {session.document.problem or 'no copy was kept'}\n")
     elif session.dirty:
         say(f"nothing was painted, so there is no {session.path}\n")
-    return 0
 
 
-def write_opener(page: "Page") -> Path | None:
-    """A file that leads a browser to the page; None where it cannot be written, or nothing is autosaved.
+def lead_browser(url: str, folder: Path, ends: ExitStack) -> Path | None:
+    """Open the browser by a file that leads it to the page, there until `ends`; None where it cannot be written.
 
-    It stands between, since a command line, the browser's too, can be read by all users of a computer; the autosave's
-    folder by its user alone.
+    It stands between, since a command line, the browser's too, can be read by all users of a computer; the file's
+    folder by its user alone. A browser may be slow to start: nobody waits for it.
     """
-    autosave = page.context.session.document.autosave
-    if autosave is None:
-        return None
-    opener = autosave.file.resolve().with_name("open.html")
+    import webbrowser
+    from tempfile import TemporaryDirectory
+
     with suppress(OSError):  # the disk is full: the address is on the terminal
-        opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={page.url}">', encoding="utf-8")
+        opener = Path(ends.enter_context(TemporaryDirectory(prefix=".hapscene-", dir=folder)), "open.html")
+        opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
+        Thread(target=webbrowser.open, args=(opener.absolute().as_uri(),), daemon=True).start()
         return opener
     return None
 

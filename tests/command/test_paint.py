@@ -12,8 +12,9 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +25,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 from hapscene.cli import main
 from hapscene.command import paint
-from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, open_session, write_opener
+from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, lead_browser, open_session
 from hapscene.errors import SceneError
 from hapscene.paint.document import find_recovery
 from hapscene.paint.web.page import Page
@@ -69,19 +70,21 @@ def test_a_mesh_becomes_a_scene_beside_no_other(folder: Path) -> None:
     assert again.scene.swatches[1].name == "wood"
 
 
-def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(folder: Path) -> None:
+def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its command line holds no token."""
-    session = open_session(options("cube.ply", unit="m"), quiet)
-    with Page(session, port=0, with_hand=False) as page:
-        opener = write_opener(page)
-        assert opener is not None and page.url in opener.read_text() and page.url.split("/")[-2] not in opener.as_uri()
+    led: SimpleQueue[str] = SimpleQueue()
+    monkeypatch.setattr("webbrowser.open", led.put)
+    url = "http://127.0.0.1:1/secret/"
+    with ExitStack() as ends:
+        opener = lead_browser(url, Path(), ends)
+        assert opener is not None and url in opener.read_text()
+        told = led.get(timeout=60.0)
+        assert told == opener.absolute().as_uri() and "secret" not in told
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
-        opener.unlink()
-        opener.mkdir()  # so that it cannot be written
-        assert write_opener(page) is None
-    assert not opener.exists()
-    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
-        assert write_opener(page) is None
+        assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
+    assert not opener.parent.exists() and led.empty()
 
 
 def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:

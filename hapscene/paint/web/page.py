@@ -5,10 +5,9 @@ beside it. The scene is in the server alone: a tab that is closed loses nothing,
 """
 
 import asyncio
-import secrets
 from collections.abc import Coroutine, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +16,6 @@ from hapscene.paint.display import Display
 from hapscene.paint.recent import note_scene
 from hapscene.paint.session import Session
 from hapscene.paint.web.body_panel import BESIDE, MESHES, BodyPanel
-from hapscene.paint.web.counted_log import CountedLog
 from hapscene.paint.web.file_panel import FilePanel
 from hapscene.paint.web.hand_config import HandConfig
 from hapscene.paint.web.hand_panel import HandPanel
@@ -29,7 +27,7 @@ from hapscene.paint.web.picture_panel import LEGEND, PICTURES, PicturePanel
 from hapscene.paint.web.record_panel import RecordPanel
 from hapscene.paint.web.scene_panel import ScenePanel
 from hapscene.paint.web.scene_view import SceneView
-from hapscene.paint.web.secure_server import LOOPBACK, SOCKET_PATH, own_addresses, serve, stop
+from hapscene.paint.web.secure_server import SOCKET_PATH, PageServer
 from hapscene.paint.web.share_panel import SharePanel
 from hapscene.paint.web.shelf_panel import IMPORTED, LOOK, ShelfPanel
 from hapscene.paint.web.standard_view import VIEWS, look
@@ -46,8 +44,12 @@ TABS: Final = ("Paint", "Bodies", "Feel", "File")
 HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
-TOKEN_BYTES: Final = 16
-"""Of the secret in the page's address [bytes]: 128 bits cannot be guessed."""
+SHOWN_S: Final = 2.0
+"""How long the hand's start waits for a page to show the scene [s]: whoever looks, comes by then.
+"""
+
+DRAWN_S: Final = 0.3
+"""From when a page has its camera until its panel is drawn [s]: about."""
 
 
 class Page:
@@ -61,6 +63,7 @@ class Page:
         with_autosave: whether what is not saved yet is written beside the scene, and found again.
         hand: what the hand holds at first; None for the session's device.
         earlier: scene files of the same mesh that were painted before: the page asks whether to go on with one.
+        server: what it is served by, where that is open already; it is closed with the page.
 
     Attributes:
         server: viser's.
@@ -82,6 +85,7 @@ class Page:
         with_autosave: bool = True,
         hand: HandConfig | None = None,
         earlier: Sequence[Path] = (),
+        server: PageServer | None = None,
     ) -> None:
         if session.path is None:
             raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
@@ -90,37 +94,38 @@ class Page:
         self._first, self._earlier = session, tuple(earlier)
         self._watching: Future[None] | None = None
         self._ends = ExitStack()
+        self._served = server or PageServer(host, port)
         try:
-            self._begin(session, host, port, hand or HandConfig(session.device))
+            self._begin(session, self._served, hand or HandConfig(session.device))
         except BaseException:
             self.close()
+            self._served.close()
             raise
 
-    def _begin(self, session: Session, host: str, port: int, hand: HandConfig) -> None:
+    def _begin(self, session: Session, server: PageServer, hand: HandConfig) -> None:
         if self._with_autosave:
             session.document.start_autosave()
         self._ends.callback(self._keep)
-        log = CountedLog()
-        self._ends.callback(log.close)
-        self._socket = PageSocket(self._act, self._state, log.logger)
-        self._token = secrets.token_urlsafe(TOKEN_BYTES)
-        self.uploads = Uploads(self._socket.say, log.logger)
+        self._ends.callback(server.close)
+        self.server = server.viser
+        self._socket = PageSocket(self._act, self._state, server.log.logger)
+        self.uploads = Uploads(self._socket.say, server.log.logger)
         self.uploads.take((*MESHES, *BESIDE, *PICTURES, LEGEND, ".zip"), self._take)
         self.uploads.take(IMPORTED, lambda files: self._shelf_panel.take(files))
         self.uploads.take((LOOK,), lambda files: self._shelf_panel.take_picture(files))
-        sockets = {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
-        self.server = serve(host, port, self._token, sockets, log)
-        self._ends.callback(stop, self.server)
+        server.handlers |= {SOCKET_PATH: self._socket.serve, UPLOAD_PATH: self.uploads.serve}
         self._loop = self.server.get_event_loop()
         self._touch = TouchHand(self._socket.say, hand)
         self._ends.callback(self._touch.close)
         self._sent: Mapping[str, Any] | None = None
+        self._seen = asyncio.Event()
         self._listen()
         self._make(session, Display(session.painting))
         self._ends.callback(lambda: self._shelf_panel.close())
         self._scene_panel.offer_earlier(self._earlier)
         if not self._earlier and not _path(session).exists():  # of meshes that were just opened
             self._body_panel.ask_sizes(session.scene.bodies)
+        server.admit()
 
     def _make(self, session: Session, display: Display) -> None:
         """All that shows one session."""
@@ -183,27 +188,29 @@ class Page:
     @property
     def url(self) -> str:
         """Where a browser finds it: the only key to it. Whoever has this address may do all that the page can."""
-        host = self.server.get_host()
-        name = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, host)
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}/{self._token}/"
-
-    def _addresses(self) -> list[str]:
-        """What opens it from other computers."""
-        host = self.server.get_host()
-        hosts = own_addresses() if host in ("0.0.0.0", "::") else [host]
-        return [f"http://{name}:{self.server.get_port()}/{self._token}/" for name in hosts if self.public]
+        return self._served.url
 
     @property
     def public(self) -> bool:
         """Whether other computers may reach it."""
-        return self.server.get_host() not in LOOPBACK
+        return self._served.public
 
     def __enter__(self) -> "Page":
         self._watching = self._start(self._monitor.watch())
         if self._with_hand:
-            session = self.context.session
-            self._start(self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s))
+            self._touch.status = "starting"
+            self._start(self._open_hand())
         return self
+
+    async def _open_hand(self) -> None:
+        await self._shown()
+        session = self.context.session
+        await self.context.touch.open(session.painting.snapshot(), session.tuning.tick_s)
+
+    async def _shown(self) -> None:
+        """Wait until a page shows the scene; no longer than it may take."""
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._seen.wait(), SHOWN_S)
 
     def _start(self, task: Coroutine[Any, Any, None]) -> "Future[None]":
         """Do something in the event loop until the page closes."""
@@ -410,7 +417,9 @@ class Page:
         self._number_panel = NumberPanel(self.context, feel)
         self._file_panel = FilePanel(self.context, file, _path(self.context.session))
         self._picture_panel = PicturePanel(self.context, file)
-        self._share_panel = SharePanel(self.context, file, self._addresses(), lambda path: self._scene_panel.open(path))
+        self._share_panel = SharePanel(
+            self.context, file, self._served.addresses(), lambda path: self._scene_panel.open(path)
+        )
         gui.set_panel_label(_path(self.context.session).name)
         if self._with_autosave:
             self._file_panel.offer_recovery()
@@ -423,6 +432,7 @@ class Page:
         @self.server.on_client_connect  # type: ignore[untyped-decorator, unused-ignore]
         async def name_client(client: Any) -> None:
             client.gui.add_html(f'<span id="hs-client" data-id="{client.client_id}" hidden></span>')
+            self._loop.call_later(DRAWN_S, self._seen.set)
 
         @self.server.on_client_disconnect  # type: ignore[untyped-decorator, unused-ignore]
         async def lift(client: Any) -> None:

@@ -432,4 +432,6 @@ def rotation(angles_deg: Vector) -> NDArray[np.float64]:
 
 def quaternion(R: NDArray[np.float64]) -> Vector:
     """Quaternion (w, x, y, z) of a rotation (3, 3)."""
-    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_quat(scalar_first=True))
+    from viser.transforms import SO3  # is there; SciPy's takes a tenth of a second to import
+
+    return np.asarray(SO3.from_matrix(R).wxyz)

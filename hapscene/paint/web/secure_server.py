@@ -10,18 +10,20 @@ the servers on all other ports of the computer, too. The page keeps it in the br
 alone, and takes it out of the address bar; our own files, the same for everybody, need none.
 """
 
+import asyncio
 import contextlib
 import hmac
 import http
 import io
 import logging
+import secrets
 import socket
 import threading
 import warnings
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from hapscene.errors import ViewError
 from hapscene.paint.web.counted_log import CountedLog
@@ -70,6 +72,9 @@ window.matchMedia = (query) => real(query === "(max-width: 36em)" ? "(max-width:
 <script src="/hapscene-upload.js" type="module"></script><script src="/hapscene-bodies.js" type="module"></script>"""
 """What is put into viser's page. Where a window is too narrow for both, its panel is a sheet below the picture."""
 
+TOKEN_BYTES: Final = 16
+"""Of the secret in the page's address [bytes]: 128 bits cannot be guessed."""
+
 _building = threading.Lock()
 
 
@@ -96,6 +101,7 @@ def guarded(
     index: Callable[[bytes], bytes],
     handlers: Mapping[str, Callable[[Any], Awaitable[None]]],
     log: logging.Logger,
+    admitted: Callable[[], Awaitable[object]] | None = None,
 ) -> Iterator[None]:
     """While this lasts, a viser server that is made listens behind the gate, and says nothing on the terminal.
 
@@ -108,6 +114,7 @@ def guarded(
         index: changes viser's page.
         handlers: have the connections that are not viser's, by path.
         log: is told what goes wrong.
+        admitted: what a connection waits for before it is handled; files are served meanwhile.
     """
     import viser
     import websockets.asyncio.server as asyncio_server
@@ -159,6 +166,8 @@ def guarded(
                 return answer(http.HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is no such file")
 
         async def route(connection: Any) -> None:
+            if admitted is not None:
+                await admitted()
             handler = handlers.get(connection.request.path)
             if handler is not None:
                 await handler(connection)
@@ -210,14 +219,84 @@ def _bind(host: str, port: int) -> None:
         socket.create_server(address, family=family).close()
 
 
-def serve(
-    host: str, port: int, token: str, handlers: Mapping[str, Callable[[Any], Awaitable[None]]], log: CountedLog
-) -> Any:
+class PageServer:
     """viser's server behind the gate, with our page and sockets, below a token: see `guarded`.
+
+    It is there before what the page shows: a browser fetches and compiles viser's page while a scene is loaded.
+
+    Args:
+        host: the address to serve at.
+        port: the port; a free one near it where it is taken, any for 0.
+
+    Attributes:
+        viser: the server.
+        log: is told what goes wrong.
+        handlers: have the connections that are not viser's, by path; whoever shows something puts them in.
 
     Raises:
         ViewError: viser is missing, or the host or port cannot be had.
     """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.log = CountedLog()
+        self.handlers: dict[str, Callable[[Any], Awaitable[None]]] = {}
+        self._token, self._admitted, self._closed = secrets.token_urlsafe(TOKEN_BYTES), asyncio.Event(), False
+        try:
+            self.viser = _serve(host, port, self._token, self.handlers, self.log, self._admitted.wait)
+        except BaseException:
+            self.log.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def admit(self) -> None:
+        """Handle connections from now on; those that came before have waited."""
+        self.viser.get_event_loop().call_soon_threadsafe(self._admitted.set)
+
+    def close(self) -> None:
+        """Have it end, and say nothing on the terminal; nothing where it has."""
+        if self._closed:
+            return
+        self._closed = True
+        self.admit()  # whoever waits still, to go
+        with contextlib.redirect_stdout(io.StringIO()):
+            warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # what a drawer had for the page
+            self.viser.stop()
+        self.log.close()
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds it: the only key to it. Whoever has this address may do all that the page can."""
+        host = self.viser.get_host()
+        return self._below({"0.0.0.0": "localhost", "::": "localhost"}.get(host, host))
+
+    def addresses(self) -> list[str]:
+        """What opens it from other computers."""
+        host = self.viser.get_host()
+        return [self._below(name) for name in (own_addresses() if host in ("0.0.0.0", "::") else [host]) if self.public]
+
+    @property
+    def public(self) -> bool:
+        """Whether other computers may reach it."""
+        return self.viser.get_host() not in LOOPBACK
+
+    def _below(self, name: str) -> str:
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.viser.get_port()}/{self._token}/"
+
+
+def _serve(
+    host: str,
+    port: int,
+    token: str,
+    handlers: Mapping[str, Callable[[Any], Awaitable[None]]],
+    log: CountedLog,
+    admitted: Callable[[], Awaitable[object]],
+) -> Any:
+    """viser's server, made and listening."""
     try:
         import viser
     except ImportError:
@@ -231,18 +310,13 @@ def serve(
         place: StaticFile(MIME_TYPES[name.split(".")[1]], (folder / name).read_bytes()) for place, name in names.items()
     }
     port = free_port(host, port)
-    with guarded(host, token, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handlers, log.logger):
+    with guarded(
+        host, token, files, lambda page: page.replace(b"<head>", b"<head>" + HEAD, 1), handlers, log.logger, admitted
+    ):
         server = viser.ViserServer(host=host, port=port, label="hapscene paint", verbose=False)
     server.get_event_loop().set_exception_handler(log.note_loop)
     harden(server, log.logger)
     return server
-
-
-def stop(server: Any) -> None:
-    """Have it end, and say nothing on the terminal."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # what a drawer still had for the page
-        server.stop()
 
 
 def own_addresses() -> list[str]:

@@ -474,7 +474,7 @@ def test_a_page_that_cannot_be_made_leaves_nothing_and_the_next_can(
 
     make_scene(tmp_path).save(tmp_path / "made.scene.json")
     threads = threading.active_count()
-    for place in ("serve", "SceneView"):  # before there is a server, and after
+    for place in ("PageServer", "SceneView"):  # before there is a server, and after
         with monkeypatch.context() as broken:
             broken.setattr(f"hapscene.paint.web.page.{place}", fail)
             with pytest.raises(ViewError):

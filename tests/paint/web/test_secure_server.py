@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
 
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from hapscene.errors import ViewError
@@ -20,11 +20,11 @@ from hapscene.paint.web.secure_server import (
     POLICY,
     PORT_MAX,
     SOCKET_PATH,
+    PageServer,
     StaticFile,
     free_port,
     guarded,
     host_names,
-    serve,
 )
 from hapscene.paint.web.viser_inside import harden
 from hapscene.web_listener import refusal_reason
@@ -59,15 +59,11 @@ def test_a_public_server_is_called_by_address_or_its_own_name_alone() -> None:
     assert refusal_reason({"Host": "rebound.example:80"}, names, True, upgrade=False)
 
 
-async def nobody(connection: Any) -> None:
-    """Serves nothing."""
-
-
 @pytest.mark.parametrize("host", ["203.0.113.9", "no-such-host.invalid", "a..b", "x" * 300])
 def test_a_host_that_is_not_here_is_refused_at_once(host: str) -> None:
     """viser would try a thousand ports, and then wait for ever."""
     with ThreadPoolExecutor(1) as pool, pytest.raises(ViewError, match=r"cannot be served.*--host 127\.0\.0\.1"):
-        pool.submit(serve, host, 0, TOKEN, nobody, CountedLog()).result(timeout=60)
+        pool.submit(PageServer, host, 0).result(timeout=60)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "0.0.0.0"])
@@ -172,3 +168,29 @@ def test_a_path_that_is_no_text_is_refused(server: Any) -> None:
     with socket.create_connection(("127.0.0.1", server.get_port()), timeout=20) as line:
         line.sendall(b"GET /\xff HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % server.get_port())
         assert line.recv(100).startswith(b"HTTP/1.1 403 ")
+
+
+def test_who_comes_before_there_is_something_to_show_gets_the_page_and_waits() -> None:
+    async def greet(connection: Any) -> None:
+        await connection.send("hello")
+
+    with PageServer("127.0.0.1", 0) as opened:
+        place = opened.url.removeprefix("http://").rstrip("/")
+        assert ask(opened.viser, f"/{place.partition('/')[2]}/")[0] == 200
+        host = place.partition("/")[0]
+        with connect(f"ws://{place}{SOCKET_PATH}", origin=f"http://{host}") as early:  # type: ignore[arg-type]
+            with pytest.raises(TimeoutError):
+                early.recv(timeout=0.2)
+            opened.handlers[SOCKET_PATH] = greet  # what was not there when it came
+            opened.admit()
+            assert early.recv(timeout=120) == "hello"
+    opened.close()  # once more is nothing
+
+
+def test_who_waits_is_let_go_when_it_ends() -> None:
+    with PageServer("127.0.0.1", 0) as opened:
+        place = opened.url.removeprefix("http://").rstrip("/")
+        host = place.partition("/")[0]
+        early = connect(f"ws://{place}{SOCKET_PATH}", origin=f"http://{host}")  # type: ignore[arg-type]
+    with early, pytest.raises(ConnectionClosed):
+        early.recv(timeout=120)
