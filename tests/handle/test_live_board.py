@@ -473,4 +473,4 @@ def test_threads_end_with_the_board() -> None:
     live = board(Wire(peer()))
     live.start(Sine())
     live.close()
-    assert threading.active_count() == before
+    assert threading.active_count() <= before  # fewer, where one of another test ended

@@ -145,7 +145,7 @@ def test_a_servo_that_is_never_entered_takes_nothing(blocks: list[str]) -> None:
     servo = Servo(make_scene(), MASS)
     assert "not begun" in repr(servo)
     servo.close()
-    assert not blocks and threading.active_count() == threads and "closed" in repr(servo)
+    assert not blocks and threading.active_count() <= threads and "closed" in repr(servo)
 
 
 def test_an_application_that_never_closes_its_servo_ends_without_a_word(tmp_path: Path) -> None:
