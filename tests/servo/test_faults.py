@@ -32,7 +32,7 @@ WITHIN_S = 0.02
 GUARDED_S = 0.1
 """And where the servo is: the guard sees it after 50 ms, and opens the port."""
 
-SLACK_S = 0.05 if os.getloadavg()[0] < (os.cpu_count() or 1) else 1.5
+SLACK_S = 0.05 if os.getloadavg()[0] < 0.5 * (os.cpu_count() or 1) else 1.5
 """How late a machine may be: one that is loaded gives the emulated board no time, either."""
 
 APPLICATION = """
