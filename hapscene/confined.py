@@ -86,7 +86,9 @@ def confined(
     order = json.dumps([name, arguments, memory_B, math.ceil(time_s), list(imports)])
     # -P: a file of the working folder is not taken for a module; its own path has what is imported here
     path = os.pathsep.join([str(Path(__file__).parents[1]), *(place for place in sys.path if place)])
-    environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    # Arrow's own allocator takes 128 MB at once, and with what is left nothing may be read
+    environment = os.environ | {"PYTHONPATH": path, **alone, "ARROW_DEFAULT_MEMORY_POOL": "system"}
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "hapscene.confined", order],
         stdin=file,

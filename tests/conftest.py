@@ -29,11 +29,11 @@ def shared() -> Path:
 
 @pytest.fixture
 def end_in_time() -> Iterator[Callable[["subprocess.Popen[str]"], None]]:
-    """Kills a process a minute after it was given, so that whatever a test reads from it ends."""
+    """Kills a process three minutes after it was given, so that whatever a test reads from it ends."""
     watchdogs = []
 
     def watch(process: "subprocess.Popen[str]") -> None:
-        watchdogs.append(threading.Timer(60.0, process.kill))
+        watchdogs.append(threading.Timer(180.0, process.kill))
         watchdogs[-1].start()
 
     yield watch

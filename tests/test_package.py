@@ -157,12 +157,12 @@ def test_the_demo_runs(installed: Installed) -> None:
 
 
 def touch(installed: Installed, *words: str | Path) -> None:
-    """From above down to 3 mm, in 0.2 s."""
-    (installed.work / "down.csv").write_text("t,x,y,z\n0,0,0,0.06\n0.2,0,0,0.003\n")
+    """From above down to 3 mm, in 0.05 s; interpreted, a tick takes 30 ms."""
+    (installed.work / "down.csv").write_text("t,x,y,z\n0,0,0,0.06\n0.05,0,0,0.003\n")
     more = ("--path", "down.csv", "--out", "felt", "--no-picture")
     installed.run("hapscene", "touch", *words, *more, NUMBA_DISABLE_JIT="1")
     summary = json.loads((installed.work / "felt" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["ticks"] > 190 and summary["ticks_in_contact"] > 5
+    assert summary["ticks"] > 45 and summary["ticks_in_contact"] > 1
     assert {"touch.npz", "touch.csv", "plots.png", "feel.wav"} <= {f.name for f in (installed.work / "felt").iterdir()}
 
 

@@ -1,16 +1,9 @@
 """The empty loop as a real process."""
 
 import time
-from collections.abc import Callable
 
 from hapscene_benchmarks.idle import IdleLoop
-
-
-def until(true: Callable[[], bool], patience_s: float = 60.0) -> None:
-    end_s = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
+from tests.until import until
 
 
 def test_it_waits_and_does_nothing_else_until_it_rests() -> None:

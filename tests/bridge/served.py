@@ -24,4 +24,4 @@ class Served:
 
     def end(self) -> str:
         self.process.terminate()
-        return self.process.communicate(timeout=60.0)[0]
+        return self.process.communicate(timeout=120.0)[0]

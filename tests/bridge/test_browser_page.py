@@ -46,7 +46,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
 
 def test_a_page_adds_paints_tunes_and_removes(page: Page) -> None:
     rows, said = page.locator("#bodies tr"), page.locator("#said")
-    expect(rows).to_have_count(1, timeout=30_000)
+    expect(rows).to_have_count(1, timeout=120_000)
     page.click("#add button")
     expect(rows).to_have_count(2)
     expect(rows.nth(1)).to_contain_text("box, 12 faces")  # closed, and wound outward: no note

@@ -4,7 +4,7 @@ import random
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +22,8 @@ sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
 
 import hapscene_client as client_file  # noqa: E402  # from the folder above
 from hapscene_client import AIM, FRAME, HELLO, ORDER, Client, pack  # noqa: E402
+
+from tests.until import until  # noqa: E402
 
 from .served import Served  # noqa: E402
 
@@ -41,12 +43,6 @@ def client(served: Served) -> Iterator[Client]:
     made = Client(port=served.port, up="y", handed="left")
     yield made
     made.close()
-
-
-def until(true: Callable[[], Any], patience_s: float = 20.0) -> None:
-    end_s = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
 
 
 def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[float]]:

@@ -130,11 +130,11 @@ def test_an_order_that_is_no_object_is_answered(server: BridgeServer, payload: b
 def test_a_slow_order_holds_up_no_frame_and_comes_before_the_next(server: BridgeServer) -> None:
     servo: Any = server.servo
     begun, going = Event(), Event()
-    servo.tune = lambda swatch, **numbers: (begun.set(), going.wait(20.0))
+    servo.tune = lambda swatch, **numbers: (begun.set(), going.wait(120.0))
     talk = Talk(server)
     first = server._answer(Packet(ORDER, talk.key, 2, b'{"order": "tune", "swatch": "plain", "numbers": {}}'), HERE)
     second = server._answer(Packet(ORDER, talk.key, 3, b'{"order": "counts"}'), HERE)
-    assert isinstance(first, Future) and isinstance(second, Future) and begun.wait(20.0)
+    assert isinstance(first, Future) and isinstance(second, Future) and begun.wait(120.0)
     talk.frame()
     assert not first.done() and not second.done()
     assert server._answer(Packet(ORDER, talk.key, 2, b"{}"), HERE) is None  # it is being done

@@ -19,10 +19,11 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 
 from hapscene.bridge.packets import FRAME, HELLO, ORDER, STATE, Frame, Packet, pack, pack_json, unpack  # noqa: E402
 from hapscene.bridge.web_door import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
+from tests.until import until  # noqa: E402
 
 from .client_packets import pack_frame, unpack_state  # noqa: E402
 from .served import Served  # noqa: E402
-from .test_server import Client, until  # noqa: E402
+from .test_server import Client  # noqa: E402
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 
@@ -79,7 +80,7 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
 
     def feel(z_m: float = 0.035) -> dict[str, Any]:
         game.frame(aim=(1.02, 0.01, z_m))  # on no diagonal, where either face may be felt
-        assert game.poll(1.0)
+        assert game.poll(60.0)
         return game.state
 
     game.order("start", p=[1.02, 0.01, 0.06])
@@ -113,13 +114,13 @@ def test_a_body_is_added_felt_tuned_painted_deformed_and_removed_while_a_game_pl
     assert told["swatches"] == ["plain", "wood", "leather"] and game.order("bodies") == told
     game.bodies, game.swatches = told["bodies"], told["swatches"]
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])
-    game.poll(1.0)
+    game.poll(60.0)
     total = game.impulse("box")
     assert total[2] < -0.001
     assert designer.order("remove", body="box") == {"done": "remove"}
     until(lambda: feel()["body"] == -1 and game.events and game.events[-1][1:3] == ("ended", "box"))
     game.frame(bodies=[("box", (1, 0, 0), (0, 0, 0, 1))])  # it has not heard of it yet, and goes on
-    assert game.poll(1.0) and game.impulse("box")[2] <= total[2]
+    assert game.poll(60.0) and game.impulse("box")[2] <= total[2]
     assert designer.order("bodies")["bodies"] == ["crate", ""]
     assert designer.order("add", name="box", like="crate")["body"] == 2
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +25,10 @@ from hapscene.cli import main
 from hapscene.errors import HapsceneError
 from hapscene.wire.protocol import Column, Count, Header, Run
 from tests.chromium import AXE, AXE_RUN, launched
+from tests.until import until
 
 PATIENCE_S = 120.0
 RATE_HZ = 10_000.0
-
-
-def until(true: Callable[[], Any]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.01)
 
 
 def stroked(live: LiveCoverage, seconds: float) -> None:

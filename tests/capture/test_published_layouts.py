@@ -10,7 +10,9 @@ import pytest
 from hapscene.capture.batch import gather
 from hapscene.capture.published_layouts import GAP_S, files_of, recognised, surfaces
 from hapscene.capture.recording_file import BridgedWarning, load_recording
+from hapscene.capture.recording_source import read_parquet
 from hapscene.cli import main
+from hapscene.confined import confined
 from hapscene.errors import CaptureError
 
 G = 9.80665
@@ -288,6 +290,16 @@ def test_parquet_is_read_as_other_tables_are(tmp_path: Path) -> None:
         (tmp_path / "oak.parquet").write_bytes(broken)
         with pytest.raises(CaptureError, match=r"oak\.parquet: "):
             load_recording(tmp_path / "oak.parquet", 1e4, **how)
+
+
+def test_parquet_is_read_with_whatever_memory_is_enough(tmp_path: Path) -> None:
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    place = tmp_path / "oak.parquet"
+    pq.write_table(pa.table({"force": np.full(1000, 2.0)}), place)
+    for memory_B in (100_000_000, 140_000_000):
+        with place.open("rb") as file:
+            how = {"by": "pyarrow", "memory_B": memory_B, "output_B": 10**6, "imports": ("pyarrow.parquet",)}
+            assert set(confined(read_parquet, file, str(place), **how).arrays["0 force"]) == {2.0}
 
 
 def test_parquet_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from hapscene.capture.record_many import record_many
 from hapscene.capture.record_simulator import strokes
 from hapscene.cli import main
 from hapscene.errors import CaptureError
+from tests.until import until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
@@ -56,13 +56,6 @@ def simulated(stack: ExitStack, count: int, *more: str, limit_s: float = LIMIT_S
 
 def ports_of(ports: list[str]) -> list[str]:
     return [word for port in ports for word in ("--port", port)]
-
-
-def wait_for(done: Callable[[], bool]) -> None:
-    end = time.monotonic() + LIMIT_S
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 def begun(path: Path) -> bool:
@@ -122,14 +115,14 @@ def test_a_source_that_dies_is_told_and_the_other_goes_on_until_ctrl_c(tmp_path:
         )
         child = stack.enter_context(process(*words, stderr=subprocess.PIPE))
         assert child.stdout is not None
-        wait_for(lambda: all(begun(tmp_path / f"a-{number}.hsrec") for number in (1, 2)))
+        until(lambda: all(begun(tmp_path / f"a-{number}.hsrec") for number in (1, 2)))
         os.kill(pids[1], signal.SIGKILL)
         lines = []
         while not lines or "the probe went away" not in lines[-1]:
             lines.append(child.stdout.readline())
             assert lines[-1], "it ended with the source"
         size_B = (tmp_path / "a-1.hsrec").stat().st_size
-        wait_for(lambda: (tmp_path / "a-1.hsrec").stat().st_size > size_B + 20_000)
+        until(lambda: (tmp_path / "a-1.hsrec").stat().st_size > size_B + 20_000)
         child.send_signal(signal.SIGINT)
         said, complained = child.communicate(timeout=LIMIT_S)
         assert child.returncode == 1 and complained == ""
@@ -145,7 +138,7 @@ def test_processes_end_with_the_killed_one_that_began_them_and_their_records_are
         ports, _ = simulated(stack, 2)
         words = ("hapscene.cli", "capture", "record", *ports_of(ports), "-o", str(tmp_path / "a.hsrec"))
         child = stack.enter_context(process(*words))
-        wait_for(lambda: all(begun(tmp_path / f"a-{number}.hsrec") for number in (1, 2)))
+        until(lambda: all(begun(tmp_path / f"a-{number}.hsrec") for number in (1, 2)))
         child.kill()
         assert child.stdout is not None
         child.stdout.read()  # its end comes when the last process that holds it has ended

@@ -172,7 +172,7 @@ def test_it_serves_until_it_is_ended_and_leaves_nothing_behind(folder: Path, kin
         with urllib.request.urlopen(url, timeout=60.0) as answer:
             assert b"/hapscene.js" in answer.read()
         os.killpg(process.pid, kind)  # as a terminal, a service manager and `timeout` do; the hand may still start
-        assert process.wait(60.0) == 0
+        assert process.wait(120.0) == 0
         assert process.stderr is not None and process.stderr.read() == ""
         assert process.stdout is not None
         assert "nothing was painted, so there is no cube.scene.json" in process.stdout.read()
@@ -195,7 +195,7 @@ def test_what_is_not_saved_is_kept_when_it_is_ended(folder: Path) -> None:
     )
     with served(folder, "painter.py") as (process, _):
         process.send_signal(signal.SIGTERM)
-        said, complained = process.communicate(timeout=60.0)
+        said, complained = process.communicate(timeout=120.0)
     assert process.returncode == 0 and complained == "" and "offered the next time" in said
     kept = find_recovery(folder / "cube.scene.json")
     assert kept is not None and [s.name for s in kept.load().swatches][1:] == ["wood"]

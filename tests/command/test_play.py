@@ -37,7 +37,7 @@ def test_ctrl_c_ends_it_with_the_summary() -> None:
         if "ticks/s" in line:
             break
     playing.send_signal(2)
-    out, errors = playing.communicate(timeout=60.0)
+    out, errors = playing.communicate(timeout=120.0)
     assert playing.returncode == 0 and "later than a period" in out and errors == ""
 
 

@@ -82,5 +82,5 @@ def test_a_follower_that_is_ended_says_how_it_went(kind: signal.Signals) -> None
         assert process.stdout is not None
         assert "a follower listens at 127.0.0.1:" in process.stdout.readline()
         process.send_signal(kind)
-        told, complained = process.communicate(timeout=60.0)
+        told, complained = process.communicate(timeout=120.0)
     assert process.returncode == 0 and complained == "" and json.loads(told)["ended"] == "it was stopped"

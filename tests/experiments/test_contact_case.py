@@ -16,6 +16,9 @@ def test_answers(cases) -> None:
         assert answer.ok, answer
 
 
-def test_chart(tmp_path: Path) -> None:
+def test_chart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of made-up figures; those that are drawn are held to the closed forms above."""
+    for name, value in (("limit_of_motion", 100.0), ("swing", 1e-3), ("dragged", (0.0, 0.0)), ("solved", (0.1, 1e-3))):
+        monkeypatch.setattr(f"hapscene_experiments.contact_case.{name}", lambda *_, value=value: value)
     draw_contact(tmp_path / "contact.png")
     assert (tmp_path / "contact.png").read_bytes().startswith(b"\x89PNG")

@@ -24,6 +24,7 @@ from hapscene.handle.playback import spectrogram_error
 from hapscene.handle.port_simulator import COLUMNS, Peer
 from hapscene.handle.serial_handle import BUFFER, START
 from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
+from tests.until import until
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -108,18 +109,11 @@ def board(wire: Wire, **other: Any) -> LiveBoard:
     return LiveBoard("wire", wire, **told | other)
 
 
-def wait(done: Any, patience_s: float = 10.0) -> None:
-    until_s = time.monotonic() + patience_s
-    while not done():
-        assert time.monotonic() < until_s, "it does not come"
-        time.sleep(1e-3)
-
-
 def test_what_is_pulled_is_put_out_in_order_and_comes_back() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    wait(lambda: feed.count > 3000)
+    until(lambda: feed.count > 3000)
     live.close()
     number, acceleration = feed.check()
     out = wire.force[wire.force != 0]
@@ -170,10 +164,10 @@ def test_a_handle_whose_computer_dies_is_still_within_the_watchdog() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    wait(lambda: feed.count > 500)
+    until(lambda: feed.count > 500)
     wire.write = lambda data: None  # type: ignore[method-assign]
     before = len(wire.heard)
-    wait(lambda: len(wire.heard) > before + 30)
+    until(lambda: len(wire.heard) > before + 30)
     said = np.concatenate(list(wire.heard)[before:])
     assert not said[int(0.021 * RATE_HZ) + 10 :, 1].any()
     live.close()
@@ -183,11 +177,11 @@ def test_a_computer_that_stood_still_begins_anew_faded() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    wait(lambda: feed.count > 500)
+    until(lambda: feed.count > 500)
     wire.peer.give(200)  # 40 ms pass
-    wait(lambda: live.counts["watchdog"] == 1)
+    until(lambda: live.counts["watchdog"] == 1)
     count = feed.count
-    wait(lambda: feed.count > count + 500)
+    until(lambda: feed.count > count + 500)
     live.close()
     assert feed.fades == 2 and live.fault == ""
     number, _ = feed.check()
@@ -198,9 +192,9 @@ def test_a_board_that_restarts_is_started_again() -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    wait(lambda: feed.count > 500)
+    until(lambda: feed.count > 500)
     wire.peer = peer()
-    wait(lambda: feed.fades == 2)
+    until(lambda: feed.fades == 2)
     live.close()
     assert live.counts["restarts"] == 1
     feed.check()
@@ -216,7 +210,7 @@ def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
     live = board(wire, ahead_s=0.05)
     wire.write = lambda data: wire.peer.take(some(data))  # type: ignore[method-assign]
     live.start(feed)
-    wait(lambda: feed.count > 3000)
+    until(lambda: feed.count > 3000)
     live.close()
     assert live.counts["lost"] > 10 and live.fault == ""
     feed.check(lost=True)
@@ -235,7 +229,7 @@ def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> N
     wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
     live = board(wire, watchdog_s=0.1)
     live.start(feed)
-    wait(lambda: feed.count > 1000)
+    until(lambda: feed.count > 1000)
     live.close()
     assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
     feed.check()
@@ -280,9 +274,9 @@ def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
     wire, feed = Wire(peer()), Sine()
     live = board(wire)
     live.start(feed)
-    wait(lambda: feed.count > 200)
+    until(lambda: feed.count > 200)
     setattr(wire, way, "torn out")
-    wait(lambda: live.fault != "")
+    until(lambda: live.fault != "")
     live.close()
     assert words in live.fault and wire.closed
 
@@ -383,7 +377,7 @@ def throw_at_a_computer(count: int) -> None:
 
         wire.spoil = spoil
         live.start(feed)
-        wait(lambda: thrown[0] > 4000 or live.fault != "", 60.0)  # noqa: B023
+        until(lambda: thrown[0] > 4000 or live.fault != "")  # noqa: B023
         live.close()
         assert wire.closed and not peer_force(wire.peer), seed
         assert np.abs(wire.force).max() <= 20_000  # never more than was pulled
@@ -479,4 +473,4 @@ def test_threads_end_with_the_board() -> None:
     live = board(Wire(peer()))
     live.start(Sine())
     live.close()
-    assert threading.active_count() == before
+    assert threading.active_count() <= before  # fewer, where one of another test ended

@@ -67,7 +67,7 @@ class Wire:
     def close(self) -> None:
         self.over.set()
         if self._thread is not None:
-            self._thread.join(5.0)
+            self._thread.join(120.0)
         os.close(self.ours)
         os.close(self._theirs)
         assert not self.failed, self.failed

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from .tab import until
+from tests.until import until
 
 PATIENCE_S = 180.0
 """How long anything may take on a machine that does much else besides [s]."""
@@ -40,7 +40,7 @@ class Composer:
 
     def bodies(self, *names: str) -> None:
         """Wait until the tree has these bodies."""
-        until(lambda: self.tab.evaluate(ROWS) == list(names), PATIENCE_S)
+        until(lambda: self.tab.evaluate(ROWS) == list(names))
 
     def see_bodies(self) -> None:
         self.tab.get_by_role("tab", name="Bodies").click()

@@ -3,8 +3,6 @@
 import contextlib
 import json
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -16,17 +14,9 @@ from websockets.sync.client import connect
 
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.secure_server import SOCKET_PATH
+from tests.until import until
 
 SIZE = (800, 600)
-
-
-def until(true: Callable[[], Any], patience_s: float = 30.0) -> Any:
-    """Wait for something that another thread does in its own time."""
-    end_s = time.monotonic() + patience_s
-    while not (found := true()):
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
-    return found
 
 
 class Tab:

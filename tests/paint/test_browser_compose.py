@@ -15,9 +15,9 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 from hapscene.paint.document import find_recovery
 from hapscene.scene.scene import load_scene
 from hapscene_benchmarks.paint_browser import find_chromium
+from tests.until import until
 
-from .composer import PATIENCE_S, Composer, painter
-from .tab import until
+from .composer import Composer, painter
 
 CHROMIUM = find_chromium()
 
@@ -98,7 +98,7 @@ def test_a_scene_is_composed_saved_killed_and_found_again(browser: Any, foreign:
         page.press("choose", "cone")
         page.put("place y", "123")
         page.did("move 'cone'")
-        until(lambda: any((folder / ".cube.autosave").glob("*/cube.scene.json")), PATIENCE_S)
+        until(lambda: any((folder / ".cube.autosave").glob("*/cube.scene.json")))
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert not page.troubles
@@ -122,7 +122,7 @@ def test_a_scene_is_composed_saved_killed_and_found_again(browser: Any, foreign:
         assert process.stdout is not None
         said = process.stdout.readline()  # the line after the address
         assert "cube.scene.json was saved at" in said and "ended without saving" in said
-        assert process.wait(60.0) == 0 and not page.troubles
+        assert process.wait(120.0) == 0 and not page.troubles
     assert load_scene(folder / "cube.scene.json").body("cone").X_WB[1, 3] == moved_m
     assert find_recovery(folder / "cube.scene.json") is None
     assert [file.name for file in folder.glob("*.scene.json")] == ["cube.scene.json"]

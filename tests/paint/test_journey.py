@@ -27,9 +27,9 @@ import hapscene
 from hapscene.exchange import import_scene
 from hapscene.paint.document import find_recovery
 from hapscene_benchmarks.paint_browser import find_chromium
+from tests.until import until
 
-from .composer import PATIENCE_S, Composer, painter
-from .tab import until
+from .composer import Composer, painter
 
 pytestmark = [
     pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium"),
@@ -65,7 +65,7 @@ class Top:
         page.tab.mouse.move(5, 300)
         page.tab.keyboard.press("Shift+5")
         self._left_px, self._across_px = 0, 0
-        until(self._is_seen, PATIENCE_S)
+        until(self._is_seen)
 
     def _is_seen(self) -> bool:
         """Whether the cube stands still, a square in the middle; then its middle and size are known."""
@@ -136,7 +136,7 @@ def type_in(page: Composer, label: str, value: str) -> None:
     page.tab.keyboard.press("Control+a")
     page.tab.keyboard.type(value)
     page.tab.keyboard.press("Enter")
-    until(lambda: field.input_value() == value, PATIENCE_S)
+    until(lambda: field.input_value() == value)
 
 
 @pytest.fixture
@@ -188,14 +188,14 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         pick(page, "sandpaper-p60")
         plain = top.colour(DAB)
         top.drag(DAB)
-        until(lambda: (top.colour(DAB) != plain).any(), PATIENCE_S)
+        until(lambda: (top.colour(DAB) != plain).any())
         np.testing.assert_allclose(top.borders_mm(DAB), RADIUS_MM, atol=CLOSE_MM)
         keep(page, "5-border")
 
         type_in(page, "Softness [%]", "100")
         pick(page, "leather")
         top.drag(np.add(SOFT, (0, -4)), np.add(SOFT, (0, 4)))
-        until(lambda: (top.colour(SOFT) != plain).any(), PATIENCE_S)
+        until(lambda: (top.colour(SOFT) != plain).any())
         picture = top.picture()
         way = np.array([top.colour(np.add(SOFT, (x, 0)), picture) for x in np.linspace(0, RADIUS_MM, 9)], float)
         share = (way - way[-1]) @ (way[0] - way[-1]) / np.square(way[0] - way[-1]).sum()
@@ -228,7 +228,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         pick(page, "leather")
         top.drag(LATER)
         page.wait("window.hapscene.state.dirty")
-        until(lambda: any((folder / f".{CUBE}.autosave").glob("*/*.scene.json")), PATIENCE_S)
+        until(lambda: any((folder / f".{CUBE}.autosave").glob("*/*.scene.json")))
         keep(page, "8-before-the-end")
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -251,7 +251,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         page.wait("!window.hapscene.state.dirty")
         page.tab.get_by_role("tab", name="File").click()
         page.tab.get_by_role("button", name="Export", exact=True).click()
-        until((folder / f"{CUBE}.glb").is_file, PATIENCE_S)
+        until((folder / f"{CUBE}.glb").is_file)
         page.wait("document.getElementById('hs-say').textContent.startsWith('Exported')")
         keep(page, "11-exported")
         narrow = Composer(browser, url, (390, 844))
@@ -259,7 +259,7 @@ def test_ten_minutes_with_foreign_files(browser: Any, shared: Path, tmp_path: Pa
         keep(narrow, "12-narrow")
         assert not page.troubles and not narrow.troubles
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60.0) == 0
+        assert process.wait(120.0) == 0
 
     scene = hapscene.load_scene(file)
     bunny, cube, duck = (scene.body(name) for name in ("bunny", CUBE, "Duck"))

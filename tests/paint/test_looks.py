@@ -17,9 +17,9 @@ from hapscene.paint.shelf import Phrase
 from hapscene.paint.web.page import TABS, Page
 from hapscene.paint.web.shelf_panel import _figure_html
 from hapscene_benchmarks.paint_browser import browser, do, find_chromium
+from tests.until import until
 
 from .conftest import library_in, mesh_of
-from .tab import until
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 

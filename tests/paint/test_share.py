@@ -22,9 +22,9 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.servo.servo import TickLog
 from hapscene_benchmarks.paint_browser import browser, find_chromium
+from tests.until import until
 
 from .conftest import library_in
-from .tab import until
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
@@ -98,7 +98,7 @@ def test_what_was_felt_is_played_again_and_comes_down(page: Page, tab: Any) -> N
     tab.get_by_role("button", name="Play again").click()
     tab.wait_for_function("Math.max(...window.hapscene.trace.force) > 0.69")
     tab.wait_for_function("window.hapscene.sound.heard >= 4000 && window.hapscene.sound.peak > 0.9")
-    until(lambda: not recorder.playing, PATIENCE_S)
+    until(lambda: not recorder.playing)
 
     name, content = download(tab, "Download WAV")
     rate_Hz, heard = wavfile.read(io.BytesIO(content))
@@ -150,5 +150,5 @@ def test_a_picture_is_painted_and_undone_and_scenes_go_down_and_up(page: Page, t
     tab.wait_for_function(f"{SAID}.includes('evil.scene.zip: ') && {SAID}.includes('would lie outside')")
     assert not list(session.path.parent.parent.glob("**/escaped_share*"))  # other tests have their folders there
     upload(tab, "scene", square__scene__zip=content)
-    until(lambda: page.context.session.path == session.path.parent / "square" / "square.scene.json", PATIENCE_S)
+    until(lambda: page.context.session.path == session.path.parent / "square" / "square.scene.json")
     assert (page.context.session.scene.bodies[0].face_swatch == 2).all()

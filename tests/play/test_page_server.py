@@ -4,7 +4,7 @@ import json
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +24,7 @@ from hapscene.play import page_server
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
+from tests.until import until
 
 
 def make_scene() -> Scene:
@@ -46,13 +47,6 @@ def connect(page: PageServer, token: str | None = None, origin: str | None = "")
     root = page.url if token is None else f"http://127.0.0.1:{page.address[1]}/{token}/"
     origin = page.url.rpartition("/")[0].rpartition("/")[0] if origin == "" else origin
     return connect_socket(f"ws{root[4:]}socket", origin=origin)  # type: ignore[arg-type]
-
-
-def until(true: Callable[[], Any], patience_s: float = 60.0) -> None:
-    end_s = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
 
 
 def status(url: str, **headers: str) -> int:

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
 from hapscene.servo.shared_memory import Channel, open_channel
+from tests.until import until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="neither these signals nor named memory there")
 
@@ -31,7 +31,7 @@ MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
 APPLICATION = """
 import sys, time
 sys.path.insert(0, {folder!r})
-from test_ending import MASS, make_scene
+from tests.servo.test_ending import MASS, make_scene
 from hapscene.servo import Servo
 if __name__ == "__main__":
     with Servo(make_scene(), MASS) as servo:
@@ -57,7 +57,7 @@ def make_scene() -> Scene:
 def begin(folder: Path, text: str) -> subprocess.Popen[str]:
     """A program, as a process that leads a group of its own."""
     script = folder / "application.py"
-    script.write_text(text.format(folder=str(Path(__file__).parent)))
+    script.write_text(text.format(folder=str(Path(__file__).parents[2])))
     return subprocess.Popen(
         [sys.executable, str(script)],
         stdout=subprocess.PIPE,
@@ -65,14 +65,6 @@ def begin(folder: Path, text: str) -> subprocess.Popen[str]:
         text=True,
         start_new_session=True,
     )
-
-
-def until(true: Callable[[], bool], patience_s: float = 60.0) -> None:
-    """Wait for something that another process does in its own time."""
-    end_s = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -114,7 +106,7 @@ def test_a_killed_application_leaves_nothing_and_says_nothing(tmp_path: Path, al
         os.killpg(application.pid, signal.SIGKILL)
     else:
         application.kill()
-    assert application.communicate(timeout=60.0) == ("", "")  # the pipes end with the last process that has them
+    assert application.communicate(timeout=120.0) == ("", "")  # the pipes end with the last process that has them
     assert not Path("/dev/shm", name).exists()
 
 
@@ -153,14 +145,14 @@ def test_a_servo_that_is_never_entered_takes_nothing(blocks: list[str]) -> None:
     servo = Servo(make_scene(), MASS)
     assert "not begun" in repr(servo)
     servo.close()
-    assert not blocks and threading.active_count() == threads and "closed" in repr(servo)
+    assert not blocks and threading.active_count() <= threads and "closed" in repr(servo)
 
 
 def test_an_application_that_never_closes_its_servo_ends_without_a_word(tmp_path: Path) -> None:
     text = APPLICATION.replace("    with Servo(make_scene(), MASS) as servo:", "    servo = Servo(make_scene(), MASS)")
     text = text.replace("        time.sleep(600.0)", "").replace("        print(", "    servo.__enter__()\n    print(")
     application = begin(tmp_path, text)
-    out, errors = application.communicate(timeout=60.0)
+    out, errors = application.communicate(timeout=120.0)
     assert (application.returncode, errors) == (0, "")
     assert not Path("/dev/shm", out.strip()).exists()
 
@@ -187,7 +179,7 @@ def test_a_start_under_way_can_be_cancelled() -> None:
 ENTER = """
 import sys
 sys.path.insert(0, {folder!r})
-from test_ending import MASS, make_scene
+from tests.servo.test_ending import MASS, make_scene
 from hapscene.errors import HapsceneError
 from hapscene.servo import Servo
 if __name__ == "__main__":
@@ -208,7 +200,7 @@ def enter_with(mount: str, folder: Path) -> str:
     tried = [enter or "unshare", "-m", "sh", "-c", f"mount -t tmpfs {mount}"]
     if sys.platform != "linux" or enter is None or subprocess.run(tried, capture_output=True).returncode:
         pytest.skip("only where a Linux lets its tests mount a folder (root)")
-    (folder / "application.py").write_text(ENTER.format(folder=str(Path(__file__).parent)))
+    (folder / "application.py").write_text(ENTER.format(folder=str(Path(__file__).parents[2])))
     done = subprocess.run([enter, "-m", "sh", "-c", command], capture_output=True, text=True, timeout=120.0)
     assert (done.returncode, done.stderr) == (0, "")  # no SIGBUS, and nothing of the resource tracker's
     return done.stdout.strip()
@@ -234,7 +226,7 @@ USED = """
 import os, sys
 from multiprocessing import shared_memory
 sys.path.insert(0, {folder!r})
-from test_ending import MASS, make_scene
+from tests.servo.test_ending import MASS, make_scene
 from hapscene.servo import Servo
 if __name__ == "__main__":
     shared_memory._make_filename = lambda: f"/of-{{os.getpid()}}"
@@ -260,7 +252,7 @@ def test_killed_at_any_time_nothing_stays(seed: int, tmp_path: Path) -> None:
     time.sleep(chance.uniform(0.0, 0.3))  # any moment after that
     of_servo = seed % 3 == 1
     os.kill(int(said[1]) if of_servo else application.pid, signal.SIGKILL)
-    errors = application.communicate(timeout=60.0)[1]  # its pipes end with the last process that has them
+    errors = application.communicate(timeout=120.0)[1]  # its pipes end with the last process that has them
     if of_servo:
         assert "HapsceneError: the servo's process has ended (exit code -9)" in errors
     elif running:  # before, Python's own resource tracker tells what it had to clean up

@@ -15,8 +15,9 @@ from hapscene.flags import Flag
 from hapscene.play.monitor import Monitor, later_than
 from hapscene.scene.mesh import Mesh
 from hapscene.servo import Servo
+from tests.until import until
 
-from .test_servo import MASS, until
+from .test_servo import MASS
 
 MESHES = [
     Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=n, radius=0.05), "m")
@@ -41,7 +42,7 @@ def test_it_steps_down_while_its_time_is_taken_away_and_up_again_when_it_has_it(
         until(lambda: servo.state().touching and servo.state().tick > 500)
         monitor = Monitor(servo)
         begun, pid = servo.state().tick, servo._process.pid
-        end_s = time.monotonic() + 30.0
+        end_s = time.monotonic() + 120.0
         while servo.state().level < 2 and time.monotonic() < end_s:
             os.kill(pid, signal.SIGSTOP)
             time.sleep(0.004)
@@ -52,7 +53,7 @@ def test_it_steps_down_while_its_time_is_taken_away_and_up_again_when_it_has_it(
         assert "coarser: level 3 of 3" in monitor.lines()
         monitor.close()
         until(lambda: servo.state().tick > begun + 3000)
-        deadline_s = time.monotonic() + 15.0
+        deadline_s = time.monotonic() + 120.0
         while servo.state().level > 0 and time.monotonic() < deadline_s:
             time.sleep(0.05)
         ended, since = servo.state(), servo.lateness().since(calm)

@@ -22,6 +22,7 @@ from hapscene.flags import Flag
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
+from tests.until import until
 
 MASS = PointMass(0.045, 0.1, 0.26, 5.5e-5)
 
@@ -40,14 +41,6 @@ def make_scene() -> Scene:
 def servo() -> Iterator[Servo]:
     with Servo(make_scene(), MASS) as running:
         yield running
-
-
-def until(true: Callable[[], bool], patience_s: float = 20.0) -> None:
-    """Wait for something that the process does in its own time."""
-    end_s = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
 
 
 def until_tick(servo: Servo, tick: int) -> None:

@@ -130,7 +130,7 @@ def test_a_sound_that_is_closed_breaks_off(maker: StimulusMaker) -> None:
     playing = Thread(target=player.ready(Interval(told_of, 1)))
     playing.start()
     player.close()
-    playing.join(60.0)
+    playing.join(120.0)
     assert not playing.is_alive()
 
 

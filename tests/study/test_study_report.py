@@ -65,6 +65,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    return report(folder)
+
+
 @pytest.fixture
 def answered(tmp_path: Path) -> Callable[..., Path]:
     """A folder in which one person has given so many answers, all of them right."""
@@ -83,8 +88,8 @@ def text_of(page: str) -> str:
     return " ".join(unescape(re.sub("<[^>]*>", " ", re.sub(r"(?s)<(style|svg).*?</\1>", " ", page))).split())
 
 
-def test_its_numbers_are_those_of_the_statistics(folder: Path) -> None:
-    page, findings = text_of(report(folder)), analyse(folder).findings
+def test_its_numbers_are_those_of_the_statistics(folder: Path, page: str) -> None:
+    page, findings = text_of(page), analyse(folder).findings
     together = [one for one in findings if not one.person]
     assert {one.quantity for one in together} >= {"threshold", "d′", "right", "rating", "difference of ratings"}
     for one in together:
@@ -93,8 +98,7 @@ def test_its_numbers_are_those_of_the_statistics(folder: Path) -> None:
         assert not one.verdict or f"{one.what} : {one.verdict}" in page, one
 
 
-def test_every_block_has_its_plots_and_each_is_told_in_words(folder: Path) -> None:
-    page = report(folder)
+def test_every_block_has_its_plots_and_each_is_told_in_words(page: str) -> None:
     titles = ["Ratings", "Differences", "Right answers", "d′, abx independent", "d′, abx difference", "d′, 2ifc"]
     for title in [*titles, "Psychometric function", "Thresholds"]:
         assert f"<h3>{title}</h3>" in page, title
@@ -104,14 +108,13 @@ def test_every_block_has_its_plots_and_each_is_told_in_words(folder: Path) -> No
     assert all(f"<th>S{k:03}</th>" in page for k in range(1, 9))
 
 
-def test_it_is_one_page_that_fetches_nothing_and_runs_nothing(folder: Path) -> None:
-    page = report(folder)
+def test_it_is_one_page_that_fetches_nothing_and_runs_nothing(page: str) -> None:
     assert "<script" not in page and "<b>" not in page and "&lt;b&gt;Surfaces&lt;/b&gt; &amp; more" in page
     assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', page) and "default-src 'none'" in page
 
 
-def test_it_says_that_nobody_was_asked_only_where_nobody_was(folder: Path, answered: Callable[..., Path]) -> None:
-    assert "Nobody was asked" in report(folder)
+def test_it_says_that_nobody_was_asked_only_where_nobody_was(page: str, answered: Callable[..., Path]) -> None:
+    assert "Nobody was asked" in page
     assert "Nobody was asked" not in report(answered(3))
 
 

@@ -19,6 +19,7 @@ from hapscene.study.sitting import Sitting
 from hapscene.study.study_server import StudyServer, practice_trials
 from hapscene.study.trial_order import Interval
 from tests.chromium import AXE, AXE_RUN, launched
+from tests.until import until
 
 SECRETS = ("zebra", "yak", "secretblock", "wood", "paper")
 
@@ -79,13 +80,6 @@ class FakePlayer:
 
     def report(self) -> dict[str, float]:
         return {}
-
-
-def until(true: Callable[[], Any]) -> None:
-    end_s = time.monotonic() + 120.0
-    while not true():
-        assert time.monotonic() < end_s, "it never came true"
-        time.sleep(0.005)
 
 
 Asked = tuple[StudyServer, Sitting, FakePlayer]

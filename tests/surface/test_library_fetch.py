@@ -453,7 +453,7 @@ def test_a_slow_server_is_left_at_once(server: Server) -> None:
     code = "import sys; from hapscene.cli import main; sys.exit(main(sys.argv[1:]))"
     words = [sys.executable, "-c", code, "swatch", "get", "--from", server.url]
     with subprocess.Popen(words, stderr=subprocess.PIPE) as process:
-        assert asked.wait(60.0)
+        assert asked.wait(120.0)
         process.send_signal(signal.SIGINT)
         start_s = time.monotonic()
         _, said = process.communicate()

@@ -196,7 +196,7 @@ def test_two_processes_stay_passive_over_a_bad_line_and_end_at_ctrl_c() -> None:
         leader.stdout.readline()
         leader.stdout.readline()
         leader.send_signal(signal.SIGINT)
-        told = [process.communicate(timeout=30) for process in (leader, follower)]
+        told = [process.communicate(timeout=120.0) for process in (leader, follower)]
     finally:
         for process in (leader, follower):
             if process is not None and process.poll() is None:

@@ -184,7 +184,7 @@ def test_it_goes_with_the_one_that_started_it(
         assert application.stdout.readline() == "drawing\n"
         assert len(list((tmp_path / "temporary").glob("hapscene-*/stage.npz"))) == 1
         application.send_signal(getattr(signal, kind))
-        assert application.communicate(timeout=60.0) == ("", None)  # the pipe ends with the last process that has it
+        assert application.communicate(timeout=120.0) == ("", None)  # the pipe ends with the last process that has it
     assert list((tmp_path / "temporary").iterdir()) == []
 
 

@@ -24,7 +24,7 @@ from hapscene.view.palette import FORCE, LIGHT, rgb
 from hapscene.view.window import Player, check_display, felt, play_in_window
 from hapscene_benchmarks.screen import virtual_screen
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from hapscene.wire.port import BAUD, POLL_S, Port, simulated_port, simulator_par
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture

@@ -20,8 +20,9 @@ from hapscene.paint.web.body_panel import BodyPanel
 from hapscene.paint.web.page import Page
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
+from tests.until import until
 
-from ..tab import Tab, until
+from ..tab import Tab
 
 
 def html_of(tab: Tab, piece: str) -> str:
@@ -245,7 +246,7 @@ def test_a_picture_holds_nobody_up_and_paints_over_nothing_newer(
     def slow(*arguments: object) -> None:
         painters.append(threading.Thread(target=session.fill_body, args=("plate", 0), daemon=True))
         painters[0].start()
-        painters[0].join(10.0)
+        painters[0].join(120.0)
         assert not painters[0].is_alive(), "a picture holds the scene while it is read"
 
     monkeypatch.setattr("hapscene.paint.web.picture_panel.paint_by_picture", slow)

@@ -15,9 +15,10 @@ from hapscene.fidelity.fidelity_file import save_fidelity
 from hapscene.paint.document import autosave_folder, find_recovery
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
+from tests.until import until
 
 from ..conftest import make_scene
-from ..tab import Tab, until
+from ..tab import Tab
 
 
 @pytest.fixture

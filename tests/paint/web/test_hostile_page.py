@@ -24,12 +24,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from hapscene.paint.web.secure_server import CONNECTIONS_MAX, FRAME_BYTES_MAX
-
-from ..tab import until
+from tests.until import until
 
 ESCAPE = "\x1b]0;owned\x07\x1b[31m"
 GET = b"GET / HTTP/1.1\r\n"
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 class Painter(NamedTuple):
@@ -90,7 +89,7 @@ def painter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Painter]:
     with (folder / "said").open("w") as said, (folder / "complained").open("w") as complained:
         process = subprocess.Popen([*command, "--no-browser"], cwd=folder, stdout=said, stderr=complained, text=True)
     try:
-        found = until(lambda: re.search(r"http://([^/]+)/([^/]+)/", (folder / "said").read_text()), 120.0)
+        found = until(lambda: re.search(r"http://([^/]+)/([^/]+)/", (folder / "said").read_text()))
         name, port = found[1].split(":")
         with socket.create_connection((name, int(port)), PATIENCE_S) as slow:
             slow.sendall(GET)  # the rest never comes

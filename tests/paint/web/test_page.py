@@ -34,9 +34,10 @@ from hapscene.scene.scene import load_scene
 from hapscene.surface.library import add, own_entries
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.swatch_file import save_swatch
+from tests.until import until
 
 from ..conftest import make_scene
-from ..tab import Tab, until
+from ..tab import Tab
 
 TOP = (0.01, 0.0, 0.02)
 """On top of the ball."""
@@ -383,7 +384,7 @@ def test_what_a_recording_does_not_say_is_asked(page: Page, tab: Tab, library: P
     tab.set("Name", "my oak")
     tab.settle()
     tab.set("Fit", True)
-    until(lambda: tab.page.context.tools.chosen == "my oak", 90.0)
+    until(lambda: tab.page.context.tools.chosen == "my oak")
     (entry,) = own_entries()
     assert entry.name == "my oak" and "oak.csv" in entry.provenance and entry.figures["roughness_m_s2"] > 0.1
 

@@ -11,9 +11,10 @@ import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
 from hapscene.paint.web.tools import RADIUS_SHARE
+from tests.until import until
 
 from ..conftest import make_scene
-from ..tab import Tab, until
+from ..tab import Tab
 
 TOP = np.array([0.01, 0.0, 0.02])
 """On top of the ball."""

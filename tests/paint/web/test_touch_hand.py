@@ -91,7 +91,7 @@ def run(act: Callable[[TouchHand, list[Notes], list[str]], Any], refuse: str | N
 
 
 async def until(true: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(120.0):
         while not true():
             await asyncio.sleep(0.001)
 
@@ -171,7 +171,7 @@ def test_what_is_refused_holds_up_nothing_behind_it() -> None:
     async def act(touch: TouchHand, made: list[Notes], said: list[str]) -> None:
         touch.tune("gone", {"stiffness_N_m": 1.0})
         touch.tune("wood", {"stiffness_N_m": 300.0})
-        await asyncio.wait_for(done(made[0], 1), 10.0)
+        await asyncio.wait_for(done(made[0], 1), 120.0)
         assert made[0].orders == [("tune", "wood", {"stiffness_N_m": 300.0})] and "gone" in said[0]
 
     run(act)
@@ -266,7 +266,7 @@ async def feel(hold: HandConfig, force_N: float) -> tuple[TickLog, list[str]]:
     try:
         await touch.open(scene, 0.001)
         assert touch.press(place, nhat, force_N, stiffness)
-        end_s, right, newest = time.monotonic() + 60.0, 0, 0
+        end_s, right, newest = time.monotonic() + 120.0, 0, 0
         while right < 300 or newest < 1000:
             assert time.monotonic() < end_s and not said, "the force never was what was asked for"
             await asyncio.sleep(0.025)
@@ -304,7 +304,7 @@ def test_a_press_arrives_and_lands_softly(grip: str, force_N: float, peak_N: flo
         try:
             await touch.open(scene, 0.001)
             touch.press(place, nhat, force_N, scene.swatches[1].stiffness_N_m)
-            felt_N, end_s = np.zeros(0), time.monotonic() + 60.0
+            felt_N, end_s = np.zeros(0), time.monotonic() + 120.0
             while np.count_nonzero(felt_N) < 500:
                 assert time.monotonic() < end_s, "it never arrives"
                 await asyncio.sleep(0.015)
@@ -331,7 +331,7 @@ def test_a_page_that_closes_does_not_wait_for_a_hand_that_starts() -> None:
 
         def __enter__(self) -> "Slow":
             self.begun.set()
-            assert self.given_up.wait(60.0)
+            assert self.given_up.wait(120.0)
             raise HapsceneError("given up")
 
         def cancel(self) -> None:

@@ -143,7 +143,7 @@ class NullSink:
 
     def close(self) -> None:
         self._daemon.terminate()
-        self._daemon.wait(10.0)
+        self._daemon.wait(120.0)
 
     @staticmethod
     def recorded(file: Path) -> np.ndarray:

@@ -5,7 +5,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,6 +15,7 @@ from hapscene.bound_call import BoundCall, loaded
 from hapscene.errors import DeviceError
 from hapscene.native import INTERPRETED
 from hapscene_plugins.devices.openhaptics import DRIVER, ERRORS, OpenHapticsConnection
+from tests.until import until
 
 from .vendor_desk import Desk, desk, emulator
 
@@ -49,13 +49,6 @@ def device(desk: Desk) -> Iterator[OpenHapticsConnection]:
     lay(desk)
     with connect() as opened:
         yield opened
-
-
-def until(over: Any) -> None:
-    end = time.monotonic() + 5.0
-    while not over():
-        assert time.monotonic() < end
-        time.sleep(1e-3)
 
 
 def serve(device: OpenHapticsConnection, *wanted: float) -> BoundCall:

@@ -1,7 +1,6 @@
 """WoodenHaptics: reports as published, its geometry, its watchdog."""
 
 import struct
-import time
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from hapscene_plugins.devices.woodenhaptics import (
     currents,
     forward,
 )
+from tests.until import until
 
 
 def test_reports_are_eight_bytes_little_endian() -> None:
@@ -56,9 +56,7 @@ def test_place_current_and_watchdog_on_the_wire(emulate) -> None:
         np.testing.assert_allclose(device.state.p_DT_m[0], (y, -x, z))
         last = woody.rows()[-1]
         assert tuple(last[1:4]) == currents((0.0, 0.0, 2.0), body_angles((500, -4000, 1000)), "+--")
-        end_s = time.monotonic() + 2.0
-        while any(woody.rows()[-1][1:4]) and time.monotonic() < end_s:
-            time.sleep(0.02)
+        until(lambda: not any(woody.rows()[-1][1:4]))
         assert 0.45e9 < woody.rows()[-1][0] - last[0] < 0.7e9
 
 
