@@ -55,9 +55,10 @@ class Sitting:
             UserWarning: answers that do not say what they are to: earlier versions did not keep it.
         """
         self.plan, self.folder, self.person = plan, Path(folder), check_name("person", person)
-        _keep_plan(plan, self.folder)
+        _check_plan(plan, self.folder)
         self._file = ResultsFile(self.folder / RESULTS)
         try:
+            _keep_plan(plan, self.folder, answered=bool(self._file.rows))
             self.cut_B = self._file.cut_B
             rows = self._file.rows
             self._sources = sources(plan)
@@ -100,7 +101,7 @@ class Sitting:
                 "answer": choice,
                 "correct": None if trial.correct is None else int(choice == trial.correct),
                 "level": trial.level,
-                "stimuli_sha256": self._stimuli_sha256([one.stimulus["name"] for one in trial.intervals]),
+                "stimuli_sha256": self._stimuli_sha256([str(one.stimulus["name"]) for one in trial.intervals]),
                 "latency_s": f"{latency_s:.3f}",
                 "replays": replays,
                 "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
@@ -182,17 +183,24 @@ class Sitting:
         self.close()
 
 
-def _keep_plan(plan: Plan, folder: Path) -> None:
-    """The plan is in the folder, as it was; another one is refused."""
-    path = folder / PLAN
+def _check_plan(plan: Plan, folder: Path) -> None:
+    """The folder is there, and can be one of this plan: nothing of another is touched."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as reason:
         raise StudyError(f"{folder}: cannot be made: {reason.strerror}") from None
-    if not path.exists():
-        if (folder / RESULTS).exists():
-            raise StudyError(f"{folder}: has answers and no {PLAN} that they are of; take another folder")
+    path = folder / PLAN
+    if path.exists() and not (folder / RESULTS).exists():
+        _keep_plan(plan, folder, answered=True)
+
+
+def _keep_plan(plan: Plan, folder: Path, *, answered: bool) -> None:
+    """The plan is in the folder, as it was; another one is refused, once there are answers to it."""
+    path = folder / PLAN
+    if not answered:
         write_whole(path, plan.content, StudyError)
+    if not path.exists():
+        raise StudyError(f"{folder}: has answers and no {PLAN} that they are of; take another folder")
     with refusing(StudyError):
         if read_bytes(path, PLAN_MAX_B, "plan of a study") != plan.content:
             raise StudyError(f"{folder}: holds answers to another plan, {path}; give another folder, or that plan")

@@ -212,3 +212,22 @@ def test_a_recording_or_swatch_that_has_changed_is_told(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="do not say what was played"):
         sit(plan, folder, "P02", 2)
     assert len(answers(folder)) == 8 and answers(folder)[-1]["stimuli_sha256"] == "NA"
+
+
+def test_a_plan_that_nobody_answered_may_be_mended_in_its_folder(tmp_path: Path) -> None:
+    """A plan that failed as it was begun leaves no trap; but one with answers, or that only lies there, stays."""
+    folder, other = tmp_path / "out", parse_plan(TEXT.replace("seed = 1", "seed = 2"))
+    Sitting(PLAN, folder, "P01").close()
+    with Sitting(PLAN, folder, "P01"), pytest.raises(StudyError, match="another sitting"):
+        Sitting(other, folder, "P01")  # its turn has not come: what is begun stays
+    assert (folder / "plan.toml").read_bytes() == PLAN.content
+    sit(other, folder, "P01", 1)
+    assert (folder / "plan.toml").read_bytes() == other.content
+    with pytest.raises(StudyError, match="holds answers to another plan"):
+        Sitting(PLAN, folder, "P01")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "plan.toml").write_bytes(other.content)
+    with pytest.raises(StudyError, match="another plan"):
+        Sitting(PLAN, mine, "P01")
+    assert [path.name for path in mine.iterdir()] == ["plan.toml"]
