@@ -324,7 +324,7 @@ class Coverage:
         lacking = [f"lift and tap {_times(left)}"] if left > 0 else []
         left = self.wanted.taps - self.starts
         if self._has_pull and self.has_speed and left > 0:
-            lacking.append(f"stop, stay pressed, and slide on, {_times(left)}")
+            lacking.append(f"stop, stay pressed, and pull gently until it slides, {_times(left)}")
         return lacking
 
     @property

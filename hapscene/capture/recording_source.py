@@ -88,16 +88,16 @@ def _text(file: Path) -> RecordingSource:
             skip, first = next(((n, line) for n, line in lines if line.strip() and not line.startswith("#")), (0, ""))
         delimiter = next((d for d in (";", "\t", ",") if d in first), None)
         names = [name.strip().strip('"') for name in first.strip().split(delimiter)]
-        header = not all(_is_number(name) for name in names)
+        header = not all(_is_number(_pointed(name, delimiter)) for name in names)
         if not names or not names[0]:
             raise CaptureError("must begin with a header of column names, or with a line of numbers")
         skip = skip if header else 0  # the line itself may stand below comments
         with file.open(encoding="utf-8-sig") as f, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "no data", which is told below
-            rows = lines_of(file, f, 8 * len(names))
+            rows = (_pointed(line, delimiter) for line in lines_of(file, f, 8 * len(names)))
             table = np.loadtxt(rows, delimiter=delimiter, skiprows=skip, ndmin=2)
     except UnicodeDecodeError:
-        raise CaptureError("not a text file") from None
+        raise CaptureError("not a text file in UTF-8") from None
     except ValueError:
         raise CaptureError(f"not a table of numbers: {_fault(file, delimiter, skip, len(names))}") from None
     if len(table) == 0:
@@ -111,6 +111,11 @@ def _text(file: Path) -> RecordingSource:
     return RecordingSource(dict(zip(names, table.T, strict=True)), own_B=file.stat().st_size)
 
 
+def _pointed(text: str, delimiter: str | None) -> str:
+    """With decimal points: where semicolons part columns, as in half of Europe's spreadsheets, a comma is one."""
+    return text.replace(",", ".") if delimiter == ";" else text
+
+
 def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
     """The first line that is not `count` numbers, and why."""
     with file.open(encoding="utf-8-sig", errors="replace") as f:
@@ -122,7 +127,7 @@ def _fault(file: Path, delimiter: str | None, skip: int, count: int) -> str:
             if len(cells) != count:
                 return f"line {number}: {count} columns expected, {len(cells)} found"
             for column, cell in enumerate(cells, 1):
-                if not _is_number(cell):
+                if not _is_number(_pointed(cell, delimiter)):
                     return f"line {number}: a number expected in column {column}, found {cell[:40]!r}"
     return f"{count} numbers a line expected"
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapscene.errors import StudyError, did_you_mean, no_such
+from hapscene.errors import HapsceneError, StudyError, did_you_mean, no_such
 from hapscene.files import naming, read_bytes, refusing, short
 
 CHANNELS: Final = ("headphones", "handle", "device")
@@ -104,6 +104,24 @@ class Plan:
     def sha256(self) -> str:
         """Of the file, hexadecimal."""
         return hashlib.sha256(self.content).hexdigest()
+
+
+def sources(plan: Plan) -> dict[str, str]:
+    """sha256 of the file that each stimulus is made of, by the stimulus's name; "" of one that cannot be read."""
+    from importlib.resources import as_file
+
+    from hapscene.surface.library import swatch_place
+
+    found = {}
+    for name, stimulus in plan.stimuli.items():
+        swatch, recording = str(stimulus["swatch"]), str(stimulus["recording"])
+        try:
+            inside = recording or (swatch if swatch.endswith(".swatch") else "")
+            with as_file(plan.folder / inside if inside else swatch_place(swatch)) as path, path.open("rb") as file:
+                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+        except (OSError, ValueError, HapsceneError):
+            found[name] = ""
+    return found
 
 
 def load_plan(path: str | Path) -> Plan:

@@ -17,9 +17,18 @@ from hapscene.files import naming, read_bytes, refusing
 COLUMNS: Final = (
     *("person", "place", "channel", "trial", "block", "kind", "stimulus_1", "stimulus_2", "stimulus_3", "parameter"),
     *("level", "choice", "rating", "answer", "correct_answer", "correct", "latency_s", "replays", "time"),
-    "plan_sha256",
+    *("stimuli_sha256", "plan_sha256"),
 )
 """`answer` and `correct_answer` are indices of choices from 0; `correct` is 1 or 0."""
+
+EARLIER: Final = tuple(name for name in COLUMNS if name != "stimuli_sha256")
+"""What files had before it was kept what was played; they are gone on with as they are."""
+
+WHOLE: Final = ("place", "trial", "rating", "answer", "correct_answer", "correct", "replays")
+"""Columns of whole numbers, which pandas writes as 1.0 where others of them are missing."""
+
+SHA256_LENGTH: Final = 64
+"""Of the last field of a row that is whole [characters]."""
 
 RESULTS_MAX_B: Final = 1 << 28
 """Largest file of results [bytes]: a million answers."""
@@ -52,13 +61,14 @@ class ResultsFile:
         try:
             self._lock(path)
             content = read_bytes(path, RESULTS_MAX_B, "file of results")
-            whole = content[: content.rfind(b"\n") + 1]
+            whole = _whole_rows(content)
             self.cut_B = len(content) - len(whole)
             with refusing(StudyError), naming(path):
                 self.rows = parse_rows(whole)
             if self.cut_B:
                 os.ftruncate(self._file, len(whole))
-            self._path = path
+            self._path, self._ends = path, not whole or whole.endswith(b"\n")
+            self._columns = COLUMNS if not whole or b"stimuli_sha256" in whole.partition(b"\n")[0] else EARLIER
             if not whole:
                 self._write(COLUMNS)
                 _flush_folder(path.parent)
@@ -82,17 +92,18 @@ class ResultsFile:
         Raises:
             StudyError: it could not be written; nothing of it stays.
         """
-        self._write([row.get(name) for name in COLUMNS])
+        self._write([row.get(name) for name in self._columns])
 
     def _write(self, fields: Sequence[object]) -> None:
         text = io.StringIO()
         csv.writer(text).writerow([MISSING if field is None else field for field in fields])
-        line = text.getvalue().encode()
+        line = (text.getvalue() if self._ends else "\r\n" + text.getvalue()).encode()
         before_B = os.fstat(self._file).st_size
         try:
             if os.write(self._file, line) < len(line):
                 raise OSError(28, "no space left")
             os.fsync(self._file)
+            self._ends = True
         except OSError as reason:
             os.ftruncate(self._file, before_B)
             raise StudyError(f"{self._path}: cannot be written: {reason.strerror}") from None
@@ -115,14 +126,22 @@ def load_rows(path: Path) -> list[dict[str, str]]:
     """
     with refusing(StudyError), naming(path):
         content = read_bytes(path, RESULTS_MAX_B, "file of results")
-        whole = content[: content.rfind(b"\n") + 1]
+        whole = _whole_rows(content)
         if len(whole) < len(content):
             warn(f"{path}: its last line is cut off, and left out", UserWarning)
         return parse_rows(whole)
 
 
+def _whole_rows(content: bytes) -> bytes:
+    """Without a row that a killed writer left half; one that an editor left without its end of line is whole."""
+    begins = content.rfind(b"\n") + 1
+    lines = content.partition(b"\n")[0], content[begins:]
+    header, last = (next(csv.reader([line.decode(errors="replace")])) for line in lines)
+    return content if 1 < len(last) == len(header) and len(last[-1]) == SHA256_LENGTH else content[:begins]
+
+
 def parse_rows(content: bytes) -> list[dict[str, str]]:
-    """The rows of a file's content, by column.
+    """The rows of a file's content, by column, as they were written: what pandas makes of a number is undone.
 
     Raises:
         StudyError: names the line.
@@ -132,15 +151,21 @@ def parse_rows(content: bytes) -> list[dict[str, str]]:
     try:
         lines = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
         header = next(lines)
-        if tuple(header) != COLUMNS:
-            raise StudyError(f"is no file of results: its header must be {','.join(COLUMNS)}")
+        if tuple(header) not in (COLUMNS, EARLIER):
+            raise StudyError(
+                f"is no file of results, with commas as it was written: its header must be {','.join(COLUMNS)}"
+            )
         rows = []
-        for fields in lines:
-            if len(fields) != len(COLUMNS):
-                raise StudyError(f"line {lines.line_num} has {len(fields)} fields; expected {len(COLUMNS)}")
-            rows.append(dict(zip(COLUMNS, fields, strict=True)))
+        for fields in filter(None, lines):
+            if len(fields) != len(header):
+                raise StudyError(f"line {lines.line_num} has {len(fields)} fields; expected {len(header)}")
+            row = {
+                "stimuli_sha256": MISSING,
+                **{name: field or MISSING for name, field in zip(header, fields, strict=True)},
+            }
+            rows.append(row | {name: row[name].removesuffix(".0") for name in WHOLE})
     except (UnicodeDecodeError, csv.Error, StopIteration) as error:
-        raise StudyError(f"is no file of results: {error}") from None
+        raise StudyError(f"is no file of results, in UTF-8 as it was written: {error}") from None
     return rows
 
 

@@ -1,19 +1,23 @@
 """One person's run of a plan: what is asked now, and the answer onto the disk; killed, it goes on where it was."""
 
+import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Self
 
-from hapscene.errors import StudyError
+from hapscene.errors import StudyError, warn
 from hapscene.files import read_bytes, refusing, write_whole
-from hapscene.study.plan import PLAN_MAX_B, Plan, check_name
+from hapscene.study.plan import PLAN_MAX_B, Plan, check_name, sources
 from hapscene.study.results_file import MISSING, ResultsFile
 from hapscene.study.trial_order import Trial, trials
 
 RESULTS: Final = "results.csv"
 PLAN: Final = "plan.toml"
+
+PLAYED: Final = ("stimulus_1", "stimulus_2", "stimulus_3", "stimuli_sha256")
+"""Columns that say what was played."""
 
 
 class Sitting:
@@ -43,14 +47,21 @@ class Sitting:
             person: their name, or better a number such as P01.
 
         Raises:
-            StudyError: a folder of another plan, held by another sitting, or whose answers do not fit the plan.
+            StudyError: a folder of another plan, held by another sitting, whose answers do not fit the plan, or are to
+                a recording or swatch that has changed.
+
+        Warns:
+            UserWarning: answers that do not say what they are to: earlier versions did not keep it.
         """
         self.plan, self.folder, self.person = plan, Path(folder), check_name("person", person)
-        _keep_plan(plan, self.folder)
+        _check_plan(plan, self.folder)
         self._file = ResultsFile(self.folder / RESULTS)
         try:
+            _keep_plan(plan, self.folder, answered=bool(self._file.rows))
             self.cut_B = self._file.cut_B
             rows = self._file.rows
+            self._sources = sources(plan)
+            self._check_stimuli(rows)
             mine = [row for row in rows if row["person"] == person]
             others = dict.fromkeys(row["person"] for row in rows if row["person"] != person)
             self._place = _whole(mine[0], "place") if mine else len(others)
@@ -89,6 +100,7 @@ class Sitting:
                 "answer": choice,
                 "correct": None if trial.correct is None else int(choice == trial.correct),
                 "level": trial.level,
+                "stimuli_sha256": self._stimuli_sha256([str(one.stimulus["name"]) for one in trial.intervals]),
                 "latency_s": f"{latency_s:.3f}",
                 "replays": replays,
                 "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
@@ -112,6 +124,27 @@ class Sitting:
             "correct_answer": trial.correct,
             "plan_sha256": self.plan.sha256,
         }
+
+    def _stimuli_sha256(self, names: Sequence[str]) -> str | None:
+        """Of the files that stimuli are made of, in order; None where one cannot be read."""
+        found = [self._sources.get(name, "") for name in names]
+        return hashlib.sha256("".join(found).encode()).hexdigest() if all(found) else None
+
+    def _check_stimuli(self, rows: Sequence[Mapping[str, str]]) -> None:
+        """What anybody was played here is what would be played now."""
+        for played, row in {tuple(row[name] for name in PLAYED): row for row in rows}.items():
+            names = [name for name in played[:-1] if name in self.plan.stimuli]
+            now, then = self._stimuli_sha256(names), played[-1]
+            if now and then == MISSING:
+                said = "whether the recordings and swatches are still the same is not known"
+                warn(f"{self.folder / RESULTS}: some answers do not say what was played: {said}", UserWarning)
+            elif now and now != then:
+                of = [str(self.plan.stimuli[name]["recording"] or self.plan.stimuli[name]["swatch"]) for name in names]
+                where = f"{self.folder / RESULTS}: {row['person']}, trial {row['trial']}"
+                raise StudyError(
+                    f"{where}: what was played has changed since: {' or '.join(dict.fromkeys(of))}; "
+                    "put back what it was, or take another folder"
+                )
 
     def _go_on(self, choice: int, level: float | None) -> None:
         try:
@@ -149,17 +182,24 @@ class Sitting:
         self.close()
 
 
-def _keep_plan(plan: Plan, folder: Path) -> None:
-    """The plan is in the folder, as it was; another one is refused."""
-    path = folder / PLAN
+def _check_plan(plan: Plan, folder: Path) -> None:
+    """The folder is there, and can be one of this plan: nothing of another is touched."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as reason:
         raise StudyError(f"{folder}: cannot be made: {reason.strerror}") from None
-    if not path.exists():
-        if (folder / RESULTS).exists():
-            raise StudyError(f"{folder}: has answers and no {PLAN} that they are of; take another folder")
+    path = folder / PLAN
+    if path.exists() and not (folder / RESULTS).exists():
+        _keep_plan(plan, folder, answered=True)
+
+
+def _keep_plan(plan: Plan, folder: Path, *, answered: bool) -> None:
+    """The plan is in the folder, as it was; another one is refused, once there are answers to it."""
+    path = folder / PLAN
+    if not answered:
         write_whole(path, plan.content, StudyError)
+    if not path.exists():
+        raise StudyError(f"{folder}: has answers and no {PLAN} that they are of; take another folder")
     with refusing(StudyError):
         if read_bytes(path, PLAN_MAX_B, "plan of a study") != plan.content:
             raise StudyError(f"{folder}: holds answers to another plan, {path}; give another folder, or that plan")

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hapscene.errors import StudyError
-from hapscene.files import naming, refusing
+from hapscene.files import naming, refusing, short
 from hapscene.study.discrimination import CERTAINTY, Estimate, d_prime_of, d_prime_of_people, proportion
 from hapscene.study.plan import Block, Plan, load_plan
-from hapscene.study.results_file import load_rows
+from hapscene.study.results_file import MISSING, load_rows
 from hapscene.study.sitting import PLAN, RESULTS
 
 Row = Mapping[str, str]
@@ -87,6 +87,7 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
         raise StudyError("statistics need the package statsmodels: pip install 'hapscene[study]'") from None
     if any(row["plan_sha256"] != plan.sha256 for row in rows):
         raise StudyError("there are answers to another plan among them")
+    _check(plan, rows)
     by_kind: dict[str, Callable[[Block, Sequence[Row]], Iterator[Finding]]] = {
         "rating": _ratings,
         "staircase": _thresholds,
@@ -101,6 +102,43 @@ def analyse_rows(plan: Plan, rows: Sequence[Row]) -> Analysis:
         except (ValueError, KeyError) as fault:
             raise StudyError(f"block {block.name}: an answer is not what it should be: {fault}") from None
     return Analysis(plan, tuple(dict.fromkeys(row["person"] for row in rows)), tuple(findings))
+
+
+def _check(plan: Plan, rows: Sequence[Row]) -> None:
+    """Answers are what they may be: a file may have been edited, and nothing is counted that says two things.
+
+    Raises:
+        StudyError: names the person and the trial.
+    """
+    blocks, seen = {block.name: block for block in plan.blocks}, set()
+    for row in rows:
+        where = f"{row['person']}, trial {row['trial']}"
+        if (key := (row["person"], row["trial"])) in seen:
+            raise StudyError(f"{where} stands twice")
+        seen.add(key)
+        block = blocks.get(row["block"])
+        if block is None or row["kind"] != block.kind:
+            raise StudyError(f"{where}: the plan has no block {short(row['block'])} of kind {short(row['kind'])}")
+        asked = {*block.stimuli, *(name for pair in block.pairs for name in pair), block.stimulus} - {""}
+        played = {row[name] for name in ("stimulus_1", "stimulus_2", "stimulus_3")} - {MISSING}
+        if not played <= asked or not played:
+            raise StudyError(f"{where}: stimuli must be of {', '.join(sorted(asked))}; are {', '.join(sorted(played))}")
+        low, high = block.scale
+        if block.kind == "rating" and row["rating"] not in map(str, range(low, high + 1)):
+            raise StudyError(f"{where}: rating must be a whole number from {low} to {high}, is {short(row['rating'])}")
+        right = str(int(row["answer"] == row["correct_answer"]))
+        if block.kind != "rating" and (row["answer"] not in ("0", "1") or row["correct"] != right):
+            raise StudyError(f"{where}: correct is {short(row['correct'])}; by answer and correct_answer it is {right}")
+        numbers = ("latency_s", "replays", *(("level",) if block.kind == "staircase" else ()))
+        if wrong := next((name for name in numbers if not _is_number(row[name])), None):
+            raise StudyError(f"{where}: {wrong} must be a number, is {short(row[wrong])}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return 0.0 <= float(text) < math.inf
+    except ValueError:
+        return False
 
 
 def _by_person(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -123,12 +161,17 @@ def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         for row in mine:
             staircase.add(float(row["level"]), row["correct"] == "1")
         threshold = Estimate(staircase.threshold, *staircase.interval(CERTAINTY))
-        found.append(threshold.value)
+        found.append(threshold)
         yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
     if len(found) > 1:
-        estimate = mean_of_people(found if block.linear else np.log(found))
+        values = [one.value for one in found]
+        estimate = mean_of_people(values if block.linear else np.log(values))
         if not block.linear:
             estimate = Estimate(*(math.exp(one) for one in (estimate.value, estimate.low, estimate.high)))
+        # of one whose threshold may lie beyond all levels the mean knows no more than that
+        low = -math.inf if any(math.isinf(one.low) for one in found) else estimate.low
+        high = math.inf if any(math.isinf(one.high) for one in found) else estimate.high
+        estimate = Estimate(estimate.value, low, high)
         method = ("mean" if block.linear else "geometric mean") + " of the people's, Student's t"
         yield Finding(block.name, what, "", "threshold", unit, method, estimate, len(rows))
 
@@ -137,12 +180,18 @@ def _unit(parameter: str) -> str:
     return {"force_N": "N", "speed_m_s": "m/s", "seconds": "s", "gain_dB": "dB", "rate_Hz": "Hz"}.get(parameter, "")
 
 
-def mean_of_people(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
-    """The mean of the people that these are drawn from, by Student's t; of one person without bounds."""
+def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 0.0) -> Estimate:
+    """The mean of the people that these are drawn from, by Student's t; of one person without bounds.
+
+    Args:
+        values: of each person.
+        step: what answers are rounded to: where people are all alike, they spread as such a rounding does.
+    """
     mean = float(np.mean(values))
     if len(values) < 2:
         return Estimate(mean, -math.inf, math.inf)
-    half = _t(len(values) - 1) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    spread = float(np.std(values, ddof=1)) if np.ptp(values) else step / math.sqrt(12.0)
+    half = _t(len(values) - 1) * spread / math.sqrt(len(values))
     return Estimate(mean, mean - half, mean + half)
 
 
@@ -170,7 +219,7 @@ def _choices(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         yield Finding(block.name, what, "", "first", "", "all answers, Wilson", first, n)
         for rule in rules:
             d = d_prime_of_people(right, count, rule)
-            said = verdict(d, block.margin, "d′")
+            said = _mixed_up(exact, block.kind) or verdict(d, block.margin, "d′")
             yield Finding(block.name, what, "", "d′", "", f"mixed model, {rule}", d, n, said)
             for person, k, own in zip(people, right, count, strict=True):
                 yield Finding(block.name, what, person, "d′", "", f"Wilson, {rule}", d_prime_of(k, own, rule), own)
@@ -181,7 +230,13 @@ def _exact_verdict(share: Estimate, kind: str) -> str:
         return "told apart: more answers are right than guessing gives"
     if share.high < 0.5 and kind == "2ifc":
         return "told apart, the other way round: fewer answers are right than guessing gives"
-    return "not decided: right answers alone do not exclude guessing"
+    return _mixed_up(share, kind) or "not decided: right answers alone do not exclude guessing"
+
+
+def _mixed_up(share: Estimate, kind: str) -> str:
+    """ABX has no d′ below 0: who is wrong more often than by guessing tells apart, and answers the other way round."""
+    mixed = "not decided: fewer answers are right than guessing gives; were A and B mixed up?"
+    return mixed if kind == "abx" and share.high < 0.5 else ""
 
 
 def verdict(estimate: Estimate, margin: float | None, quantity: str) -> str:
@@ -215,7 +270,7 @@ def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
     for name, of_people in means.items():
         if of_people:
             n = sum(map(len, by_stimulus[name].values()))
-            mean = mean_of_people(list(of_people.values()))
+            mean = mean_of_people(list(of_people.values()), step=1.0)
             yield Finding(block.name, name, "", "rating", "", "mean of the people's, Student's t", mean, n)
     for a, b in combinations(block.stimuli, 2):
         both = [row for row in rows if row["stimulus_1"] in (a, b)]
@@ -224,11 +279,11 @@ def _ratings(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         if len(people) < 2:
             continue
         ratings = np.array([float(row["rating"]) for row in both])
+        paired = [means[a][one] - means[b][one] for one in sorted(people)]
+        of_a, whose = np.array([row["stimulus_1"] == a for row in both]), [row["person"] for row in both]
         effects = {
-            "mixed model": mixed_effect(
-                ratings, np.array([row["stimulus_1"] == a for row in both]), [row["person"] for row in both]
-            ),
-            "paired, Student's t": mean_of_people([means[a][one] - means[b][one] for one in sorted(people)]),
+            "paired, Student's t": mean_of_people(paired, step=math.sqrt(2.0)),
+            "mixed model": mixed_effect(ratings, of_a, whose),
         }
         for method, effect in effects.items():
             if effect is not None:

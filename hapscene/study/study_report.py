@@ -106,9 +106,18 @@ def _block(number: int, block: Block, analysis: Analysis, rows: Sequence[Row]) -
     return [title, _verdicts(found), f'<div class="plots">{figures}</div>', _table(found)]
 
 
+def decisive(found: Iterable[Finding]) -> list[Finding]:
+    """The one finding on each comparison whose verdict is told, with its method: the last one, which says most.
+
+    It is d′, of ABX by differences (the same answers are a larger d′ then, so that less is called equal); of ratings
+    the mixed model, where one could be fitted.
+    """
+    return list({(one.block, one.what): one for one in found if one.verdict}.values())
+
+
 def _verdicts(found: Iterable[Finding]) -> str:
     lines = [f'<p><span class="verdict">{escape(one.what)}</span>: {escape(one.verdict)} '
-             f'<span class="muted">({escape(one.method)})</span></p>' for one in found if one.verdict]  # fmt: skip
+             f'<span class="muted">({escape(one.method)})</span></p>' for one in decisive(found)]  # fmt: skip
     return "".join(lines)
 
 
@@ -307,7 +316,7 @@ def _limits(analysis: Analysis, rows: Sequence[Row]) -> str:
     short = [p for p, n in Counter(row["person"] for row in rows).items() if n < most]
     if short:
         said.append(f"Not at the end: {', '.join(sorted(short))}; what they answered so far is counted.")
-    tests = sum(1 for one in analysis.findings if one.verdict and one.quantity != "right")
+    tests = len(decisive(analysis.findings))
     if tests > 1:
         said.append(f"{tests} comparisons stand here, each at 95 % by itself: of twenty, one is found by chance.")
     if any(block.kind == "abx" for block in plan.blocks):

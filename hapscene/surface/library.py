@@ -500,6 +500,7 @@ def read_index(url: str) -> tuple[str, list[LibraryEntry]]:
     """
     if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).netloc:
         raise SwatchError(f"{url!r} is no address: expected http://… or https://…")
+    url = url.removesuffix("index.html")  # of a published site, as it stands in a browser
     address = url if url.endswith(".json") else urljoin(url.rstrip("/") + "/", INDEX)
     data = bytearray()
     _retried(address, INDEX_BYTES_MAX, data.__len__, data.extend, data.clear)

@@ -1,6 +1,7 @@
 """A serial port, drained by a thread that does nothing else: a slow disk or terminal costs no samples."""
 
 import argparse
+import errno
 import math
 import os
 import queue
@@ -85,6 +86,8 @@ class Port(DrainedPort):
 
 def _reason(error: BaseException) -> str:
     """pyserial's reason without its wrapping."""
+    if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EBUSY):
+        return "another program has it open"
     if isinstance(error, OSError) and error.errno and error.strerror:
         return os.strerror(error.errno).lower()
     return " ".join(str(error).split())

@@ -9,10 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapscene.capture.coverage import DEPARTS_DB, ENOUGH_DB, Coverage, Wanted
+from hapscene.capture.friction import Friction, fit_friction
 from hapscene.capture.record_simulator import COLUMNS, strokes
+from hapscene.capture.segment import segment
 from hapscene.capture.streams import clean
 from hapscene.capture.texture_pieces import EXPONENT_SPREADS, PIECE_S, cut
 from hapscene.errors import CaptureError
+
+from .simulated_tool import noisy, pulled
 
 RATE_HZ = 5000.0
 DB = 10.0 / np.log(10.0)
@@ -151,7 +155,10 @@ def test_a_cell_that_the_hand_does_not_come_to_waits() -> None:
 
 def test_taps_and_slides_that_break_away() -> None:
     coverage = Coverage(RATE_HZ, (*ALL, "tangential_force"))
-    assert coverage.lacks == ["lift and tap three times", "stop, stay pressed, and slide on, three times"]
+    assert coverage.lacks == [
+        "lift and tap three times",
+        "stop, stay pressed, and pull gently until it slides, three times",
+    ]
     for k in range(3):
         for force, speed, seconds in ((0.0, 0.0, 0.2), (2.0, 0.0, 0.06), (0.0, 0.0, 0.2), (1.0, 0.0, 0.3)):
             add(coverage, slid(force, speed, seconds, seed=k))
@@ -250,3 +257,51 @@ def test_what_is_wanted_must_make_sense() -> None:
             Wanted(**wrong)  # type: ignore[arg-type]
     with pytest.raises(CaptureError, match="rate_Hz must be above"):
         Coverage(100.0, ALL)
+
+
+def pulling(stops: int, gently_s: float, seed: int = 0, rate_Hz: float = 2000.0) -> tuple[Coverage, Friction]:
+    """What is counted and what friction is fitted where a hand on a spring slides on, or stops so often and pulls on.
+
+    Friction is 0.55 at rest and 0.4 in sliding, by the equations of a mass that is pulled.
+    """
+    rng, speed_m_s, drive = np.random.default_rng(seed), 0.08, []
+    for stop in range(4):
+        drive.append(speed_m_s * (1.0 + 0.3 * np.sin(2.0 * np.pi * np.arange(2000) / rate_Hz)))
+        if stop < stops:
+            rest = np.maximum(np.linspace(speed_m_s, -7.0 * speed_m_s, 800), 0.0)  # it stops within 50 ms
+            drive += [rest, speed_m_s * np.linspace(0.0, 1.0, round(gently_s * rate_Hz))]
+    driven = np.concatenate(drive)
+    normal = 1.5 + 0.2 * np.sin(2.0 * np.arange(len(driven)) / rate_Hz)
+    speed, pull = pulled(driven, normal, 0.55, lambda v: 0.4, rate_Hz, spring_N_m=300.0)
+    streams = {
+        "acceleration": np.where(speed > 1e-3, 1.0, 0.02) * rng.standard_normal(len(speed)),
+        "force": noisy(normal, rng, 30.0),
+        "speed": np.abs(speed + 5e-4 * rng.standard_normal(len(speed))),
+        "tangential_force": noisy(pull, rng, 30.0),
+    }
+    coverage = Coverage(rate_Hz, tuple(streams))
+    coverage.feed(0, streams)
+    channels = clean(streams["acceleration"], rate_Hz, *(streams[name] for name in tuple(streams)[1:]))
+    return coverage, fit_friction([(channels, segment(channels))])
+
+
+@pytest.mark.parametrize("gently_s", [0.1, 0.3, 1.0])
+def test_who_stops_and_pulls_gently_as_told_has_friction_found(gently_s: float) -> None:
+    coverage, found = pulling(3, gently_s)
+    assert coverage.starts == 3 and coverage.lacks == ["lift and tap three times"]
+    assert found.static == pytest.approx(0.55, rel=0.05) and found.dynamic == pytest.approx(0.4, rel=0.05)
+    low, high = found.intervals["friction_static"]
+    assert 0.45 < low < 0.55 < high < 0.65
+
+
+def test_who_does_not_has_no_static_friction_and_is_told_so() -> None:
+    coverage, found = pulling(0, 0.1)
+    assert coverage.starts == 0 and "stop, stay pressed, and pull gently" in coverage.lacks[1]
+    assert "never starts from rest" in found.absent["friction_static"] and found.static == found.dynamic
+    assert found.dynamic == pytest.approx(0.4, rel=0.05)
+
+
+def test_why_gently() -> None:
+    """A pull that is jerked loose within a hundredth of a second is over before the forces show it."""
+    _, found = pulling(3, 0.02)
+    assert found.static < 0.45

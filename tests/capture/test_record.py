@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from hapscene.capture.record_file import load_record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
 from hapscene.interrupt import ENDS
+from hapscene.wire.port import Port
 from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
 from tests.until import until
 
@@ -459,3 +460,8 @@ def test_meter(live: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.match(r" +(0\.1|1\.0) s  dropped 3, torn 0, garbage 0  rms", shown[0])
     meter.line(0, Count())
     assert "silent" in meter.line(0, Count())
+
+
+def test_a_port_that_another_has_open_is_called_so(probe: Probe, tmp_path: Path) -> None:
+    with closing(Port(probe.port, 115_200)), pytest.raises(CaptureError, match="another program has it open"):
+        record(probe.port, tmp_path / "a.hsrec")

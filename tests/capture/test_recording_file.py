@@ -63,7 +63,8 @@ def test_one_value_a_line(tmp_path: Path) -> None:
         ("speed,b,a_m\n1,2,3\n", {"columns": None}, r"--columns acceleration=a_m\)"),
         (CSV, {"columns": COLUMNS | {"acceleration_x": "accel"}}, "both acceleration and acceleration_x"),
         ("accel,force\n1\n3\n", {}, "2 columns expected, 1 found"),
-        (b"\xff\xfe\x00\x81", {}, "not a text file"),
+        (b"\xff\xfe\x00\x81", {}, "not a text file in UTF-8"),
+        ("accel;force\n1,5;2\n1,5;2,2,2\n", {}, "line 3: a number expected in column 2, found '2,2,2'$"),
     ],
 )
 @pytest.mark.filterwarnings("error")
@@ -293,3 +294,16 @@ def test_the_streams_of_a_camera_of_surfaces(tmp_path: Path) -> None:
         load_recording(path, units=units)
     with pytest.raises(CaptureError, match="orientation has four columns: w, x, y, z"):
         load_recording(path, columns={"orientation": "torque_x+torque_y"}, units=units)
+
+
+def test_decimal_commas_where_semicolons_part_columns(tmp_path: Path) -> None:
+    """As spreadsheets save in half of Europe; without a header, too."""
+    rows = ["0,5;1,25;-3", "1,5e-1;2;4,0"] * 20
+    for head, columns in (("accel;force;speed\r\n", COLUMNS), ("", {"acceleration": "1", "force": "2", "speed": "3"})):
+        text = b"\xef\xbb\xbf" + (head + "\r\n".join(rows)).encode()
+        recording = load_recording(
+            write(tmp_path, text), 1000.0, columns, {"acceleration": "m/s2", "force": "N", "speed": "m/s"}
+        )
+        np.testing.assert_allclose(recording.acceleration_m_s2[:2], [0.5, 0.15])
+        assert recording.force_N is not None and recording.speed_m_s is not None
+        np.testing.assert_allclose(recording.force_N[:2], [1.25, 2.0])

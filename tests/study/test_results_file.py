@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapscene.errors import StudyError
-from hapscene.study.results_file import COLUMNS, ResultsFile, load_rows, parse_rows
+from hapscene.study.results_file import COLUMNS, EARLIER, ResultsFile, load_rows, parse_rows
 
 ROW = {"person": "P01", "trial": 0, "block": "real", "choice": 'so, "so"', "rating": None, "level": 0.5}
 
@@ -108,3 +108,50 @@ def test_a_full_disk_leaves_no_half_row(path: Path) -> None:
     process.join(120)
     assert process.exitcode == 0
     assert len(load_rows(path)) == 4 and path.read_bytes().endswith(b"\r\n")
+
+
+def test_a_whole_last_row_stays_that_an_editor_left_without_an_end(path: Path) -> None:
+    with_sha = ROW | {"stimuli_sha256": "a" * 64, "plan_sha256": "b" * 64}
+    with_file = ResultsFile(path)
+    with_file.add(with_sha | {"trial": 3})
+    with_file.close()
+    content = path.read_bytes()
+    path.write_bytes(content.rstrip())
+    file = ResultsFile(path)
+    assert file.cut_B == 0 and len(file.rows) == 4
+    file.add(with_sha | {"trial": 4})
+    file.close()
+    assert [row["trial"] for row in load_rows(path)] == ["0", "1", "2", "3", "4"]
+    # torn after the first of the two hashes, a row is half
+    path.write_bytes(content.rstrip()[:-65])
+    assert len(ResultsFile(path).rows) == 3
+
+
+def test_files_of_earlier_versions_are_read_and_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "results.csv"
+    path.write_bytes(",".join(EARLIER).encode() + b"\r\n" + ",".join(["1"] * len(EARLIER)).encode() + b"\r\n")
+    file = ResultsFile(path)
+    file.add(ROW | {"stimuli_sha256": "a" * 64})
+    file.close()
+    assert [row["stimuli_sha256"] for row in load_rows(path)] == ["NA", "NA"]
+    assert path.read_bytes().splitlines()[0].decode().split(",") == list(EARLIER)
+
+
+def test_what_pandas_and_editors_make_of_it_is_undone(path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    file = ResultsFile(path)
+    file.add(ROW | {"trial": 3, "rating": 5, "answer": 4})  # a column with missing ones and numbers: floats
+    file.close()
+    rows = load_rows(path)
+    pandas.read_csv(path).to_csv(path, index=False)
+    assert b",5.0," in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\n\n"))
+    assert load_rows(path) == rows
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "semicolons"])
+def test_what_a_spreadsheet_saves_otherwise_is_refused_readably(path: Path, encoding: str) -> None:
+    text = path.read_text()
+    path.write_bytes(text.replace(",", ";").encode() if encoding == "semicolons" else text.encode(encoding))
+    with pytest.raises(StudyError, match=r"is no file of results, (with commas|in UTF-8) as it was written"):
+        ResultsFile(path)

@@ -16,6 +16,7 @@ from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import COLUMNS, load_rows
 from hapscene.study.sitting import Sitting
 from hapscene.study.trial_order import Trial
+from hapscene.surface.library import swatch_place
 
 from .plans import TEXT
 
@@ -177,3 +178,56 @@ def test_what_does_not_fit_is_refused_and_nothing_is_changed(tmp_path: Path) -> 
     (tmp_path / "plan.toml").unlink()
     with pytest.raises(StudyError, match=r"has answers and no plan\.toml"):
         Sitting(PLAN, tmp_path, "P01")
+
+
+def test_a_recording_or_swatch_that_has_changed_is_told(tmp_path: Path) -> None:
+    """Everybody hears the same: it is looked at by content, whoever goes on or begins."""
+    shipped = swatch_place("wood").read_bytes()
+    mine, recording = tmp_path / "mine.swatch", tmp_path / "oak ä.csv"
+    mine.write_bytes(shipped)
+    recording.write_bytes(b"1,2,3\n")
+    text = TEXT.split("[[blocks]]")[0].replace('swatch = "wood"\nlife', 'swatch = "mine.swatch"\nlife')
+    text += '[stimuli.real]\nrecording = "oak ä.csv"\n'
+    text += '[[blocks]]\nname = "b"\nkind = "rating"\nstimuli = ["alive", "steady", "real"]\nrepeats = 2\n'
+    plan, folder = parse_plan(text, folder=tmp_path), tmp_path / "out"
+    sit(plan, folder, "P01", 4)
+    rows = answers(folder)
+    assert len({row["stimuli_sha256"] for row in rows}) == 2  # two are one swatch
+    assert all(len(row["stimuli_sha256"]) == 64 for row in rows)
+    recording.write_bytes(b"1,2,4\n")
+    for person in ("P01", "P02"):
+        with pytest.raises(StudyError, match=r"P01, trial \d: what was played has changed since: oak ä\.csv; put back"):
+            Sitting(plan, folder, person)
+    recording.write_bytes(b"1,2,3\n")
+    mine.write_bytes(shipped.replace(b'"name"', b' "name"', 1))
+    with pytest.raises(StudyError, match=r"has changed since: mine\.swatch"):
+        Sitting(plan, folder, "P01")
+    mine.write_bytes(shipped)
+    sit(plan, folder, "P01")
+    assert answers(folder)[:4] == rows and len(answers(folder)) == 6
+    # of what an earlier version wrote it cannot be known, and the file is gone on with as it is
+    path = folder / "results.csv"
+    lines = [line.split(",") for line in path.read_text().splitlines()]
+    path.write_text("".join(",".join([*line[:-2], line[-1]]) + "\n" for line in lines))
+    with pytest.warns(UserWarning, match="do not say what was played"):
+        sit(plan, folder, "P02", 2)
+    assert len(answers(folder)) == 8 and answers(folder)[-1]["stimuli_sha256"] == "NA"
+
+
+def test_a_plan_that_nobody_answered_may_be_mended_in_its_folder(tmp_path: Path) -> None:
+    """A plan that failed as it was begun leaves no trap; but one with answers, or that only lies there, stays."""
+    folder, other = tmp_path / "out", parse_plan(TEXT.replace("seed = 1", "seed = 2"))
+    Sitting(PLAN, folder, "P01").close()
+    with Sitting(PLAN, folder, "P01"), pytest.raises(StudyError, match="another sitting"):
+        Sitting(other, folder, "P01")  # its turn has not come: what is begun stays
+    assert (folder / "plan.toml").read_bytes() == PLAN.content
+    sit(other, folder, "P01", 1)
+    assert (folder / "plan.toml").read_bytes() == other.content
+    with pytest.raises(StudyError, match="holds answers to another plan"):
+        Sitting(PLAN, folder, "P01")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "plan.toml").write_bytes(other.content)
+    with pytest.raises(StudyError, match="another plan"):
+        Sitting(PLAN, mine, "P01")
+    assert [path.name for path in mine.iterdir()] == ["plan.toml"]

@@ -1,6 +1,7 @@
 """What answers say: ratings by a mixed model, thresholds across people, and words that no interval belies."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ from scipy import stats
 
 from hapscene.errors import StudyError
 from hapscene.study.discrimination import Estimate
-from hapscene.study.plan import parse_plan
+from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.simulated_person import Truth, people_like, simulate
 from hapscene.study.statistics import Analysis, analyse, analyse_rows, mean_of_people, mixed_effect, verdict
+from hapscene.study.trial_order import Trial
 
 from .plans import TEXT, asked, one_block
 
@@ -172,7 +174,7 @@ def test_answers_to_another_plan_are_refused(folder: Path) -> None:
     with pytest.raises(StudyError, match="answers to another plan"):
         analyse_rows(parse_plan(TEXT), rows)
     rated = next(row for row in rows if row["kind"] == "rating")
-    with pytest.raises(StudyError, match="block real: an answer is not what it should be"):
+    with pytest.raises(StudyError, match="rating must be a whole number from 1 to 7, is 'good'"):
         analyse_rows(PLAN, [rated | {"rating": "good"}])
 
 
@@ -196,3 +198,69 @@ def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) ->
     assert times.is_monotonic_increasing and str(times.dt.tz) == "UTC"
     numbers = ("place", "trial", "answer", "replays", "latency_s", "level", "rating", "correct", "correct_answer")
     assert all(pandas.api.types.is_numeric_dtype(frame[name]) for name in numbers)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "said"),
+    [
+        ("abx", {"correct": "TRUE"}, "correct is 'TRUE'; by answer and correct_answer it is "),
+        ("abx", {"answer": "NA"}, "correct is "),
+        ("abx", {"stimulus_2": "nope"}, "stimuli must be of alive, steady; are "),
+        ("abx", {"block": "nope"}, "the plan has no block 'nope' of kind 'abx'"),
+        ("rating", {"kind": "abx"}, "the plan has no block 'real' of kind 'abx'"),
+        ("rating", {"rating": "99"}, "rating must be a whole number from 1 to 7, is '99'"),
+        ("rating", {"rating": "nan"}, "rating must be a whole number from 1 to 7, is 'nan'"),
+        ("rating", {"latency_s": "nan"}, "latency_s must be a number, is 'nan'"),
+        ("staircase", {"level": "inf"}, "level must be a number, is 'inf'"),
+        ("staircase", {}, "stands twice"),
+    ],
+)
+def test_an_edited_answer_is_refused_and_named(folder: Path, kind: str, change: dict[str, str], said: str) -> None:
+    rows = load_rows(folder / "results.csv")
+    found = next(k for k, row in enumerate(rows) if row["kind"] == kind)
+    edited = [*rows[:found], rows[found] | change, *rows[found + 1 :]] if change else [*rows, rows[found]]
+    with pytest.raises(StudyError, match="S001, trial .*" + said):
+        analyse_rows(PLAN, edited)
+
+
+def same(plan: Plan, people: int, answer: Callable[[Trial], int]) -> Analysis:
+    """What people who answer by one rule are found to say."""
+    rows = []
+    for k in range(people):
+        for trial, choice in asked(plan, f"P{k}", k, answer):
+            names = [one.stimulus["name"] for one in trial.intervals] + ["NA"] * (3 - len(trial.intervals))
+            told = {f"stimulus_{n}": name for n, name in enumerate(names, 1)}
+            told |= {"answer": choice, "correct_answer": trial.correct, "correct": int(choice == trial.correct)}
+            told |= {"person": f"P{k}", "trial": trial.number, "block": trial.block, "kind": trial.kind}
+            told |= {"level": trial.level, "latency_s": "2.0", "replays": 0, "plan_sha256": plan.sha256}
+            told["rating"] = trial.choices[choice] if trial.kind == "rating" else "NA"
+            rows.append({name: str(value) for name, value in told.items()})
+    return analyse_rows(plan, rows)
+
+
+def test_of_people_beyond_all_levels_no_threshold_is_made() -> None:
+    """Always right, or never: each one's threshold is open, and so is that of all."""
+    text = TEXT.split("[[blocks]]")[0] + "[[blocks]]" + TEXT.split("[[blocks]]")[-1]
+    for wrong in (False, True):
+        analysis = same(parse_plan(text), 3, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
+        (found,) = analysis.find("gain", "threshold")
+        assert (found.estimate.high if wrong else -found.estimate.low) == math.inf
+        assert math.isfinite(found.estimate.low if wrong else found.estimate.high)
+
+
+def test_two_people_who_rate_alike_decide_nothing() -> None:
+    plan = parse_plan(one_block("rating", 4).content.decode() + "margin = 0.5\n")
+    for steps, few, many in ((0, "not decided", "cannot be told apart"), (1, "not decided", "told apart")):
+
+        def answer(trial: Trial, steps: int = steps) -> int:
+            return 3 + steps * (trial.intervals[0].stimulus["name"] == "alive")
+
+        for people, said in ((2, few), (12, many)):
+            (found,) = same(plan, people, answer).find("one", "difference of ratings")
+            assert found.estimate.value == steps and found.verdict.startswith(said)
+
+
+def test_who_mixes_up_the_keys_is_not_called_unable() -> None:
+    plan = parse_plan(one_block("abx", 12).content.decode() + "margin = 1.0\n")
+    said = [one.verdict for one in same(plan, 3, lambda trial: 1 - trial.correct).findings if one.verdict]
+    assert len(said) == 3 and all("were A and B mixed up?" in one for one in said)

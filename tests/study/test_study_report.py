@@ -18,7 +18,7 @@ from hapscene.study.plan import parse_plan
 from hapscene.study.simulated_person import Truth, simulate
 from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
-from hapscene.study.study_report import report, shown, write_report
+from hapscene.study.study_report import decisive, report, shown, write_report
 from tests.chromium import AXE, AXE_RUN, launched
 
 PLAN = """
@@ -94,8 +94,13 @@ def test_its_numbers_are_those_of_the_statistics(folder: Path, page: str) -> Non
     assert {one.quantity for one in together} >= {"threshold", "d′", "right", "rating", "difference of ratings"}
     for one in together:
         assert f"{one.quantity} {shown(one.estimate, one.unit)}" in page, one
-    for one in findings:
-        assert not one.verdict or f"{one.what} : {one.verdict}" in page, one
+    told = decisive(findings)
+    for one in told:
+        assert f"{one.what} : {one.verdict} ({one.method})" in page, one
+    # one line a pair, whatever was reckoned of it
+    assert {(one.block, one.what) for one in told} == {(one.block, one.what) for one in findings if one.verdict}
+    assert page.count(" : told apart") + page.count(" : not decided") == len(told)
+    assert {one.method for one in told} <= {"mixed model, abx difference", "mixed model, 2ifc", "mixed model"}
 
 
 def test_every_block_has_its_plots_and_each_is_told_in_words(page: str) -> None:
@@ -162,7 +167,7 @@ def test_a_field_that_is_no_number_is_said(answered: Callable[..., Path]) -> Non
     folder = answered(2)
     path = folder / "results.csv"
     path.write_bytes(path.read_bytes().replace(b",2.500,", b",soon,"))
-    with pytest.raises(StudyError, match=r"results\.csv: an answer is not what it should be: .*soon"):
+    with pytest.raises(StudyError, match=r"results\.csv: .* latency_s must be a number, is 'soon'"):
         report(folder)
 
 

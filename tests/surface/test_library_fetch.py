@@ -97,7 +97,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def fetched(server: Server, name: str = "oak") -> Swatch:
-    address, entries = read_index(server.url)
+    address, entries = read_index(server.url + "index.html")  # as it stands in a browser
     get(name, address, entries)
     return load_swatch(name)
 
