@@ -455,8 +455,8 @@ def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "application.py"
     script.write_text(
         "import os, sys\n"
-        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from test_servo import MASS, make_scene\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[2])!r})\n"
+        "from tests.servo.test_servo import MASS, make_scene\n"
         "from hapscene.servo import Servo\n"
         "if __name__ == '__main__':\n"
         "    servo = Servo(make_scene(), MASS).__enter__()\n"
