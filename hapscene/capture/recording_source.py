@@ -261,7 +261,6 @@ def read_parquet(file: Any, *paths: str) -> dict[str, NDArray[Any]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    pa.set_memory_pool(pa.system_memory_pool())  # its own reserves far more than it needs, which the limit forbids
     found: dict[str, NDArray[Any]] = {}
     for i, path in enumerate(paths):
         try:
