@@ -3,10 +3,12 @@
 python -m hapscene_benchmarks.paint_start
 """
 
+import os
 import statistics
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -64,12 +66,15 @@ def write_scenes(folder: Path) -> dict[str, Path]:
 
 @contextmanager
 def painter(path: Path) -> Iterator[str]:
-    """`hapscene paint` of a scene; its address."""
-    command = [sys.executable, "-m", "hapscene", "paint", str(path), "--no-browser", "--port", "0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=path.parent)
+    """`hapscene paint` of a scene; its address, once and as it gives it to a browser."""
+    command = [sys.executable, "-m", "hapscene", "paint", str(path), "--port", "0"]
+    environment = os.environ | {"BROWSER": "echo %s"}  # a browser that says which file it was given
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=path.parent, env=environment)
     try:
         assert process.stdout is not None
-        yield next(word for line in process.stdout for word in line.split() if word.startswith("http://"))
+        opener = next(word for line in process.stdout for word in line.split() if word.startswith("file://"))
+        with urllib.request.urlopen(opener) as file:
+            yield file.read().decode().partition("url=")[2].partition('"')[0]
     finally:
         process.terminate()
         process.wait(PATIENCE_S)

@@ -1,6 +1,5 @@
 """The command `hapscene`, and `python -m hapscene`: Ctrl-C ends it in one line from the first moment on."""
 
-import gc
 import os
 import sys
 from _signal import SIGINT, signal  # type: ignore[import-not-found]  # signal itself takes longer than all before it
@@ -9,7 +8,6 @@ from _signal import SIGINT, signal  # type: ignore[import-not-found]  # signal i
 def run() -> None:
     """A command as a process, which ends with its exit code. Once it is done, Ctrl-C changes nothing any more."""
     signal(SIGINT, _end)
-    gc.set_threshold(100_000, 50, 100)  # imports make much that stays: to look for garbage in it takes a fifth of them
     from hapscene.cli import main
 
     code = main()

@@ -96,17 +96,18 @@ class WebListener:
 
     def _bounded(self, taken: socket.socket, address: Any) -> None:
         """Serve a connection, if there is room for one more."""
+        self._talks[taken] = current_thread()  # first: either `close` finds it, or it finds that all is closed
         let_in = not self._ended.is_set() and self._room.acquire(blocking=False)
-        self._came(let_in)
-        if not let_in:
-            taken.close()
-            return
-        self._talks[taken] = current_thread()
         try:
-            self._take(taken, address)
+            self._came(let_in)
+            if let_in:
+                self._take(taken, address)
+            else:
+                taken.close()
         finally:
             del self._talks[taken]
-            self._room.release()
+            if let_in:
+                self._room.release()
 
 
 CONNECTIONS_MAX: Final = 32

@@ -6,7 +6,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from threading import Thread
@@ -30,7 +30,7 @@ from hapscene.interrupt import heard
 
 if TYPE_CHECKING:
     from hapscene.paint.session import Session
-    from hapscene.paint.web.secure_server import PageServer
+    from hapscene.paint.web.page import Page
     from hapscene.scene.scene import Scene
 
 SUFFIX: Final = ".scene.json"
@@ -101,24 +101,38 @@ def _paint(options: argparse.Namespace) -> int:
       hapscene paint duck.glb --map duck.png          # with duck.json beside it: {"#b5651d": "wood"}
       hapscene paint cup.scene.json --port 9000 --no-browser
     """
+    with ExitStack() as ends:
+        with rare_collections():
+            page = _open_page(options, ends)
+        gc.freeze()  # what is there now stays
+        _have_painted(page)
+    return 0
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """While it is open, garbage is seldom looked for: what is imported and loaded stays, and looking takes a fifth."""
+    usual = gc.get_threshold()
+    gc.set_threshold(100_000, 50, 100)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
+def _open_page(options: argparse.Namespace, ends: ExitStack) -> "Page":
+    """The page of what is named, served until `ends`. The browser fetches it while the scene is loaded."""
     for path in (options.scene, *options.more):
         if path is not None:
             check_scene(path, options.unit, options.swatch)
     from hapscene.paint.web.secure_server import PageServer
 
-    with PageServer(options.host, options.port) as server, ExitStack() as ends:
-        if not options.no_browser:
-            is_scene = str(options.scene).endswith(SUFFIX)
-            lead_browser(server.url, Path(options.scene).parent if is_scene else Path(), ends)
-        _painted(options, server)
-    return 0
-
-
-def _painted(options: argparse.Namespace, server: "PageServer") -> None:
-    """Load what is named, and have it painted until Ctrl-C. The browser fetches the page meanwhile."""
+    server = ends.enter_context(PageServer(options.host, options.port))
+    if not options.no_browser:
+        is_scene = str(options.scene).endswith(SUFFIX)
+        lead_browser(server.url, Path(options.scene).parent if is_scene else Path(), ends)
     from hapscene.paint.web.hand_config import HandConfig
     from hapscene.paint.web.page import Page
-    from hapscene.paint.web.scene_panel import earlier_words
 
     hand = HandConfig(options.device, options.grip, options.compensator)
     session = open_session(options, say)
@@ -130,13 +144,17 @@ def _painted(options: argparse.Namespace, server: "PageServer") -> None:
         session.painting.take_painting(scene, f"picture {picture.name}")
     tell_size(session.scene, options.scene or "", options.device)
     earlier = earlier_scenes(session.path, str(options.scene).endswith(ZIP_SUFFIX))
-    page = Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
-    gc.freeze()  # what is there now stays
-    gc.set_threshold(700, 10, 10)  # as Python begins with
+    return Page(session, with_hand=not options.no_hand, hand=hand, earlier=earlier, server=server)
+
+
+def _have_painted(page: "Page") -> None:
+    """Have it painted until Ctrl-C, and say what becomes of what is not saved."""
+    from hapscene.paint.web.scene_panel import earlier_words
+
     with page:
         try:
             print(f"{page.url}   (Ctrl-C ends)", flush=True)
-            for path in earlier:
+            for path in page.earlier:
                 say(f"{earlier_words(path)} Go on with it, or begin anew: the page asks\n")
             if page.context.session.document.problem:
                 say(f"{page.context.session.document.problem}\n")
@@ -169,7 +187,8 @@ def lead_browser(url: str, folder: Path, ends: ExitStack) -> Path | None:
     from tempfile import TemporaryDirectory
 
     with suppress(OSError):  # the disk is full: the address is on the terminal
-        opener = Path(ends.enter_context(TemporaryDirectory(prefix=".hapscene-", dir=folder)), "open.html")
+        made = TemporaryDirectory(prefix=".hapscene-", dir=folder, ignore_cleanup_errors=True)  # a browser may hold it
+        opener = Path(ends.enter_context(made), "open.html")
         opener.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
         Thread(target=webbrowser.open, args=(opener.absolute().as_uri(),), daemon=True).start()
         return opener

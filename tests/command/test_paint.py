@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import gc
 import json
 import os
 import re
@@ -25,7 +26,7 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'hapsce
 
 from hapscene.cli import main
 from hapscene.command import paint
-from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, lead_browser, open_session
+from hapscene.command.paint import DEMO, _copy_demo, earlier_scenes, lead_browser, open_session, rare_collections
 from hapscene.errors import SceneError
 from hapscene.paint.document import find_recovery
 from hapscene.paint.web.page import Page
@@ -85,6 +86,14 @@ def test_the_browser_is_led_to_the_page_by_a_file_that_no_other_user_reads(
         assert sys.platform == "win32" or stat.S_IMODE(opener.parent.stat().st_mode) == 0o700
         assert lead_browser(url, folder / "cube.ply", ends) is None  # where nothing can be written
     assert not opener.parent.exists() and led.empty()
+
+
+def test_garbage_is_seldom_looked_for_until_the_page_is_there_and_as_before_after_it() -> None:
+    usual = gc.get_threshold()
+    with pytest.raises(SceneError), rare_collections():
+        assert gc.get_threshold() > usual
+        raise SceneError("it cannot be loaded")
+    assert gc.get_threshold() == usual
 
 
 def test_without_a_name_a_copy_of_the_demo_is_painted(folder: Path) -> None:

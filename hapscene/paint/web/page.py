@@ -45,8 +45,7 @@ HOST: Final = "127.0.0.1"
 PORT: Final = 8080
 
 SHOWN_S: Final = 2.0
-"""How long the hand's start waits for a page to show the scene [s]: whoever looks, comes by then.
-"""
+"""How long the hand's start waits for a page to show the scene [s]: whoever looks, comes by then."""
 
 DRAWN_S: Final = 0.3
 """From when a page has its camera until its panel is drawn [s]: about."""
@@ -69,6 +68,7 @@ class Page:
         server: viser's.
         uploads: takes the files that are dropped on the page.
         context: session, view, tools, touch and socket.
+        earlier: as given.
         kept: once it is closed, whether there is work that is not saved, and offered the next time.
 
     Raises:
@@ -91,7 +91,7 @@ class Page:
             raise SceneError("where shall the scene be saved? give the session a file NAME.scene.json")
         self._with_autosave, self._with_hand = with_autosave, with_hand
         self._ready = self.kept = False
-        self._first, self._earlier = session, tuple(earlier)
+        self._first, self.earlier = session, tuple(earlier)
         self._watching: Future[None] | None = None
         self._ends = ExitStack()
         self._served = server or PageServer(host, port)
@@ -122,8 +122,8 @@ class Page:
         self._listen()
         self._make(session, Display(session.painting))
         self._ends.callback(lambda: self._shelf_panel.close())
-        self._scene_panel.offer_earlier(self._earlier)
-        if not self._earlier and not _path(session).exists():  # of meshes that were just opened
+        self._scene_panel.offer_earlier(self.earlier)
+        if not self.earlier and not _path(session).exists():  # of meshes that were just opened
             self._body_panel.ask_sizes(session.scene.bodies)
         server.admit()
 
