@@ -136,8 +136,13 @@ def _whole_rows(content: bytes) -> bytes:
     """Without a row that a killed writer left half; one that an editor left without its end of line is whole."""
     begins = content.rfind(b"\n") + 1
     lines = content.partition(b"\n")[0], content[begins:]
-    header, last = (next(csv.reader([line.decode(errors="replace")])) for line in lines)
-    return content if 1 < len(last) == len(header) and len(last[-1]) == SHA256_LENGTH else content[:begins]
+    try:
+        header, last = (next(csv.reader([line.decode(errors="replace")])) for line in lines)
+    except csv.Error:
+        return content  # written by somebody else: what it is will be said as it is read
+    whole = 1 < len(last) == len(header) and len(last[-1]) == SHA256_LENGTH
+    ours = begins or any(",".join(one).encode().startswith(content.rstrip()) for one in (COLUMNS, EARLIER))
+    return content if whole or not ours else content[:begins]
 
 
 def parse_rows(content: bytes) -> list[dict[str, str]]:

@@ -127,7 +127,8 @@ def _check(plan: Plan, rows: Sequence[Row]) -> None:
         if block.kind == "rating" and row["rating"] not in map(str, range(low, high + 1)):
             raise StudyError(f"{where}: rating must be a whole number from {low} to {high}, is {short(row['rating'])}")
         right = str(int(row["answer"] == row["correct_answer"]))
-        if block.kind != "rating" and (row["answer"] not in ("0", "1") or row["correct"] != right):
+        two = {row["answer"], row["correct_answer"]} <= {"0", "1"}
+        if block.kind != "rating" and not (two and row["correct"] == right):
             raise StudyError(f"{where}: correct is {short(row['correct'])}; by answer and correct_answer it is {right}")
         numbers = ("latency_s", "replays", *(("level",) if block.kind == "staircase" else ()))
         if wrong := next((name for name in numbers if not _is_number(row[name])), None):
@@ -164,15 +165,15 @@ def _thresholds(block: Block, rows: Sequence[Row]) -> Iterator[Finding]:
         found.append(threshold)
         yield Finding(block.name, what, person, "threshold", unit, "QUEST+", threshold, len(mine))
     if len(found) > 1:
-        values = [one.value for one in found]
-        estimate = mean_of_people(values if block.linear else np.log(values))
-        if not block.linear:
-            estimate = Estimate(*(math.exp(one) for one in (estimate.value, estimate.low, estimate.high)))
-        # of one whose threshold may lie beyond all levels the mean knows no more than that
-        low = -math.inf if any(math.isinf(one.low) for one in found) else estimate.low
-        high = math.inf if any(math.isinf(one.high) for one in found) else estimate.high
-        estimate = Estimate(estimate.value, low, high)
-        method = ("mean" if block.linear else "geometric mean") + " of the people's, Student's t"
+        values = np.array([one.value for one in found])
+        known = all(math.isfinite(one.low) and math.isfinite(one.high) for one in found)
+        if known:
+            estimate = mean_of_people(values if block.linear else np.log(values))
+            if not block.linear:
+                estimate = Estimate(*(math.exp(one) for one in (estimate.value, estimate.low, estimate.high)))
+            method = ("mean" if block.linear else "geometric mean") + " of the people's, Student's t"
+        else:  # of one whose threshold may lie beyond all levels no mean knows anything
+            estimate, method = median_of_people(found), "median of the people's, by ranks"
         yield Finding(block.name, what, "", "threshold", unit, method, estimate, len(rows))
 
 
@@ -190,9 +191,22 @@ def mean_of_people(values: Sequence[float] | NDArray[np.float64], step: float = 
     mean = float(np.mean(values))
     if len(values) < 2:
         return Estimate(mean, -math.inf, math.inf)
-    spread = float(np.std(values, ddof=1)) if np.ptp(values) else step / math.sqrt(12.0)
+    alike = np.ptp(values) < 1e-9  # means of the same ratings differ by what they are rounded to
+    spread = step / math.sqrt(12.0) if alike else float(np.std(values, ddof=1))
     half = _t(len(values) - 1) * spread / math.sqrt(len(values))
     return Estimate(mean, mean - half, mean + half)
+
+
+def median_of_people(found: Sequence[Estimate]) -> Estimate:
+    """The median of the people that these are drawn from, by ranks: as often above a person's as below.
+
+    An open end of somebody's counts as beyond everybody else's; of fewer than six people nothing is certain.
+    """
+    rank = int(stats.binom.ppf(0.5 - 0.5 * CERTAINTY, len(found), 0.5))
+    lows = sorted(-math.inf if math.isinf(one.low) else one.value for one in found)
+    highs = sorted(math.inf if math.isinf(one.high) else one.value for one in found)
+    ends = (lows[rank - 1], highs[-rank]) if rank else (-math.inf, math.inf)
+    return Estimate(float(np.median([one.value for one in found])), *ends)
 
 
 def _t(freedom: float) -> float:

@@ -155,3 +155,18 @@ def test_what_a_spreadsheet_saves_otherwise_is_refused_readably(path: Path, enco
     path.write_bytes(text.replace(",", ";").encode() if encoding == "semicolons" else text.encode(encoding))
     with pytest.raises(StudyError, match=r"is no file of results, (with commas|in UTF-8) as it was written"):
         ResultsFile(path)
+
+
+@pytest.mark.parametrize("content", [b"my own notes", b"x" * 200_000, b"person,place\rmine"])
+def test_a_file_that_is_none_of_ours_is_refused_as_it_is(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    for read in (load_rows, ResultsFile):
+        with pytest.raises(StudyError, match="is no file of results"):
+            read(path)
+    assert path.read_bytes() == content
+
+
+def test_line_ends_of_old_are_read(path: Path) -> None:
+    rows = load_rows(path)
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\r"))
+    assert load_rows(path) == rows

@@ -13,7 +13,15 @@ from hapscene.study.discrimination import Estimate
 from hapscene.study.plan import Plan, parse_plan
 from hapscene.study.results_file import load_rows
 from hapscene.study.simulated_person import Truth, people_like, simulate
-from hapscene.study.statistics import Analysis, analyse, analyse_rows, mean_of_people, mixed_effect, verdict
+from hapscene.study.statistics import (
+    Analysis,
+    analyse,
+    analyse_rows,
+    mean_of_people,
+    median_of_people,
+    mixed_effect,
+    verdict,
+)
 from hapscene.study.trial_order import Trial
 
 from .plans import TEXT, asked, one_block
@@ -205,6 +213,7 @@ def test_pandas_and_r_find_the_same_numbers(folder: Path, analysis: Analysis) ->
     [
         ("abx", {"correct": "TRUE"}, "correct is 'TRUE'; by answer and correct_answer it is "),
         ("abx", {"answer": "NA"}, "correct is "),
+        ("abx", {"correct_answer": "NA", "correct": "0"}, "correct is "),
         ("abx", {"stimulus_2": "nope"}, "stimuli must be of alive, steady; are "),
         ("abx", {"block": "nope"}, "the plan has no block 'nope' of kind 'abx'"),
         ("rating", {"kind": "abx"}, "the plan has no block 'real' of kind 'abx'"),
@@ -242,10 +251,27 @@ def test_of_people_beyond_all_levels_no_threshold_is_made() -> None:
     """Always right, or never: each one's threshold is open, and so is that of all."""
     text = TEXT.split("[[blocks]]")[0] + "[[blocks]]" + TEXT.split("[[blocks]]")[-1]
     for wrong in (False, True):
-        analysis = same(parse_plan(text), 3, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
+        analysis = same(parse_plan(text), 6, lambda trial, wrong=wrong: int(trial.correct == (not wrong)))
         (found,) = analysis.find("gain", "threshold")
         assert (found.estimate.high if wrong else -found.estimate.low) == math.inf
         assert math.isfinite(found.estimate.low if wrong else found.estimate.high)
+
+
+def test_one_person_beyond_the_levels_hides_no_median_of_many() -> None:
+    """Ends are the ranks of Conover, Practical Nonparametric Statistics, table A3: of 6 the 1st and last, of 12 the
+    3rd; and as often as 95 % say, they hold the median that people were drawn about."""
+    some = [Estimate(float(k), k - 0.5, k + 0.5) for k in range(1, 12)]
+    beyond = Estimate(30.0, 20.0, math.inf)
+    assert median_of_people([beyond, *some]) == Estimate(6.5, 3.0, 10.0)
+    assert median_of_people([*some[:5], beyond]) == Estimate(3.5, 1.0, math.inf)
+    assert median_of_people([*some[:4], beyond]) == Estimate(3.0, -math.inf, math.inf)
+    rng = np.random.default_rng(4)
+    drawn = np.minimum(rng.lognormal(0.0, 0.5, (2000, 12)), 1.5)  # a fifth lies beyond the levels
+    held = [
+        median_of_people([Estimate(x, x, math.inf if x == 1.5 else x) for x in map(float, people)]) for people in drawn
+    ]
+    assert 0.95 < np.mean([one.low < 1.0 < one.high for one in held]) < 0.98
+    assert np.mean([math.isfinite(one.high) for one in held]) > 0.5
 
 
 def test_two_people_who_rate_alike_decide_nothing() -> None:
@@ -258,6 +284,8 @@ def test_two_people_who_rate_alike_decide_nothing() -> None:
         for people, said in ((2, few), (12, many)):
             (found,) = same(plan, people, answer).find("one", "difference of ratings")
             assert found.estimate.value == steps and found.verdict.startswith(said)
+    thirds = mean_of_people([7 / 3 - 4 / 3, 1.0], step=math.sqrt(2.0))  # alike but for rounding
+    assert thirds.low == pytest.approx(mean_of_people([1.0, 1.0], step=math.sqrt(2.0)).low) and thirds.low < -1.0
 
 
 def test_who_mixes_up_the_keys_is_not_called_unable() -> None:
