@@ -46,7 +46,8 @@ from hapscene.view import window
 from hapscene.view.palette import DARK, LIGHT
 window.Player.now = lambda player: player.at({WINDOW_S})
 window._run = lambda folder: window._main(folder) or ""
-window.play(open_scene(sys.argv[1]), Recording.load(sys.argv[2]), "hapscene", DARK if sys.argv[3] else LIGHT)
+scene, touch = open_scene(sys.argv[1]), Recording.load(sys.argv[2])
+window.play_in_window(scene, touch, "hapscene", theme=DARK if sys.argv[3] else LIGHT)
 """
 """The window, opened by this process itself and standing still."""
 
