@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -60,6 +61,11 @@ def turn(device: Any, count: int, f_D_N: tuple[float, ...] = (0.3, -0.4, 0.2)) -
         device.write()
 
 
+def turn_until(device: Any, true: Callable[[], Any]) -> None:
+    """Turns until something comes true: what is told goes its own way to the emulator, and takes its time."""
+    until(lambda: turn(device, 5) or true())
+
+
 @case
 def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
     emulated = emulate(case.name)
@@ -69,13 +75,14 @@ def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None
         assert not forces(emulated).any()
     with case.driver.open(**case.told(emulated.place)) as device:
         emulated.tell(ready=1)
-        turn(device, 60)
+        turn_until(device, lambda: forces(emulated)[-1:].any())
         assert device.state.ready[0] == 1 and device.state.trouble[0] == 0 and device.reason(0) == ""
-        assert forces(emulated)[-1].any()
         if not case.homed:
             emulated.tell(ready=0)
-            turn(device, 5)
-            assert device.state.ready[0] == 0 and not forces(emulated)[-1].any()
+            turn_until(device, lambda: device.state.ready[0] == 0 and not forces(emulated)[-1].any())
+            count = len(forces(emulated))
+            turn_until(device, lambda: len(forces(emulated)) > count + 5)
+            assert not forces(emulated)[count:].any()
 
 
 @case
@@ -84,8 +91,7 @@ def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
     emulated = emulate(case.name)
     emulated.tell(ready=1)
     device = case.driver.open(**case.told(emulated.place))
-    turn(device, 60)
-    assert forces(emulated)[-1].any()
+    turn_until(device, lambda: forces(emulated)[-1:].any())
     if way == "an exception":
         with pytest.raises(ZeroDivisionError), device:
             _ = 1 / 0
@@ -206,7 +212,7 @@ def beat(case: Case, emulate: Any, count: int) -> None:
         assert np.isfinite(device.state.p_DT_m).all() and np.abs(device.state.p_DT_m).max() < 1.0, i
         assert np.isfinite(device.state.R_DT).all()
     assert device is not None
-    assert worst_s < 1.0 and reopened < 1 + count / 500
+    assert worst_s < GONE_S and reopened < 1 + count / 500
     device.close()
     assert not forces(emulated).any()
 
@@ -216,7 +222,7 @@ def test_forces_that_are_none_are_not_sent(case: Case, emulate) -> None:
     emulated = emulate(case.name)
     emulated.tell(ready=1)
     with case.driver.open(**case.told(emulated.place)) as device:
-        turn(device, 60)
+        turn_until(device, lambda: forces(emulated)[-1:].any())
         for wrong in ((np.nan, 0.0, 0.0), (np.inf, 1.0, 0.0)):
             # asked on and on, so that it is not the device's own watchdog that lets go
             until(lambda wrong=wrong: turn(device, 3, wrong) or not forces(emulated)[-1].any(), GONE_S)

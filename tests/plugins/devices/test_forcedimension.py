@@ -98,6 +98,7 @@ def test_what_is_set_as_it_is_opened(desk):
 def test_no_force_before_it_is_ready(desk, fault, message):
     lay(desk, status=status(**fault))
     with connect() as device:
+        desk.set(watchdog=0)
         for _ in range(3):
             device.read()
             device.state.f_D_N = (1.0, 0.0, 0.0)
