@@ -40,11 +40,12 @@ def path(scene, tmp_path):
     return tmp_path / "cup.scene.json"
 
 
-def swatches_in_the_middle(scene: hapscene.Scene, faces: list[int]) -> set[int | None]:
-    """What faces of the ball have there, which are finely painted."""
-    fine = scene.body("ball").fine
-    assert fine is not None
-    return {fine.at(face, np.full(3, 1 / 3)) for face in faces}
+def swatches_in_the_middle(scene: hapscene.Scene, faces: list[int]) -> set[int]:
+    """What faces of the ball have there: finely painted ones, and those that are covered whole."""
+    ball = scene.body("ball")
+    assert ball.fine is not None
+    fine = [ball.fine.at(face, np.full(3, 1 / 3)) for face in faces]
+    return {int(ball.face_swatch[face]) if at is None else at for face, at in zip(faces, fine, strict=True)}
 
 
 def test_a_killed_painter_loses_no_more_than_since_the_last_write(path) -> None:
