@@ -647,6 +647,4 @@ def _entry(function: Any, *arguments: Any) -> Any:
         return function
     world, surface, rows, blocks, *levels = arguments
     path = np.zeros((0, 3))
-    function(world, surface, *levels, path, *_STILL, rows, blocks)
-    (compiled,) = (o for o in function.overloads.values())
-    return compiled.entry_point
+    return function.compile(world, surface, *levels, path, *_STILL, rows, blocks).entry_point

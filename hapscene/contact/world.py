@@ -10,6 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.block import by_pointer
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
@@ -119,6 +120,7 @@ CROWD_SAMPLE: Final = 1000
 """Bodies in whose middle it is counted how many overlap [count]: 0.2 s among 10,000."""
 
 
+@by_pointer
 class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 

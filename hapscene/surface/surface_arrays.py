@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
+from hapscene.compiled.block import by_pointer
 from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
@@ -73,6 +74,7 @@ SWITCHED_OFF: Final = 2
 """Why an effect is mute: the user's will (`Renderer.mute`)."""
 
 
+@by_pointer
 class Surface(NamedTuple):
     """Everything that description, effects and mixer read and write. s swatches, e effects.
 
