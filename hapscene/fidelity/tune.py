@@ -2,8 +2,7 @@
 
 Each body is reduced by halves and each texture's order by bisection until a person would notice on paths drawn for
 that; effects that nobody could feel with this device are left out. On other paths it is then checked, and taken back by
-a step where it does not hold, and on others again it is told how far the choice is from the scene as it is. What
-follows in the list are levels to step down to, of halved meshes and orders.
+a step where it does not hold, and on others again it is told how far the choice is from the scene as it is.
 
 Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is timed is timed alone, here, at the end.
 """
@@ -74,9 +73,6 @@ PLACES: Final = 6
 UPDATES: Final = (16, 8, 4)
 """Ticks between two updates of a texture's filter that are tried [count], the slowest first."""
 
-LEVEL_COUNT: Final = 4
-"""Levels in the list at most [count]."""
-
 SPEED_M_S: Final = 0.5
 """Fastest stroke or tap that is reckoned with [m/s]."""
 
@@ -131,7 +127,7 @@ class Tuned:
     Attributes:
         fidelity: to be saved.
         choices: body by body, swatch by swatch.
-        before, after: what the scene costs as it is, and at the first level, by the names of `Level.told`.
+        before, after: what the scene costs as it is, and as it was chosen, by the names of `Level.told`.
         within_jnd, within_budget: whether what was asked for is held.
     """
 
@@ -380,11 +376,6 @@ def _settled(
             checks, unseen = [*checks, unseen], feeling.drawn(len(checks) + 2)
 
 
-def _halved(scene: Scene, plan: _Plan) -> bool:
-    """Makes a plan coarser by a step; whether there is anything left to make coarser."""
-    return any([_shorter(scene, plan), _coarser(scene, plan)]) or _leave_out(scene, plan)
-
-
 def tune(
     source: Source,
     *,
@@ -441,32 +432,15 @@ def tune(
             after = _cost(scene, plan.level(), device, paths, budget_us)
     final = final if after is first else felt.error([unseen], plan)
     choices = _choices(scene, plan, judged, final, device, paths, most_jnd)
-    levels = [plan.level({**_told(final, jnd), **after})]
-    while len(levels) < LEVEL_COUNT and _halved(scene, plan := plan.copy()):
-        with step(say, f"level {len(levels) + 1}"):
-            cost = _cost(scene, plan.level(), device, paths)
-            levels.append(plan.level({**_told(felt.error([unseen], plan), jnd), **cost}))
+    level = plan.level({**_told(final, jnd), **after})
     made = {
         "device": device, "handle": handle, "budget_us": budget_us, "jnd": jnd, "seed": seed,
         "machine": f"{platform.system()} {platform.machine()}, {platform.processor() or 'unknown processor'}",
         "hapscene": __version__, "python": platform.python_version(),
         **{f"untuned_{name}": value for name, value in before.items()},
     }  # fmt: skip
-    fidelity = Fidelity(worthwhile(levels), made)
-    within = levels[0].told["error_jnd"] <= jnd
-    return Tuned(fidelity, choices, before, levels[0].told, within, after["tick_worst_us"] <= budget_us)
-
-
-def worthwhile(levels: Sequence[Level]) -> tuple[Level, ...]:
-    """The first, and those of the others that no later one beats in both error and time."""
-
-    def is_beaten(k: int) -> bool:
-        return any(
-            all(other.told[name] <= levels[k].told[name] for name in ("error_jnd", "tick_median_us"))
-            for other in levels[k + 1 :]
-        )
-
-    return (levels[0], *(level for k, level in enumerate(levels) if k > 0 and not is_beaten(k)))
+    within = level.told["error_jnd"] <= jnd
+    return Tuned(Fidelity(level, made), choices, before, level.told, within, after["tick_worst_us"] <= budget_us)
 
 
 def reach_m_s2(handle: str) -> Array:

@@ -68,17 +68,7 @@ BOUND = 0.1 * LEVEL_BOUND_DB * math.log(10.0)
 """Logarithm of the largest factor on the power beyond the highest force and speed [1]."""
 
 FADE_S = 0.2
-"""Time in which a filter becomes one of another order, where a surface is felt coarser or finer under load [s]: two
-that differ by 10 dB in a band then change it by 1 dB in 20 ms."""
-
-FADE_DB_S = 50.0
-"""How fast the level changes then at most [dB/s], likewise."""
-
-FADED = 1e-3
-"""What is left of a level when it is given up, or where it begins anew [1]: 60 dB less."""
-
-SILENT_M_S2 = 1e-3
-"""What counts as loud there at least [m/s²]: a tenth of what is felt."""
+"""Time in which a spread of the slow gain that is tuned is reached under the same touch [s]: it does not click."""
 
 
 @native
@@ -177,14 +167,10 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         layered, angle_rad = table[LAYERS] > 0.0, p.angle_deg * math.pi / 180.0
         if layered and table[int(table[LAYERS])] > 0.0:
             angle_rad = heading(touch, new, s) - angle_rad
-        of = table[at + CHECKSUM] if p.texture_gain > 0.0 else 0.0
-        if of != s.of or new:
-            stepped = touch.stepped and not new
-            fade_s = FADE_S if stepped else CHANGE_S if changed and not new else 0.0
-            begin_filter(table[at + ORDER], fade_s / touch.tick_s, s)
-            s.loud_m_s2 = max(s.level_m_s2, SILENT_M_S2) if stepped else 0.0
-            s.change = CHANGE_S / touch.tick_s if fade_s == CHANGE_S else 0.0
-            s.of = of
+        if table[at + CHECKSUM] != s.of or new:
+            s.change = CHANGE_S / touch.tick_s if changed and not new else 0.0
+            begin_filter(table[at + ORDER], s.change, s)
+            s.of = table[at + CHECKSUM]
         if s.wait <= 0.0 or new:
             s.wait = table[at + TICKS]
             share = s.wait / s.fade if s.fade > s.wait else 1.0
@@ -203,9 +189,6 @@ def render(touch: Any, p: Any, table: Any, s: Any, out: Any) -> None:
         target_m_s2 = s.goal_m_s2
         if ticks > 1.0:
             target_m_s2 = s.level_m_s2 + (s.goal_m_s2 - s.level_m_s2) / ticks
-        if s.loud_m_s2 > 0.0:
-            target_m_s2 = slowly(touch, target_m_s2, s)
-        s.force_N, s.slip_m_s = touch.force_N, touch.slip_m_s
         gain = live(touch, p.texture_life, new, table, at, s)
         gain = s.gain + (gain - s.gain) / (s.change + 1.0) if s.change > 0.0 else gain
     if target_m_s2 == 0.0 and s.level_m_s2 == 0.0:
@@ -245,25 +228,6 @@ def begin_filter(order: float, fade: float, s: Any) -> None:
         s.k[m] = 0.0
     s.order = max(order, s.order) if fade > 0.0 else order
     s.fade, s.wait, s.stale = fade, 0.0, 1.0
-
-
-@native
-def slowly(touch: Any, target_m_s2: float, s: Any) -> float:
-    """The level of this tick on its way to that of another filter: by no more than `FADE_DB_S`, force and speed aside.
-
-    `s.loud_m_s2` is what it was, and 0 when it has got there.
-    """
-    most = 10.0 ** (0.05 * FADE_DB_S * touch.tick_s)
-    least = s.level_m_s2 / most
-    if s.slip_m_s > 0.0 and s.force_N > 0.0:
-        least *= min(1.0, touch.slip_m_s / s.slip_m_s) * min(1.0, touch.force_N / s.force_N)
-    highest = most * max(s.level_m_s2, FADED * max(target_m_s2, s.loud_m_s2))
-    if least > target_m_s2 and least > FADED * s.loud_m_s2:
-        return float(least)
-    if target_m_s2 > highest:
-        return float(highest)
-    s.loud_m_s2 = 0.0
-    return target_m_s2
 
 
 def table(swatch: Swatch, rate_Hz: float) -> NDArray[np.float64]:
@@ -325,15 +289,12 @@ EFFECT = Effect(
     ),
     state=(
         *(State(name, shape) for name, shape in voice_fields(ORDER_MAX)),  # of the filter that runs
-        State("of"),  # checksum of the section that it is of, 0 where it is silent
+        State("of"),  # checksum of the section that it is of
         State("stale"),  # 1 where it is still to become that
         State("goal_m_s2"),  # level of the filter that was chosen last
         State("wait"),  # ticks until the next is
         State("fade"),  # ticks until it has become that of the table
         State("change"),  # ticks until the level is that of another state
-        State("loud_m_s2"),
-        State("force_N"),
-        State("slip_m_s"),
         State("life", (LIFE_MAX,)),  # its processes, each of variance 1
         State("lively"),  # factor on their spread
         State("norm", (2,)),  # see `advance_gain`
