@@ -210,15 +210,14 @@ def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None 
     return found
 
 
-def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shapes | None = None) -> World:
+def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     """Pack the bodies of a scene; the world's bodies, whose records hold addresses of what is searched, keep it alive.
 
     Of bodies that are given other shapes their `Deformation`s do.
 
-    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none. `shapes` are those of the
-    bodies' meshes, and maybe of more, made with the same angle.
+    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
-    shapes = shapes_of(bodies, crease_rad) if shapes is None else shapes
+    shapes = shapes_of(bodies, crease_rad)
     rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
     _place(rows, balls, bodies, shapes, (0, 0))
     proxy = records(1, PROXY)

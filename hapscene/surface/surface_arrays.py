@@ -40,10 +40,6 @@ MEMORY: Final = np.dtype(
         ("left_B_m", "f8", (3,)),  # where the tool left a body last, in the frame of `touch.left_body`
         ("jumped", "i8"),  # 1 where the touched body was put elsewhere or removed: it was not left
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
-        # see `hapscene.fidelity.level_step`
-        ("stepped", "i8"),  # not 0 where the level of the fidelity is not the first, or a step is still handed over
-        ("level", "i8"),  # of the fidelity that is felt
-        ("offset_W_N", "f8", (3,)),  # what is left of the force before the last step
         # see `hapscene.surface.blending`
         ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
         ("other_crossed", "i8"),  # as `touch.crossed`
