@@ -218,7 +218,7 @@ def judge_swatch(source: dict[str, Any], name: str, device: str, reach_m_s2: lis
                 tried[order] = float(np.percentile(bands_jnd(rms, true, band_edges_Hz()), WITHIN))
             return tried[order]
 
-        low, high = ORDER_MIN - 1, max(one.order for one in texture.states)  # too low, high enough
+        low, high = ORDER_MIN - 1, texture.order  # too low, high enough
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if error(middle) <= most_jnd else (middle, high)
@@ -230,14 +230,12 @@ def _reduced(scene: Scene, body: Body, count: int) -> Mesh | None:
 
 
 def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
-    """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states and layers in turn, at places (n,)."""
+    """Root mean squares (n, k) in bands [m/s²] of a texture at places (n,)."""
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
     at_Hz = line_Hz * np.arange(LINES + 1)
-    density = np.concatenate(
-        [one.density(force_N, speed_m_s, frequency_Hz=at_Hz) for one in (*texture.states, *texture.layers)]
-    )
+    density = texture.density(force_N, speed_m_s, frequency_Hz=at_Hz)
     total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
     edges = band_edges_Hz() / line_Hz

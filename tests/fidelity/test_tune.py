@@ -146,15 +146,6 @@ def test_life_is_left_out_where_it_is_too_little_to_be_felt(tmp_path):
     np.testing.assert_array_equal(still.run(path).a_m_s2, again.run(path).a_m_s2)
 
 
-def test_what_squeals_at_times_is_judged_by_its_squeal_too():
-    wood = hapscene.load_swatch("wood")
-    loud = wood.texture
-    still = replace(loud, variance_m2_s4=1e-9 * loud.variance_m2_s4, life=None)
-    both = replace(wood, taps=None, texture=replace(still, other=loud, dwell_s=(1.0, 1.0)))
-    assert tune.unfelt(replace(both, texture=still), "omni", NEVER)[0] == ["lpc_texture"]
-    assert tune.unfelt(both, "omni", NEVER)[0] == []
-
-
 def test_friction_and_taps_that_are_left_out_are_so_altogether():
     taps = Taps([0.1], [3.0], [250.0], [200.0])
     all_of_it = Swatch("tar", friction_static=0.4, friction_dynamic=0.3, friction_viscous_s_m=1.0, breakaway_1_kg=9.0,
