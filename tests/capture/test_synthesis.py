@@ -28,7 +28,10 @@ def unlike(interpolation: str) -> Swatch:
     a = ar_from_reflection(k)
     force, speed = rng.uniform(0.5, 3.0, 5), rng.uniform(0.05, 0.3, 5)
     variance = rng.uniform(0.5, 3.0, 5) / power_gain(a)
-    return Swatch("unlike", texture=Texture.from_models(10_000.0, force, speed, a, variance, interpolation))
+    return Swatch(
+        "unlike",
+        texture=Texture.from_models(10_000.0, force, speed, a=a, variance_m2_s4=variance, interpolation=interpolation),
+    )
 
 
 SWATCHES = [load_swatch(name) for name in shipped_swatches()] + [unlike(name) for name in INTERPOLATIONS]
