@@ -22,7 +22,6 @@ from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
 from hapscene.native import INTERPRETED, compiling
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
 from hapscene.surface.effect import Effect, check_range
@@ -115,7 +114,6 @@ class Renderer:
         MeshWarning: more bodies overlap in one place than a tick asks.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: "Scene",

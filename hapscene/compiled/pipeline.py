@@ -135,7 +135,7 @@ _NOT_NEEDED: Final = (
     typed_passes.DumpParforDiagnostics,
     typed_passes.AnnotateTypes,
 )
-"""Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, expressions of whole arrays."""
+"""Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, whole-array expressions."""
 
 
 class _Passes(compiler_machinery.PassManager):  # type: ignore[misc]

@@ -28,7 +28,6 @@ from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, n
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
@@ -100,10 +99,6 @@ class ServoState(NamedTuple):
         return f"<ServoState: tick {self.tick}, {where}; tool ({place}) m, force ({force}) N>"
 
 
-State = ServoState
-"""An older name of it, kept until 1.0."""
-
-
 class TickLog(NamedTuple):
     """What was felt over n ticks that followed one another.
 
@@ -156,7 +151,6 @@ class Servo:
             a servo whose process has ended.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: Scene,
@@ -398,7 +392,6 @@ class Servo:
         """
         return self._channel.states[self._number(tool)].copy()
 
-    @old_spellings(p_WT_m="p_WT")
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
         """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there; several tools at (tools, 3).
 
@@ -427,7 +420,6 @@ class Servo:
         """
         self._order("resume")
 
-    @old_spellings(p_W_m="p_WT")
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
     ) -> None:
@@ -451,7 +443,6 @@ class Servo:
         aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
 
-    @old_spellings()
     def move(
         self,
         body: str,
@@ -506,7 +497,6 @@ class Servo:
             self._moving.add(index)
             shared.channel[0].moving_count = len(self._moving)
 
-    @old_spellings()
     def free(
         self, body: str, mass_kg: float, *, inertia_B_kg_m2: ArrayLike, com_B_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:
@@ -615,7 +605,6 @@ class Servo:
         for body, (face_swatch, fine) in zip(self.scene.bodies, painted, strict=True):
             body.face_swatch, body.fine = face_swatch, fine
 
-    @old_spellings()
     def add(
         self,
         mesh: Mesh | str | os.PathLike[str],

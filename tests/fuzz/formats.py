@@ -157,7 +157,9 @@ def read_mesh(path: Path) -> int:
 def swatch() -> Swatch:
     rng = np.random.default_rng(0)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 4)))
-    texture = Texture.from_models(1e4, np.array([1.0, 2.0, 1.5]), np.array([0.1, 0.1, 0.2]), a, rng.uniform(0, 1, 3))
+    texture = Texture.from_models(
+        1e4, np.array([1.0, 2.0, 1.5]), np.array([0.1, 0.1, 0.2]), a=a, variance_m2_s4=rng.uniform(0, 1, 3)
+    )
     taps = Taps([0.1, 0.2], [1.0, 2.0], [90.0, 80.0], [50.0, 60.0], rng.standard_normal((2, 8)), 1e4)
     return Swatch(
         "oak", 500.0, 0.1, 0.3, 0.2, texture, taps, (0.1, 0.5, 1.0), "made up", "MIT", {"wall": {}},

@@ -59,13 +59,6 @@ def test_it_ticks_at_its_rate_and_follows_the_aim(servo: Servo) -> None:
     assert state.p_WP_m == pytest.approx((0.01, 0.0, 0.0), abs=2e-3)
 
 
-def test_an_older_spelling_aims_too(servo: Servo) -> None:
-    servo.start((0.0, 0.0, 0.01))
-    with pytest.warns(DeprecationWarning, match="say p_WT="):
-        servo.aim(p_W_m=(0.0, 0.0, 0.02))
-    until(lambda: servo.state().p_WT_m[2] > 0.015)
-
-
 def test_a_stroke_is_heard_and_the_ring_holds_it_without_gaps(servo: Servo) -> None:
     servo.start((-0.03, 0.0, 0.002))
     since = servo.state().tick + 1

@@ -30,7 +30,9 @@ from hapscene.surface.texture import Texture
 def oak() -> Swatch:
     rng = np.random.default_rng(0)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (30, 60)))
-    texture = Texture.from_models(1e4, rng.uniform(1, 2, 30), rng.uniform(0.1, 0.2, 30), a, rng.uniform(0, 1, 30))
+    texture = Texture.from_models(
+        1e4, rng.uniform(1, 2, 30), rng.uniform(0.1, 0.2, 30), a=a, variance_m2_s4=rng.uniform(0, 1, 30)
+    )
     return Swatch("oak", texture=texture, licence="MIT")
 
 
