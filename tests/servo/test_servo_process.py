@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,18 @@ import pytest
 import trimesh
 
 import hapscene
+from hapscene.clock import new_clock, now_ns
 from hapscene.device.omni import Omni
 from hapscene.errors import HapsceneError
+from hapscene.native import INTERPRETED
 from hapscene.servo import Servo
+from hapscene.servo.servo_loop import LATE_MAX, await_tick, serve
+from hapscene.servo.servo_process import Desk
+from hapscene.servo.shared_memory import CHANNEL
 from tests.until import until
 
 from .test_servo import ASKED, MASS, make_scene
+from .test_servo_loop import TICK_NS, desk  # noqa: F401  # a fixture
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +182,43 @@ def test_orders_of_several_threads_go_one_after_the_other(servo: Servo) -> None:
             wrong.append("taken")
     thread.join()
     assert not wrong
+
+
+# The loop keeps the time of a real clock, and leaves the processor to others.
+
+
+def test_it_sleeps_until_just_before_a_tick_is_due() -> None:
+    """The processor is left to others meanwhile: it costs some microseconds, and 50 of looking."""
+    channel, clock = np.zeros(1, CHANNEL).view(np.recarray)[0], new_clock()
+    period_ns, due, count = 20 * TICK_NS, now_ns(clock), 10
+    await_tick(channel, clock, due, period_ns)  # compiled
+    used_s, due = time.thread_time(), now_ns(clock)
+    for k in range(1, count + 1):
+        await_tick(channel, clock, due + k * period_ns, period_ns)
+    used_s = time.thread_time() - used_s
+    assert used_s < 0.05 * count * period_ns * 1e-9  # also where a spinning one would get a tenth of a core
+
+
+@pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes all there is")
+@pytest.mark.parametrize("desk", [1e-3, 4e-3], indirect=True)
+def test_the_loop_keeps_the_time_of_its_period_and_sleeps_between(desk: Desk) -> None:  # noqa: F811
+    channel, tick_s = desk._channel.channel[0], desk._twins[0].renderer.tick_s
+
+    def live() -> tuple[float, float]:
+        wall_s, used_s = time.monotonic(), time.thread_time()
+        serve(desk._acted_on())
+        return time.monotonic() - wall_s, time.thread_time() - used_s
+
+    channel.pause = 0
+    with ThreadPoolExecutor(1) as lane:
+        told = lane.submit(live)
+        end_s = time.monotonic() + 60.0
+        while channel.done < 100 and time.monotonic() < end_s:
+            time.sleep(0.001)
+        channel.pause = 1
+        wall_s, used_s = told.result()
+    ticks = channel.done + channel.missed
+    assert channel.done >= 100 and ticks * tick_s <= wall_s  # none before its time
+    assert wall_s < (ticks + LATE_MAX + 2) * tick_s  # and none forgotten: done, counted as missed, or being made up
+    assert channel.late.sum() == channel.busy.sum() == channel.done
+    assert used_s < 3e-4 * ticks
