@@ -24,10 +24,9 @@ from hapscene.servo import Servo
 from hapscene.servo.servo_loop import LATE_MAX, await_tick, serve
 from hapscene.servo.servo_process import Desk
 from hapscene.servo.shared_memory import CHANNEL
+from tests.servo.test_servo import ASKED, MASS, make_scene
+from tests.servo.test_servo_loop import TICK_NS, desk  # noqa: F401  # a fixture
 from tests.until import until
-
-from .test_servo import ASKED, MASS, make_scene
-from .test_servo_loop import TICK_NS, desk  # noqa: F401  # a fixture
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +95,7 @@ def test_the_example_of_the_package_runs_as_a_script(tmp_path: Path) -> None:
     assert hapscene.servo.__doc__ is not None
     script = tmp_path / "example.py"
     script.write_text(re.split(r"```(?:python)?\n", hapscene.servo.__doc__)[1])
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     done = subprocess.run([sys.executable, script], cwd=root, capture_output=True, text=True, timeout=100.0)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     assert re.fullmatch(r"\[[-0-9. e]+\]\n", done.stdout)
@@ -106,7 +105,7 @@ def test_it_ends_with_an_application_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "application.py"
     script.write_text(
         "import os, sys\n"
-        f"sys.path.insert(0, {str(Path(__file__).parents[2])!r})\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
         "from tests.servo.test_servo import MASS, make_scene\n"
         "from hapscene.servo import Servo\n"
         "if __name__ == '__main__':\n"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from .here import client_file
-from .served import Served
+from tests.bridge.here import client_file
+from tests.bridge.served import Served
 
 
 def test_it_answers_and_ends_with_ctrl_c_and_says_what_came(tmp_path: Path) -> None:
