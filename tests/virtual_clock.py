@@ -1,11 +1,16 @@
 """A clock whose time passes as a test says, for compiled code and for Python."""
 
 import threading
+from collections.abc import Callable
+from typing import Any
 
 from hapscene.clock import VIRTUAL, new_clock
 from hapscene.wall_clock import Clock
 
 BEGIN_NS = 1_000_000_000_000
+
+PATIENCE_S = 180.0
+"""How long another thread may take on a machine that does much else besides [s]."""
 
 
 class VirtualClock(Clock):
@@ -31,3 +36,28 @@ class VirtualClock(Clock):
         if not event.is_set():
             self.sleep_s(timeout_s)
         return event.is_set()
+
+
+class DrivenClock(Clock):
+    """A clock that one thread moves on, as the one of a simulated wire; the others wait for it, however slow it is."""
+
+    def __init__(self) -> None:
+        self._now_s, self._moved = BEGIN_NS * 1e-9, threading.Condition()
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def move(self, span_s: float) -> None:
+        """Let time pass."""
+        with self._moved:
+            self._now_s += span_s
+            self._moved.notify_all()
+
+    def until(self, true: Callable[[], Any]) -> None:
+        """Wait until something is true; it is looked at each time that the clock is moved on."""
+        with self._moved:
+            assert self._moved.wait_for(true, PATIENCE_S), "it does not come true"
+
+    def sleep_s(self, span_s: float) -> None:
+        end_s = self._now_s + span_s
+        self.until(lambda: self._now_s >= end_s)

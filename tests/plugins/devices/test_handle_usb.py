@@ -15,7 +15,7 @@ from hapscene.handle import live_board, usb_simulator
 from hapscene.handle.live_process import compensator_of, open_output, play_recording
 from hapscene.handle.live_stream import LiveStream
 from hapscene_plugins.devices.handle_usb import DRIVER
-from tests.until import PATIENCE_S, until
+from tests.virtual_clock import PATIENCE_S
 
 BACKEND = "hapscene.handle.usb_simulator"
 
@@ -44,7 +44,7 @@ def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> 
     handle = open_output("usb", {"backend": BACKEND})
     handle.start(Silence())
     plugged_in.unplugged = True
-    until(lambda: handle.fault)
+    handle._thread.join(PATIENCE_S)
     handle.close()
     assert "no such device" in handle.fault or "handle went away" in handle.fault
 
@@ -58,7 +58,12 @@ class FullPackets(usb_simulator.Backend):
 
     def __init__(self) -> None:
         super().__init__()
-        self._answered, self._plays, self.over = threading.Event(), False, False
+        self._answered, self._plays = threading.Event(), False
+        self._answered.set()
+
+    def end(self) -> None:
+        """Wait for no more answers."""
+        self._plays = False
         self._answered.set()
 
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
@@ -68,7 +73,7 @@ class FullPackets(usb_simulator.Backend):
         return size
 
     def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        until(lambda: self.over or self._answered.wait(0.05))
+        assert self._answered.wait(PATIENCE_S)
         if self._plays:
             self._answered.clear()
         while len(self._rest) < len(buff):
@@ -84,8 +89,8 @@ def test_a_board_that_sends_full_packets_plays_without_gaps(monkeypatch: pytest.
     monkeypatch.setattr(live_board, "GONE_S", PATIENCE_S)
     handle = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.5"})
     handle.start(feed := Silence(0.1))
-    until(lambda: sum(map(len, feed.heard)) > 5000)
-    backend.over = True
+    assert feed.enough.wait(PATIENCE_S)
+    backend.end()
     handle.close()
     force = np.concatenate(feed.heard)
     assert handle.counts == dict.fromkeys(handle.counts, 0)
@@ -96,6 +101,7 @@ class Silence:
     def __init__(self, level: float = 0.0) -> None:
         self.level = level
         self.heard: list[np.ndarray] = []
+        self.enough = threading.Event()  # 5,000 samples were heard
 
     def pull(self, out: np.ndarray) -> None:
         out[:] = self.level
@@ -105,6 +111,8 @@ class Silence:
 
     def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
         self.heard.append(np.nan_to_num(force))
+        if sum(map(len, self.heard)) > 5000:
+            self.enough.set()
 
 
 @pytest.mark.parametrize(
