@@ -67,7 +67,7 @@ def _numbers(id: str) -> tuple[int, int]:
     return vendor, product
 
 
-def open_handle(id: str, backend: str | None, **board: float) -> LiveBoard:
+def open_handle(id: str, backend: str | None, **board: Any) -> LiveBoard:
     """Opens the device and waits for the board.
 
     Raises:
