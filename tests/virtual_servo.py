@@ -1,9 +1,9 @@
 """A servo whose loop runs in this process, at a virtual time: it ticks as often as a test says, and only then."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from multiprocessing.reduction import ForkingPickler
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -47,10 +47,11 @@ class VirtualServo(Servo):
 
     def advance(self, ticks: int) -> None:
         """Let so many ticks go by."""
-        for _ in range(ticks):
-            if not self.alone:
-                self._pulse[0] += 1
-            self.desk.advance(1)
+        with self._wire.lock:
+            for _ in range(ticks):
+                if not self.alone:
+                    self._pulse[0] += 1
+                self.desk.advance(1)
 
     def until(self, true: Callable[[], Any], ticks: int = TICKS_MAX) -> Any:
         """Tick until something comes true; what it then is."""
@@ -79,10 +80,12 @@ class _Here:
             self._close()
             raise
         self._answers: deque[Any] = deque()
+        self.lock = Lock()  # an order comes between two ticks
 
     def send_bytes(self, pickled: Any) -> None:
         order, arguments = ForkingPickler.loads(pickled)
-        self._answers.append(ForkingPickler.dumps(self.desk.answer(order, arguments)))
+        with self.lock:
+            self._answers.append(ForkingPickler.dumps(self.desk.answer(order, arguments)))
 
     def poll(self, timeout_s: float) -> bool:
         return bool(self._answers)
@@ -109,14 +112,3 @@ class _Here:
 
     def is_alive(self) -> bool:
         return self.exitcode is None
-
-
-@contextmanager
-def ticking(servo: VirtualServo, ticks: int = 1) -> Iterator[None]:
-    """Any look at the newest tick within lets so many go by before."""
-    looks = servo.state
-    servo.state = lambda **which: (servo.advance(ticks), looks(**which))[1]  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        del servo.state  # type: ignore[method-assign]

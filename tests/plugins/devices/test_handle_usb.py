@@ -20,35 +20,6 @@ from tests.virtual_clock import PATIENCE_S
 BACKEND = "hapscene.handle.usb_simulator"
 
 
-@pytest.fixture(autouse=True)
-def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backend]:
-    backend = usb_simulator.Backend()
-    monkeypatch.setattr(usb_simulator, "_BACKEND", backend)
-    yield backend
-
-
-def test_an_acceleration_is_played_by_a_compensator_and_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The simulated handle is held by another hand than the assumed one: at 200 Hz that matters little."""
-    output: Any = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.2", "ahead_s": "0.05"})
-    wanted = 5.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(6000) / 1e4)
-    heard: list[np.ndarray] = []
-    monkeypatch.setattr(LiveStream, "hear", lambda stream, numbers, *read: heard.append(np.array(read)))
-    stream = play_recording(wanted, 1e4, output, compensator_of(output, None))
-    force, acceleration = np.hstack(heard)
-    strong = acceleration[np.flatnonzero(np.abs(force) > 0.3)[0] :][750:2250]
-    assert np.sqrt(2.0 * np.mean(strong**2)) == pytest.approx(5.0, rel=0.1)
-    assert output.counts["restarts"] == output.counts["lost"] == 0 and stream.counts["clipped"] == 0
-
-
-def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> None:
-    handle = open_output("usb", {"backend": BACKEND})
-    handle.start(Silence())
-    plugged_in.unplugged = True
-    handle._thread.join(PATIENCE_S)
-    handle.close()
-    assert "no such device" in handle.fault or "handle went away" in handle.fault
-
-
 class FullPackets(usb_simulator.Backend):
     """Its board sends no short packet: a read ends when its buffer is full.
 
@@ -83,14 +54,51 @@ class FullPackets(usb_simulator.Backend):
         return len(part)
 
 
-def test_a_board_that_sends_full_packets_plays_without_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> FullPackets:
+    """Such a board, which is never taken for silent."""
     monkeypatch.setattr(usb_simulator, "_BACKEND", backend := FullPackets())
     monkeypatch.setattr(live_board, "AGAIN_S", PATIENCE_S)
     monkeypatch.setattr(live_board, "GONE_S", PATIENCE_S)
+    return backend
+
+
+@pytest.fixture(autouse=True)
+def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[usb_simulator.Backend]:
+    backend = usb_simulator.Backend()
+    monkeypatch.setattr(usb_simulator, "_BACKEND", backend)
+    yield backend
+
+
+def test_an_acceleration_is_played_by_a_compensator_and_measured(
+    patient: FullPackets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The simulated handle is held by another hand than the assumed one: at 200 Hz that matters little."""
+    output: Any = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.2", "ahead_s": "0.05"})
+    wanted = 5.0 * np.sin(2.0 * np.pi * 200.0 * np.arange(6000) / 1e4)
+    heard: list[np.ndarray] = []
+    monkeypatch.setattr(LiveStream, "hear", lambda stream, numbers, *read: heard.append(np.array(read)))
+    stream = play_recording(wanted, 1e4, output, compensator_of(output, None))
+    force, acceleration = np.hstack(heard)
+    strong = acceleration[np.flatnonzero(np.abs(force) > 0.3)[0] :][750:2250]
+    assert np.sqrt(2.0 * np.mean(strong**2)) == pytest.approx(5.0, rel=0.1)
+    assert output.counts["restarts"] == output.counts["lost"] == 0 and stream.counts["clipped"] == 0
+
+
+def test_a_board_that_is_torn_out_is_told(plugged_in: usb_simulator.Backend) -> None:
+    handle = open_output("usb", {"backend": BACKEND})
+    handle.start(Silence())
+    plugged_in.unplugged = True
+    handle._thread.join(PATIENCE_S)
+    handle.close()
+    assert "no such device" in handle.fault or "handle went away" in handle.fault
+
+
+def test_a_board_that_sends_full_packets_plays_without_gaps(patient: FullPackets) -> None:
     handle = open_output("usb", {"backend": BACKEND, "watchdog_s": "0.5"})
     handle.start(feed := Silence(0.1))
     assert feed.enough.wait(PATIENCE_S)
-    backend.end()
+    patient.end()
     handle.close()
     force = np.concatenate(feed.heard)
     assert handle.counts == dict.fromkeys(handle.counts, 0)
