@@ -38,6 +38,24 @@ class VirtualClock(Clock):
         return event.is_set()
 
 
+class StillClock(Clock):
+    """Stands still until a test puts it on, so that nobody who is slow counts as silent. Who sleeps does so really.
+
+    Attributes:
+        at_s: what it shows.
+        runs: whether a sleep puts it on.
+    """
+
+    at_s, runs = BEGIN_NS * 1e-9, False
+
+    def now_s(self) -> float:
+        return self.at_s
+
+    def sleep_s(self, span_s: float) -> None:
+        super().sleep_s(span_s)
+        self.at_s += span_s if self.runs else 0.0
+
+
 class DrivenClock(Clock):
     """A clock that one thread moves on, as the one of a simulated wire; the others wait for it, however slow it is."""
 
