@@ -1,6 +1,5 @@
 """What plays the intervals of a trial: headphones, a handle, or a device that touches a flat pad."""
 
-import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from threading import Event
@@ -19,10 +18,12 @@ from hapscene.study.plan import EFFECTS
 from hapscene.study.stimulus import FULL_SCALE, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
 from hapscene.surface.swatch import Swatch
+from hapscene.wall_clock import CLOCK, Clock
 
 if TYPE_CHECKING:
     from hapscene.device.driver_registry import DeviceChoice
     from hapscene.scene.scene import Scene
+    from hapscene.servo import Servo
 
 DEAF_S: Final = 10.0
 """How much longer than it lasts a sound is waited for, before what plays it counts as gone [s]."""
@@ -98,12 +99,17 @@ class OutputPlayer:
         output: what it is played on; closed with this.
         shaped: the values that the output is given for an interval.
         told: what `report` says besides the output's own counts.
+        clock: measures how long a sound takes.
     """
 
     def __init__(
-        self, output: HandleOutput, shaped: Callable[[Interval], Array], told: Callable[[], dict[str, float]]
+        self,
+        output: HandleOutput,
+        shaped: Callable[[Interval], Array],
+        told: Callable[[], dict[str, float]],
+        clock: Clock = CLOCK,
     ) -> None:
-        self._output, self._shaped, self._told = output, shaped, told
+        self._output, self._shaped, self._told, self._clock = output, shaped, told, clock
         self._feed, self._closed = _Samples(), False
         output.start(self._feed)
 
@@ -111,13 +117,13 @@ class OutputPlayer:
         return partial(self._play, self._shaped(interval))
 
     def _play(self, samples: Array) -> None:
-        ended, last_s = self._feed.give(samples), time.monotonic() + len(samples) / self._output.rate_Hz + DEAF_S
-        while not (ended.wait(LOOK_S) or self._output.fault or self._closed):
-            if time.monotonic() > last_s:
+        ended, last_s = self._feed.give(samples), self._clock.now_s() + len(samples) / self._output.rate_Hz + DEAF_S
+        while not (self._clock.wait(ended, LOOK_S) or self._output.fault or self._closed):
+            if self._clock.now_s() > last_s:
                 raise StudyError(f"{self._output.name}: takes no samples any more: was it unplugged?")
         if self._output.fault:
             raise StudyError(self._output.fault)
-        time.sleep(0.0 if self._closed else self._output.latency_s)
+        self._clock.sleep_s(0.0 if self._closed else self._output.latency_s)
 
     def close(self) -> None:
         self._closed = True
@@ -127,7 +133,9 @@ class OutputPlayer:
         return {**self._told(), **self._output.counts}
 
 
-def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus]) -> OutputPlayer:
+def headphones(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays as sound, in whole steps of 16 bits, all at one level.
 
     Raises:
@@ -147,10 +155,12 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
     def told() -> dict[str, float]:
         return {"full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
 
-    return OutputPlayer(output, shaped, told)
+    return OutputPlayer(output, shaped, told, clock)
 
 
-def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "") -> OutputPlayer:
+def handle(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "", clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays on a handle: the acceleration itself, by each stimulus's compensator, "flat" where it says none.
 
     Args:
@@ -177,7 +187,7 @@ def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulu
         counts["clipped"] += int(np.count_nonzero(np.abs(values) > output.ceiling))
         return np.clip(values, -output.ceiling, output.ceiling)
 
-    return OutputPlayer(output, shaped, lambda: dict(counts))
+    return OutputPlayer(output, shaped, lambda: dict(counts), clock)
 
 
 class DevicePlayer:
@@ -195,6 +205,8 @@ class DevicePlayer:
         stimuli: Iterable[Stimulus],
         *,
         seed: int = 0,
+        clock: Clock = CLOCK,
+        servo: "Callable[..., Servo] | None" = None,
         **made: Any,
     ) -> None:
         """Starts the servo, which takes seconds.
@@ -204,6 +216,8 @@ class DevicePlayer:
             device: a driver, or the name of a simulated device.
             stimuli: all that may be felt: they are made now, so that nobody waits.
             seed: of the noise.
+            clock: measures how long an interval lasts.
+            servo: makes the servo; `Servo` without.
             made: further arguments of `Servo`: handle, handle_file.
 
         Raises:
@@ -211,10 +225,10 @@ class DevicePlayer:
         """
         from hapscene.servo import Servo
 
-        self._maker, self._simulated, self._closed = maker, isinstance(device, str), Event()
+        self._maker, self._simulated, self._closed, self._clock = maker, isinstance(device, str), Event(), clock
         swatches = [maker.swatch(stimulus) for stimulus in stimuli]
         self._scene = _pad(swatches[0])
-        self._servo = Servo(self._scene, device, seed=seed, **made)
+        self._servo = (servo or Servo)(self._scene, device, seed=seed, **made)
         self._servo.__enter__()
         try:
             self._servo.start((0.0, 0.0, CLEAR_M))
@@ -241,14 +255,14 @@ class DevicePlayer:
                 self._servo.rest()
 
     def _felt(self, stimulus: Stimulus) -> None:
-        began_s, seconds = time.monotonic(), stimulus["seconds"]
-        while (now_s := time.monotonic() - began_s) < seconds and not self._closed.is_set():
+        began_s, seconds = self._clock.now_s(), stimulus["seconds"]
+        while (now_s := self._clock.now_s() - began_s) < seconds and not self._closed.is_set():
             if self._simulated:
                 along = (now_s * stimulus["speed_m_s"] / REACH_M + 1.0) % 4.0
                 x_m = REACH_M * (abs(along - 2.0) - 1.0)
                 self._servo.aim((x_m, 0.0, 0.0), push_W_N=(0.0, 0.0, -stimulus["force_N"]))
             self._servo.state()  # raises where it has ended
-            self._closed.wait(LOOK_S)
+            self._clock.wait(self._closed, LOOK_S)
         if self._simulated and not self._closed.is_set():
             self._servo.aim((0.0, 0.0, CLEAR_M))
 
