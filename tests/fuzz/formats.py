@@ -40,7 +40,7 @@ from hapscene.scene.scene import Scene
 from hapscene.stability.wall_case import read_cases
 from hapscene.study.plan import load_plan
 from hapscene.study.results_file import load_rows
-from hapscene.study.simulated_person import simulate
+from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
 from hapscene.surface import library
 from hapscene.surface.swatch import Swatch
@@ -350,7 +350,7 @@ def read_page(path: Path) -> None:
 STUDY = b"""title = "t"
 people = 2
 stimuli.a.swatch = "wood"
-stimuli.b = {swatch = "wood", life = false, order = 40, effects = ["tap"]}
+stimuli.b = {swatch = "wood", life = false, order = 40}
 [[blocks]]
 name = "rated"
 kind = "rating"
@@ -358,7 +358,7 @@ stimuli = ["a", "b"]
 repeats = 2
 [[blocks]]
 name = "told"
-kind = "abx"
+kind = "2ifc"
 pairs = [["a", "b"]]
 repeats = 3
 margin = 0.5
@@ -375,7 +375,11 @@ trials = 5
 def answers() -> Files:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "x.toml").write_bytes(STUDY)
-        simulate(load_plan(Path(folder) / "x.toml"), Path(folder) / "x", people=2)
+        plan = load_plan(Path(folder) / "x.toml")
+        for person in ("P01", "P02"):
+            with Sitting(plan, Path(folder) / "x", person) as sitting:
+                while sitting.trial is not None:
+                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
         return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
 
 
