@@ -38,9 +38,6 @@ FILES: Final = {
     "page.js": ("study_page.js", "text/javascript; charset=utf-8"),
 }
 
-LABELS: Final = {"rating": ("",), "2ifc": ("1", "2"), "staircase": ("1", "2"), "abx": ("A", "B", "X")}
-"""What the intervals of a trial are called on the page, by its kind."""
-
 
 class StudyServer:
     """Serves the page of a sitting while it is open, and plays what is asked about.
@@ -125,8 +122,8 @@ class StudyServer:
                 "question": trial.question,
                 "choices": trial.choices,
                 "ends": trial.labels,
-                "kind": "pair" if trial.kind == "staircase" else trial.kind.replace("2ifc", "pair"),
-                "intervals": LABELS[trial.kind],
+                "kind": "rating" if trial.kind == "rating" else "pair",
+                "intervals": ("",) if trial.kind == "rating" else ("1", "2"),
                 "heard": sorted(self._heard),
                 "playing": self._playing,
             }

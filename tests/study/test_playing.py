@@ -1,7 +1,6 @@
-"""What an output is given for an interval, and what a device feels."""
+"""What an output is given for an interval."""
 
 import json
-from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -9,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapscene.errors import HandleError, HapsceneError, StudyError
+from hapscene.errors import HapsceneError, StudyError
 from hapscene.handle.plant import Plant
 from hapscene.handle.playback import play
 from hapscene.study.plan import parse_plan
-from hapscene.study.playing import DEAF_S, DevicePlayer, _Samples, handle, headphones
+from hapscene.study.playing import DEAF_S, _Samples, handle, headphones
 from hapscene.study.stimulus import FULL_SCALE, StimulusMaker
 from hapscene.study.trial_order import Interval
 from tests.virtual_clock import BEGIN_NS, VirtualClock
-from tests.virtual_servo import VirtualServo
 
 
 def stimulus(**told: Any) -> Any:
@@ -164,54 +162,3 @@ def test_a_sound_that_is_given_in_the_middle_of_a_pull_is_played_whole() -> None
     feed.fade_in()
     feed.pull(out)
     assert not out.any()
-
-
-class Ticking(VirtualClock):
-    """Who waits lets the servo tick."""
-
-    servo: Any = None
-
-    def wait(self, event: Event, timeout_s: float) -> bool:
-        self.servo.advance(round(timeout_s / self.servo.tick_s))
-        return event.is_set()
-
-
-def test_a_device_feels_the_pad_of_the_stimulus_and_its_effects_alone(
-    maker: StimulusMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    on = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=["lpc_texture", "friction"])
-    off = stimulus(swatch="wood", seconds=0.6, speed_m_s=0.15, force_N=1.0, effects=[])
-    clock = Ticking()
-    player = DevicePlayer(maker, "omni", [on, off], clock=clock, servo=partial(VirtualServo, clock=clock))
-    servo, felt = player._servo, []
-    clock.servo = servo
-    try:
-        for told_of in (on, off, on):
-            before = servo.state().tick + 1
-            player.ready(Interval(told_of, 1))()
-            log = servo.read(before)
-            touching = log.rows["depth_m"] > 0.0
-            assert len(log.rows) == pytest.approx(600, abs=10) and touching[-100:].any()
-            shake = log.a_m_s2[touching]
-            sideways_N = np.abs(log.rows["f_W_N"][touching][:, :2]).max(axis=1)
-            felt.append((float(np.abs(shake[50:]).max()), float(np.median(sideways_N[50:]))))
-            rests = servo.state().tick
-            servo.advance(10)
-            assert servo.state().tick == rests  # no ticks, no force, between intervals
-        assert felt[0][0] > 0.1 and felt[2][0] > 0.1 and felt[1][0] == 0.0
-        assert felt[0][1] > 0.05 and felt[1][1] < 0.02
-
-        def gone() -> None:
-            raise HandleError("it plays no more")
-
-        monkeypatch.setattr(servo, "handle_report", gone)
-        with pytest.raises(HandleError):
-            player.ready(Interval(off, 1))()
-    finally:
-        player.close()
-        player.close()
-
-
-def test_a_recording_cannot_be_felt_as_it_is(maker: StimulusMaker) -> None:
-    with pytest.raises(StudyError, match="a recording is a swatch once it has an order"):
-        DevicePlayer(maker, "omni", [stimulus(recording="oak.csv")])
