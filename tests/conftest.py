@@ -1,5 +1,6 @@
 """What tests share: the folder of reference data, where there is one."""
 
+import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -9,6 +10,11 @@ import pytest
 from hypothesis import settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+# A suite that is started in the background, or under nohup, ignores these signals; so would all processes of its tests.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 settings.register_profile("fixed", derandomize=True, deadline=None)  # the same examples everywhere, at any speed
 settings.load_profile("fixed")
