@@ -1,4 +1,4 @@
-"""Compiles, once and before pytest starts its processes, what most tests share: the tick, the twin, the servo's loop."""
+"""Compiles, once and before pytest starts its processes, what most tests share: tick, twin and servo loop."""
 
 import numpy as np
 import trimesh

@@ -1,0 +1,216 @@
+"""The bridge as a process, over real sockets: a client in one file pushes a body, on a good line and on a bad one."""
+
+import random
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.bridge.orders import Orders
+from hapscene.bridge.server import BridgeServer
+from hapscene.errors import HapsceneError
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
+
+import hapscene_client as client_file  # noqa: E402  # from the folder above
+from hapscene_client import AIM, FRAME, HELLO, ORDER, Client, pack  # noqa: E402
+
+from tests.nightly.bridge.served import Served  # noqa: E402
+from tests.until import until  # noqa: E402
+
+MASS_KG = 0.2
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    served = Served(tmp_path_factory.mktemp("served"))
+    yield served
+    served.process.kill()
+    served.process.wait()
+
+
+@pytest.fixture
+def client(served: Served) -> Iterator[Client]:
+    made = Client(port=served.port, up="y", handed="left")
+    yield made
+    made.close()
+
+
+def push(client: Client, seconds: float = 2.0) -> tuple[float, np.ndarray, list[float]]:
+    """A crate that slides along x, pushed by the hand; its velocity, the impulse it was told, forces that were seen."""
+    client.order("free", body="crate", mass=MASS_KG, inertia=[1e-4] * 3)
+    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1), True)])
+    client.order("start", p=[-0.03, 0.0, 0.0])
+    client.totals.clear()
+    x = v = told = 0.0
+    forces = []
+    next_s = time.monotonic()
+    for k in range(round(60 * seconds)):
+        while time.monotonic() < next_s:
+            client.poll(0.002)
+        next_s += 1 / 60
+        given = client.impulse("crate")[0]
+        v, told = v + (given - told) / MASS_KG, given
+        x += v / 60
+        aim = (-0.03 + 0.05 * k / 60, 0.0, 0.0)
+        client.frame(aim=aim, bodies=[("crate", (x, 0, 0), (0, 0, 0, 1), (v, 0, 0), (0, 0, 0))])
+        if client.state is not None:
+            forces.append(client.state["force"][0])
+    client.poll(0.5)
+    return v, np.array(client.impulse("crate")), forces
+
+
+def test_a_crate_is_pushed_and_its_momentum_is_what_was_told(client: Client) -> None:
+    assert client.bodies == ["crate"] and client.swatches == ["plain", "wood"]
+    v, told, forces = push(client)
+    assert v > 0.01 and MASS_KG * v == pytest.approx(told[0], rel=0.5)  # what came after the last frame is not in it
+    assert min(forces) < -0.05 and max(np.abs(told[1:3])) < 0.1 * told[0]
+    kinds = [event[1] for event in client.events]
+    assert kinds[0] == "began" and client.events[0][2:4] == ("crate", "wood")
+    assert all(a != b for a, b in pairwise(kinds))
+
+
+def test_on_a_line_that_loses_doubles_and_overtakes_totals_and_events_are_whole(client: Client) -> None:
+    """Packets of both ways are lost (5 %), doubled (5 %) or held up (10 %): in the end the client knows the same."""
+    rng, held, real = random.Random(7), [], client.socket
+
+    class Bad:
+        """The socket of a bad line."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(real, name)
+
+        def send(self, data: bytes) -> None:
+            luck = rng.random()
+            if luck < 0.05:
+                return
+            if luck < 0.15:
+                held.append(data)
+                return
+            real.send(data)
+            if luck < 0.2:
+                real.send(data)
+            while held:
+                real.send(held.pop())
+
+        def recv(self, size: int) -> bytes:
+            while True:
+                data = real.recv(size)
+                if rng.random() >= 0.05:
+                    return data
+
+    client.socket = Bad()  # type: ignore[assignment]
+    push(client)
+    client.socket = real
+    still = ("crate", (0.5, 0.0, 0.0), (0, 0, 0, 1), True)
+    client.frame(aim=(-0.1, 0.0, 0.0), bodies=[still])
+    until(lambda: client.poll(0.2) and client.state["body"] < 0)
+    after = client.impulse("crate")
+    counts = client.order("counts")["counts"]
+    assert counts["replayed"] > 0
+    for _ in range(3):
+        client.frame(bodies=[still])
+        client.poll(0.2)
+    assert client.impulse("crate") == after and after[0] > 0.001
+    kinds = [event[1] for event in client.events]
+    assert kinds.count("began") == kinds.count("ended") > 0
+    assert [event[0] for event in client.events] == sorted(event[0] for event in client.events)
+
+
+def test_what_is_forged_replayed_or_broken_changes_nothing_and_is_counted(served: Served, client: Client) -> None:
+    client.order("start", p=[0.0, 0.2, 0.0])
+    client.frame(aim=(0.0, 0.2, 0.0))
+    until(lambda: client.poll(0.2))
+    before = client.order("counts")["counts"]
+    rng = random.Random(1)
+    far = AIM.pack(1, 0, 0, 0, 3.0, 3.0, 3.0)
+    good = pack(FRAME, client.key, client.sequence + 1000, far)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        place = ("127.0.0.1", served.port)
+        stranger.sendto(good, place)  # with the key, from elsewhere
+        client.socket.send(pack(FRAME, client.key ^ 1, client.sequence + 1000, far))
+        client.socket.send(pack(FRAME, client.key, client.sequence, far))
+        client.socket.send(pack(ORDER, client.key, client.orders, b'{"order": "start", "p": [0, 0, 0]}'))
+        client.socket.send(pack(HELLO, 0, 1, b"{" * 5000))
+        for k in range(2000):
+            data = bytearray(good)
+            for _ in range(rng.randrange(1, 4)):
+                data[rng.randrange(len(data))] ^= rng.randrange(1, 256)
+            client.socket.send(data[: rng.randrange(len(data))] if k % 4 == 0 else data)
+            if k % 100 == 0:
+                client.order("counts")  # so that none is dropped on the way
+        stranger.sendto(pack(HELLO, 0, 1, b'{"version": 1}'), place)
+    client.frame()
+    until(lambda: client.poll(0.2))
+    counts = client.order("counts")["counts"]
+    assert counts["forged"] >= before.get("forged", 0) + 2 and counts["replayed"] > before.get("replayed", 0)
+    assert counts["bad"] > before.get("bad", 0) + 1900 and counts["busy"] >= 1
+    assert client.state["tool"] == pytest.approx((0.0, 0.2, 0.0), abs=5e-3)
+
+
+def test_orders_are_answered_in_words(client: Client) -> None:
+    for order, says in (
+        ({"order": "fly"}, "no order 'fly'; there are: start"),
+        ({"order": "start"}, "lacks something"),
+        ({"order": "tune", "swatch": "oka", "numbers": {}}, "no swatch 'oka'"),
+        ({"order": "free", "body": "crate", "mass": -1, "inertia": [1, 1, 1]}, "must be above 0"),
+        ({"order": "start", "p": [1e9, 0, 0]}, "is it in mm"),
+        ({"order": "tune", "swatch": "wood", "numbers": [300]}, "has it wrong"),
+        ({"order": "tune", "swatch": "wood", "numbers": {"stiffness_N_m": 10**400}}, "has it wrong"),
+        ({"order": "free", "body": "crate", "mass": 10**400, "inertia": [1, 1, 1]}, "has it wrong"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            client.order(**order)
+    assert client.order("tune", swatch="wood", numbers={"stiffness_N_m": 300.0}) == {"done": "tune"}
+
+
+def test_another_client_waits_until_the_first_is_gone(served: Served, client: Client) -> None:
+    with pytest.raises(ConnectionError, match="another client is here"):
+        Client(port=served.port, patience_s=0.3)
+    client.close()
+    other = Client(port=served.port)
+    other.close()
+    with pytest.raises(ConnectionError, match="up is y or z"):
+        Client(port=served.port, up="x")
+    client.__init__(port=served.port)  # type: ignore[misc]  # for the fixture to close
+
+
+def test_a_bad_pose_is_flagged_and_a_strange_body_is_no_packet(client: Client) -> None:
+    client.order("start", p=[0.0, 0.2, 0.0])
+    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 0))])
+    until(lambda: (client.poll(0.1), client.frame(), client.state["flags"] & 256)[2])
+    client.frame(bodies=[("crate", (0, 0, 0), (0, 0, 0, 1))])
+    until(lambda: (client.poll(0.1), client.frame(), not client.state["flags"] & 256)[2])
+    bad = client.order("counts")["counts"].get("bad", 0)
+    client.bodies.append("ghost")
+    client.frame(bodies=[("ghost", (0, 0, 0), (0, 0, 0, 1))])
+    assert client.order("counts")["counts"]["bad"] == bad + 1
+
+
+def test_more_names_than_a_packet_holds_are_refused_before_anybody_comes() -> None:
+    scene = SimpleNamespace(bodies=[SimpleNamespace(name=f"{k:040}") for k in range(1000)], swatches=[])
+    with pytest.raises(HapsceneError, match=r"names of 1,000 bodies .* shorter names"):
+        BridgeServer(Orders(SimpleNamespace(tick_s=1e-3, scene=scene)), "127.0.0.1", 0)  # type: ignore[arg-type]
+
+
+def test_it_ends_with_ctrl_c_and_says_what_came(served: Served) -> None:
+    said = served.end()
+    assert served.process.returncode == 0 and "ended; " in said and "frames " in said and "Traceback" not in said
+    with pytest.raises((TimeoutError, ConnectionError)):
+        Client(port=served.port, patience_s=0.3)
+
+
+def test_the_client_knows_the_same_bytes() -> None:
+    from hapscene.bridge import packets
+
+    for kind in ("HELLO", "WELCOME", "FRAME", "STATE", "ORDER", "ANSWER", "BYE", "REFUSED"):
+        assert getattr(packets, kind) == getattr(client_file, kind)
+    assert packets.unpack(pack(FRAME, 3, 4, b"abc")) == (FRAME, 3, 4, b"abc")

@@ -1,0 +1,476 @@
+"""A board that plays live, at the wire: the simulated one, wires that spoil what they carry, and the sketch itself."""
+
+import re
+import shutil
+import subprocess
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import resample_poly
+
+from hapscene.errors import HandleError
+from hapscene.handle.fit import Identification, IdentifiedGrip
+from hapscene.handle.force_source import SimulatedSource
+from hapscene.handle.handle_file import save_handle
+from hapscene.handle.live_board import EMPTY, LIMITED, LIVE, RUN, TRIPPED, LiveBoard, live_start
+from hapscene.handle.live_process import compensator_of, play_recording
+from hapscene.handle.plant import Plant
+from hapscene.handle.playback import spectrogram_error
+from hapscene.handle.port_simulator import COLUMNS, Peer
+from hapscene.handle.serial_handle import BUFFER, START
+from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
+from tests.until import until
+
+ROOT = Path(__file__).resolve().parents[3]
+
+RATE_HZ = 5000.0
+
+MUTATED = 2000
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+def peer(limit_N: float = 3.0) -> Peer:
+    peer = Peer(SimulatedSource(Plant(force_limit_N=limit_N), RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0))
+    peer.give(1)  # compiled before anybody waits
+    return peer
+
+
+def rows(said: bytes) -> np.ndarray:
+    """Number, force, acceleration, played and state of each sample, (n, 5)."""
+    lines = [line.split(b"*")[0] for line in said.split(b"\n") if line and not line.startswith(b"#")]
+    return np.array([[int(part) for part in line.split(b",")] for line in lines], dtype=np.int64).reshape(-1, 5)
+
+
+class Wire:
+    """A board in memory that keeps time by itself: each look passes 2 ms, unless it `stands`."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer, self.closed, self.gone, self.silent = peer, False, "", False
+        self.spoil = lambda data: data
+        self.sent: list[bytes] = []
+        self.heard: deque[np.ndarray] = deque()
+
+    def next(self) -> Any:
+        time.sleep(1e-4)
+        if self.gone:
+            return self.gone
+        said = self.peer.give(10)
+        self.heard.append(rows(said))
+        return None if self.silent else (self.spoil(said), time.monotonic())
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self.peer.take(data)
+
+    def close(self) -> None:
+        self.closed = True
+
+    @property
+    def force(self) -> np.ndarray:
+        return np.concatenate(list(self.heard))[:, 1]
+
+
+class Sine:
+    """A feed of which every sample differs from its neighbours, and what it hears of them."""
+
+    def __init__(self) -> None:
+        self.count = self.fades = 0
+        self.heard: list[np.ndarray] = []
+
+    def pull(self, out: np.ndarray) -> None:
+        out[:] = 2.0 * np.sin(0.3 * (self.count + np.arange(len(out))))
+        self.count += len(out)
+
+    def fade_in(self) -> None:
+        self.fades += 1
+
+    def hear(self, numbers: np.ndarray, force: np.ndarray, acceleration: np.ndarray) -> None:
+        self.heard.append(np.stack([numbers, force, acceleration]))
+
+    def check(self, lost: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Number, force and acceleration of what was put out: each force is that which was pulled under its number."""
+        heard = np.hstack(self.heard)
+        number, force, acceleration = heard[:, np.isfinite(heard[1])]
+        wanted = 2.0 * np.sin(0.3 * number)
+        assert number[0] == 0 and (np.diff(number) > 0).all() and number[-1] < self.count
+        right = np.abs(force - wanted) < 1e-4
+        assert right.all() if not lost else (right | (force == 0.0)).all() and right.mean() > 0.8
+        return number, acceleration
+
+
+def board(wire: Wire, **other: Any) -> LiveBoard:
+    told = {"limit_N": 3.0, "ahead_s": 0.015, "watchdog_s": 0.02, "highpass_Hz": 0.0, "lag_s": 0.005}
+    return LiveBoard("wire", wire, **told | other)
+
+
+def test_what_is_pulled_is_put_out_in_order_and_comes_back() -> None:
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    until(lambda: feed.count > 3000)
+    live.close()
+    number, acceleration = feed.check()
+    out = wire.force[wire.force != 0]
+    wanted = np.rint(2e4 * np.sin(0.3 * np.arange(len(out) + 100))).astype(int)
+    np.testing.assert_array_equal(out, wanted[wanted != 0][: len(out)])
+    assert len(out) > 2500 and feed.fades == 1 and not any(live.counts.values()) and live.fault == ""
+    assert wire.closed and not peer_force(wire.peer)
+    assert number.tolist() == list(range(len(number))) and len(number) > 2500 and np.abs(acceleration).max() > 5.0
+    assert 0.002 < live.latency_s < 0.016
+    live.close()  # twice does no harm
+
+
+def peer_force(peer: Peer) -> bool:
+    """Whether there is any force from now on."""
+    return bool(rows(peer.give(200))[:, 1].any())
+
+
+def test_bytes_on_the_wire_are_those_of_the_document() -> None:
+    text = (ROOT / "docs" / "handle-protocol.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^    [<>] (.*)\*[0-9A-F]{4}$", text, re.MULTILINE)
+    assert len(lines) == 11 and all(sealed(line.encode()).decode().strip() in text for line in lines)
+    assert sealed(live_start(0.02, 1)) == b"#hapscene-handle 2 start watchdog=20 run=1*53EC\n"
+    handle = peer()
+    handle.take(sealed(live_start(0.02, 1)) + sample_line(0, [12, 51, 31_000]))
+    assert rows(handle.give(4))[:, [1, 3, 4]].tolist() == [
+        [12, 1, RUN + LIVE],
+        [51, 2, RUN + LIVE],
+        [30_000, 3, RUN + LIVE + LIMITED],
+        [0, 3, RUN + LIVE + EMPTY],
+    ]
+
+
+def test_a_board_that_hears_nothing_puts_out_no_force_after_its_watchdog() -> None:
+    handle = peer()
+    handle.take(sealed(live_start(0.02, 3)))
+    for first in range(0, 992, 32):  # 0.2 s of force in hand
+        handle.take(sample_line(first, [1000] * 32))
+    said = rows(handle.give(300))
+    assert said[:100, 1].all() and not said[100:, 1].any()  # 20 ms, to the sample
+    assert (said[100:, 4] == 3 * RUN + LIVE + EMPTY + TRIPPED).all()
+    handle.take(sample_line(992, [1000] * 32))
+    assert not peer_force(handle)  # it stays so until it is told to start
+    handle.take(sealed(live_start(0.02, 4)) + sample_line(0, [1000]))
+    assert peer_force(handle)
+
+
+def test_a_handle_whose_computer_dies_is_still_within_the_watchdog() -> None:
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    until(lambda: feed.count > 500)
+    wire.write = lambda data: None  # type: ignore[method-assign]
+    before = len(wire.heard)
+    until(lambda: len(wire.heard) > before + 30)
+    said = np.concatenate(list(wire.heard)[before:])
+    assert not said[int(0.021 * RATE_HZ) + 10 :, 1].any()
+    live.close()
+
+
+def test_a_computer_that_stood_still_begins_anew_faded() -> None:
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    until(lambda: feed.count > 500)
+    wire.peer.give(200)  # 40 ms pass
+    until(lambda: live.counts["watchdog"] == 1)
+    count = feed.count
+    until(lambda: feed.count > count + 500)
+    live.close()
+    assert feed.fades == 2 and live.fault == ""
+    number, _ = feed.check()
+    assert number[-1] - number[0] >= len(number)  # what was lost has its numbers
+
+
+def test_a_board_that_restarts_is_started_again() -> None:
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    until(lambda: feed.count > 500)
+    wire.peer = peer()
+    until(lambda: feed.fades == 2)
+    live.close()
+    assert live.counts["restarts"] == 1
+    feed.check()
+
+
+def test_each_reading_has_its_number_also_where_lines_are_lost() -> None:
+    wire, feed, rng = Wire(peer()), Sine(), np.random.default_rng(2)
+
+    def some(data: bytes) -> bytes:
+        return b"".join(line for line in data.splitlines(keepends=True) if line[:1] == b"#" or rng.random() > 0.02)
+
+    wire.spoil = some
+    live = board(wire, ahead_s=0.05)
+    wire.write = lambda data: wire.peer.take(some(data))  # type: ignore[method-assign]
+    live.start(feed)
+    until(lambda: feed.count > 3000)
+    live.close()
+    assert live.counts["lost"] > 10 and live.fault == ""
+    feed.check(lost=True)
+
+
+def test_a_buffer_that_ran_empty_is_counted_also_when_force_is_on_its_way() -> None:
+    wire, feed, on_its_way = Wire(peer()), Sine(), []
+    late = [85]  # 75 are in hand
+
+    def next_() -> Any:
+        said = wire.peer.give(late.pop() if late and feed.count > 500 else 10)
+        wire.peer.take(b"".join(on_its_way))
+        on_its_way.clear()
+        return said, time.monotonic()
+
+    wire.next, wire.write = next_, on_its_way.append  # type: ignore[method-assign]
+    live = board(wire, watchdog_s=0.1)
+    live.start(feed)
+    until(lambda: feed.count > 1000)
+    live.close()
+    assert live.counts["underruns"] == 1 and live.counts["restarts"] == 0
+    feed.check()
+    assert np.isnan(np.hstack(feed.heard)[1, 200:]).sum() > 9  # the compensator knows that time passed
+
+
+OFF = Plant(m_c_kg=0.0195, k_s_N_m=175.0, b_s_Ns_m=0.39, m_h_kg=0.084, k_u_N_m=650.0, b_u_Ns_m=3.5, force_limit_N=3.0)
+"""A handle 30 % off the assumed one, whichever number."""
+
+
+@pytest.mark.parametrize("delay_s", [3e-4, 1e-3])
+def test_the_compensator_learns_the_handle_on_the_board(delay_s: float, tmp_path: Path) -> None:
+    """Noise and taps, 20 to 400 Hz: what is felt against what is asked for, as `handle.playback` measures it."""
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), delay_s, 1600.0, RATE_HZ, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    t_s = np.arange(7500) / RATE_HZ
+    wanted = resample_poly(np.random.default_rng(4).standard_normal(1500), 5, 1)[:7500]
+    wanted *= t_s < 0.8
+    for begin_s, f_Hz in ((0.9, 120.0), (1.1, 180.0), (1.3, 240.0)):
+        s = np.maximum(t_s - begin_s, 0.0)
+        wanted += 10.0 * np.exp(-60.0 * s) * np.sin(2.0 * np.pi * f_Hz * s)
+    error = {}
+    for compensator in ("flat", None):
+        source = SimulatedSource(OFF, RATE_HZ, seed=3, delay_s=delay_s)
+        wire = Wire(Peer(source, grip_count=1))
+        wire.peer.source.plant = OFF
+        live = board(wire, watchdog_s=1.0, highpass_Hz=15.0)
+        handle = compensator_of(live, str(tmp_path / "ours.handle"), compensator)
+        play_recording(wanted, RATE_HZ, live, handle)
+        still = SimulatedSource(OFF, RATE_HZ, noise_m_s2_rtHz=0.0, unrest_N=0.0, accelerometer_Hz=1e5)
+        felt, _ = still.advance(1e-4 * wire.force)
+        late = np.argmax(np.correlate(felt, wanted, "valid"))
+        error[compensator] = spectrogram_error(wanted, felt[late : late + len(wanted)], RATE_HZ)
+        assert not any(live.counts.values())
+    assert handle[0].theta[0] == pytest.approx(OFF.m_h_kg, rel=0.05)
+    assert error[None] < 0.16 < 0.32 < error["flat"], error
+
+
+@pytest.mark.parametrize(("way", "words"), [("gone", "the handle went away: torn out"), ("silent", "says nothing")])
+def test_a_board_that_is_torn_out_ends_in_words(way: str, words: str) -> None:
+    wire, feed = Wire(peer()), Sine()
+    live = board(wire)
+    live.start(feed)
+    until(lambda: feed.count > 200)
+    setattr(wire, way, "torn out")
+    until(lambda: live.fault != "")
+    live.close()
+    assert words in live.fault and wire.closed
+
+
+def test_a_board_that_only_plays_sweeps_is_told_so() -> None:
+    wire = Wire(peer())
+    wire.spoil = lambda data: header_line(Header(RATE_HZ, COLUMNS))
+    with pytest.raises(HandleError, match=r"plays no live force.*column 'state'"):
+        board(wire)
+    assert wire.closed
+
+
+@pytest.mark.parametrize("other", [{"watchdog_s": 2.0}, {"watchdog_s": 0.001}, {"limit_N": 0.0}])
+def test_options_that_cannot_be_are_refused(other: dict[str, float]) -> None:
+    wire = Wire(peer())
+    with pytest.raises(HandleError, match="option watchdog_s is"):
+        board(wire, **other)
+    assert wire.closed
+
+
+def mutated(rng: np.random.Generator, frame: bytes) -> bytes:
+    """A frame with bytes changed, left out, put in, or torn; a tenth of them sealed anew, so that the sum is right."""
+    data = bytearray(frame)
+    for _ in range(rng.integers(1, 6)):
+        at = int(rng.integers(0, len(data) + 1))
+        how = rng.integers(0, 5)
+        if how == 0 and at < len(data):
+            data[at] ^= 1 << int(rng.integers(0, 8))
+        elif how == 1:
+            data[at : at + int(rng.integers(1, 9))] = b""
+        elif how == 2:
+            data[at:at] = rng.bytes(int(rng.integers(1, 9)))
+        elif how == 3:
+            data[at:at] = bytes(rng.choice(list(b"0123456789,-*#\n\r+. "), int(rng.integers(1, 9))))
+        else:
+            data[at:] = data[at : at + int(rng.integers(0, 400))] * int(rng.integers(1, 4))
+    if rng.random() < 0.1:
+        return sealed(bytes(data).replace(b"\n", b"").rpartition(b"*")[0])
+    return bytes(data)
+
+
+FRAMES = (
+    sample_line(0, range(32)),
+    sample_line(7, [-30_000, 30_000]),
+    sealed(START),
+    sealed(live_start(0.02, 9)),
+    header_line(Header(RATE_HZ, (*COLUMNS, Column("state", "1", 1.0)))),
+    sample_line(900, (12, -3, 4, 17)),
+)
+
+
+def is_frame(line: bytes) -> bool:
+    """Whether a line is to the letter what a host may send: checked by other means than the simulator's."""
+    body, star, _ = line.rpartition(b"*")
+    if not star or sealed(body) != line + b"\n":
+        return False
+    with np.errstate(all="ignore"):
+        try:
+            number, *counts = [int(part) for part in body.split(b",")]
+        except ValueError:
+            return body.startswith(b"#hapscene-handle ")
+    return 0 <= number < WRAP and 1 <= len(counts) <= 32 and b",".join(b"%d" % c for c in (number, *counts)) == body
+
+
+def throw_at_a_board(count: int) -> None:
+    """No force from a frame that is none: whenever there is force, a whole frame came before."""
+    rng = np.random.default_rng(5)
+    handle = peer()
+    handle.take(sealed(live_start(1.0, 1)))
+    allowed, rest = False, b""
+    for _ in range(count):
+        frame = mutated(rng, FRAMES[rng.integers(0, len(FRAMES))])
+        handle.take(frame)
+        *lines, rest = (rest + frame).split(b"\n")
+        allowed |= any(is_frame(line) for line in lines)
+        assert len(handle.queue) <= BUFFER and len(handle._rest) <= 512
+        if handle.queue:
+            assert allowed, frame
+        if handle.queue or rng.random() < 0.01:
+            said = rows(handle.give(len(handle.queue) + 2))
+            assert np.abs(said[:, 1]).max() <= 30_000 and said[-1, 1] == 0
+        handle.take(b"\n" + sealed(live_start(1.0, 1)))
+        allowed, rest = False, b""
+
+
+def throw_at_a_computer(count: int) -> None:
+    """What comes from the board is spoilt: no hang, no crash; what cannot be meant is said, and it plays no more."""
+    rng = np.random.default_rng(6)
+    for seed in range(max(1, count // 2000)):
+        wire, feed = Wire(peer()), Sine()
+        live = board(wire)
+        thrown = [0]
+
+        def spoil(data: bytes, thrown: list[int] = thrown) -> bytes:
+            lines = data.splitlines(keepends=True)
+            thrown[0] += len(lines)
+            return b"".join(mutated(rng, line) if rng.random() < 0.5 else line for line in lines)
+
+        wire.spoil = spoil
+        live.start(feed)
+        until(lambda: thrown[0] > 4000 or live.fault != "")  # noqa: B023
+        live.close()
+        assert wire.closed and not peer_force(wire.peer), seed
+        assert np.abs(wire.force).max() <= 20_000  # never more than was pulled
+
+
+def test_bad_frames_give_no_force() -> None:
+    throw_at_a_board(MUTATED)
+
+
+def test_bad_frames_from_the_board_do_no_harm() -> None:
+    throw_at_a_computer(MUTATED)
+
+
+@pytest.mark.soak
+def test_a_hundred_thousand_bad_frames() -> None:
+    throw_at_a_board(100_000)
+    throw_at_a_computer(100_000)
+
+
+class Readings:
+    """What the sketch's stand-in measures, in place of a handle."""
+
+    def __init__(self) -> None:
+        self.rate_Hz, self.plant, self.count = RATE_HZ, Plant(force_limit_N=3.0), 0
+
+    def advance(self, force_N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        counts = np.arange(self.count, self.count + len(force_N))
+        self.count += len(force_N)
+        return 0.048 * ((counts * 37) % 101 - 50), np.zeros(len(force_N))
+
+
+@pytest.fixture(scope="session")
+def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sketch, compiled for this computer."""
+    compiler = shutil.which("g++")
+    if compiler is None:
+        pytest.skip("no g++: .ci/system-packages installs it")
+    program = tmp_path_factory.mktemp("sketch") / "sketch"
+    source = ROOT / "examples" / "handle_firmware" / "handle_firmware.ino"
+    words = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined", "-x", "c++"]
+    subprocess.run(
+        [compiler, *words, "-I", Path(__file__).parent / "firmware", source, "-o", program], check=True, timeout=120
+    )
+    return program
+
+
+def both(sketch: Path, script: list[bytes | int]) -> tuple[bytes, bytes]:
+    """What the simulated board and the sketch say where bytes come, or so many samples pass."""
+    simulated = Peer(Readings(), grip_count=1)  # type: ignore[arg-type]
+    simulated.source.plant = Plant(force_limit_N=3.0)
+    said, lines = [], []
+    for step in script:
+        if isinstance(step, bytes):
+            simulated.take(step)
+            lines.append(b"F " + step.hex().encode())
+        else:
+            said += [simulated.give(1) for _ in range(step)]
+            lines.append(b"S %d" % step)
+    ran = subprocess.run([sketch], input=b"\n".join(lines) + b"\n", capture_output=True, timeout=60, check=True)
+    return b"".join(said), ran.stdout
+
+
+def test_the_sketch_says_to_the_byte_what_the_simulated_board_says(sketch: Path) -> None:
+    script: list[bytes | int] = [3, sealed(START), sample_line(0, [5, -7]), 4, sample_line(4, [1]), 1100]
+    script += [sealed(live_start(0.02, 200)), sample_line(0, range(-16, 16)), sample_line(40, [40_000, -40_000]), 60]
+    script += [
+        sample_line(42, [9]),
+        150,
+        sample_line(43, [9]),
+        3,
+        sealed(live_start(0.005, 1)),
+        sample_line(0, [3]),
+        30,
+    ]
+    simulated, compiled = both(sketch, script)
+    assert compiled == simulated
+    assert {30_000, -30_000, 5, -7, 9, 3} <= set(rows(compiled)[:, 1].tolist())
+
+
+def test_the_sketch_and_the_simulated_board_agree_on_bad_frames(sketch: Path) -> None:
+    rng = np.random.default_rng(7)
+    script: list[bytes | int] = []
+    for _ in range(MUTATED // 4):
+        script += [mutated(rng, FRAMES[rng.integers(0, len(FRAMES))]), int(rng.integers(0, 4))]
+        if rng.random() < 0.1:
+            script += [b"\n" + sealed(live_start(0.02, 2)), sample_line(0, [1, 2, 3])]
+    simulated, compiled = both(sketch, script)
+    assert compiled == simulated and rows(compiled)[:, 1].any()
+
+
+def test_threads_end_with_the_board() -> None:
+    before = threading.active_count()
+    live = board(Wire(peer()))
+    live.start(Sine())
+    live.close()
+    assert threading.active_count() <= before  # fewer, where one of another test ended
