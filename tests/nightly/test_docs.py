@@ -18,6 +18,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -27,7 +28,6 @@ pytest.importorskip("mkdocs", reason="mkdocs is not installed: pip install 'haps
 import hapscene
 import hapscene.errors
 from hapscene.cli import _parser
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -199,21 +199,16 @@ def address(site: Path) -> Iterator[str]:
         thread.join()
 
 
-def test_in_a_browser_it_searches_and_its_pictures_follow_the_palette(address: str) -> None:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = find_chromium()
-    if chromium is None:
-        pytest.skip("no Chromium here: apt-get install chromium")
-    with sync_api.sync_playwright() as play, play.chromium.launch(executable_path=chromium, args=ARGUMENTS) as browser:
-        tab = browser.new_page(color_scheme="dark")
-        asked: list[str] = []
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.goto(address)
-        shown = "[...document.images].filter(i => i.offsetParent).map(i => /-dark/.test(i.src))"
-        assert set(tab.evaluate(shown)) == {True}
-        tab.click("label[title='To light']:visible")
-        assert set(tab.evaluate(shown)) == {False}
-        tab.click("input[data-md-component=search-query]")
-        tab.keyboard.type("renderer")
-        tab.wait_for_selector(".md-search-result__link[href$='#hapscene.Renderer']", state="attached")
-        assert [url for url in asked if not url.startswith((address, "data:", "blob:"))] == []
+def test_in_a_browser_it_searches_and_its_pictures_follow_the_palette(address: str, browser: Any) -> None:
+    tab = browser.new_page(color_scheme="dark")
+    asked: list[str] = []
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.goto(address)
+    shown = "[...document.images].filter(i => i.offsetParent).map(i => /-dark/.test(i.src))"
+    assert set(tab.evaluate(shown)) == {True}
+    tab.click("label[title='To light']:visible")
+    assert set(tab.evaluate(shown)) == {False}
+    tab.click("input[data-md-component=search-query]")
+    tab.keyboard.type("renderer")
+    tab.wait_for_selector(".md-search-result__link[href$='#hapscene.Renderer']", state="attached")
+    assert [url for url in asked if not url.startswith((address, "data:", "blob:"))] == []

@@ -14,7 +14,7 @@ from hapscene.paint.web.page import Page
 from hapscene.servo.servo_loop import BIN_COUNT, Lateness, count_in_bin
 from hapscene_benchmarks import paint_browser, paint_page
 from hapscene_benchmarks.idle import IdleLoop
-from hapscene_benchmarks.paint_browser import ball_page, browser, find_chromium, open_tab
+from hapscene_benchmarks.paint_browser import ball_page, open_tab
 from hapscene_benchmarks.paint_page import (
     Window,
     click_table,
@@ -26,8 +26,6 @@ from hapscene_benchmarks.paint_page import (
     measure_rest,
     measure_stroke,
 )
-
-needs_browser = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
 WINDOW_S = 0.5
 
@@ -44,26 +42,18 @@ def page() -> Iterator[Page]:
         yield running
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as running:
-        yield running
-
-
-@needs_browser
-def test_clicks_paint_and_are_undone(page: Page, chromium: Any) -> None:
-    tab = open_tab(chromium, page, paint_page.WATCH_PIXEL)
+def test_clicks_paint_and_are_undone(page: Page, browser: Any) -> None:
+    tab = open_tab(browser, page, paint_page.WATCH_PIXEL)
     took_ms = paint_page.measure_click(tab, 2)
     tab.close()
     assert len(took_ms) == 2 and min(took_ms) > 0.0
     assert page.context.session.painting.undo_text is None and page.context.session.painting.redo_text is not None
 
 
-@needs_browser
-def test_servo_and_empty_loop_tick_beside_each_other(page: Page, chromium: Any) -> None:
+def test_servo_and_empty_loop_tick_beside_each_other(page: Page, browser: Any) -> None:
     with IdleLoop() as idle:
         rest = measure_rest(page, idle, WINDOW_S)
-        tab = open_tab(chromium, page)
+        tab = open_tab(browser, page)
         orbit = measure_orbit(page, idle, tab, WINDOW_S)
         before = page.context.session.painting.undo_text
         stroke = measure_stroke(page, idle, tab, WINDOW_S)
@@ -77,10 +67,9 @@ def test_servo_and_empty_loop_tick_beside_each_other(page: Page, chromium: Any) 
     paint_browser.until(lambda: "brush" in (page.context.session.painting.undo_text or ""), "nothing was painted")
 
 
-@needs_browser
-def test_a_change_is_felt_comes_and_is_heard(page: Page, chromium: Any) -> None:
+def test_a_change_is_felt_comes_and_is_heard(page: Page, browser: Any) -> None:
     stiffness = [swatch.stiffness_N_m for swatch in page.context.session.scene.swatches]
-    tab = open_tab(chromium, page, paint_page.WATCH_FORCE)
+    tab = open_tab(browser, page, paint_page.WATCH_FORCE)
     delay = paint_page.measure_delay(page, tab, 2)
     tab.close()
     for felt, arrived, heard in zip(delay.felt_ms, delay.arrived_ms, delay.heard_ms, strict=True):
@@ -92,7 +81,7 @@ def test_a_change_is_felt_comes_and_is_heard(page: Page, chromium: Any) -> None:
 
 def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paint_browser, "find_chromium", lambda: None)
-    with pytest.raises(ViewError, match="apt-get install chromium"), browser():
+    with pytest.raises(ViewError, match="apt-get install chromium"), paint_browser.browser():
         pass
 
 

@@ -12,12 +12,9 @@ import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
-from tests.nightly.bridge.served import Served
-
-pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
+from tests.bridge.served import Served
 
 FOLDER = Path(__file__).resolve().parents[3] / "examples" / "engines" / "browser"
 
@@ -28,16 +25,14 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture
-def page(tmp_path: Path) -> Iterator[Page]:
+def page(browser: Browser, tmp_path: Path) -> Iterator[Page]:
     served = Served(tmp_path, "--ws", "0")
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=os.fspath(FOLDER))) as files:
         Thread(target=files.serve_forever, daemon=True).start()
-        with sync_playwright() as runner:
-            browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
-            page = browser.new_page()
-            page.goto(f"http://127.0.0.1:{files.server_port}/?port={served.ws.rpartition(':')[2]}")
-            yield page
-            browser.close()
+        page = browser.new_page()
+        page.goto(f"http://127.0.0.1:{files.server_port}/?port={served.ws.rpartition(':')[2]}")
+        yield page
+        page.close()
         files.shutdown()
     served.process.kill()
     served.process.wait()

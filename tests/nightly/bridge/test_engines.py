@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from hapscene.bridge.packets import ANSWER, FRAME, HELLO, ORDER, REFUSED, WELCOME, Packet, pack, pack_json, unpack
-from tests.nightly.bridge.served import Served
+from tests.bridge.served import Served
 
 ENGINES = Path(__file__).resolve().parents[3] / "examples" / "engines"
 sys.path.insert(0, str(ENGINES / "python"))

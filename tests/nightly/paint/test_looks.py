@@ -16,11 +16,9 @@ from hapscene.paint.session import Session
 from hapscene.paint.shelf import Phrase
 from hapscene.paint.web.page import TABS, Page
 from hapscene.paint.web.shelf_panel import _figure_html
-from hapscene_benchmarks.paint_browser import browser, do, find_chromium
+from hapscene_benchmarks.paint_browser import do
 from tests.paint.conftest import library_in, mesh_of
 from tests.until import until
-
-pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
 LONG = "polished_mahogany_veneer_of_the_old_harpsichord_lid_sample_17b"
 
@@ -101,18 +99,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     session.document.close()
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as found:
-        yield found
-
-
 @pytest.fixture(params=["light", "dark"])
-def tab(request: pytest.FixtureRequest, page: Page, chromium: Any) -> Iterator[Any]:
+def tab(request: pytest.FixtureRequest, page: Page, browser: Any) -> Iterator[Any]:
     """The page in a small window, as bright as the browser likes it."""
     do(page, lambda: page._file_panel.prefer_look(request.param == "dark"))
     page._file_panel._look_chosen = False  # the next who comes chooses anew
-    with chromium.new_context(viewport={"width": 800, "height": 600}, color_scheme=request.param) as context:
+    with browser.new_context(viewport={"width": 800, "height": 600}, color_scheme=request.param) as context:
         tab = context.new_page()
         tab.goto(page.url)
         tab.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")

@@ -21,11 +21,8 @@ from hapscene.records import ROW, records
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene, load_scene
 from hapscene.servo.servo import TickLog
-from hapscene_benchmarks.paint_browser import browser, find_chromium
 from tests.paint.conftest import library_in
 from tests.until import until
-
-pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
 PATIENCE_S = 120.0
 """How long something may take [s]: where tests run beside each other, a browser may get a tenth of a core."""
@@ -49,13 +46,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def tab(page: Page) -> Iterator[Any]:
-    with browser() as chromium:
-        found = chromium.new_page(viewport={"width": 1280, "height": 800})
-        found.set_default_timeout(1e3 * PATIENCE_S)
-        found.goto(page.url)
-        found.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
-        yield found
+def tab(page: Page, browser: Any) -> Any:
+    found = browser.new_page(viewport={"width": 1280, "height": 800})
+    found.set_default_timeout(1e3 * PATIENCE_S)
+    found.goto(page.url)
+    found.wait_for_function("window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool")
+    return found
 
 
 def open_folder(tab: Any, name: str, *folders: str) -> None:

@@ -14,10 +14,7 @@ pytest.importorskip("playwright", reason="playwright is not installed: pip insta
 import hapscene
 from hapscene.paint.session import Session
 from hapscene.paint.web.page import Page
-from hapscene_benchmarks.paint_browser import browser, find_chromium
 from tests.paint.conftest import plate_mesh
-
-pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
 RATE_HZ = 10_000
 BLOCK_S = 0.015
@@ -49,13 +46,13 @@ async ([blocks, rate, seconds, later, later_s]) => {
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def tab(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     folder: Path = tmp_path_factory.mktemp("sound")
     scene = hapscene.Scene()
     scene.add(plate_mesh(cells=1), name="plate", swatch="paper")
     session = Session(scene, folder / "plate.scene.json")
-    with Page(session, port=0, with_hand=False, with_autosave=False) as page, browser() as chromium:
-        found = chromium.new_page()
+    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+        found = browser.new_page()
         found.goto(page.url)
         yield found
     session.document.close()

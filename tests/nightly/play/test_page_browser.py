@@ -11,17 +11,14 @@ import trimesh
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 import hapscene
 from hapscene.play.page_server import PageServer
 from hapscene.scene.mesh import Mesh
 from hapscene.scene.scene import Scene
 from hapscene.servo import Servo
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
 from tests.until import until
-
-pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here: apt-get install chromium")
 
 Live = tuple[PageServer, Servo]
 
@@ -43,14 +40,6 @@ def live() -> Iterator[Live]:
         servo.start([(0.0, 0.0, 0.0)] * 2)
         page.attach(servo)
         yield page, servo
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from hapscene.handle.serial_handle import BUFFER, START
 from hapscene.wire.protocol import WRAP, Column, Header, header_line, sample_line, sealed
 from tests.until import until
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 
 RATE_HZ = 5000.0
 

@@ -19,10 +19,11 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 
 from hapscene.bridge.packets import FRAME, HELLO, ORDER, STATE, Frame, Packet, pack, pack_json, unpack  # noqa: E402
 from hapscene.bridge.web_door import CONNECTIONS_MAX, MESSAGE_MAX  # noqa: E402
-from tests.bridge.client_packets import pack_frame, unpack_state  # noqa: E402
-from tests.nightly.bridge.served import Served  # noqa: E402
-from tests.nightly.bridge.test_server import Client  # noqa: E402
 from tests.until import until  # noqa: E402
+
+from .client_packets import pack_frame, unpack_state  # noqa: E402
+from .served import Served  # noqa: E402
+from .test_server import Client  # noqa: E402
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 

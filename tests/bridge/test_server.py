@@ -17,14 +17,15 @@ from hapscene.bridge.orders import Orders
 from hapscene.bridge.server import BridgeServer
 from hapscene.errors import HapsceneError
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "examples" / "engines" / "python"))
 
 import hapscene_client as client_file  # noqa: E402  # from the folder above
 from hapscene_client import AIM, FRAME, HELLO, ORDER, Client, pack  # noqa: E402
 
-from tests.nightly.bridge.served import Served  # noqa: E402
 from tests.until import until  # noqa: E402
+
+from .served import Served  # noqa: E402
 
 MASS_KG = 0.2
 
