@@ -8,7 +8,6 @@
     render     each effect of the touched swatch                        surface/mixer.py
     react      what the tool does to the bodies                         reaction.py
     field      each effect of the scene, felt by the hand alone         surface/mixer.py
-    hand over  what a step of the fidelity left, where there was one    fidelity/
     guard      the wall's energy, where asked for                       device/stabilisers.py
     mix        their sum, within the limits of the device               surface/mixer.py
     note       a row
@@ -30,7 +29,6 @@ from hapscene.contact.proxy import move
 from hapscene.contact.world import NO_SHADE
 from hapscene.describe import describe, shade
 from hapscene.device.stabilisers import couple, guard
-from hapscene.fidelity.level_step import hand_over
 from hapscene.flags import Flag
 from hapscene.geometry import Vector
 from hapscene.native import inlined, native
@@ -68,8 +66,6 @@ def tick(world: Any, surface: Any, x: float, y: float, z: float, row: Any, a_m_s
         flags |= render(surface, True)
     if surface.total[0].release != 0:
         let_in(world)
-    if surface.memory[0].stepped != 0:
-        flags |= hand_over(surface)
     if surface.limits[0].guard_Ns_m > 0.0:
         flags |= guard(surface, tool_W)
     flags |= limit(surface)

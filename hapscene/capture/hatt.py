@@ -196,9 +196,7 @@ def hatt_loses(swatch: Swatch) -> list[str]:
         return []
     lost = {
         "the tool and the tip": bool(swatch.tool or swatch.tip),
-        "the texture's layers": bool(texture.layers),
         "the texture's slow gain": texture.life is not None,
-        "its other state": texture.other is not None,
         "its level beyond the largest force and speed": bool(np.any(texture.exponents != 0.0)),
         f"its warp (plain models of order {texture.unwarped().order} are written)": texture.warp != 0.0,
     }

@@ -76,7 +76,6 @@ class ServoState(NamedTuple):
         touching: whether the tool is inside a surface.
         body, face, swatch: what is touched; −1 in the air.
         flags: what went wrong or was limited.
-        level: of the fidelity that is felt, of `level_count`: 0 is the finest.
         age_s: how long ago the tick was complete, also at rest; infinite before the first. While the servo ticks, much
             more than a tick says that its process hangs, or is stopped.
     """
@@ -94,8 +93,6 @@ class ServoState(NamedTuple):
     swatch: int
     flags: Flag
     age_s: float = 0.0
-    level: int = 0
-    level_count: int = 1
 
     def __repr__(self) -> str:
         place, force = (", ".join(f"{v:.4g}" for v in vector) for vector in (self.p_WT_m, self.f_W_N))
@@ -144,9 +141,7 @@ class Servo:
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
         made: more arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD, fidelity; limits and
-            delay_ticks of a simulated device. With a fidelity of several levels the loop goes to a coarser one where
-            ticks take longer than `budget_us`, half a tick unless it is given, or begin late: see
-            `hapscene.fidelity.load`.
+            delay_ticks of a simulated device.
 
     Attributes:
         scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.
@@ -322,7 +317,7 @@ class Servo:
         channel = shared.channel.view(np.ndarray)
         aims = shared.aims.view(np.ndarray)
         self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
-        numbers = (channel[name] for name in ("done", "done_ns", "level", "level_count"))
+        numbers = (channel[name] for name in ("done", "done_ns"))
         self._ticks = shared.rows.view(np.ndarray), *numbers
         self._frames = shared.frames.view(np.ndarray)
         self._fault = shared.fault
@@ -688,7 +683,7 @@ class Servo:
             HapsceneError: the process has ended; one that only hangs is seen by the state's age.
         """
         _ = self._channel  # raises where none runs
-        rows, done, done_ns, level, level_count = self._ticks
+        rows, done, done_ns = self._ticks
         rows = rows[self._number(tool)]
         while True:
             count, at_ns = done.item(), done_ns.item()
@@ -708,8 +703,6 @@ class Servo:
             swatch=int(whole[_AT["swatch"]]),
             flags=flag_of(int(whole[_AT["flags"]])),
             age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
-            level=level.item(),
-            level_count=level_count.item(),
         )
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
@@ -761,8 +754,7 @@ class Servo:
             HapsceneError: the process has ended.
         """
         channel = self._channel.channel[0]
-        steps = int(channel.steps_down), int(channel.steps_up)
-        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed), *steps)
+        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
         """Send an order when its turn comes; return its result."""

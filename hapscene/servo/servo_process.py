@@ -78,8 +78,6 @@ def run(wire: Pipe, life: Pipe, name: str, length: int) -> None:
         made = _heard(wire)
         devices, bodies, folder = made.pop("devices"), made.pop("bodies"), made.pop("flights")
         force_N = made.pop("force_N")
-        if made.get("fidelity") is not None and made.get("budget_us") is None:
-            made["budget_us"] = 1e6 * BUDGET_SHARE * made["tick_s"]
         twins += [_twin(device, opened, made) for device in devices]
         if force_N is not None:
             for twin in twins:
@@ -171,9 +169,6 @@ UNFLYABLE: Final = np.iinfo(np.int64).max
 """The tick from which on a flight can be flown again: none, where bodies came, went, or changed their shapes, or are
 felt by a fidelity."""
 
-BUDGET_SHARE: Final = 0.5
-"""Share of a tick's period that it may take, where no budget is given [1]: the other half is for all else."""
-
 
 class Desk:
     """What the application may order. Orders that the running loop would not survive stop it for one to three ticks."""
@@ -220,7 +215,6 @@ class Desk:
         if vendors and len(self._twins) > 1:
             raise DeviceError("a device whose vendor's thread calls the tick is the only one of its servo")
         channel.channel.pause = 1
-        channel.channel.level_count = self._renderers[0].levels.state[0].count
         if self._renderers[0].fidelity is not None:  # which is not written with a flight
             channel.channel.changed = UNFLYABLE
         parts = (part for r in self._renderers for part in memory_of(r.world, r.surface))
@@ -472,7 +466,6 @@ class Desk:
         return Loop(
             worlds=tuple(r.world for r in renderers),
             surfaces=tuple(r.surface for r in renderers),
-            levels=tuple(r.levels for r in renderers),
             twins=tuple(twin.body for twin in self._twins),
             bodies=self._bodies,
             channel=c.channel[0],

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapscene.clock import new_clock
+from hapscene.compiled.block import by_pointer
 from hapscene.constants import SLIP_CUTOFF_HZ
 from hapscene.device.model import DELAY_MAX, Limits
 from hapscene.dsp.noise import seeded_state
@@ -39,10 +40,6 @@ MEMORY: Final = np.dtype(
         ("left_B_m", "f8", (3,)),  # where the tool left a body last, in the frame of `touch.left_body`
         ("jumped", "i8"),  # 1 where the touched body was put elsewhere or removed: it was not left
         ("fresh", "i8"),  # 1 in the first tick after a reset: nothing has a velocity yet
-        # see `hapscene.fidelity.level_step`
-        ("stepped", "i8"),  # not 0 where the level of the fidelity is not the first, or a step is still handed over
-        ("level", "i8"),  # of the fidelity that is felt
-        ("offset_W_N", "f8", (3,)),  # what is left of the force before the last step
         # see `hapscene.surface.blending`
         ("bank", "i8"),  # of `touch.swatch`; the other one is that of `touch.other`
         ("other_crossed", "i8"),  # as `touch.crossed`
@@ -73,6 +70,7 @@ SWITCHED_OFF: Final = 2
 """Why an effect is mute: the user's will (`Renderer.mute`)."""
 
 
+@by_pointer
 class Surface(NamedTuple):
     """Everything that description, effects and mixer read and write. s swatches, e effects.
 

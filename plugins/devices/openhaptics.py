@@ -17,18 +17,18 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE, POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
-from functools import cache, partial
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numba import carray, cfunc, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
+from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 
 from hapscene.c_call import c_caller
 from hapscene.device.driver import DEVICE_STATE, Driver, Found, Option, VendorConnection
 from hapscene.device.model import DEVICES
 from hapscene.device.vendor_library import address_of, load_library
 from hapscene.errors import DeviceError
-from hapscene.native import INTERPRETED, kept, native
+from hapscene.native import INTERPRETED, CFunction, native
 from hapscene.records import records
 
 NAMES: Final = (None, "Default Device", "Default PHANToM", "Phantom2", "Phantom3", "Phantom4")
@@ -267,7 +267,7 @@ def _served(places: Any) -> Any:
 def _callback() -> Any:
     """The scheduler's callback: a C function `unsigned int callback(void *places[2])`, of link and state."""
     pointer: Any = types.CPointer
-    return kept(_served, partial(cfunc, types.uint32(pointer(types.voidptr))))
+    return CFunction(types.uint32(pointer(types.voidptr)), _served, uses_carray=True)
 
 
 def _pop(hd: Any) -> list[int]:

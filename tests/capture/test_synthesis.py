@@ -167,13 +167,10 @@ def test_a_slow_gain_spreads_the_levels_and_keeps_the_power() -> None:
 
 
 @pytest.mark.parametrize("warp", [0.0, 0.5])
-def test_a_living_texture_of_two_states_has_no_seams(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Made in one part or in many it is the same; in its other state it is as loud as that."""
-    loud = replace(living().texture, variance_m2_s4=900.0 * living().texture.variance_m2_s4, warp=warp)
-    swatch = living(other=loud, dwell_s=(0.5, 0.5))
+def test_a_living_texture_has_no_seams(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made in one part or in many it is the same."""
+    swatch = living(warp=warp)
     force = np.linspace(0.5, 2.0, 40_000)
     whole = synthesize(swatch, force, np.full(40_000, 0.1))
     monkeypatch.setattr("hapscene.capture.synthesis._PART", 7)
     np.testing.assert_allclose(synthesize(swatch, force, np.full(40_000, 0.1)), whole, atol=1e-9 * whole.std())
-    level_dB = 20 * np.log10(whole.reshape(-1, 1000).std(axis=1))
-    assert level_dB.max() - level_dB.min() > 15.0

@@ -178,7 +178,7 @@ def scene() -> Scene:
 def fidelity(path: Path) -> None:
     half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
     level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
-    save_fidelity(Fidelity((level, Level()), {"device": "omni", "seed": 0}), path, scene())
+    save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
 
 
 def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
@@ -419,7 +419,7 @@ FORMATS: Mapping[str, Format] = {
     ),
     "fidelity": Format(
         written(fidelity, "x.fidelity.json"),
-        lambda path: sum(len(body.mesh.faces) for body in load_fidelity(path, scene()).levels[0].bodies.values()),
+        lambda path: sum(len(body.mesh.faces) for body in load_fidelity(path, scene()).level.bodies.values()),
     ),
     "swatch": Format(written(lambda path: save_swatch(swatch(), path), "x.swatch"), library.load_swatch),
     "library": Format(
