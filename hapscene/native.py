@@ -158,9 +158,11 @@ def _cached(dispatcher: Any) -> Any:
         if _load(dispatcher, kept, signature, arguments):
             return dispatcher.overloads[arguments].entry_point
         with progress.compiling(), cache.locked(kept.lock_path()):
-            progress.begin(sum(not _is_typed(part) for part in below))
+            progress.begin(1 + sum(not _is_typed(part) for part in below))
             dispatcher._cache = kept  # which looks once more, then keeps
-            return compile_(signature)
+            entry = compile_(signature)
+            progress.advance()
+            return entry
 
     dispatcher.compile = compile_once
     return dispatcher

@@ -51,6 +51,7 @@ from hapscene.servo.servo_loop import (
 from hapscene.servo.shared_memory import Channel, open_channel, write_text
 from hapscene.servo.tick_memory import memory_of
 from hapscene.surface.swatch import Swatch
+from hapscene.tick import use_moving_bodies
 
 if TYPE_CHECKING:
     from hapscene.twin import Twin
@@ -210,6 +211,7 @@ class Desk:
         )
         for twin, impulse in zip(self._twins, channel.impulse, strict=True):
             twin.renderer.world = twin.renderer.world._replace(impulse=impulse)  # where the application sees it
+            use_moving_bodies(twin.renderer.world, twin.renderer.surface)  # not in the midst of the loop
         for twin, state in zip(self._twins, channel.states, strict=True):
             if isinstance(twin.device, Connection):
                 slot = state.reshape(1).view(np.recarray)
