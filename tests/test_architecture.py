@@ -17,6 +17,7 @@ FLOOR = (
         "bound_call",
         "c_call",
         "clock",
+        "wall_clock",
         "confined",
         "constants",
         "dsp",
