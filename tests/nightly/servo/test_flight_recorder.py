@@ -11,9 +11,10 @@ import pytest
 
 from hapscene.errors import HapsceneError
 from hapscene.native import INTERPRETED
-from hapscene.servo import Flight, Servo
+from hapscene.servo import Flight
 from hapscene.servo.flight_recorder import NUMBERS_FILE, STORY_FILE, note_order, replay_flight, write_flight
-from tests.servo.test_servo import MASS, make_scene, until_tick
+from tests.servo.test_servo import MASS, make_scene
+from tests.virtual_servo import VirtualServo
 
 pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes longer than a period")
 
@@ -22,14 +23,14 @@ pytestmark = pytest.mark.skipif(INTERPRETED, reason="an interpreted tick takes l
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A stroke, tuned on its way, in a ring that is smaller than it."""
     folder = tmp_path_factory.mktemp("flights") / "stroke"
-    with Servo(make_scene(), MASS, ring_s=1.5) as servo:
+    with VirtualServo(make_scene(), MASS, ring_s=1.5) as servo:
         servo.start((-0.03, 0.0, 0.002))
         for k, x_m in enumerate(np.linspace(-0.03, 0.03, 40)):
             servo.aim((x_m, 0.0, -0.004), "medium")
-            until_tick(servo, 20 * k)
+            servo.advance(20)
             if k == 20:
                 servo.tune("wood", stiffness_N_m=400.0)
-        until_tick(servo, 1700)
+        servo.advance(900)
         servo.save_flight(folder)
     return folder
 
@@ -63,10 +64,10 @@ def test_another_force_is_found_at_its_tick(flown: Path) -> None:
 
 def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path: Path) -> None:
     scene = make_scene()
-    with Servo(scene, MASS) as servo:
+    with VirtualServo(scene, MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         servo.deform("plate", 1.1 * scene.bodies[0].mesh.vertices_m)
-        until_tick(servo, servo.state().tick + 20)
+        servo.advance(20)
         servo.save_flight(tmp_path / "deformed")
     with pytest.raises(HapsceneError, match="looked at, not flown again"):
         Flight.load(tmp_path / "deformed").replay()
@@ -74,10 +75,10 @@ def test_after_shapes_have_changed_it_says_that_it_cannot(flown: Path, tmp_path:
 
 def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
     scene = make_scene()
-    with Servo(scene, MASS) as servo:
+    with VirtualServo(scene, MASS) as servo:
         servo.start((0.0, 0.0, 0.01))
         servo.add(scene.bodies[0].mesh, name="other")
-        until_tick(servo, servo.state().tick + 20)
+        servo.advance(20)
         flight = servo.flight()
     with pytest.raises(HapsceneError, match="looked at, not flown again"):
         flight.replay()
@@ -85,11 +86,11 @@ def test_after_a_body_came_it_says_that_it_cannot(tmp_path: Path) -> None:
 
 def test_each_tool_is_flown_again_within_its_own_limits_and_settings_are_numbers_of_any_kind(tmp_path: Path) -> None:
     pull = {"weight": {"mass_kg": np.float32(0.02)}}
-    with Servo(make_scene(), ["omni", "premium-1.5"], effects=["wall", "weight"], settings=pull) as servo:
+    with VirtualServo(make_scene(), ["omni", "premium-1.5"], effects=["wall", "weight"], settings=pull) as servo:
         servo.start([(0.0, 0.0, 0.002)] * 2)
         for tool in range(2):
             servo.aim((0.0, 0.0, -0.006), "firm", tool=tool)
-        until_tick(servo, 300)
+        servo.advance(300)
         servo.save_flight(tmp_path / "two")
     flight = Flight.load(tmp_path / "two")
     assert flight.rows["touching"].any(axis=1).all() and len(flight.replay().unlike) == 0
