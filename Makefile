@@ -1,23 +1,31 @@
-# make demo: the main job on the shipped scene      make test: lint, types, tests      make docs: the web site
+# make demo: the main job on the shipped scene      make test: lint, types and the fast tests, which gate a change
+# make nightly: the slow tests (tests/nightly) and the floors      make docs: the web site
 # make floors: what depends most on other libraries, with the lowest versions of them that are allowed
 # make mutants: would a test notice? MUTANTS="--room contact --count 40" says where and how many
-# Each makes the environment .venv the first time and reuses it later; PYTHON=python3.12 chooses the interpreter.
-# On Windows without make, see README.md, "Two commands".
+# Each makes or completes the environment .venv the first time; PYTHON=python3.12 chooses the interpreter. PYTEST="..."
+# adds options of pytest to `test` and `nightly`. On Windows without make, see README.md, "Two commands".
 PYTHON ?= python3
+PYTEST ?=
 ENV := .venv
 BIN := $(ENV)/bin
-READY := $(ENV)/.ready
 
-.PHONY: demo test floors mutants format bench docs system clean
+.PHONY: demo test nightly floors mutants format bench docs system clean
 
-demo: $(READY)
+demo: $(ENV)/.ready-demo
 	$(BIN)/hapscene demo --out out/demo
 
-test: $(READY) system
+# The warm-up compiles once what several processes of pytest would compile at the same time; types are checked meanwhile.
+test: $(ENV)/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/pytest --numprocesses auto --dist loadfile --reruns 1 -rR
+	@$(BIN)/mypy & types=$$!; $(BIN)/python tests/warm_up.py; compiled=$$?; wait $$types && exit $$compiled
+	$(BIN)/pytest --numprocesses auto --dist loadfile $(PYTEST)
+
+nightly: $(ENV)/.ready-nightly
+	sh .ci/system-packages nightly
+	$(BIN)/python tests/warm_up.py
+	$(BIN)/pytest --numprocesses auto --dist loadfile -m "soak or not soak" tests/nightly $(PYTEST)
+	$(MAKE) floors
 
 # In an environment of its own, which is removed; three minutes on two cores. The lowest versions have wheels for the
 # lowest Python alone.
@@ -32,30 +40,31 @@ floors:
 		echo "floors: tried with Python 3.11 alone, this is $$($(PYTHON) -V)"; \
 	fi
 
-mutants: $(READY)
+mutants: $(ENV)/.ready-nightly
 	$(BIN)/python tests/mutants.py $(MUTANTS)
 
-format: $(READY)
+format: $(ENV)/.ready-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(READY)
+bench: $(ENV)/.ready-nightly
 	$(BIN)/hapscene bench --out out/bench
 
-docs: $(READY)
+docs: $(ENV)/.ready-nightly
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "out/site/index.html; search wants it served: $(BIN)/python -m http.server --directory out/site"
 
-# System packages for scene.png, where they are missing and may be installed; harmless elsewhere.
+# System packages for pictures and for the gate's browser; `sh .ci/system-packages nightly` has the others.
 system:
 	@sh .ci/system-packages
-	@sh .ci/node-packages
 
-$(READY): pyproject.toml setup.py requirements.lock
-	@echo "making the environment $(ENV), once; this takes a minute or two"
-	$(PYTHON) -m venv $(ENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e ".[dev,step]"
-	@touch $(READY)
+EXTRAS-demo := step
+EXTRAS-test := dev
+EXTRAS-nightly := nightly
+
+$(ENV)/.ready-%: pyproject.toml setup.py requirements.lock
+	@sh .ci/install $(PYTHON) $(ENV) $(EXTRAS-$*)
+	@touch $@
 
 clean:
 	rm -rf $(ENV) out

@@ -1,4 +1,4 @@
-"""Textures that rise and fall, that have two states, or that go on beyond what was recorded, on a stiff wall.
+"""Textures that rise and fall, or that go on beyond what was recorded, on a stiff wall.
 
 On a device without an actuator in its handle a texture is folded into the force of the motors. How loud it is depends
 on the force and the speed of the tool, which it moves: so it might feed itself through the wall. The tool slides, held
@@ -51,12 +51,6 @@ SETTLE, TICKS = 20, 1500
 LIFE: Final = Life(np.array([0.5, 0.4, 0.3]), np.array([100.0, 20.0, 3.0]), np.zeros(3))
 """As lively as any recording: a standard deviation of 0.7, 6 dB."""
 
-DWELL_S: Final = np.array([0.06, 0.03])
-"""Mean times in the two states [s]."""
-
-SQUEAL: Final = 10.0
-"""Power of the other state over that of this one [1]."""
-
 FAST: Final = 5.0
 """How many times faster than the fastest recorded the stroke is that is felt beyond it [1]."""
 
@@ -66,13 +60,11 @@ def textures() -> dict[str, Texture | None]:
     """What the tool slides over, by name."""
     wood = load_swatch("wood").texture
     assert wood is not None
-    steady = replace(wood, life=None, exponents=np.zeros(2), other=None, dwell_s=np.zeros(2))
-    squeal = replace(steady, variance_m2_s4=SQUEAL * steady.variance_m2_s4)
+    steady = replace(wood, life=None, exponents=np.zeros(2))
     return {
         "no texture": None,
         "steady": steady,
         "alive": replace(steady, life=LIFE),
-        "two states": replace(steady, other=squeal, dwell_s=DWELL_S),
         "beyond": replace(steady, exponents=np.array([1.0, 2.0])),
     }
 
@@ -128,19 +120,17 @@ def _stroke(name: str, stiffness_N_m: float, apart: float) -> Array:
 
 
 def levels(seconds: float = 200.0) -> list[Answer]:
-    """Through the tick: life keeps the mean power, states share it, and beyond the recorded it goes to its bound."""
-    steady, alive, two = (played(name, seconds) for name in ("steady", "alive", "two states"))
-    mixed = (DWELL_S[0] + SQUEAL * DWELL_S[1]) / sum(DWELL_S)
-    loudest = max(float(np.abs(a).max()) for a in (alive, two)) / float(np.std(steady))
+    """Through the tick: life keeps the mean power, and beyond the recorded the level goes to its bound."""
+    steady, alive = (played(name, seconds) for name in ("steady", "alive"))
+    loudest = float(np.abs(alive).max()) / float(np.std(steady))
     texture = textures()["beyond"]
     assert texture is not None
     edge, beyond = (float(np.mean(played("beyond", 2.0, speed * texture.speed_max_m_s) ** 2)) for speed in (1.0, FAST))
     rise_dB = 10.0 * math.log10(beyond / edge)
     faster = f"level at {FAST:g} times the fastest recorded, over that there [dB]"
-    power, states = (float(np.var(a) / np.var(steady)) for a in (alive, two))
+    power = float(np.var(alive) / np.var(steady))
     return [
         Answer("life-power", "mean power, alive over steady [1]", 1.0, power, 0.15),
-        Answer("states-power", "mean power of two states over the first [1]", mixed, states, 0.15),
         Answer("life-peak", "loudest sample over the steady level [1]", 40.0, loudest, 0.0, at_most=True),
         Answer("beyond-bound", faster, LEVEL_BOUND_DB, rise_dB, 0.1),
     ]
@@ -157,7 +147,7 @@ def played(name: str, seconds: float, speed_m_s: float = SPEED_M_S, seed: int = 
     return np.asarray(renderer.run(path).a_m_s2[200:].ravel())
 
 
-COLOURS: Final = "green", "blue", "orange", "vermilion", "purple"
+COLOURS: Final = "green", "blue", "orange", "purple"
 
 
 def draw_life(path: Path) -> None:
@@ -167,7 +157,7 @@ def draw_life(path: Path) -> None:
 
 def _draw(axes: Any) -> None:
     shares = np.linspace(0.7, 1.3, 13)
-    for name, colour, marker in zip(textures(), COLOURS, "os^Dv", strict=True):
+    for name, colour, marker in zip(textures(), COLOURS, "os^v", strict=True):
         grown = [1e3 * growth(name, share * wall_N_m()) for share in shares]
         axes.plot(shares, grown, marker, color=OKABE_ITO[colour], label=name)
     axes.axhline(0.0, color=INK, linewidth=0.8)

@@ -281,10 +281,9 @@ _TEXTURE: Final = """L1: stable parts interpolated. L2, L3: models switched as a
 
 _LIFE: Final = """How loud a texture is depends on the force and speed of the tool; folded into the force of motors it
     moves that tool. Two strokes that begin a ten-millionth apart, with the same random numbers, part as fast as small
-    motion grows, noise or no noise. Whether the texture is steady, has a slow gain, switches between two states or goes
-    on beyond what was recorded, they begin to part where the wall alone does: it does not feed itself, all of it folded
-    in. What motors are given is less than all (T1, T2), and counts the loud stretches of a gain, the louder state and
-    the level beyond."""
+    motion grows, noise or no noise. Whether the texture is steady, has a slow gain or goes on beyond what was recorded,
+    they begin to part where the wall alone does: it does not feed itself, all of it folded in. What motors are given
+    is less than all (T1, T2), and counts the loud stretches of a gain and the level beyond."""
 
 _HANDLE: Final = """The learning compensator hears the handle through an accelerometer, on handles 30 % off. Later than
     believed by up to 0.3 ms, what a slower pole adds counted, it takes the error to an eighth of that of `flat`, which

@@ -16,7 +16,7 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hapscene.native import INTERPRETED, native, native_for
+from hapscene.native import INTERPRETED, CFunction, native
 
 _intrinsic: Any = intrinsic  # numba types neither as they are used
 _typeof: Any = typeof
@@ -41,7 +41,8 @@ class BoundCall:
             self.address, self.context = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0), 0
         else:
             kind = _typeof(argument)
-            self._function, self.address = _compiled(function, kind)
+            self._function = _compiled(function, kind)
+            self.address = self._function.address
             self._memory: NDArray[np.uint8] = np.zeros(_size(kind) + ALIGNED, np.uint8)
             self.context = (self._memory.ctypes.data + ALIGNED - 1) // ALIGNED * ALIGNED
             _store(self.context, argument)
@@ -87,12 +88,10 @@ def _store(address: int, value: Any) -> None:
 
 
 @cache
-def _compiled(function: Callable[[Any, Any], None], kind: Any) -> Any:
-    """The function for an argument of that type: what keeps it, and its address."""
-    signature = types.uintp, types.TypeRef(kind)
-    result = native_for(types.void(*signature), function).overloads[signature]
-    # its second argument is of no size: who calls it leaves it out
-    return result, int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+def _compiled(function: Callable[[Any, Any], None], kind: Any) -> CFunction:
+    """The function for an argument of that type."""
+    # its second argument has no size: the caller leaves it out
+    return CFunction(types.void(types.uintp, types.TypeRef(kind)), function)
 
 
 def _size(kind: Any) -> int:

@@ -46,8 +46,6 @@ class Flag(IntFlag):
     """The device is not calibrated, homed or powered, or says nothing new: no force until it does."""
     STALLED = 262144
     """The loop itself stood still, as when the machine slept: the force begins anew."""
-    COARSER = 524288
-    """The machine has too little time: a later level of the scene's fidelity is felt (`Renderer(fidelity=…)`)."""
 
 
 @cache

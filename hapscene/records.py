@@ -44,7 +44,6 @@ TOUCH: Final = np.dtype(
         ("force_N", "f8"),  # normal force, low-passed at SLIP_CUTOFF_HZ: what textures are chosen by
         ("x_WB", "f8", (3,)),  # axes x and y of the touched body; in the air of the one touched last
         ("y_WB", "f8", (3,)),
-        ("stepped", "i8"),  # 1 where it is felt coarser or finer than in the last tick (`Renderer.level`)
         (
             "other",
             "i8",

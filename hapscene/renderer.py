@@ -9,29 +9,26 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapscene.compiled.entry import call_entry
 from hapscene.constants import ACCELERATION_RATE_HZ, NEAR_MAX, REACH_MAX_M, TICK_S
 from hapscene.contact.deformation import Deformation, room_for, shape_of
 from hapscene.contact.moving import place_bodies
 from hapscene.contact.proxy import put
-from hapscene.contact.world import Growth, Shapes, build_world, crowd, shapes_of, skin_of
+from hapscene.contact.world import Growth, build_world, crowd
 from hapscene.contact_info import Contact, Impulse
 from hapscene.device.model import IDEAL, DeviceLike, DeviceWarning, Limits, limits_of
 from hapscene.errors import EffectError, HapsceneError, PathError, SceneError, no_such, warn
-from hapscene.fidelity.level_step import take_step
-from hapscene.fidelity.levels import checked_budget_ns, make_levels, one_surface, put_level, with_views
-from hapscene.fidelity.load import run_watched
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions, rigid
 from hapscene.moving_bodies import MovingBodies
-from hapscene.native import INTERPRETED
-from hapscene.old_spellings import old_spellings
+from hapscene.native import INTERPRETED, compiling
 from hapscene.records import ROW, block_of, records
 from hapscene.surface.device_clipping import Clip, Fit, Numbers, clips, given, share_of
 from hapscene.surface.effect import Effect, check_range
 from hapscene.surface.effect_registry import load_effect
 from hapscene.surface.field_settings import FieldSetting, field_setting
 from hapscene.surface.surface_arrays import SWITCHED_OFF, Surface, build_surface, clear_states, put_numbers
-from hapscene.tick import run_ticks
+from hapscene.tick import run_ticks, tick, use_moving_bodies, use_tick
 
 if TYPE_CHECKING:
     from hapscene.fidelity.fidelity import Fidelity
@@ -75,8 +72,7 @@ class PreparedPainting(NamedTuple):
     """The swatches of a scene and which face wears which, ready to be felt; `Renderer.repaint` in two halves."""
 
     surface: Surface
-    fits: list[Fit]
-    views: list[Surface]
+    fit: Fit
     swatch_names: tuple[str, ...]
     growth: Growth | None
     bodies: "tuple[Body, ...]"
@@ -98,10 +94,8 @@ class Renderer:
         device: in the place of limits, whose they are at this period: a name of `hapscene.device.DEVICES`, or itself.
         crease_rad: edges at which a surface turns by less are felt round (force shading, `hapscene.contact.shading`,
             which leaks energy); 0 for the mesh as it is.
-        fidelity: how finely each part of the scene is rendered, or the file that says it (`hapscene tune`): its first
-            level is felt, see `level`. None for the scene as it is.
-        budget_us: where the fidelity has several levels, how long a tick may take before the next of them is felt
-            [µs], see `hapscene.fidelity.load`; None to leave the level to you.
+        fidelity: how finely each part of the scene is rendered, or the path of its file (`hapscene tune`). None for
+            the scene as it is.
 
     Attributes:
         tick_s, a_rate_Hz, seed: as given.
@@ -109,7 +103,6 @@ class Renderer:
         fidelity: as given, or read; None without one.
         block: acceleration samples in a tick.
         world, surface: what the compiled tick reads and writes; for those who drive it themselves.
-        levels: of the fidelity, likewise.
 
     Raises:
         SceneError: a scene without bodies.
@@ -121,7 +114,6 @@ class Renderer:
         MeshWarning: more bodies overlap in one place than a tick asks.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
@@ -135,7 +127,6 @@ class Renderer:
         crease_rad: float = 0.0,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
         fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
-        budget_us: float | None = None,
     ) -> None:
         if not scene.bodies:
             raise SceneError("the scene has no bodies: add one with scene.add(mesh, name=…)")
@@ -166,26 +157,19 @@ class Renderer:
         self._deformations: dict[int, Deformation] = {}
         self._deforming = Lock()  # of threads that give shapes; no tick asks for it
         self.fidelity = _fidelity_of(fidelity, scene)
-        scenes = self._scenes(scene)
-        shapes: Shapes | None = None
-        if len(scenes) > 1:
-            bodies = [body for at in scenes for body in at.bodies]
-            shapes = shapes_of(bodies, crease_rad, skin_of(*(body.mesh for body in scenes[0].bodies)))
-        self.world = build_world(scenes[0].bodies, crease_rad, shapes)
-        self._fits, self.surface, self._views, messages = self._fitted(scenes)
-        self.levels = make_levels(scenes, shapes, self._views, checked_budget_ns(budget_us))
-        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
-        _warn_of_crowd(scene, self.world)
         self._row = records(1, ROW)
         self._samples = np.zeros((1, self.block))
+        with compiling(tick, run_ticks, put, *(effect.render for effect in self._effects)):
+            rendered = self._at_fidelity(scene)
+            self.world = build_world(rendered.bodies, crease_rad)
+            self._fit, self.surface, messages = self._fitted(rendered)
+            use_tick(self.world, self.surface, self._row, self._samples)
+            self._play = _entry(self.world, self.surface, self._row, self._samples)
+        _warn(messages + [str(clip) for k in range(len(self._fields)) for clip in self._field(k)[1] if clip.reported])
+        _warn_of_crowd(scene, self.world)
         self._told = self._row.view(np.ndarray).view(np.uint8)
         row = self._row.view(np.ndarray)
         self._out = row["f_W_N"][0], row["flags"], row["touching"]  # views: a look-up by name costs a microsecond
-        if len(scenes) > 1:
-            watched: Any = _entry(run_watched, self.world, self.surface, self._row, self._samples, self.levels)
-            self._play: Any = lambda world, surface, *more: watched(world, surface, self.levels, *more)
-        else:
-            self._play = _entry(run_ticks, self.world, self.surface, self._row, self._samples)
         self._started = False
         self._ticks = 0
 
@@ -224,7 +208,6 @@ class Renderer:
         self.world.moved[0] = self.world.proxy[0].passed_count = 0
         self.world.impulse[:] = 0.0
         put(self.world, (p[0], p[1], p[2]))
-        put_level(surface, self.levels)
         self._started = True
         self._ticks = 0
 
@@ -243,11 +226,9 @@ class Renderer:
             raise SceneError(no_such("swatch", swatch, self._swatch_names))
         index = self._swatch_names.index(swatch)
         self._fit.tune(index, numbers)
-        for k, (fit, view) in enumerate(zip(self._fits, self._views, strict=True)):
-            if k > 0:
-                fit.tune(index, numbers)
-            out = self._left_out(k, swatch)
-            put_numbers(view, self._effects, index, {key: v for key, v in fit.given[index].items() if key not in out})
+        out = self._left_out(swatch)
+        taken = {key: value for key, value in self._fit.given[index].items() if key not in out}
+        put_numbers(self.surface, self._effects, index, taken)
         _warn([str(clip) for clip in self._fit.clips(index) if clip.reported and clip.number in numbers])
 
     def tune_field(self, effect: str, **numbers: float) -> None:
@@ -281,46 +262,21 @@ class Renderer:
             raise EffectError(no_such("effect", effect, names))
         self.surface.muted[names.index(effect)] = SWITCHED_OFF if muted else 0
 
-    @property
-    def level(self) -> int:
-        """Which level of the fidelity is felt, from 0; set it, and it is gone to between two ticks, without a jump.
-
-        Where it cannot be said at once on which side of a surface the proxy then is, some ticks later.
-
-        Raises:
-            HapsceneError: on setting: the fidelity has no such level.
-        """
-        return int(self.levels.state[0].level)
-
-    @level.setter
-    def level(self, level: int) -> None:
-        state = self.levels.state[0]
-        if not 0 <= level < state.count or level % 1 != 0:
-            raise HapsceneError(f"there is no level {level}: the fidelity has levels 0 to {state.count - 1}")
-        state.wanted = level
-        take_step(self.world, self.surface, self.levels)
-
-    @property
-    def _fit(self) -> Fit:
-        """The numbers of the swatches at the first level."""
-        return self._fits[0]
-
-    def _scenes(self, scene: "Scene") -> "list[Scene]":
-        """A scene at each level of the fidelity."""
+    def _at_fidelity(self, scene: "Scene") -> "Scene":
+        """The scene as the fidelity has it; itself without one."""
         if self.fidelity is None:
-            return [scene]
+            return scene
         from hapscene.fidelity.apply import apply_level
 
-        levels = self.fidelity.levels
-        return [apply_level(scene, level, stepped=len(levels) > 1) for level in levels]
+        return apply_level(scene, self.fidelity.level)
 
-    def _left_out(self, level: int, swatch: str) -> set[tuple[int, str]]:
-        """The numbers of a swatch that stay 0 at a level, whatever it is tuned to."""
-        if self.fidelity is None or swatch not in self.fidelity.levels[level].swatches:
+    def _left_out(self, swatch: str) -> set[tuple[int, str]]:
+        """The numbers of a swatch that the fidelity keeps at 0, whatever the swatch is tuned to."""
+        if self.fidelity is None or swatch not in self.fidelity.level.swatches:
             return set()
         from hapscene.fidelity.apply import NUMBERS
 
-        names = {name for out in self.fidelity.levels[level].swatches[swatch].left_out for name in NUMBERS[out]}
+        names = {name for out in self.fidelity.level.swatches[swatch].left_out for name in NUMBERS[out]}
         return {(e, p.name) for e, effect in enumerate(self._effects) for p in effect.params if p.name in names}
 
     def _refuse_fidelity(self, what: str) -> None:
@@ -357,12 +313,7 @@ class Renderer:
         of_swatches = [clip for index in range(len(self._swatch_names)) for clip in self._fit.clips(index)]
         return tuple(of_swatches + [clip for k in range(len(self._fields)) for clip in self._field(k)[1]])
 
-    def _fitted(self, scenes: "list[Scene]") -> tuple[list[Fit], Surface, list[Surface], list[str]]:
-        """The swatches of the scene at each level: their fits, what is felt, each level's view of it, and warnings."""
-        fits, surfaces, messages = zip(*(self._fitted_one(scene) for scene in scenes), strict=True)
-        return list(fits), *one_surface(surfaces), messages[0]
-
-    def _fitted_one(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
+    def _fitted(self, scene: "Scene") -> tuple[Fit, Surface, list[str]]:
         """A scene's swatches as the device takes them, and what of those painted is worth a warning."""
         fit = Fit(scene, self._contact_effects, self.limits, self.tick_s)
         surface = build_surface(scene, self._effects, self.tick_s, self.a_rate_Hz, self.limits, self._fields)
@@ -405,10 +356,10 @@ class Renderer:
         more = tuple(scene.bodies[known:])
         if more:
             self._refuse_fidelity("no body is added")
-        fits, surface, views, _ = self._fitted(self._scenes(scene))
+        fit, surface, _ = self._fitted(self._at_fidelity(scene))
         growth = Growth(self.world, self._bodies, more, self._crease_rad) if more else None
         names = tuple(swatch.name for swatch in scene.swatches)
-        return PreparedPainting(surface, fits, views, names, growth, more, scene)
+        return PreparedPainting(surface, fit, names, growth, more, scene)
 
     def take_painting(self, painting: PreparedPainting) -> None:
         """The quick half of `repaint`, between two ticks."""
@@ -416,10 +367,9 @@ class Renderer:
         for name in ("touch", "memory", "states", "muted"):
             getattr(surface, name)[:] = getattr(old, name)
         surface.touch["swatch"] = surface.touch["other"] = -1  # another one, or the same by another number
-        self.surface, self._fits, self._views = surface, painting.fits, painting.views
+        surface.entries[:] = old.entries
+        self.surface, self._fit = surface, painting.fit
         self._swatch_names = painting.swatch_names
-        self.levels = with_views(self.levels, painting.views)
-        put_level(surface, self.levels)
         if painting.growth is not None:
             with self._deforming:
                 self.world = painting.growth.take(self.world)
@@ -441,7 +391,7 @@ class Renderer:
         row.radius_m, row.shape_posted = -REACH_MAX_M, row.shape_felt  # nothing comes near it any more
         slots = self.moving([body])
         slots.teleported[:] = 1
-        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._place(slots)
         self.world.proxy[0].near_room_m = 0.0  # which are near is looked up anew
         del self._index_of[body]
         self._mapped = None  # it may hold the body
@@ -463,6 +413,7 @@ class Renderer:
         """
         index = self._index(body)
         self._refuse_fidelity("no body is given another shape")
+        use_moving_bodies(self.world, self.surface)
         mesh = self._bodies[index].mesh
         vertices = shape_of(vertices_m, len(mesh.vertices_m), body)
         with self._deforming:
@@ -480,6 +431,7 @@ class Renderer:
         """
         if isinstance(names, str) or not isinstance(names, Iterable):
             raise SceneError(f"bodies are a list of names, as ['crate'], not {names!r:.40}")
+        use_moving_bodies(self.world, self.surface)
         self._see_poses()
         bodies = self.world.bodies
         X_WB = np.tile(np.eye(4), (len(bodies), 1, 1))
@@ -592,13 +544,22 @@ class Renderer:
         changed = [name for name, X, was in seen if name in self._index_of and X is not was]
         slots = MovingBodies(changed, self._index_of, np.array(X_WB))
         slots.teleported[:] = 1
-        place_bodies(self.world, self.surface, slots.index, slots.poses, slots.teleported, 0)
+        self._place(slots)
         self._seen, self._seen_X_WB = self._scene.pose_count, X_WB
+
+    def _place(self, slots: MovingBodies) -> None:
+        """Have bodies take their poses now, between two ticks."""
+        use_moving_bodies(self.world, self.surface)
+        call_entry(
+            place_bodies, self.world, self.surface, slots.index, slots.poses, slots.teleported, len(slots.index), 0
+        )
 
     def _poses(
         self, poses: Mapping[str, ArrayLike], count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
         """Indices of the moving bodies (m,), their poses (count, m, 4, 4), and which of them jump (m,): none."""
+        if poses:
+            use_moving_bodies(self.world, self.surface)
         moving = np.zeros(len(poses), np.int64)
         X_WB = np.zeros((count, len(poses), 4, 4))
         for m, (name, X) in enumerate(poses.items()):
@@ -630,23 +591,16 @@ def _warn_of_crowd(scene: "Scene", world: Any) -> None:
 
 def _fidelity_of(fidelity: "Fidelity | str | os.PathLike[str] | None", scene: "Scene") -> "Fidelity | None":
     """A fidelity by itself, or from its file."""
-    given: Any = fidelity
     if isinstance(fidelity, str | os.PathLike):
         from hapscene.fidelity.fidelity_file import load_fidelity
 
-        given = load_fidelity(fidelity, scene)
-    if given is not None and not given.levels:
-        raise HapsceneError("a fidelity has one level at least")
-    found: Fidelity | None = given
-    return found
+        return load_fidelity(fidelity, scene)
+    return fidelity
 
 
-def _entry(function: Any, *arguments: Any) -> Any:
-    """`play` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
+def _entry(world: Any, surface: Any, rows: Any, blocks: NDArray[np.float64]) -> Any:
+    """`run_ticks` compiled for these records, without numba's look-up of argument types (3 µs a call)."""
+    play: Any = run_ticks
     if INTERPRETED:
-        return function
-    world, surface, rows, blocks, *levels = arguments
-    path = np.zeros((0, 3))
-    function(world, surface, *levels, path, *_STILL, rows, blocks)
-    (compiled,) = (o for o in function.overloads.values())
-    return compiled.entry_point
+        return play
+    return play.compile(world, surface, np.zeros((0, 3)), *_STILL, rows, blocks).entry_point

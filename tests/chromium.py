@@ -1,5 +1,7 @@
-"""Chromium for tests of pages, and axe-core, which looks for what hinders people in one."""
+"""The system's Chromium, headless, drawn by the processor and cut off from the net; axe-core, which finds what hinders
+people in a page."""
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +9,18 @@ from typing import Any
 
 import pytest
 
-from hapscene_benchmarks.paint_browser import ARGUMENTS, find_chromium
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+)
 
 AXE = Path(__file__).parents[1] / "build" / "node" / "node_modules" / "axe-core" / "axe.min.js"
 
@@ -18,11 +31,12 @@ AXE_RUN = """() => axe.run(document, {resultTypes: ['violations']}).then(found =
 
 @contextmanager
 def launched() -> Iterator[Any]:
-    """A browser, or the test is skipped, saying what is missing."""
+    """A browser of playwright's; where one is missing, the test skips."""
     sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'hapscene[dev]'")
-    if find_chromium() is None:
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
         pytest.skip("no Chromium here: apt-get install chromium")
     with sync.sync_playwright() as runner:
-        browser = runner.chromium.launch(executable_path=find_chromium(), args=list(ARGUMENTS))
+        browser = runner.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         yield browser
         browser.close()

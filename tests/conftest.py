@@ -1,14 +1,21 @@
 """What tests share: the folder of reference data, where there is one."""
 
+import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+# A suite that is started in the background, or under nohup, ignores these signals; so would all processes of its tests.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 settings.register_profile("fixed", derandomize=True, deadline=None)  # the same examples everywhere, at any speed
 settings.load_profile("fixed")
@@ -25,6 +32,15 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("no folder ../shared beside the checkout: reference data absent")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, one for all tests of a process: playwright runs once in a thread."""
+    from tests.chromium import launched
+
+    with launched() as made:
+        yield made
 
 
 @pytest.fixture

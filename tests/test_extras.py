@@ -39,7 +39,7 @@ parameter = "gain_dB"
 levels = [1.0, 2.0, 2]
 """
 
-NO_COMMAND = {"dev", "docs", "gymnasium", "hid", "usb"}
+NO_COMMAND = {"dev", "docs", "nightly", "gymnasium", "hid", "usb"}
 
 
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"].keys() - NO_COMMAND))

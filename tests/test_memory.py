@@ -1,28 +1,11 @@
 """How much memory there is: what limits say, what is left of it, and the note where it is little."""
 
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from hapscene import memory
-
-
-def test_a_small_ulimit_is_told() -> None:
-    resource = pytest.importorskip("resource", reason="no limits of a process here")
-    code = "import sys; from hapscene.cli import main; sys.exit(main(['check', 'none.stl']))"
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_DATA, (300 << 20, 300 << 20))
-
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, preexec_fn=limit, encoding="utf-8"
-    )
-    note, error = done.stderr.splitlines()
-    assert note.startswith("hapscene: note: this process may take 300 MiB of memory; a touch of a small scene takes")
-    assert error == "hapscene: none.stl: no such file"
 
 
 @pytest.mark.parametrize(

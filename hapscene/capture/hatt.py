@@ -24,7 +24,6 @@ from hapscene.capture.streams import Array
 from hapscene.dsp.ar_filter import ar_from_lsf
 from hapscene.errors import HapsceneError, SwatchError
 from hapscene.files import refusing, write_whole
-from hapscene.old_spellings import old_spellings
 from hapscene.surface.library import load_swatch
 from hapscene.surface.swatch import Swatch, SwatchLike
 from hapscene.surface.swatch_file import SUFFIX, save_swatch
@@ -152,7 +151,6 @@ def _texture(models: HattModels) -> tuple[Texture, str]:
     )
 
 
-@old_spellings()
 def export_hatt(
     swatch: SwatchLike,
     models_xml: str | os.PathLike[str],
@@ -196,9 +194,7 @@ def hatt_loses(swatch: Swatch) -> list[str]:
         return []
     lost = {
         "the tool and the tip": bool(swatch.tool or swatch.tip),
-        "the texture's layers": bool(texture.layers),
         "the texture's slow gain": texture.life is not None,
-        "its other state": texture.other is not None,
         "its level beyond the largest force and speed": bool(np.any(texture.exponents != 0.0)),
         f"its warp (plain models of order {texture.unwarped().order} are written)": texture.warp != 0.0,
     }

@@ -35,7 +35,6 @@ from hapscene.constants import LEVEL_BOUND_DB
 from hapscene.errors import CaptureError
 from hapscene.files import refusing, write_whole
 from hapscene.surface.swatch import TOOL_FIELDS, Swatch
-from hapscene.surface.swatch_summary import layers_told
 
 # The numbers of a report in words: what is in the swatch, how good it is, what is absent.
 
@@ -200,8 +199,6 @@ def _texture(swatch: Swatch) -> tuple[Fact, Fact]:
         said += (
             f"; beyond its power goes on as force^{force:.2g} and speed^{speed:.2g}, by {LEVEL_BOUND_DB:g} dB at most"
         )
-    if texture.layers:
-        held += f"; {layers_told(texture)}"
     warped = ", warped" if texture.warp else ""
     return Fact("Texture", f"order {texture.order}{warped}", held), Fact(
         "Vibration", f"{np.sqrt(power):.2g} m/s²", said

@@ -10,7 +10,7 @@ from hapscene.capture import metric
 from hapscene.capture.metric import Liveliness, LjungBox, Similarity, st_sim
 from hapscene.capture.order_search import OrderSearch, search_order
 from hapscene.capture.segment import InteractionState, Segmentation
-from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of, third_of
+from hapscene.capture.streams import DURATION_MIN_S, Array, Streams, kept_share, part_of
 from hapscene.capture.swatch_fit import fit
 from hapscene.capture.synthesis import synthesize
 from hapscene.errors import CaptureError
@@ -118,8 +118,7 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
     if swatch.texture is None:
         raise CaptureError(f"swatch {swatch.name!r} has no texture: there is nothing to judge")
     stroke = sliding(channels, states)
-    third = third_of(channels, swatch.texture.layer_by)
-    synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate, third_rad=third)
+    synthetic = synthesize(swatch, channels.force_N, channels.speed_m_s, rate_Hz=rate)
     texture = swatch.texture.resampled(rate)
     search = search_order(stroke.acceleration_m_s2, rate, texture.warp)
     frequency, density = metric.spectrum(stroke.acceleration_m_s2, rate)
@@ -136,24 +135,20 @@ def judge(swatch: Swatch, channels: Streams, states: Segmentation) -> Judgement:
 
 def _spectrum_of(texture: Texture, stroke: Streams) -> tuple[Array, Array]:
     """`spectrum_along` a recording's stroke."""
-    return spectrum_along(texture, stroke.force_N, stroke.speed_m_s, third_of(stroke, texture.layer_by))
+    return spectrum_along(texture, stroke.force_N, stroke.speed_m_s)
 
 
-def spectrum_along(
-    texture: Texture, force_N: Array, speed_m_s: Array, third_rad: Array | None = None
-) -> tuple[Array, Array]:
+def spectrum_along(texture: Texture, force_N: Array, speed_m_s: Array) -> tuple[Array, Array]:
     """Frequencies (k,) [Hz] and power spectral density (k,) [(m/s²)²/Hz] that a texture has along a stroke, expected.
 
     The mean of its models' spectra, one each `BLOCK_S`, at the frequencies of `metric.spectrum`.
     """
     step = max(1, round(BLOCK_S * texture.rate_Hz))
     force, speed = force_N[step // 2 :: step], speed_m_s[step // 2 :: step]
-    third = None if third_rad is None else third_rad[step // 2 :: step]
     frequency = np.asarray(np.fft.rfftfreq(round(metric.WINDOW_S * texture.rate_Hz), 1.0 / texture.rate_Hz))
     total = np.zeros(len(frequency))
     for part in (slice(i, i + 256) for i in range(0, len(force), 256)):  # a minute's stroke has 6000 filters
-        angle = None if third is None else third[part]
-        total += texture.density(force[part], speed[part], frequency_Hz=frequency, third_rad=angle).sum(axis=0)
+        total += texture.density(force[part], speed[part], frequency_Hz=frequency).sum(axis=0)
     return frequency, total / len(force)
 
 
@@ -165,8 +160,7 @@ def residual_along(texture: Texture, channels: Streams) -> tuple[Array, Array, A
     start = np.arange(order, len(y) - step + 1, step)
     middle = start + step // 2
     sliding = (force[middle] > MOVING * force.max()) & (speed[middle] > MOVING * speed.max())
-    third = third_of(channels, texture.layer_by)
-    a, variance = texture.models(force[middle], speed[middle], third_rad=None if third is None else third[middle])
+    a, variance = texture.models(force[middle], speed[middle])
     kept = np.flatnonzero(sliding & (variance > 0.0))
     if not len(kept):
         raise CaptureError("the texture is silent all along the recording: it leaves all of it")
@@ -188,12 +182,7 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     chosen: int | Literal["auto"] = "auto" if search.noise is not None and search.chosen == order else order
     domain = "plain" if swatch.texture.warp == 0.0 else "warped"
     y, force, speed = first.acceleration_m_s2, first.force_N, first.speed_m_s
-    by = "contact_angle" if swatch.texture.layer_by == "contact_angle" else "direction"
-    third = by if swatch.texture.layers else None
-    half = fit(
-        y, rate, force_N=force, speed_m_s=speed, order=chosen, domain=domain, third=third,
-        direction_rad=first.direction_rad, contact_angle_rad=first.contact_angle_rad,
-    )  # fmt: skip
+    half = fit(y, rate, force_N=force, speed_m_s=speed, order=chosen, domain=domain)
     texture = half.texture
     if texture is None:
         raise CaptureError(f"the first half holds no texture: {half.absent.get('texture', 'it slides too little')}")
@@ -206,8 +195,7 @@ def _hold_out(swatch: Swatch, channels: Streams, search: OrderSearch) -> HeldOut
     left, sigma, signal = residual_along(texture, second)
     residual = left / sigma
     residual = residual / residual.std()
-    stroke, along = (second.force_N, second.speed_m_s), third_of(second, texture.layer_by)
-    played = np.array([synthesize(half, *stroke, seed=seed, third_rad=along) for seed in range(PLAYS)])
+    played = np.array([synthesize(half, second.force_N, second.speed_m_s, seed=seed) for seed in range(PLAYS)])
     signals = second.acceleration_m_s2, played, first.acceleration_m_s2
     lively = [np.mean([metric.liveliness(y, rate) for y in np.atleast_2d(of)], axis=0) for of in signals]
     spectra, apart_dB = (frequency, fitted, held_out, model), (distance_dB, floor_dB, level_dB, halves_dB)

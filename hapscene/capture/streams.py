@@ -52,8 +52,6 @@ class Streams:
     grip_force_N: Array | None = None
     contact_angle_rad: Array | None = None
     """between the tool's axis and the surface's normal, 0 upright"""
-    direction_rad: Array | None = None
-    """of sliding over the surface, from −π to π"""
 
 
 def clean(
@@ -67,14 +65,13 @@ def clean(
     torque_Nm: ArrayLike | None = None,
     grip_force_N: ArrayLike | None = None,
     contact_angle_rad: ArrayLike | None = None,
-    direction_rad: ArrayLike | None = None,
 ) -> Streams:
     """Acceleration high-passed at 20 Hz, the rest low-passed at 100 Hz, all without delay.
 
     Force and speed may be one number for the whole recording, or None: then `ASSUMED_FORCE_N`, `ASSUMED_SPEED_M_S`.
-    Depth grows into the surface; it is negative above it. A direction may turn round and round; a tilt to either side
-    is one. Streams that the caller does not hold are let go once they are used: of a long recording each is as large as
-    all that is done with it.
+    Depth grows into the surface; it is negative above it. A tilt to either side is one. Streams that the
+    caller does not hold are let go once they are used: of a long recording each is as large as all that is done with
+    it.
 
     Raises:
         CaptureError: too short, too slow, silent, not finite, not real numbers, beyond `ACCELERATION_MAX_M_S2`, or
@@ -104,8 +101,6 @@ def clean(
         low["contact_angle_rad"] = tilt = np.abs(tilt)  # to either side is one
         if (most := float(tilt.max())) > np.pi:
             raise CaptureError(f"the contact angle reaches {most:.4g} rad, beyond a straight line: is its unit right?")
-    if direction_rad is not None:
-        direction_rad = _turning(_stream("direction_rad", direction_rad, count), rate_Hz)
     assumed = tuple(name for name, s in {"force_N": force_N, "speed_m_s": speed_m_s}.items() if s is None)
     largest = max(1.0, acceleration.max(), -acceleration.min())
     acceleration = acceleration - acceleration.mean()
@@ -120,9 +115,7 @@ def clean(
     speed = np.broadcast_to(np.abs(speed[0]), count) if np.ptp(speed) == 0.0 else np.abs(speed, out=speed)
     rest_m_s = _rest_level(raw, speed, rate_Hz)
     del raw
-    return Streams(
-        float(rate_Hz), high, force, speed, assumed=assumed, speed_rest_m_s=rest_m_s, **low, direction_rad=direction_rad
-    )
+    return Streams(float(rate_Hz), high, force, speed, assumed=assumed, speed_rest_m_s=rest_m_s, **low)
 
 
 def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
@@ -141,12 +134,6 @@ def _rest_level(raw: Array, low: Array, rate_Hz: float) -> float:
         found.append(mean[noise])
     means = np.concatenate(found)
     return float(np.quantile(means, 0.25)) if len(means) > 1 else 0.0
-
-
-def third_of(channels: Any, by: str) -> Array | None:
-    """The stream that layers "direction", "axis" or "contact_angle" are of, in a recording or its pieces; or None."""
-    found: Array | None = getattr(channels, "contact_angle_rad" if by == "contact_angle" else "direction_rad")
-    return found
 
 
 def blocks(count: int, size: int) -> Iterator[slice]:
@@ -232,11 +219,6 @@ def _low_passed(signal: Array, rate_Hz: float) -> Array:
     if np.ptp(signal) == 0.0:
         return np.broadcast_to(signal[0], signal.shape)
     return filtered(signal, rate_Hz, HAND_CUTOFF_HZ, "lowpass")
-
-
-def _turning(angle_rad: Array, rate_Hz: float) -> Array:
-    """An angle at 100 Hz, by its cosine and its sine, from −π to π."""
-    return np.asarray(np.arctan2(_low_passed(np.sin(angle_rad), rate_Hz), _low_passed(np.cos(angle_rad), rate_Hz)))
 
 
 def filtered(

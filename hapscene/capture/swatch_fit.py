@@ -1,6 +1,6 @@
 """A swatch from recordings of a tool on a surface: the main entry of `hapscene.capture`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, Literal
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from hapscene.capture.contact_fit import fit_contact
 from hapscene.capture.friction import fit_friction, no_sliding
-from hapscene.capture.layer_fit import Layers, find_layers
+from hapscene.capture.life_fit import fit_life
 from hapscene.capture.order_search import DOMAINS, search_domain
 from hapscene.capture.recording_file import SurfaceRecording
 from hapscene.capture.segment import InteractionState, Part, segment
@@ -19,19 +19,15 @@ from hapscene.capture.streams import (
     ASSUMED_SPEED_M_S,
     DURATION_MIN_S,
     Array,
-    Streams,
     clean,
     part_of,
-    third_of,
 )
 from hapscene.capture.tap_fit import fit_taps
 from hapscene.capture.texture_fit import choose_model_count, fit_texture
 from hapscene.capture.texture_pieces import PIECE_S, Pieces, cut, fit_level, pooled
-from hapscene.capture.two_states import Living, with_life
 from hapscene.constants import ORDER_MAX
 from hapscene.dsp.warped_prediction import warp_at
 from hapscene.errors import CaptureError
-from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.swatch import Swatch
 from hapscene.surface.texture import Texture
 
@@ -41,7 +37,6 @@ borders [1]. Of shorter ones too much is left over: of the project's recordings 
 likelihood of the other half fell by 0.003 a sample."""
 
 
-@old_spellings()
 def fit(
     acceleration_m_s2: ArrayLike | SurfaceRecording,
     rate_Hz: float | None = None,
@@ -54,11 +49,8 @@ def fit(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     depth_m: ArrayLike | None = None,
-    excitation: object = None,
     domain: str = "auto",
-    direction_rad: ArrayLike | None = None,
     contact_angle_rad: ArrayLike | None = None,
-    third: str | None = "auto",
     tool: str = "",
     tip: str = "",
 ) -> Swatch:
@@ -76,13 +68,9 @@ def fit(
         model_count: models over force and speed, or "auto": as many as hold on held-out data.
         interpolation: how the texture blends its models, see `hapscene.surface.texture`.
         depth_m: (n,) depth into the surface, negative above it, or None: then the stiffness is the default.
-        excitation: has no effect any more: the noise that drives a texture is Gaussian.
         domain: frequency axis of the AR models: "plain"; "warped", finer where more is felt, at rates above 3 kHz
             (`hapscene.dsp.warped_prediction`); or "auto": the better one on held-out data, "plain" for an order given.
-        direction_rad: (n,) direction of sliding, one number, or None.
-        contact_angle_rad: (n,) angle of the tool to the surface's normal, likewise.
-        third: of what the texture has layers, where it differs by it on held-out pieces (`hapscene.capture.layer_fit`):
-            "direction", "contact_angle", "auto" for the one that tells more, or None.
+        contact_angle_rad: (n,) angle of the tool to the surface's normal, one number, or None; its range is noted.
         tool: what the tip was held by, as in "steel probe".
         tip: what touched the surface, as in "3.2 mm ball".
 
@@ -93,19 +81,20 @@ def fit(
     Raises:
         CaptureError: from such streams nothing can be fitted; the text says why.
     """
-    without_effect("fit", "excitation", excitation)
     if isinstance(acceleration_m_s2, SurfaceRecording):
-        streams = (force_N, speed_m_s, tangential_force_N, depth_m, rate_Hz, direction_rad, contact_angle_rad)
+        streams = (force_N, speed_m_s, tangential_force_N, depth_m, rate_Hz, contact_angle_rad)
         if any(stream is not None for stream in streams):
             raise CaptureError("a recording has its rate and its streams itself: fit(recording) takes no others")
         part = prepare(acceleration_m_s2)
     elif rate_Hz is None:
         raise CaptureError("rate_Hz is missing: rate_Hz must be a number, of the samples recorded in a second")
     else:
-        angles = {"contact_angle_rad": contact_angle_rad, "direction_rad": direction_rad}
-        channels = clean(acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m, **angles)
+        channels = clean(
+            acceleration_m_s2, rate_Hz, force_N, speed_m_s, tangential_force_N, depth_m,
+            contact_angle_rad=contact_angle_rad,
+        )  # fmt: skip
         part = channels, segment(channels)
-    return fit_parts([part], name, order, model_count, interpolation, domain, third, tool, tip)
+    return fit_parts([part], name, order, model_count, interpolation, domain, tool, tip)
 
 
 def prepare(recording: SurfaceRecording) -> Part:
@@ -119,7 +108,7 @@ def prepare(recording: SurfaceRecording) -> Part:
     channels = clean(
         r.pop("acceleration_m_s2"), r["rate_Hz"], r.pop("force_N"), r.pop("speed_m_s"), r.pop("tangential_force_N"),
         r.pop("depth_m"), torque_Nm=r.pop("torque_Nm"), grip_force_N=r.pop("grip_force_N"),
-        contact_angle_rad=r.pop("contact_angle_rad"), direction_rad=r.pop("direction_rad"),
+        contact_angle_rad=r.pop("contact_angle_rad"),
     )  # fmt: skip
     return channels, segment(channels)
 
@@ -131,7 +120,6 @@ def fit_parts(
     model_count: int | Literal["auto"] = "auto",
     interpolation: str = "lsf",
     domain: str = "auto",
-    third: str | None = "auto",
     tool: str = "",
     tip: str = "",
 ) -> Swatch:
@@ -149,8 +137,6 @@ def fit_parts(
         raise CaptureError(f'order must be "auto" or a whole number from 1 to {ORDER_MAX}, is {order!r}')
     if domain not in DOMAINS:
         raise CaptureError(f"domain must be one of {', '.join(DOMAINS)}, is {domain!r}")
-    if third not in (None, "auto", *THIRDS):
-        raise CaptureError(f'third must be "auto", None or one of {", ".join(THIRDS)}, is {third!r}')
     friction, taps, contact = fit_friction(parts), fit_taps(parts), fit_contact(parts)
     ranges = felt(parts)
     intervals = friction.intervals | taps.intervals | contact.intervals
@@ -167,7 +153,7 @@ def fit_parts(
         absent[stream] = f"was not recorded: {assumed[stream]} assumed"
     texture = None
     try:
-        texture, known, missing = _texture(parts, order, model_count, interpolation, domain, third)
+        texture, known, missing = _texture(parts, order, model_count, interpolation, domain)
         intervals, absent = intervals | known, absent | missing
     except CaptureError as error:
         wrong = type(model_count) is not str and not isinstance(error, _NoTexture)
@@ -231,9 +217,8 @@ def _texture(
     model_count: int | Literal["auto"],
     interpolation: str,
     domain: str,
-    third: str | None,
-) -> Living:
-    """The texture of all that slides, with the 95 % intervals of what is in it, and what it lacks."""
+) -> tuple[Texture, dict[str, tuple[float, float]], dict[str, str]]:
+    """The texture of all that slides, the 95 % intervals of what is in it, and what it lacks, by their names."""
     rate = parts[0][0].rate_Hz
     slid_s = sum(states.seconds(InteractionState.SLIDING) for _, states in parts)
     if slid_s < DURATION_MIN_S:
@@ -252,53 +237,14 @@ def _texture(
     ends = zip(law.exponents - 1.96 * law.spread, law.exponents + 1.96 * law.spread, strict=True)
     intervals = {f"texture.exponents[{i}]": (float(low), float(high)) for i, (low, high) in enumerate(ends)}
 
-    def fitted(pieces: Pieces) -> Texture:
-        return fit_texture(pieces, rate, order, model_count, interpolation, noise, warp)
-
-    def layer(own: Pieces) -> Texture:
-        count = 1 if model_count == 1 else min(model_count, choose_model_count(own, rate, order, noise, warp))
-        return fit_texture(own, rate, order, count, interpolation, noise, warp)
-
-    texture, absent = _layered(fitted(pieces), pieces, third, layer)
+    texture = fit_texture(pieces, rate, order, model_count, interpolation, noise, warp)
     slid = [(c, run) for c, states in parts for run in states.runs(InteractionState.SLIDING)]
-    stretches = [_level(texture, part_of(channels, slice(*run))) for channels, run in slid]
-    living = with_life(texture, stretches, fitted)
-    return living._replace(intervals=intervals | living.intervals, absent=absent | living.absent)
-
-
-THIRDS: Final = ("direction", "contact_angle")
-"""What a texture may have layers of."""
-
-
-def _layered(
-    texture: Texture, pieces: Pieces, third: str | None, fitted: Callable[[Pieces], Texture]
-) -> tuple[Texture, dict[str, str]]:
-    """The texture with its layers, where it has any; else why not, if there was something to have them of."""
-    asked = THIRDS if third == "auto" else () if third is None else (third,)
-    found = [
-        find_layers(pieces, texture.rate_Hz, by) for by in asked if third != "auto" or third_of(pieces, by) is not None
-    ]
-    layers = max((one for one in found if isinstance(one, Layers)), key=lambda one: one.gain, default=None)
-    if layers is None:
-        return texture, {"texture.layers": "; ".join(map(str, found))} if found else {}
-    of = tuple(fitted(pieces[layers.near == i]) for i in range(len(layers.at_rad)))
-    return replace(texture, layers=of, layer_at_rad=layers.at_rad, layer_by=layers.by), {}
-
-
-def _level(texture: Texture, stretch: Streams) -> Streams:
-    """A stretch as loud as it would be were all layers as loud as the texture of all: what then varies is its life."""
-    if not texture.layers or (angle := third_of(stretch, texture.layer_by)) is None:
-        return stretch
-    step = max(1, round(LEVEL_S * stretch.rate_Hz))
-    force, speed, angle = (s[::step] for s in (stretch.force_N, stretch.speed_m_s, angle))
-    own, all_of = texture.power(force, speed, third_rad=angle), texture.power(force, speed)
-    gain = np.sqrt(np.where(own > 0.0, all_of / np.where(own > 0.0, own, 1.0), 1.0))
-    count = len(stretch.acceleration_m_s2)
-    return replace(stretch, acceleration_m_s2=stretch.acceleration_m_s2 * np.repeat(gain, step)[:count])
-
-
-LEVEL_S: Final = 0.005
-"""How long one direction is kept where the level is made that of all [s]."""
+    found = fit_life(texture, [part_of(channels, slice(*run)) for channels, run in slid])
+    if found.life is None:
+        return texture, intervals, {"texture.life": found.reason}
+    names = [*(f"texture.life.spread[{i}]" for i in range(len(found.life.spread))), "texture.life.log_spread"]
+    intervals |= zip(names, found.intervals, strict=True)
+    return replace(texture, life=found.life), intervals, {}
 
 
 def _slid(parts: Sequence[Part]) -> Array:

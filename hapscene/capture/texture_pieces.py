@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,6 @@ PLANE_PIECES: Final = 20
 """Fewest pieces whose levels are explained by force and speed [count]; of fewer the median stands for all."""
 
 
-STEADY: Final = 0.9
-"""Length of the mean of unit vectors from which a piece has a direction [1]: 0.9 is that of an even turn by 90°."""
-
-
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of a recording, k of them.
@@ -42,16 +38,12 @@ class Pieces:
         force_N: (k,) mean normal force.
         speed_m_s: (k,) mean slip speed.
         start: (k,) number of the piece in the recording, so that neighbours are known.
-        direction_rad: (k,) mean direction of sliding, NaN where it turned within the piece; None: not recorded.
-        contact_angle_rad: (k,) mean angle of the tool, likewise.
     """
 
     acceleration_m_s2: Array
     force_N: Array
     speed_m_s: Array
     start: NDArray[np.intp]
-    direction_rad: Array | None = None
-    contact_angle_rad: Array | None = None
 
     def __len__(self) -> int:
         return len(self.start)
@@ -90,11 +82,7 @@ def cut(channels: Streams, runs: Sequence[tuple[int, int]] | None = None) -> Pie
             stream[first : first + count * length].reshape(count, length)
             for stream in (channels.acceleration_m_s2, channels.force_N, channels.speed_m_s)
         )
-        thirds = [
-            None if stream is None else _mean_angle(stream[first : first + count * length].reshape(count, length))
-            for stream in (channels.direction_rad, channels.contact_angle_rad)
-        ]
-        found.append(Pieces(rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count), *thirds))
+        found.append(Pieces(rows, force.mean(axis=1), speed.mean(axis=1), np.arange(number, number + count)))
         number += count + 1  # so that pieces of two stretches are no neighbours
     pieces = found[0] if len(found) == 1 else _joined(found)
     most_N, most_m_s = pieces.force_N.max(initial=0.0), pieces.speed_m_s.max(initial=0.0)
@@ -119,20 +107,8 @@ def pooled(parts: Sequence[Pieces]) -> Pieces:
 
 
 def _joined(parts: Sequence[Pieces]) -> Pieces:
-    """Pieces one behind the other; what some do not know of a third variable is NaN."""
-    made: dict[str, Any] = {}
-    for name in (field.name for field in fields(Pieces)):
-        rows = [getattr(part, name) for part in parts]
-        known = any(row is not None for row in rows)
-        filled = [np.full(len(part), np.nan) if row is None else row for part, row in zip(parts, rows, strict=True)]
-        made[name] = np.concatenate(filled) if known else None
-    return Pieces(**made)
-
-
-def _mean_angle(angle_rad: Array) -> Array:
-    """Mean angle (k,) [rad] of rows (k, n); NaN of those that turn by more than about 90°."""
-    mean = np.exp(1j * angle_rad).mean(axis=1)
-    return np.where(np.abs(mean) > STEADY, np.angle(mean), np.nan)
+    """Pieces one behind the other."""
+    return Pieces(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Pieces)})
 
 
 def without_outliers(pieces: Pieces) -> Pieces:

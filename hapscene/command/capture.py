@@ -1,7 +1,6 @@
 """`hapscene capture`: the group of commands of haptography; here those that fit, and judge a fit."""
 
 import argparse
-import math
 import os
 import sys
 import time
@@ -22,7 +21,6 @@ from hapscene.command.options import (
     check_swatch,
     check_there,
     new_file,
-    number,
     recording_options,
     whole,
 )
@@ -60,10 +58,6 @@ def add_fit(commands: Any) -> None:
     )
     add_fit_options(command)
     command.add_argument("--plot", metavar="PNG", help="draw what the tool does when, and write it here")
-    command.add_argument(
-        "--direction", type=_directions, metavar="DEG,…",
-        help="of sliding, instead of what the recordings say: one for all or one each, as 0,90 of two along and across",
-    )  # fmt: skip
     add_batch_options(command.add_argument_group("for a swatch of each recording (as `hapscene capture batch`)"))
     add_recording_options(command)
     add_layout_option(command)
@@ -78,7 +72,6 @@ def _fit(options: argparse.Namespace) -> int:
           --columns acceleration=accel,speed=v --units acceleration=m/s2,speed=mm/s,force=N
       hapscene capture fit stroke.wav taps.wav --name oak -o oak.swatch --units 'acceleration=98 m/s2'
       hapscene capture fit oak.npz --plot states.png
-      hapscene capture fit along.npz across.npz -o oak.swatch --direction 0,90   # layers, where they differ
       hapscene capture fit recordings/*.csv -o swatches/ --scheduler tcp://head:8786
       hapscene capture fit sensor_data/accel/17 --layout cluster --name denim -o denim.swatch
     """
@@ -122,18 +115,13 @@ def _is_batch(options: argparse.Namespace) -> bool:
             f"{options.out}: a swatch's file name must end in {SUFFIX}; a folder, for a swatch of each recording, "
             f"is named with a slash: -o {options.out}/"
         )
-    for name in ("name", "plot", "direction"):
+    for name in ("name", "plot"):
         if getattr(options, name) is not None:
             raise CaptureError(
                 f"--{name} is for one swatch: leave it out, or name a file, as in -o oak{SUFFIX}; here each recording "
                 f"has a swatch of its own in {options.out}"
             )
     return True
-
-
-def _directions(text: str) -> list[float]:
-    """Directions as in "0,90"."""
-    return [number("a direction is a number of degrees", -360.0, 360.0)(part) for part in text.split(",")]
 
 
 def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
@@ -148,8 +136,6 @@ def _check_recordings(paths: Sequence[str], layout: str | None) -> None:
 def _fit_one(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    import numpy as np
-
     from hapscene import __version__
     from hapscene.capture.recording_file import load_recording
     from hapscene.capture.segment import InteractionState
@@ -159,16 +145,10 @@ def _fit_one(options: argparse.Namespace) -> int:
     from hapscene.surface.swatch_file import save_swatch
     from hapscene.touch import step
 
-    parts, count = [], len(options.recordings)
-    directions = options.direction or [None]
-    if len(directions) not in (1, count):
-        raise CaptureError(f"--direction: {len(directions)} for {count} recordings: give one for all, or one each")
-    for path, direction in zip(options.recordings, directions * (count // len(directions)), strict=True):
+    parts = []
+    for path in options.recordings:
         with step(say, f"reading {path}"):
             recording = [load_recording(path, **recording_options(options))]
-            if direction is not None:
-                length = len(recording[0].acceleration_m_s2)
-                recording[0] = replace(recording[0], direction_rad=np.full(length, math.radians(direction)))
             with refusing(CaptureError, path):
                 parts.append(prepare(recording.pop()))  # a long one is as large as what is made of it
         lengths_s = {state: parts[-1][1].seconds(state) for state in InteractionState}
@@ -192,7 +172,7 @@ def _told(swatch: "Swatch", ranges: str) -> list[str]:
     """The main numbers of a swatch with their 95 % intervals, and what is absent and why, a line each."""
     from hapscene.capture.tap_fit import SPEED_RATIO
     from hapscene.surface.swatch import TOOL_FIELDS
-    from hapscene.surface.swatch_summary import MORE, layers_told, sounding
+    from hapscene.surface.swatch_summary import MORE, sounding
 
     lines = [f"{swatch.name}:"]
     lines += [f"  {what}: {getattr(swatch, what)}" for what in TOOL_FIELDS if getattr(swatch, what)]
@@ -203,17 +183,12 @@ def _told(swatch: "Swatch", ranges: str) -> list[str]:
             f"  texture: order {texture.order}, {count} model{'s' if count != 1 else ''} at {texture.rate_Hz:g} Hz, "
             f"up to {texture.force_max_N:.2f} N and {1e3 * texture.speed_max_m_s:.0f} mm/s"
         )
-        if texture.layers:
-            lines.append(f"  {layers_told(texture)}")
         if texture.life is not None:
             spread = _interval(swatch.intervals.get("texture.life.log_spread"), ".2f")
             rates = ((texture.life.decay_1_s, "ms"), (texture.life.decay_1_m, "mm"))
             after = [f"{1e3 / rate:.3g} {unit}" for of, unit in rates for rate in of if rate > 0.0]
             said = f"  life: its gain spreads by {texture.life.log_spread:.2f} {spread} (1 is 8.7 dB), forgotten after "
             lines.append(said + ", ".join(after))
-        if texture.other is not None:
-            here, there = texture.dwell_s
-            lines.append(f"  two states: {here:.2f} s in this one, {there:.2f} s in the other, in the mean")
     if swatch.friction_dynamic > 0.0:
         lines.append(f"  friction: dynamic {_with_interval(swatch, 'friction_dynamic', '.3f')}")
         lines.append(f"            static {_with_interval(swatch, 'friction_static', '.3f')}")
@@ -257,11 +232,10 @@ BATCH_OUT: Final = "out/swatches"
 
 DOMAINS: Final = ("auto", "plain", "warped")  # as in capture.order_search
 INTERPOLATIONS: Final = ("lsf", "reflection", "direct", "hatt")  # as in surface.blend, which is heavy to import
-EXCITATIONS: Final = ("auto", "gaussian", "measured")  # taken still, without effect
 
 
 def add_fit_options(command: argparse.ArgumentParser) -> None:
-    """Adds --order, --domain, --interpolation, --tool, --tip and --excitation."""
+    """Adds --order, --domain, --interpolation, --tool and --tip."""
     command.add_argument(
         "--order", type=_order, default="auto", metavar="N",
         help="of the texture's models (default: auto, held-out data)",
@@ -276,15 +250,10 @@ def add_fit_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--tool", default="", help="what held the tip, as in 'steel probe'; a swatch keeps it")
     command.add_argument("--tip", default="", help="what touched the surface, as in '3.2 mm ball'")
-    command.add_argument(
-        "--excitation", choices=EXCITATIONS, help="has no effect any more",
-    )  # fmt: skip
 
 
 def fit_options(options: argparse.Namespace) -> dict[str, Any]:
     """What `fit_parts` takes of them."""
-    if options.excitation is not None:
-        print("hapscene: --excitation has no effect any more", file=sys.stderr)
     found = {name: getattr(options, name) for name in ("order", "domain", "interpolation")}
     return found | {name: said for name in ("tool", "tip") if (said := getattr(options, name))}
 

@@ -107,12 +107,6 @@ def report(found: "Tuned", explain: bool) -> Iterator[str]:
     )
     runs = f"{REPEATS} runs, of {3 * REPEATS} where over the budget"
     yield f"worst: {WORST:g} % of the ticks in contact, each the least of {runs}"
-    for index, level in enumerate(found.fidelity.levels[1:], 1):
-        told = level.told
-        yield (
-            f"level {index} under load: {told['error_jnd']:.2g} JND, {told['tick_median_us']:.2g} µs, "
-            f"{size_words(told['memory_B'])}, {told['faces']:,.0f} faces"
-        )
 
 
 def _saved(choice: "Choice") -> str:

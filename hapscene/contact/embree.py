@@ -11,19 +11,19 @@ import math
 import mmap
 import sys
 import weakref
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import carray, cfunc, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
+from numba import carray, types  # type: ignore[attr-defined]  # numba forgets to say that it exports carray
 from numpy.typing import NDArray
 
 from hapscene.constants import EDGE_OVERLAP
 from hapscene.errors import HapsceneError
 from hapscene.geometry import Vector, along, columns_of, cross, norm, row, sub, used_by
-from hapscene.native import INTERPRETED, kept, native
+from hapscene.native import INTERPRETED, CFunction, native
 
 # from rtcore_geometry.h and rtcore_common.h of Embree 4
 _TRIANGLE, _INDEX_BUFFER, _VERTEX_BUFFER = 0, 0, 1
@@ -121,7 +121,7 @@ def _filter() -> Any:
         floats = ctypes.POINTER(ctypes.c_float)
         return ctypes.CFUNCTYPE(None, ctypes.POINTER(floats))(_let_backs_pass)
     pointer: Any = types.CPointer
-    return kept(_let_backs_pass, partial(cfunc, types.void(pointer(pointer(types.float32)))))
+    return CFunction(types.void(pointer(pointer(types.float32))), _let_backs_pass, uses_carray=True)
 
 
 def fronts_only() -> NDArray[np.uint64]:

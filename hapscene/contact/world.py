@@ -10,6 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from hapscene.compiled.block import by_pointer
 from hapscene.constants import NEAR_MAX, PASSED_MAX, SKIN_RATIO, SKIN_RATIO_MIN
 from hapscene.contact.embree import Search, fronts_only, new_ray
 from hapscene.contact.shading import corner_normals
@@ -119,6 +120,7 @@ CROWD_SAMPLE: Final = 1000
 """Bodies in whose middle it is counted how many overlap [count]: 0.2 s among 10,000."""
 
 
+@by_pointer
 class World(NamedTuple):
     """Everything the contact reads and writes. `near` lists the bodies that a tick has to look at."""
 
@@ -208,15 +210,14 @@ def shapes_of(bodies: "Sequence[Body]", crease_rad: float, skin_m: float | None 
     return found
 
 
-def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0, shapes: Shapes | None = None) -> World:
+def build_world(bodies: "Sequence[Body]", crease_rad: float = 0.0) -> World:
     """Pack the bodies of a scene; the world's bodies, whose records hold addresses of what is searched, keep it alive.
 
     Of bodies that are given other shapes their `Deformation`s do.
 
-    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none. `shapes` are those of the
-    bodies' meshes, and maybe of more, made with the same angle.
+    Edges flatter than `crease_rad` are shaded (`hapscene.contact.shading`), at 0 none.
     """
-    shapes = shapes_of(bodies, crease_rad) if shapes is None else shapes
+    shapes = shapes_of(bodies, crease_rad)
     rows, balls = _owning_records(len(bodies), BODY, shapes), np.zeros((len(bodies), 4))
     _place(rows, balls, bodies, shapes, (0, 0))
     proxy = records(1, PROXY)
@@ -264,7 +265,8 @@ def _place(
         row.two_sided = body.two_sided
         row.R_WB, row.p_WB_m = body.X_WB[:3, :3], body.X_WB[:3, 3]
         row.was_R_WB, row.was_p_WB_m = row.R_WB, row.p_WB_m
-        place_ball(row, ball)
+        ball[:3] = (row.R_WB * row.center_B_m).sum(axis=1) + row.p_WB_m
+        ball[3] = row.radius_m + row.skin_m
 
 
 FAR_FINER: Final = 100.0

@@ -34,7 +34,7 @@ from numba.extending import overload
 from hapscene.constants import BLOCK_MAX
 from hapscene.dsp.lattice_lanes import lanes_of
 from hapscene.dsp.noise import normal
-from hapscene.dsp.slow_gain import advance_gain, advance_state
+from hapscene.dsp.slow_gain import advance_gain
 from hapscene.native import native
 
 
@@ -186,34 +186,19 @@ def play(s: Any, level_m_s2: float, gain: float, rng: Any, out: Any, start: int,
 
 @native
 def run_texture(
-    s: Any, k: Any, order: Any, level: Any, warp: Any, life: Any, dwell_s: Any, change: float,
-    travel_m: Any, step_s: float, block: int, hold: int, rng: Any, out: Any,
-) -> None:  # fmt: skip
-    """Add to `out` (n,) the next samples of a texture's two states, in blocks of a time `step_s`.
+    s: Any, k: Any, level: Any, life: Any, travel_m: Any, step_s: float, block: int, hold: int, rng: Any, out: Any
+) -> None:
+    """Add to `out` (n,) the next samples of a texture, in blocks of a time `step_s`.
 
-    `s` has `voice_fields`, and besides: `life` (l,), its processes; `state` (2,); `fade`, blocks left of a change, of
-    `change` all in all. Of each of q states: k (q, m, p), of which row 0 holds for all or row i for the blocks from
-    i · `hold` on; order (q,); level (q, blocks), √P at the end of each; warp (q,); life (q, 3l), see `advance_gain`.
-    dwell_s (2,) is 0 where nothing changes. travel_m (blocks,) is the distance in each.
+    `s` has `voice_fields`, its order and warp set, and besides `life` (l,), its processes, and `norm` (2,). k (m, p):
+    row 0 holds for all, or row i for the blocks from i · `hold` on. level (blocks,) is √P at the end of each; life
+    (3l,) as `advance_gain` has it; travel_m (blocks,) the distance in each.
     """
-    for i in range(level.shape[1]):
-        changed = dwell_s[0] > 0.0 and advance_state(rng, dwell_s[0], dwell_s[1], step_s, s.state)
-        which = int(s.state[0])
-        if changed:
-            s.fade = change
-        share, goal = 1.0, level[which, i]
-        if s.fade > 1.0:
-            share = 1.0 / s.fade
-            goal = s.level_m_s2 + share * (goal - s.level_m_s2)
-        if changed or s.fade > 0.0 or i == 0 or (k.shape[1] > 1 and i % hold == 0):
-            row = i // hold if k.shape[1] > 1 else 0
-            last = order[which] if share == 1.0 else max(order[which], int(s.order))
-            for m in range(1, last + 1):
-                to = k[which, row, m - 1] if m <= order[which] else 0.0
-                s.k[m] = to if share == 1.0 else s.k[m] + share * (to - s.k[m])
-            s.order, s.warp = last, s.warp + share * (warp[which] - s.warp)
+    for i in range(level.size):
+        if i == 0 or (k.shape[0] > 1 and i % hold == 0):
+            row = i // hold if k.shape[0] > 1 else 0
+            for m in range(k.shape[1]):
+                s.k[m + 1] = k[row, m]
             settle(s)
-        s.fade = max(0.0, s.fade - 1.0)
-        gain = advance_gain(rng, s.life, life[which], 0, s.life.size, step_s, travel_m[i], 1.0, s.norm)
-        gain = gain if share == 1.0 else s.gain + share * (gain - s.gain)
-        play(s, goal, gain, rng, out, i * block, min((i + 1) * block, out.size), block)
+        gain = advance_gain(rng, s.life, life, 0, s.life.size, step_s, travel_m[i], 1.0, s.norm)
+        play(s, level[i], gain, rng, out, i * block, min((i + 1) * block, out.size), block)

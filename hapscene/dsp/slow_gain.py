@@ -1,4 +1,4 @@
-"""What changes slowly in a texture: its random gain, and which of two states it is in. Compiled.
+"""What changes slowly in a texture: its random gain. Compiled.
 
 The gain's logarithm is a sum of Ornstein–Uhlenbeck processes (`hapscene.surface.life.Life`). Each is kept as a number x
 of variance 1 and advanced exactly, whatever the step: x ← ρ x + √(1 − ρ²) z with z standard normal and
@@ -9,14 +9,10 @@ is stationary. What recordings never reach is not played: the logarithm stays wi
 import math
 from typing import Any, Final
 
-from hapscene.dsp.noise import normal, uniform
+from hapscene.dsp.noise import normal
 from hapscene.native import native
 
 ROOT_2: Final = math.sqrt(2.0)
-
-CHANGE_S: Final = 0.02
-"""Time in which a texture's filter and level become those of its other state [s]: short beside any state, long beside a
-click."""
 
 BOUND: Final = 2.5
 """How far the gain's logarithm goes from its median, in standard deviations [1]. In a few seconds recordings reach 1.6
@@ -60,21 +56,3 @@ def advance_gain(
         mean[0], mean[1] = variance, log_power(math.sqrt(variance))
     far = min(BOUND * math.sqrt(variance), BOUND_LOG)
     return math.exp(min(max(log, -far), far) - mean[1])
-
-
-@native
-def draw_state(rng: Any, here_s: float, other_s: float, state: Any) -> None:
-    """A state by chance: `state` (2,) is 0 here or 1 in the other, and the time left in it [s]."""
-    state[0] = 1.0 if uniform(rng) * (here_s + other_s) >= here_s else 0.0
-    state[1] = -(other_s if state[0] > 0.0 else here_s) * math.log(1.0 - uniform(rng))
-
-
-@native
-def advance_state(rng: Any, here_s: float, other_s: float, dt_s: float, state: Any) -> bool:
-    """Whether the state is another after a time [s]. How long it stays is exponentially distributed, to the instant."""
-    before = state[0]
-    state[1] -= dt_s
-    while state[1] <= 0.0:
-        state[0] = 1.0 - state[0]
-        state[1] -= (other_s if state[0] > 0.0 else here_s) * math.log(1.0 - uniform(rng))
-    return bool(state[0] != before)

@@ -16,7 +16,6 @@ from hapscene.exchange.painted_ply import read_ply, write_ply
 from hapscene.exchange.swatch_payload import digest_of, known_swatch, lose
 from hapscene.exchange.unpainted import read_named, write_obj, write_stl
 from hapscene.files import check_file, naming
-from hapscene.old_spellings import old_spellings
 from hapscene.scene.fine_paint import parts, swatches_of
 from hapscene.scene.mesh import unit_name
 from hapscene.scene.scene import Scene
@@ -139,7 +138,6 @@ def format_of(path: str | os.PathLike[str]) -> str:
     raise SceneError(f"{path}: no format {suffix!r} to write a scene in; there are: {known}")
 
 
-@old_spellings()
 def export_scene(
     scene: Scene, path: str | os.PathLike[str], name: str | None = None, *, replace: bool = False
 ) -> list[Path]:

@@ -33,15 +33,12 @@ TEXTURE: Final = "lpc_texture"
 """The effect whose filter follows force and speed every `update_ticks` ticks."""
 
 
-def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene:
+def apply_level(scene: Scene, level: "Level") -> Scene:
     """The scene at a level: the same bodies and swatches by name, in the same order, at the same poses.
 
     A body's coarser mesh is painted as its groups say, where they are the scene's swatches (`coarser_mesh`); else as
     its own mesh is there, see `nearest_faces`. A texture of lower order is that of the first reflection coefficients of
     each model (`Texture.truncated`). What the level does not name is shared.
-
-    With `stepped`, for a renderer that goes from level to level, a texture that is left out can fade away: it is there
-    with a gain of 0.
 
     Raises:
         SceneError: a body or swatch that the scene does not have, an effect that cannot be left out, a coarser mesh for
@@ -70,12 +67,12 @@ def apply_level(scene: Scene, level: "Level", *, stepped: bool = False) -> Scene
             body.mesh = found.mesh
     for index, swatch in enumerate(at.swatches):
         if swatch.name in level.swatches:
-            at.swatches[index] = _swatch_at(swatch, level.swatches[swatch.name], stepped)
+            at.swatches[index] = _swatch_at(swatch, level.swatches[swatch.name])
             at.swatch_source[index] = None
     return at
 
 
-def _swatch_at(swatch: Swatch, fidelity: "SwatchFidelity", stepped: bool) -> Swatch:
+def _swatch_at(swatch: Swatch, fidelity: "SwatchFidelity") -> Swatch:
     """The swatch as that fidelity has it."""
     order, texture = fidelity.order, swatch.texture
     effects = {name: dict(numbers) for name, numbers in swatch.effects.items()}
@@ -88,10 +85,7 @@ def _swatch_at(swatch: Swatch, fidelity: "SwatchFidelity", stepped: bool) -> Swa
         fields |= SILENT[effect]
         for name in SILENT[effect].keys() & effects.get(effect, {}).keys():
             effects[effect][name] = 0.0
-    if stepped and texture is not None and TEXTURE in fidelity.left_out:
-        order = 1
-        effects[TEXTURE] = effects.get(TEXTURE, {}) | {"texture_gain": 0.0}
-    if order is not None and texture is not None and (stepped or "texture" not in fields):
+    if order is not None and texture is not None and "texture" not in fields:
         fields["texture"] = texture.truncated(order)
     if "life" in fidelity.left_out:
         effects[TEXTURE] = effects.get(TEXTURE, {}) | {"texture_life": 0.0}

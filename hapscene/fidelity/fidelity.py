@@ -52,9 +52,9 @@ class Fidelity:
     """What a scene needs on a machine.
 
     Attributes:
-        levels: the first is what was chosen; a renderer steps down to the following where its time is taken away.
+        level: how the scene is rendered.
         made: scene's digest, device, handle, budget, JND, machine, versions, seed: by name.
     """
 
-    levels: tuple[Level, ...]
+    level: Level = Level()
     made: Mapping[str, Any] = field(default_factory=dict)

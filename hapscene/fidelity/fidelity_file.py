@@ -10,7 +10,8 @@
     }
 
 `scene` is the digest of what was measured (`scene_digest`): a fidelity of another scene, or of one that has changed, is
-refused; poses may differ. A body or swatch that is not named is as it is. Coarser meshes lie beside the file as PLY,
+refused; poses may differ. A body or swatch that is not named is as it is. `levels` has one
+entry; of files that have more the first is read. Coarser meshes lie beside the file as PLY,
 named by their content as a scene's own are, with their painting as groups: they load as fast as any mesh, to the bit
 on every machine, and nobody needs the package that made them. To note the number of faces alone would be shorter, but
 would take that package, in its version, and reduce anew at every start.
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from hapscene.constants import ORDER_MAX
-from hapscene.errors import FormatError, no_such
+from hapscene.errors import FormatError, no_such, warn
 from hapscene.fidelity.apply import SILENT
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.files import check_file, check_keys, naming, parse_format, read_bytes, short, write_whole
@@ -43,10 +44,7 @@ VERSION: Final = 1
 SUFFIX: Final = ".fidelity.json"
 
 BYTES_MAX: Final = 16 << 20
-"""Largest fidelity file that is opened [bytes]: 10,000 bodies at `LEVEL_MAX` levels take a tenth of it each."""
-
-LEVEL_MAX: Final = 16
-"""Most levels [count]: each is half of the one before, and four thousandths of a scene are none."""
+"""Largest fidelity file that is opened [bytes]: 100,000 bodies take that."""
 
 UPDATE_MAX: Final = 1000
 """Most ticks for which a texture's filter may stay as it is [count]."""
@@ -57,6 +55,10 @@ TOLD_MAX: Final = 100
 
 class FidelityError(FormatError):
     """A fidelity file that is missing, broken, of a later version, or of another scene."""
+
+
+class FidelityWarning(UserWarning):
+    """A fidelity file has more levels of detail than the one that is used."""
 
 
 def fidelity_beside(scene: str | os.PathLike[str]) -> Path:
@@ -97,7 +99,7 @@ def save_fidelity(fidelity: Fidelity, path: str | os.PathLike[str], scene: Scene
             "version": VERSION,
             "scene": scene_digest(scene),
             "made": dict(fidelity.made),
-            "levels": [_level_told(level, files) for level in fidelity.levels],
+            "levels": [_level_told(fidelity.level, files)],
         }
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         write_whole(path, text.encode(errors="backslashreplace"), FidelityError)
@@ -135,6 +137,9 @@ def load_fidelity(path: str | os.PathLike[str], scene: Scene) -> Fidelity:
 
     Raises:
         FidelityError: the file is missing, damaged, of a later version, or of another scene; a mesh beside it is.
+
+    Warns:
+        FidelityWarning: the file has several levels of detail; the first is used.
     """
     path = Path(path)
     try:
@@ -156,7 +161,7 @@ def saving_words(path: str | os.PathLike[str], scene: Scene) -> str:
         fidelity = load_fidelity(path, scene)
     except FormatError as error:
         return f"not tuned: {error}"
-    told, before = fidelity.levels[0].told, fidelity.made
+    told, before = fidelity.level.told, fidelity.made
     try:
         faces, ticks = ((told[name], before[f"untuned_{name}"]) for name in ("faces", "tick_median_us"))
         return (
@@ -177,16 +182,18 @@ def _read(path: Path, content: dict[str, Any], scene: Scene) -> Fidelity:
             "`hapscene tune` on it again"
         )
     levels = content["levels"]
-    if not (isinstance(levels, list) and 1 <= len(levels) <= LEVEL_MAX):
-        raise FidelityError(f"levels must be a list of 1 to {LEVEL_MAX}, is {_counted(levels)}")
+    if not (isinstance(levels, list) and levels):
+        raise FidelityError(f"levels must be a list of one level, is {_counted(levels)}")
+    if len(levels) > 1:
+        warn(f"{path} has {len(levels)} levels of detail: the first is used, the others are ignored", FidelityWarning)
     made = _flat("made", content["made"], str | int | float | bool | None)
-    meshes: dict[str, Mesh] = {}
-    return Fidelity(tuple(_level(f"levels[{i}]", told, path, scene, meshes) for i, told in enumerate(levels)), made)
+    return Fidelity(_level("levels[0]", levels[0], path, scene), made)
 
 
-def _level(where: str, told: Any, path: Path, scene: Scene, meshes: dict[str, Mesh]) -> Level:
+def _level(where: str, told: Any, path: Path, scene: Scene) -> Level:
     check_keys(where, told, ("told", "bodies", "swatches"))
     bodies, swatches = {}, {}
+    meshes: dict[str, Mesh] = {}
     known = {body.name: body for body in scene.bodies}
     for name, value in _named(f"{where}.bodies", told["bodies"], known, "body"):
         place = f"{where}.bodies[{short(name)}]"

@@ -2,8 +2,7 @@
 
 Each body is reduced by halves and each texture's order by bisection until a person would notice on paths drawn for
 that; effects that nobody could feel with this device are left out. On other paths it is then checked, and taken back by
-a step where it does not hold, and on others again it is told how far the choice is from the scene as it is. What
-follows in the list are levels to step down to, of halved meshes and orders.
+a step where it does not hold, and on others again it is told how far the choice is from the scene as it is.
 
 Pieces of work are a body or a swatch (`hapscene.parameter_sweep`); what is timed is timed alone, here, at the end.
 """
@@ -74,9 +73,6 @@ PLACES: Final = 6
 UPDATES: Final = (16, 8, 4)
 """Ticks between two updates of a texture's filter that are tried [count], the slowest first."""
 
-LEVEL_COUNT: Final = 4
-"""Levels in the list at most [count]."""
-
 SPEED_M_S: Final = 0.5
 """Fastest stroke or tap that is reckoned with [m/s]."""
 
@@ -131,7 +127,7 @@ class Tuned:
     Attributes:
         fidelity: to be saved.
         choices: body by body, swatch by swatch.
-        before, after: what the scene costs as it is, and at the first level, by the names of `Level.told`.
+        before, after: what the scene costs as it is, and as it was chosen, by the names of `Level.told`.
         within_jnd, within_budget: whether what was asked for is held.
     """
 
@@ -222,7 +218,7 @@ def judge_swatch(source: dict[str, Any], name: str, device: str, reach_m_s2: lis
                 tried[order] = float(np.percentile(bands_jnd(rms, true, band_edges_Hz()), WITHIN))
             return tried[order]
 
-        low, high = ORDER_MIN - 1, max(one.order for one in texture.states)  # too low, high enough
+        low, high = ORDER_MIN - 1, texture.order  # too low, high enough
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if error(middle) <= most_jnd else (middle, high)
@@ -234,14 +230,12 @@ def _reduced(scene: Scene, body: Body, count: int) -> Mesh | None:
 
 
 def texture_rms(swatch: Swatch, force_N: Array, speed_m_s: Array) -> Array:
-    """Root mean squares (q·n, k) in bands [m/s²] of a texture's q states and layers in turn, at places (n,)."""
+    """Root mean squares (n, k) in bands [m/s²] of a texture at places (n,)."""
     texture = swatch.texture
     assert texture is not None
     line_Hz = texture.rate_Hz / (2 * LINES)
     at_Hz = line_Hz * np.arange(LINES + 1)
-    density = np.concatenate(
-        [one.density(force_N, speed_m_s, frequency_Hz=at_Hz) for one in (*texture.states, *texture.layers)]
-    )
+    density = texture.density(force_N, speed_m_s, frequency_Hz=at_Hz)
     total = np.concatenate((np.zeros((len(density), 1)), np.cumsum(line_Hz * density, axis=1)), axis=1)
     lines = np.arange(total.shape[1]) - 0.5
     edges = band_edges_Hz() / line_Hz
@@ -380,11 +374,6 @@ def _settled(
             checks, unseen = [*checks, unseen], feeling.drawn(len(checks) + 2)
 
 
-def _halved(scene: Scene, plan: _Plan) -> bool:
-    """Makes a plan coarser by a step; whether there is anything left to make coarser."""
-    return any([_shorter(scene, plan), _coarser(scene, plan)]) or _leave_out(scene, plan)
-
-
 def tune(
     source: Source,
     *,
@@ -441,32 +430,15 @@ def tune(
             after = _cost(scene, plan.level(), device, paths, budget_us)
     final = final if after is first else felt.error([unseen], plan)
     choices = _choices(scene, plan, judged, final, device, paths, most_jnd)
-    levels = [plan.level({**_told(final, jnd), **after})]
-    while len(levels) < LEVEL_COUNT and _halved(scene, plan := plan.copy()):
-        with step(say, f"level {len(levels) + 1}"):
-            cost = _cost(scene, plan.level(), device, paths)
-            levels.append(plan.level({**_told(felt.error([unseen], plan), jnd), **cost}))
+    level = plan.level({**_told(final, jnd), **after})
     made = {
         "device": device, "handle": handle, "budget_us": budget_us, "jnd": jnd, "seed": seed,
         "machine": f"{platform.system()} {platform.machine()}, {platform.processor() or 'unknown processor'}",
         "hapscene": __version__, "python": platform.python_version(),
         **{f"untuned_{name}": value for name, value in before.items()},
     }  # fmt: skip
-    fidelity = Fidelity(worthwhile(levels), made)
-    within = levels[0].told["error_jnd"] <= jnd
-    return Tuned(fidelity, choices, before, levels[0].told, within, after["tick_worst_us"] <= budget_us)
-
-
-def worthwhile(levels: Sequence[Level]) -> tuple[Level, ...]:
-    """The first, and those of the others that no later one beats in both error and time."""
-
-    def is_beaten(k: int) -> bool:
-        return any(
-            all(other.told[name] <= levels[k].told[name] for name in ("error_jnd", "tick_median_us"))
-            for other in levels[k + 1 :]
-        )
-
-    return (levels[0], *(level for k, level in enumerate(levels) if k > 0 and not is_beaten(k)))
+    within = level.told["error_jnd"] <= jnd
+    return Tuned(Fidelity(level, made), choices, before, level.told, within, after["tick_worst_us"] <= budget_us)
 
 
 def reach_m_s2(handle: str) -> Array:

@@ -21,7 +21,6 @@ LABELS: Final = {
     "friction_dynamic": "friction, sliding",
     "texture_gain": "texture gain",
     "texture_life": "texture life",
-    "angle_deg": "angle of its layers",
     "tap_gain": "tap gain",
     "tangential_stiffness_N_m": "stiffness while it sticks",
     "tangential_damping_Ns_m": "damping while it sticks",
@@ -60,7 +59,6 @@ rubber, 12 dB of gain. A number that is over its end makes the slider longer."""
 _NEEDS: Final[Mapping[str, Callable[[Swatch], bool]]] = {
     "texture_gain": lambda swatch: swatch.texture is not None,
     "texture_life": lambda swatch: swatch.texture is not None and swatch.texture.log_spread > 0.0,
-    "angle_deg": lambda swatch: swatch.texture is not None and bool(swatch.texture.layers),
     "tap_gain": lambda swatch: swatch.taps is not None,
 }
 

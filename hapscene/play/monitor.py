@@ -32,7 +32,6 @@ WHY: Final = {
     Flag.APPLICATION_SILENT: "no force: the application stood still",
     Flag.DEVICE_NOT_READY: "no force: the device is not ready",
     Flag.STALLED: "the loop stood still: the force begins anew",
-    Flag.COARSER: "felt coarser: this computer has too little time",
 }
 """What each flag says to who holds the device."""
 
@@ -83,9 +82,7 @@ class Monitor:
         ]
         self._late, self._idle = late, idle
         flags = int(np.bitwise_or.reduce(log.rows["flags"])) if len(log.rows) else 0
-        if state.level > 0:
-            told.append(f"coarser: level {state.level + 1} of {state.level_count}")
-        told += [why for flag, why in WHY.items() if flags & flag & ~int(Flag.COARSER)]
+        told += [why for flag, why in WHY.items() if flags & flag]
         return told + [trouble for trouble in (servo.notice, self._handle_trouble()) if trouble]
 
     def summary(self) -> list[str]:

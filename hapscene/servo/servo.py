@@ -28,7 +28,6 @@ from hapscene.errors import DeviceError, HapsceneError, PathError, SceneError, n
 from hapscene.flags import Flag, flag_of
 from hapscene.geometry import numbers, positions
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, block_of
 from hapscene.renderer import OTHER_BODIES
 from hapscene.scene.body import Body
@@ -76,7 +75,6 @@ class ServoState(NamedTuple):
         touching: whether the tool is inside a surface.
         body, face, swatch: what is touched; −1 in the air.
         flags: what went wrong or was limited.
-        level: of the fidelity that is felt, of `level_count`: 0 is the finest.
         age_s: how long ago the tick was complete, also at rest; infinite before the first. While the servo ticks, much
             more than a tick says that its process hangs, or is stopped.
     """
@@ -94,17 +92,11 @@ class ServoState(NamedTuple):
     swatch: int
     flags: Flag
     age_s: float = 0.0
-    level: int = 0
-    level_count: int = 1
 
     def __repr__(self) -> str:
         place, force = (", ".join(f"{v:.4g}" for v in vector) for vector in (self.p_WT_m, self.f_W_N))
         where = f"touching body {self.body}" if self.touching else "in the air"
         return f"<ServoState: tick {self.tick}, {where}; tool ({place}) m, force ({force}) N>"
-
-
-State = ServoState
-"""An older name of it, kept until 1.0."""
 
 
 class TickLog(NamedTuple):
@@ -144,9 +136,7 @@ class Servo:
             is killed, stopped or suspended is noticed within 20 ms without it.
         ring_s: how much of the past is held [s].
         made: more arguments of `Twin`: effects, settings, seed, handle, compensator, X_WD, fidelity; limits and
-            delay_ticks of a simulated device. With a fidelity of several levels the loop goes to a coarser one where
-            ticks take longer than `budget_us`, half a tick unless it is given, or begin late: see
-            `hapscene.fidelity.load`.
+            delay_ticks of a simulated device.
 
     Attributes:
         scene: a copy of its own, as it is felt: bodies are added to it and removed from it, and painted.
@@ -161,7 +151,6 @@ class Servo:
             a servo whose process has ended.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: Scene,
@@ -216,6 +205,7 @@ class Servo:
         self._played: LiveHandle | None = None
         self._heartbeat: Heartbeat | None = None
         self._asked: Any = None
+        self._now_ns = now_here_ns  # the loop's clock
         self._wire: Any = None
         self._shared = False  # both have the memory, and nobody else will
         # Orders go one after the other, and each to its end: in a thread that neither Ctrl-C nor another one cuts short
@@ -230,45 +220,48 @@ class Servo:
         return f"<Servo: {state}; ticks of {1e3 * self.tick_s:g} ms, a_rate_Hz={self.a_rate_Hz:g}>"
 
     def __enter__(self) -> "Servo":
-        from hapscene.servo.servo_process import run
-
         if self._closed or self._opened is not None:
             raise HapsceneError("a servo is entered once; make a new one")
-        context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
         try:
             with _shielded():  # it starts Python's resource tracker
                 self._opened = open_channel(self._length, self._block, bodies=self._room, tools=self._tools)
             self._opened.channel.pause = 1
             self._look(self._opened)
-            self._wire, theirs = context.Pipe()
-            life, dying = context.Pipe(duplex=False)
-            arguments = (theirs, dying, self._opened.memory.name, self._length)
-            process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
-            made = ForkingPickler.dumps(self._made)
-            with _shielded():
-                process.start()
-            self._process = process
-            if self._cancelled:
-                process.kill()
-                raise HapsceneError("the start of the servo was cancelled")
-            theirs.close()
-            dying.close()
-            if any(DRIVERS.load(choice.name).force for choice in self._choices):
-                self._start_guard(context, life)
-            life.close()
-            self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
-            self._told_made = self._answer(START_S)
-            pulse = self._opened.channel["pulse"].view(np.ndarray)
-            self._heartbeat = Heartbeat(pulse, self._patience_s)
-            self._asked = self._heartbeat.asked
-            if isinstance(self._live_handle, DeviceChoice):
-                self._start_handle(self._live_handle)
+            self._begin(self._opened)
             self._opened.memory.unlink()  # from now on it goes with the two processes, even if both are killed
             self._shared = True
         except BaseException:
             self.close()
             raise
         return self
+
+    def _begin(self, shared: Channel) -> None:
+        """Start the processes that run the loop and watch it, and the heartbeat of this one."""
+        from hapscene.servo.servo_process import run
+
+        context = multiprocessing.get_context("spawn")  # a fork would carry over threads and locks of the application
+        self._wire, theirs = context.Pipe()
+        life, dying = context.Pipe(duplex=False)
+        arguments = (theirs, dying, shared.memory.name, self._length)
+        process = context.Process(target=run, args=arguments, name="hapscene servo", daemon=True)
+        made = ForkingPickler.dumps(self._made)
+        with _shielded():
+            process.start()
+        self._process = process
+        if self._cancelled:
+            process.kill()
+            raise HapsceneError("the start of the servo was cancelled")
+        theirs.close()
+        dying.close()
+        if any(DRIVERS.load(choice.name).force for choice in self._choices):
+            self._start_guard(context, life)
+        life.close()
+        self._send(made)  # not as arguments: to a process that died at once, they would be written for ever
+        self._told_made = self._answer(START_S)
+        self._heartbeat = Heartbeat(shared.channel["pulse"].view(np.ndarray), self._patience_s)
+        self._asked = self._heartbeat.asked
+        if isinstance(self._live_handle, DeviceChoice):
+            self._start_handle(self._live_handle)
 
     def _start_guard(self, context: Any, life: Any) -> None:
         """Have a third process see to it that no force is left if the servo's dies."""
@@ -322,7 +315,7 @@ class Servo:
         channel = shared.channel.view(np.ndarray)
         aims = shared.aims.view(np.ndarray)
         self._aim = [(aims["aim"][tool], aims["count"][tool : tool + 1]) for tool in range(self._tools)]
-        numbers = (channel[name] for name in ("done", "done_ns", "level", "level_count"))
+        numbers = (channel[name] for name in ("done", "done_ns"))
         self._ticks = shared.rows.view(np.ndarray), *numbers
         self._frames = shared.frames.view(np.ndarray)
         self._fault = shared.fault
@@ -403,7 +396,6 @@ class Servo:
         """
         return self._channel.states[self._number(tool)].copy()
 
-    @old_spellings(p_WT_m="p_WT")
     def start(self, p_WT: ArrayLike, grip: str | Grip = "light") -> None:
         """Start to touch, the tool at rest at `p_WT` (3,) [m], the hand aiming there; several tools at (tools, 3).
 
@@ -432,7 +424,6 @@ class Servo:
         """
         self._order("resume")
 
-    @old_spellings(p_W_m="p_WT")
     def aim(
         self, p_WT: ArrayLike, grip: str | Grip = "light", push_W_N: Sequence[float] = (0.0, 0.0, 0.0), *, tool: int = 0
     ) -> None:
@@ -456,7 +447,6 @@ class Servo:
         aim[0], aim[1], aim[2] = p, row, push
         count[0] += 1
 
-    @old_spellings()
     def move(
         self,
         body: str,
@@ -502,7 +492,7 @@ class Servo:
         shared = self._channel
         frame = self._frames[index]
         frame["count"] |= 1
-        frame["time_ns"], frame["lasts_s"] = now_here_ns(), HORIZON_S
+        frame["time_ns"], frame["lasts_s"] = self._now_ns(), HORIZON_S
         frame["X_WB"], frame["v"], frame["seen"] = pose, v, got
         frame["jumps"] += teleport
         frame["count"] += 1
@@ -511,7 +501,6 @@ class Servo:
             self._moving.add(index)
             shared.channel[0].moving_count = len(self._moving)
 
-    @old_spellings()
     def free(
         self, body: str, mass_kg: float, *, inertia_B_kg_m2: ArrayLike, com_B_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:
@@ -620,7 +609,6 @@ class Servo:
         for body, (face_swatch, fine) in zip(self.scene.bodies, painted, strict=True):
             body.face_swatch, body.fine = face_swatch, fine
 
-    @old_spellings()
     def add(
         self,
         mesh: Mesh | str | os.PathLike[str],
@@ -688,7 +676,7 @@ class Servo:
             HapsceneError: the process has ended; one that only hangs is seen by the state's age.
         """
         _ = self._channel  # raises where none runs
-        rows, done, done_ns, level, level_count = self._ticks
+        rows, done, done_ns = self._ticks
         rows = rows[self._number(tool)]
         while True:
             count, at_ns = done.item(), done_ns.item()
@@ -707,9 +695,7 @@ class Servo:
             face=int(whole[_AT["face"]]),
             swatch=int(whole[_AT["swatch"]]),
             flags=flag_of(int(whole[_AT["flags"]])),
-            age_s=max(now_here_ns() - at_ns, 0) * 1e-9 if count else math.inf,
-            level=level.item(),
-            level_count=level_count.item(),
+            age_s=max(self._now_ns() - at_ns, 0) * 1e-9 if count else math.inf,
         )
 
     def read(self, since: int = 0, *, tool: int = 0, after_end: bool = False) -> TickLog:
@@ -761,8 +747,7 @@ class Servo:
             HapsceneError: the process has ended.
         """
         channel = self._channel.channel[0]
-        steps = int(channel.steps_down), int(channel.steps_up)
-        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed), *steps)
+        return Lateness(channel.late.copy(), channel.busy.copy(), int(channel.missed))
 
     def _order(self, order: str, *arguments: Any) -> Any:
         """Send an order when its turn comes; return its result."""

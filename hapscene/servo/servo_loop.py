@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from hapscene.bound_call import loaded
 from hapscene.clock import now_ns, sleep_ns
+from hapscene.compiled.entry import call_flags
 from hapscene.constants import TINY
-from hapscene.contact.moving import place_bodies
 from hapscene.contact.prediction import predict_bodies
 from hapscene.device.safety import STALL_S
-from hapscene.fidelity.level_step import take_step
-from hapscene.fidelity.load import watch_load
 from hapscene.native import INTERPRETED, native
 from hapscene.servo.tick_memory import keep_memory
+from hapscene.surface.surface_arrays import PLACE
 from hapscene.twin.twin_loop import beat, take_grip
 
 # How late ticks begin and how long they take: histograms, which the tick fills without allocating.
@@ -56,14 +55,11 @@ class Lateness(NamedTuple):
     Attributes:
         late, busy: (BIN_COUNT,) how many ticks began so late, and took so long, by bins as `count_in_bin` has them.
         missed: ticks that were left out, since the loop was too late for them.
-        down, up: steps to a coarser level of the fidelity, and to a finer one.
     """
 
     late: NDArray[np.int64]
     busy: NDArray[np.int64]
     missed: int
-    down: int = 0
-    up: int = 0
 
     def __repr__(self) -> str:
         return (
@@ -73,9 +69,7 @@ class Lateness(NamedTuple):
 
     def since(self, earlier: "Lateness") -> "Lateness":
         """What came after an earlier look at the same loop."""
-        late, busy = self.late - earlier.late, self.busy - earlier.busy
-        steps = self.down - earlier.down, self.up - earlier.up
-        return Lateness(late, busy, self.missed - earlier.missed, *steps)
+        return Lateness(self.late - earlier.late, self.busy - earlier.busy, self.missed - earlier.missed)
 
     def late_us(self, share: float = 0.5) -> float:
         """How late, at most, that share of the ticks began: to 9 % [µs]."""
@@ -116,7 +110,6 @@ class Loop(NamedTuple):
 
     worlds: Any  # (t,) `hapscene.contact.world.World`
     surfaces: Any  # (t,) `hapscene.surface.surface_arrays.Surface`
-    levels: Any  # (t,) `hapscene.fidelity.level_step.Levels`
     twins: Any  # (t,) `hapscene.twin.twin_loop.TwinBody`
     bodies: ServoBodies
     channel: Any  # CHANNEL
@@ -189,27 +182,14 @@ def serve_tick(loop: Loop) -> None:
         safety.pulse_now, safety.late, safety.stalled = channel.pulse, timing[2], timing[3]
         _read_aim(loop.aims[t], hands[t], clock)
         _follow(twins[t], hands[t], tick_s)
-        place_bodies(worlds[t], surfaces[t], bodies.moving[:count], bodies.X_WB[:, :count], bodies.jumps[t], 0)
+        entries, moving, X_WB, jumps = surfaces[t].entries, bodies.moving, bodies.X_WB, bodies.jumps[t]
+        call_flags(entries[PLACE], (worlds[t], surfaces[t], moving, X_WB, jumps, count, 0))
         beat(worlds[t], surfaces[t], twins[t], rows[t, slot], a_m_s2[t, slot], felt[t, slot], a_handle_m_s2[t, slot])
     # the clock is a call the compiler knows nothing of: what is above stays above
     end = now_ns(clock)
     count_in_bin(channel.busy, end - timing[1])
-    if loop.levels[0].state[0].count > 1:
-        _take_steps(loop, end - timing[1], tick_s)
     channel.done_ns = end
     channel.done += 1
-
-
-@native
-def _take_steps(loop: Loop, busy_ns: int, tick_s: float) -> None:
-    """Have all tools go to the level that the load asks for."""
-    first = loop.levels[0].state[0]
-    loop.channel.level = first.level  # of the tick that was
-    watch_load(loop.levels[0], tick_s, busy_ns, loop.timing[2])
-    for t in range(len(loop.worlds)):
-        loop.levels[t].state[0].wanted = first.wanted
-        take_step(loop.worlds[t], loop.surfaces[t], loop.levels[t])
-    loop.channel.steps_down, loop.channel.steps_up = first.down, first.up
 
 
 # The same as `BoundCall` takes them: from where compiled code does not drive the loop.

@@ -37,10 +37,6 @@ CHANNEL: Final = np.dtype(
         ("checkpoint_due", "i8"),  # tick before which what ticks remember is copied next
         ("checkpoint_count", "i8"),  # copies so far
         ("checkpoint_size", "i8"),  # of each [bytes]
-        ("level", "i8"),  # of the fidelity that the first tool feels
-        ("level_count", "i8"),  # how many there are
-        ("steps_down", "i8"),  # to a coarser one so far
-        ("steps_up", "i8"),  # to a finer one
         ("late", "i8", (BIN_COUNT,)),  # histogram of how late ticks began
         ("busy", "i8", (BIN_COUNT,)),  # and of how long they took
     ],

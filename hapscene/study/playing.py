@@ -1,6 +1,5 @@
 """What plays the intervals of a trial: headphones or a handle."""
 
-import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from threading import Event
@@ -17,6 +16,7 @@ from hapscene.handle.plant import Array, Plant
 from hapscene.handle.playback import play
 from hapscene.study.stimulus import FULL_SCALE, Stimulus, StimulusMaker, level_of
 from hapscene.study.trial_order import Interval
+from hapscene.wall_clock import CLOCK, Clock
 
 DEAF_S: Final = 10.0
 """How much longer than it lasts a sound is waited for, before what plays it counts as gone [s]."""
@@ -83,12 +83,17 @@ class OutputPlayer:
         output: what it is played on; closed with this.
         shaped: the values that the output is given for an interval.
         told: what `report` says besides the output's own counts.
+        clock: measures how long a sound takes.
     """
 
     def __init__(
-        self, output: HandleOutput, shaped: Callable[[Interval], Array], told: Callable[[], dict[str, float]]
+        self,
+        output: HandleOutput,
+        shaped: Callable[[Interval], Array],
+        told: Callable[[], dict[str, float]],
+        clock: Clock = CLOCK,
     ) -> None:
-        self._output, self._shaped, self._told = output, shaped, told
+        self._output, self._shaped, self._told, self._clock = output, shaped, told, clock
         self._feed, self._closed = _Samples(), False
         output.start(self._feed)
 
@@ -96,13 +101,13 @@ class OutputPlayer:
         return partial(self._play, self._shaped(interval))
 
     def _play(self, samples: Array) -> None:
-        ended, last_s = self._feed.give(samples), time.monotonic() + len(samples) / self._output.rate_Hz + DEAF_S
-        while not (ended.wait(LOOK_S) or self._output.fault or self._closed):
-            if time.monotonic() > last_s:
+        ended, last_s = self._feed.give(samples), self._clock.now_s() + len(samples) / self._output.rate_Hz + DEAF_S
+        while not (self._clock.wait(ended, LOOK_S) or self._output.fault or self._closed):
+            if self._clock.now_s() > last_s:
                 raise StudyError(f"{self._output.name}: takes no samples any more: was it unplugged?")
         if self._output.fault:
             raise StudyError(self._output.fault)
-        time.sleep(0.0 if self._closed else self._output.latency_s)
+        self._clock.sleep_s(0.0 if self._closed else self._output.latency_s)
 
     def close(self) -> None:
         self._closed = True
@@ -112,7 +117,9 @@ class OutputPlayer:
         return {**self._told(), **self._output.counts}
 
 
-def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus]) -> OutputPlayer:
+def headphones(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays as sound, in whole steps of 16 bits, all at one level.
 
     Raises:
@@ -132,10 +139,12 @@ def headphones(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Sti
     def told() -> dict[str, float]:
         return {"full_scale_m_s2": 1.0 / level.gain, "clipped": clipped}
 
-    return OutputPlayer(output, shaped, told)
+    return OutputPlayer(output, shaped, told, clock)
 
 
-def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "") -> OutputPlayer:
+def handle(
+    maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulus], file: str = "", clock: Clock = CLOCK
+) -> OutputPlayer:
     """Plays on a handle: the acceleration itself, by each stimulus's compensator, "flat" where it says none.
 
     Args:
@@ -162,4 +171,4 @@ def handle(maker: StimulusMaker, output: HandleOutput, stimuli: Iterable[Stimulu
         counts["clipped"] += int(np.count_nonzero(np.abs(values) > output.ceiling))
         return np.clip(values, -output.ceiling, output.ceiling)
 
-    return OutputPlayer(output, shaped, lambda: dict(counts))
+    return OutputPlayer(output, shaped, lambda: dict(counts), clock)

@@ -265,9 +265,6 @@ def share_of(texture: "Texture", mass_kg: float, own_damping_Ns_m: float, tick_s
     swell = math.exp(max(0.0, spread - spread**2))  # its slow gain, a standard deviation up
     speed = np.linspace(min(SPEED_MIN_M_S, 0.5 * top), top, SPEED_COUNT)
     worst = Share(1.0)
-    for one in (*texture.states[1:], *texture.layers):
-        found = share_of(one, mass_kg, own_damping_Ns_m, tick_s)
-        worst = found if found.share < worst.share else worst
     for part in shares:
         force = np.full(SPEED_COUNT, part * texture.force_max_N)
         rms_m_s2, frequency_Hz = _in_blocks(texture, force, speed, tick_s)

@@ -15,12 +15,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hapscene.errors import EffectError
-from hapscene.native import INTERPRETED, native, native_for
+from hapscene.native import INTERPRETED, CFunction, native
 from hapscene.records import OUTPUT, TOUCH
 from hapscene.surface.effect import Effect
 
 _interpreted: Final[list[Effect]] = []
-_native: Final[dict[int, tuple[Effect, Any]]] = {}
+_native: Final[dict[int, tuple[Effect, CFunction]]] = {}
 
 
 def compile_effect(effect: Effect) -> int:
@@ -32,15 +32,14 @@ def compile_effect(effect: Effect) -> int:
     if INTERPRETED:
         _interpreted.append(effect)
         return len(_interpreted) - 1
-    kept = _native.get(id(effect))
-    if kept is None:
-        kept = effect, _compile(effect)
-        _native[id(effect)] = kept
-    result = kept[1]
-    return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+    known = _native.get(id(effect))
+    if known is None:
+        known = effect, _compile(effect)
+        _native[id(effect)] = known
+    return known[1].address
 
 
-def _compile(effect: Effect) -> Any:
+def _compile(effect: Effect) -> CFunction:
     table = types.Array(types.float64, 1, "C")
     arguments = (
         from_dtype(TOUCH),
@@ -54,10 +53,9 @@ def _compile(effect: Effect) -> Any:
     if code is None or code.co_argcount != 5:
         raise EffectError(f"effect {effect.name!r} ({where}): render must be a function (touch, p, table, s, out)")
     try:
-        compiled = native_for(types.void(*arguments), effect.render)
+        return CFunction(types.void(*arguments), effect.render)
     except NumbaError as error:
         raise EffectError(f"effect {effect.name!r} ({where}) does not compile: {_reason(error)}") from error
-    return compiled.overloads[arguments]
 
 
 def _reason(error: NumbaError) -> str:

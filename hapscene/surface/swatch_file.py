@@ -15,19 +15,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapscene.errors import SwatchError
+from hapscene.errors import SwatchError, warn
 from hapscene.files import check_keys, parse_format, read_bytes, refusing, short, write_whole
 from hapscene.surface.life import Life
 from hapscene.surface.look import PICTURE_BYTES_MAX, Look
 from hapscene.surface.swatch import NAME_MAX, OWN_PARAMETERS, TOOL_FIELDS, Swatch
 from hapscene.surface.taps import TAP_MAX, TAP_ROWS, Taps
-from hapscene.surface.texture import LAYERS_MAX, MODEL_MAX, Texture
+from hapscene.surface.texture import MODEL_MAX, Texture
 
 SUFFIX: Final = ".swatch"
 FORMAT: Final = "hapscene swatch"
 VERSION: Final = 4
-"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, 4 tools, tips and
-layers of textures; what has none of them is still written as 2 or 3."""
+"""Version of the format. Raised when a reader of the old one would misread the new one: 3 has looks, 4 tools and tips;
+what has none of them is still written as 2 or 3."""
 
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Largest file that is opened [bytes]. A swatch of 100 models of order 120 has 0.3 MB; the largest that is allowed,
@@ -42,12 +42,17 @@ TEXT_MAX: Final = 100_000
 
 _TEXTS: Final = ("name", "provenance", "licence")
 _TEXTURE_ROWS: Final = ("force_N", "speed_m_s", "variance_m2_s4", "triangles", "lsf_rad")
-_LAYERS: Final = ("layer_by", "layer_at_rad", "layers")
+_REGIMES: Final = ("other", "dwell_s")
+_LAYERS: Final = ("layers", "layer_by", "layer_at_rad")
 _PICTURES: Final = ("albedo_png", "normal_png")
 _LIFE_ROWS: Final = ("spread", "decay_1_s", "decay_1_m")
 
 MEASURED_MAX: Final = 4 * TAP_MAX
 """Most intervals, and most reasons, of a swatch [count]: three for each tap and one for each of its own numbers."""
+
+
+class SwatchWarning(UserWarning):
+    """A swatch's file has parts that are not rendered any more."""
 
 
 def save_swatch(swatch: Swatch, path: str | os.PathLike[str]) -> None:
@@ -76,8 +81,7 @@ def swatch_to_bytes(swatch: Swatch) -> bytes:
 def swatch_to_json(swatch: Swatch) -> str:
     """The text of a swatch's file: one key a line, one row of numbers a line."""
     tools = {key: getattr(swatch, key) for key in TOOL_FIELDS if getattr(swatch, key)}
-    layered = swatch.texture is not None and bool(swatch.texture.layers)
-    version = VERSION if tools or layered else 2 if swatch.look is None else 3
+    version = VERSION if tools else 2 if swatch.look is None else 3
     content: dict[str, Any] = {"format": FORMAT, "version": version}
     content |= {key: getattr(swatch, key) for key in (*_TEXTS, "albedo_rgb")} | tools | swatch.own_numbers
     content |= {key: getattr(swatch, key) for key in ("effects", "intervals", "absent")}
@@ -106,16 +110,11 @@ def _taps_content(taps: Taps | None) -> dict[str, Any] | None:
 
 
 def _texture_content(texture: Texture) -> dict[str, Any]:
-    """A texture's section, its other state within it."""
+    """A texture's section."""
     content = {key: getattr(texture, key) for key in ("rate_Hz", "interpolation", "warp", "exponents")}
     life = texture.life
     content["life"] = life if life is None else {key: getattr(life, key) for key in _LIFE_ROWS}
     content |= {key: getattr(texture, key) for key in _TEXTURE_ROWS}
-    if texture.other is not None:
-        content |= {"dwell_s": texture.dwell_s, "other": _texture_content(texture.other)}
-    if texture.layers:
-        content |= {"layer_by": texture.layer_by, "layer_at_rad": texture.layer_at_rad}
-        content["layers"] = [_texture_content(layer) for layer in texture.layers]
     return content
 
 
@@ -141,6 +140,9 @@ def read_swatch(path: Path) -> Swatch:
 
     Raises:
         SwatchError: the file is missing, too large, damaged, of a later version or unstable.
+
+    Warns:
+        SwatchWarning: an earlier version wrote parts of the texture that are not rendered any more.
     """
     with refusing(SwatchError):
         data = read_bytes(path, BYTES_MAX, "swatch")
@@ -168,13 +170,21 @@ def _swatch(content: dict[str, Any]) -> Swatch:
     fields |= {key: _number(key, content[key]) for key in OWN_PARAMETERS if key in content}
     if "albedo_rgb" in content:
         fields["albedo_rgb"] = tuple(_array("albedo_rgb", content["albedo_rgb"], 1))
-    fields["effects"] = _effects(content.get("effects", {}))
+    effects = _effects(content.get("effects", {}))
+    effects.get("lpc_texture", {}).pop("angle_deg", None)  # turned the layers that are not rendered any more
+    fields["effects"] = effects
     intervals, absent = (_measured(key, content.get(key, {})) for key in ("intervals", "absent"))
     fields["intervals"] = {name: tuple(_array(f"intervals.{name}", pair, 1)) for name, pair in intervals.items()}
     fields["absent"] = {name: _text(f"absent.{name}", reason) for name, reason in absent.items()}
     fields |= {key: _taps(key, content.get(key)) for key in ("taps", "leaving")}
     fields["look"] = _look(content.get("look"))
-    fields["texture"] = _texture("texture", content.get("texture"), content["version"])
+    fields["texture"] = _texture(content.get("texture"), content["version"])
+    if any((content.get("texture") or {}).get(key) is not None for key in ("other", "layers")):
+        warn(
+            f"swatch {fields['name']!r}: a second state or layers of its texture, as earlier versions wrote them, are "
+            "ignored: the texture is rendered without them",
+            SwatchWarning,
+        )
     return Swatch(**fields)
 
 
@@ -196,7 +206,8 @@ def _look(content: Any) -> Look | None:
     return Look(**fields)
 
 
-def _texture(where: str, content: Any, version: int) -> Texture | None:
+def _texture(content: Any, version: int) -> Texture | None:
+    where = "texture"
     if content is None:
         return None
     required = ("rate_Hz", *_TEXTURE_ROWS)
@@ -204,29 +215,18 @@ def _texture(where: str, content: Any, version: int) -> Texture | None:
     if version == 1:
         known.append("excitation")  # a distribution of the noise, which nobody heard: passed over
     else:
-        known += ["warp", "exponents", "life", "dwell_s", "other"]
-    if version >= 4 and where == "texture":
+        known += ["warp", "exponents", "life", *_REGIMES]
+    if version >= 4:
         known += _LAYERS
     check_keys(where, content, known, required)
     fields: dict[str, Any] = {}
     for key in _TEXTURE_ROWS:
         dimensions = 2 if key in ("triangles", "lsf_rad") else 1
         fields[key] = _array(f"{where}.{key}", content[key], dimensions, whole=key == "triangles")
-    fields |= {key: _array(f"{where}.{key}", content[key], 1) for key in ("exponents", "dwell_s") if key in content}
+    if "exponents" in content:
+        fields["exponents"] = _array(f"{where}.exponents", content["exponents"], 1)
     fields |= {key: _number(f"{where}.{key}", content[key]) for key in ("rate_Hz", "warp") if key in content}
     fields["life"] = _life(f"{where}.life", content.get("life"))
-    if any(key in content for key in _LAYERS):
-        check_keys(where, content, content, _LAYERS)
-        fields["layer_by"] = _text(f"{where}.layer_by", content["layer_by"])
-        fields["layer_at_rad"] = _array(f"{where}.layer_at_rad", content["layer_at_rad"], 1)
-        layers = content["layers"]
-        if not isinstance(layers, list) or not 2 <= len(layers) <= LAYERS_MAX or None in layers:
-            raise SwatchError(f"{where}.layers must be a list of 2 to {LAYERS_MAX} textures")
-        fields["layers"] = tuple(_texture(f"{where}.layers[{i}]", one, version) for i, one in enumerate(layers))
-    if content.get("other") is not None:
-        if where != "texture":
-            raise SwatchError(f"{where}.other: there are two states at most")
-        fields["other"] = _texture(f"{where}.other", content["other"], version)
     return Texture(**fields, interpolation=_text(f"{where}.interpolation", content.get("interpolation", "lsf")))
 
 

@@ -115,35 +115,13 @@ def lines(swatch: Swatch) -> list[str]:
     return told
 
 
-LAYER_WORDS: Final = {
-    "direction": "the direction of sliding",
-    "axis": "the direction of sliding, to and fro alike",
-    "contact_angle": "the angle of the tool",
-}
-"""What layers are of, in words."""
-
-
-def layers_told(texture: Texture) -> str:
-    """Where the layers of a texture stand, and how loud each is at half of the force and speed they all reach to."""
-    places = [f"{angle:.0f}°" for angle in np.degrees(texture.layer_at_rad)]
-    half = [[0.5 * min(getattr(one, most) for one in texture.layers)] for most in ("force_max_N", "speed_max_m_s")]
-    loud = [f"{np.sqrt(float(one.power(*half)[0])):.2g}" for one in texture.layers]
-    said = f"{len(places)} layers by {LAYER_WORDS[texture.layer_by]}, at {', '.join(places)}"
-    return f"{said}: {', '.join(loud)} m/s² at {half[0][0]:.2g} N and {half[1][0]:.2g} m/s"
-
-
 def _living(texture: Texture) -> list[str]:
-    """What is said of its layers, its slow gain, its other state, and its level beyond what was recorded."""
+    """What is said of its slow gain, and of its level beyond what was recorded."""
     told = []
-    if texture.layers:
-        told.append(layers_told(texture))
     if texture.life is not None:
         life = texture.life
         each = [f"{x:.3g}/s + {y:.3g}/m" for x, y in zip(life.decay_1_s, life.decay_1_m, strict=True)]
         told.append(f"alive: gain of {20.0 / np.log(10.0) * life.log_spread:.2g} dB spread, forgets {', '.join(each)}")
-    if texture.other is not None:
-        here_s, other_s = texture.dwell_s
-        told.append(f"changes by chance to another state: {here_s:.2g} s in this one, {other_s:.2g} s in the other")
     if np.any(texture.exponents != 0.0):
         force, speed = texture.exponents
         told.append(

@@ -6,9 +6,8 @@ normal force and slip speed; what is asked for lies in a triangle, and its three
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import scipy
@@ -25,7 +24,6 @@ from hapscene.dsp.ar_filter import (
 )
 from hapscene.errors import SwatchError
 from hapscene.files import short
-from hapscene.old_spellings import old_spellings, without_effect
 from hapscene.surface.life import Life
 from hapscene.surface.taps import freeze
 
@@ -187,19 +185,6 @@ WARP_MAX: Final = 0.99
 EXPONENT_MAX: Final = 8.0
 """Largest |exponent| of the power over force or speed [1]. Surfaces have 0 to 4."""
 
-DWELL_MIN_S: Final = 0.01
-"""Shortest mean time in a state [s]; what changes faster is the vibration itself."""
-
-DWELL_MAX_S: Final = 3600.0
-"""Longest mean time in a state [s]."""
-
-LAYERS_MAX: Final = 8
-"""Most layers of a texture [count]: of a full turn, one each 45°."""
-
-PERIOD_RAD: Final = {"direction": 2.0 * math.pi, "axis": math.pi, "contact_angle": math.inf}
-"""After which angle layers come round again [rad], by what they are of: the direction of sliding, its axis where to and
-fro feel alike, the angle between tool and normal."""
-
 
 @dataclass(frozen=True, eq=False)
 class Texture:
@@ -218,13 +203,6 @@ class Texture:
         exponents: (2,) the power goes on beyond the largest force F and speed V as (force/F)^exponents[0]
             (speed/V)^exponents[1], by `LEVEL_BOUND_DB` at most; (0, 0) keeps it as it is there.
         life: its random slow gain, or None: then the level is steady.
-        other: another state that the surface changes to and back by chance, as one that squeals at times, or None. It
-            has the same rate, and no other state itself.
-        dwell_s: (2,) mean time in this state and in the other, each exponentially distributed; (0, 0) without `other`.
-        layers: textures of a third variable, two to `LAYERS_MAX`, of this one's rate, order and warp, or none. This one
-            is then that of all together, for who does not know the third; life is its own, and it has no other state.
-        layer_at_rad: (k,) where each layer stands, ascending; between them filters and power are blended.
-        layer_by: what the layers are of, one of `PERIOD_RAD`; "" without layers.
 
     Build one from filters with `Texture.from_models`, which adds the silent models and the triangles.
 
@@ -242,20 +220,14 @@ class Texture:
     warp: float = 0.0
     exponents: Array = field(default_factory=lambda: np.zeros(2))
     life: Life | None = None
-    other: "Texture | None" = None
-    dwell_s: Array = field(default_factory=lambda: np.zeros(2))
-    layers: "tuple[Texture, ...]" = ()
-    layer_at_rad: Array = field(default_factory=lambda: np.zeros(0))
-    layer_by: str = ""
     _form: Array = field(init=False, repr=False)  # (m, p): what the interpolation blends
     _power: Array = field(init=False, repr=False)  # (m,) variance of each model's output
     _inverse: Array = field(init=False, repr=False)  # (t, 3, 3): (force, speed, 1) to barycentric coordinates
 
     def __post_init__(self) -> None:
-        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "exponents", "dwell_s", "layer_at_rad"):
+        for name in ("force_N", "speed_m_s", "lsf_rad", "variance_m2_s4", "exponents"):
             freeze(self, name, getattr(self, name))
         freeze(self, "triangles", self.triangles, np.int32)
-        object.__setattr__(self, "layers", tuple(self.layers))
         _check_shapes(self)
         freeze(self, "_power", _checked_power(self.variance_m2_s4, self.lsf_rad, self.warp))
         freeze(self, "_form", form(self.interpolation, self.lsf_rad))
@@ -268,7 +240,6 @@ class Texture:
         )
 
     @classmethod
-    @old_spellings()
     def from_models(
         cls,
         rate_Hz: float,
@@ -278,27 +249,23 @@ class Texture:
         a: ArrayLike,
         variance_m2_s4: ArrayLike,
         interpolation: str = "lsf",
-        excitation: object = None,
         warp: float = 0.0,
         exponents: ArrayLike = (0.0, 0.0),
         life: Life | None = None,
-        other: "Texture | None" = None,
-        dwell_s: ArrayLike = (0.0, 0.0),
     ) -> "Texture":
         """A texture of filters `a` (m, p+1) at `force_N` (m,), `speed_m_s` (m,), all > 0, closed and triangulated.
 
         The rectangle from zero to the largest force and speed is closed with silent models on its two axes and,
         where no model stands there, with a copy of the nearest model at its far corner. With a `warp`, `a` are
-        polynomials in D. `excitation` has no effect any more.
+        polynomials in D.
         """
-        without_effect("Texture.from_models", "excitation", excitation)
         models = np.atleast_2d(np.asarray(a, dtype=np.float64))
         lsf = np.stack([lsf_from_ar(one) for one in models])
         force, speed, source, sounding = close(np.ravel(force_N), np.ravel(speed_m_s))
         variance = np.ravel(np.asarray(variance_m2_s4, dtype=np.float64))[source] * sounding
-        edges, dwell = np.asarray(exponents, dtype=np.float64), np.asarray(dwell_s, dtype=np.float64)
+        edges = np.asarray(exponents, dtype=np.float64)
         places = force, speed, triangulate(force, speed)
-        return cls(rate_Hz, *places, lsf[source], variance, interpolation, warp, edges, life, other, dwell)
+        return cls(rate_Hz, *places, lsf[source], variance, interpolation, warp, edges, life)
 
     @property
     def order(self) -> int:
@@ -320,7 +287,6 @@ class Texture:
         """(m,) variance of each model's output [(m/s²)²]."""
         return self._power
 
-    @old_spellings(slip_m_s="speed_m_s")
     def model(self, force_N: float, speed_m_s: float) -> tuple[Array, float]:
         """The filter a (p+1,) and the excitation's variance [(m/s²)²] at a normal force [N] and slip speed [m/s].
 
@@ -331,18 +297,8 @@ class Texture:
         a, variance = self.models(np.array([force_N]), np.array([speed_m_s]))
         return a[0], float(variance[0])
 
-    @old_spellings(slip_m_s="speed_m_s")
-    def models(
-        self, force_N: ArrayLike, speed_m_s: ArrayLike, *, third_rad: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,).
-
-        With a `third_rad` (n,) those of the layers there, where it has any.
-        """
-        if third_rad is not None and self.layers:
-            k, power = self.lattice(force_N, speed_m_s, third_rad=third_rad)
-            a = ar_from_reflection(k)
-            return a, power / power_gain(a, self.warp)
+    def models(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
+        """The same at many places: a (n, p+1) and variance (n,) at forces (n,) and slip speeds (n,)."""
         corner, weight = self.locate(force_N, speed_m_s)
         if self.single:
             a = np.tile(filters(self.interpolation, self._form[:1]), (len(corner), 1))
@@ -356,19 +312,11 @@ class Texture:
         sounding = (np.asarray(force_N) > 0.0) & (np.asarray(speed_m_s) > 0.0)  # rounding leaves 1e-17 on the axes
         return a, np.where(sounding, variance, 0.0)
 
-    @old_spellings(slip_m_s="speed_m_s")
-    def lattice(
-        self, force_N: ArrayLike, speed_m_s: ArrayLike, *, third_rad: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
+    def lattice(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[Array, Array]:
         """The same for `hapscene.dsp.lattice`: reflection coefficients (n, p) and power of the output (n,).
 
         The coefficients have one row where one filter holds everywhere. Power in (m/s²)².
         """
-        if third_rad is not None and self.layers:
-            share = self.layer_share(third_rad)
-            of = [layer.lattice(force_N, speed_m_s) for layer in self.layers]
-            k = sum(row[:, None] * k for row, (k, _) in zip(share.T, of, strict=True))
-            return np.asarray(k), np.asarray(sum(row * power for row, (_, power) in zip(share.T, of, strict=True)))
         force, slip = np.asarray(force_N, dtype=np.float64), np.asarray(speed_m_s, dtype=np.float64)
         if self.interpolation == "hatt" and not self.single:
             a, variance = self.models(force, slip)
@@ -380,16 +328,12 @@ class Texture:
         k = reflection_from_ar(filters(self.interpolation, blended))
         return k, np.where((force > 0.0) & (slip > 0.0), self.power(force, slip), 0.0)
 
-    @old_spellings()
-    def density(
-        self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike, third_rad: ArrayLike | None = None
-    ) -> Array:
+    def density(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, frequency_Hz: ArrayLike) -> Array:
         """One-sided power spectral density (n, k) [(m/s²)²/Hz] at forces (n,), slip speeds (n,), frequencies (k,)."""
-        a, variance = self.models(force_N, speed_m_s, third_rad=third_rad)
+        a, variance = self.models(force_N, speed_m_s)
         omega_rad = 2.0 * np.pi / self.rate_Hz * np.asarray(frequency_Hz, dtype=np.float64)
         return np.asarray(2.0 / self.rate_Hz * variance[:, None] * power_response(a, omega_rad, self.warp))
 
-    @old_spellings()
     def beyond(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
         """Factor (n,) on the power for forces (n,) and speeds (n,) beyond the largest recorded [1]; 1 within them.
 
@@ -402,26 +346,16 @@ class Texture:
             log = log + exponent * np.log(within / edge)
         return np.exp(np.clip(log, -most, most))
 
-    def layer_share(self, third_rad: ArrayLike) -> Array:
-        """Weights (n, k) of the layers at angles (n,) of the third variable: of the two beside each, sum 1."""
-        return layer_shares(third_rad, self.layer_at_rad, self.layer_by)
-
-    @property
-    def states(self) -> "tuple[Texture, ...]":
-        """This one, and the other where there is one."""
-        return (self,) if self.other is None else (self, self.other)
-
     @property
     def log_spread(self) -> float:
-        """Standard deviation of the logarithm of its slow gain, in the livelier of its states; 0 where it has none."""
-        return max(0.0 if one.life is None else one.life.log_spread for one in self.states)
+        """Standard deviation of the logarithm of its slow gain; 0 where it has none."""
+        return 0.0 if self.life is None else self.life.log_spread
 
     @property
     def single(self) -> bool:
         """Whether all models have one filter, and differ in their level alone."""
         return bool(np.all(self.lsf_rad == self.lsf_rad[0]))
 
-    @old_spellings(slip_m_s="speed_m_s")
     def locate(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> tuple[NDArray[np.int32], Array]:
         """The models that are blended at forces (n,) and slip speeds (n,): indices (n, 3) and weights (n, 3).
 
@@ -436,15 +370,11 @@ class Texture:
         inside[inside < 1e-12] = 0.0  # rounding: on the axes the texture is silent to the bit
         return self.triangles[best], inside / inside.sum(axis=1, keepdims=True)
 
-    @old_spellings(slip_m_s="speed_m_s")
-    def power(self, force_N: ArrayLike, speed_m_s: ArrayLike, *, third_rad: ArrayLike | None = None) -> Array:
+    def power(self, force_N: ArrayLike, speed_m_s: ArrayLike) -> Array:
         """Variance (n,) of the acceleration [(m/s²)²] at forces (n,) and slip speeds (n,), blended from the models'.
 
         This is what `models` gives exactly; with the interpolation "hatt", what it should give.
         """
-        if third_rad is not None and self.layers:
-            of = np.stack([layer.power(force_N, speed_m_s) for layer in self.layers], axis=1)
-            return np.asarray(np.sum(self.layer_share(third_rad) * of, axis=1))
         corner, weight = self.locate(force_N, speed_m_s)
         return np.asarray(np.einsum("nc,nc->n", weight, self._power[corner]) * self.beyond(force_N, speed_m_s))
 
@@ -462,29 +392,22 @@ class Texture:
             raise SwatchError(f"a texture made for {self.rate_Hz:g} Hz cannot be resampled to {rate_Hz} Hz")
         if ratio == 1.0:
             return self
-        parts = self._parts(lambda part: part.resampled(rate_Hz))
         if self.warp == 0.0:
-            return self._refitted(rate_Hz, max(self.order, math.ceil(self.order * ratio)), 0.0, parts)
+            return self._refitted(rate_Hz, max(self.order, math.ceil(self.order * ratio)), 0.0)
         order = math.ceil(WARPED_ORDER * self.order) if ratio > 1.0 else self.order
-        return self._refitted(rate_Hz, order, _warp_at(self.warp, ratio), parts)
+        return self._refitted(rate_Hz, order, _warp_at(self.warp, ratio))
 
     def unwarped(self) -> "Texture":
         """The same texture in plain AR models, of as much higher an order as the warp resolves finer.
 
         That is (1 + |λ|)/(1 − |λ|) times the order. See `hapscene.surface.texture` for the error.
         """
-        parts = self._parts(Texture.unwarped)
         if self.warp == 0.0:
-            return self if parts["other"] is self.other else replace(self, **parts)
+            return self
         order = math.ceil(self.order * (1.0 + abs(self.warp)) / (1.0 - abs(self.warp)))
-        return self._refitted(self.rate_Hz, order, 0.0, parts)
+        return self._refitted(self.rate_Hz, order, 0.0)
 
-    def _parts(self, made: "Callable[[Texture], Texture]") -> dict[str, Any]:
-        """Its other state and its layers, changed likewise."""
-        other = self.other if self.other is None else made(self.other)
-        return {"other": other, "layers": tuple(map(made, self.layers))}
-
-    def _refitted(self, rate_Hz: float, order: int, warp: float, parts: dict[str, Any]) -> "Texture":
+    def _refitted(self, rate_Hz: float, order: int, warp: float) -> "Texture":
         """Models of the same spectra at another rate, order and warp."""
         order, ratio = min(ORDER_MAX, order), rate_Hz / self.rate_Hz
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
@@ -494,7 +417,7 @@ class Texture:
             refitted = [_refit_warped(a, ratio, order, self.warp, warp) for a in ar_from_lsf(rows)]
         lsf = np.stack([lsf_from_ar(a) for a, _ in refitted])[row]
         variance = self.variance_m2_s4 * np.array([share for _, share in refitted])[row]
-        return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance, warp=warp, **parts)
+        return replace(self, rate_Hz=float(rate_Hz), lsf_rad=lsf, variance_m2_s4=variance, warp=warp)
 
     def truncated(self, order: int) -> "Texture":
         """The same texture with models of at most that order, each of the power that it has.
@@ -507,21 +430,19 @@ class Texture:
         """
         if not order >= 1 or order % 1 != 0:
             raise SwatchError(f"the order of a texture is a whole number, 1 or more, not {order}")
-        parts = self._parts(lambda part: part.truncated(order))
         if order >= self.order:
-            return self if parts["other"] is self.other else replace(self, **parts)
+            return self
         rows, row = np.unique(self.lsf_rad, axis=0, return_inverse=True)  # silent models are copies of others
         shorter = ar_from_reflection(reflection_from_ar(ar_from_lsf(rows))[:, : int(order)])
         lsf = np.stack([lsf_from_ar(a) for a in shorter])[row]
         variance = self._power / power_gain(shorter, self.warp)[row]
-        return replace(self, lsf_rad=lsf, variance_m2_s4=variance, **parts)
+        return replace(self, lsf_rad=lsf, variance_m2_s4=variance)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Texture):
             return NotImplemented
-        single = ("rate_Hz", "interpolation", "warp", "life", "other", "layers", "layer_by")
-        rows = ["force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "exponents"]
-        rows += ["dwell_s", "layer_at_rad"]
+        single = ("rate_Hz", "interpolation", "warp", "life")
+        rows = ("force_N", "speed_m_s", "triangles", "lsf_rad", "variance_m2_s4", "exponents")
         same = all(getattr(self, name) == getattr(other, name) for name in single)
         return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in rows)
 
@@ -560,62 +481,8 @@ def _check_shapes(texture: Texture) -> None:
             f"texture: exponents must be two numbers from -{EXPONENT_MAX:g} to {EXPONENT_MAX:g}, of force and of "
             f"speed, not {exponents.ravel()[:3].tolist()}"
         )
-    _check_states(texture)
-
-
-def _check_states(texture: Texture) -> None:
-    """The other state is one that this one can change to, in a time that is none too short."""
-    other, dwell = texture.other, texture.dwell_s
-    _check_layers(texture)
-    for name, kind in (("life", Life), ("other", Texture)):
-        value = getattr(texture, name)
-        if not isinstance(value, kind | None):
-            raise SwatchError(f"texture: {name} must be a {kind.__name__} or None, is {short(value)}")
-    if other is None:
-        if dwell.shape != (2,) or np.any(dwell != 0.0):
-            said = dwell.ravel()[:3].tolist()
-            raise SwatchError(f"texture: dwell_s must be (0, 0) where there is no other state, is {said}")
-        return
-    if other.other is not None:
-        raise SwatchError("texture: other has an other state itself; there are two at most")
-    if other.rate_Hz != texture.rate_Hz:
-        raise SwatchError(f"texture: other is made for {other.rate_Hz:g} Hz, must be for {texture.rate_Hz:g} Hz")
-    if dwell.shape != (2,) or not np.all((dwell >= DWELL_MIN_S) & (dwell <= DWELL_MAX_S)):
-        raise SwatchError(
-            f"texture: dwell_s must be two times from {DWELL_MIN_S} to {DWELL_MAX_S:g} s, in this state and in the "
-            f"other, not {dwell.ravel()[:3].tolist()}"
-        )
-
-
-def layer_shares(third_rad: ArrayLike, at_rad: Array, by: str) -> Array:
-    """Weights (n, k) of layers at `at_rad` (k,) at angles (n,), as `Texture.layer_share`; an unknown angle is 0."""
-    angle = np.nan_to_num(np.asarray(third_rad, dtype=np.float64))
-    period = PERIOD_RAD[by] if math.isfinite(PERIOD_RAD[by]) else None
-    return np.stack([np.interp(angle, at_rad, row, period=period) for row in np.eye(len(at_rad))], axis=1)
-
-
-def _check_layers(texture: Texture) -> None:
-    """Layers stand in order within their period, and may be blended with one another."""
-    layers, at = texture.layers, texture.layer_at_rad
-    if not layers:
-        if at.size or texture.layer_by:
-            raise SwatchError("texture: layer_at_rad and layer_by must be empty where there are no layers")
-        return
-    if not 2 <= len(layers) <= LAYERS_MAX or not all(isinstance(layer, Texture) for layer in layers):
-        raise SwatchError(f"texture: layers must be 2 to {LAYERS_MAX} textures, there are {len(layers)}")
-    if texture.layer_by not in PERIOD_RAD:
-        raise SwatchError(f"texture: layer_by must be one of {', '.join(PERIOD_RAD)}, is {short(texture.layer_by)}")
-    most = min(PERIOD_RAD[texture.layer_by], 2.0 * math.pi)
-    if at.shape != (len(layers),) or not (np.all(np.diff(at) > 0.0) and at[0] >= 0.0 and at[-1] < most):
-        raise SwatchError(
-            f"texture: layer_at_rad must be {len(layers)} angles, ascending from 0 to below {most:.4g} rad, not "
-            f"{at.ravel()[:LAYERS_MAX].tolist()}"
-        )
-    if texture.other is not None or any(layer.layers or layer.other or layer.life for layer in layers):
-        raise SwatchError("texture: with layers there is no other state, and a layer has neither layers nor life")
-    for name in ("rate_Hz", "order", "warp"):
-        if any(getattr(layer, name) != getattr(texture, name) for layer in layers):
-            raise SwatchError(f"texture: its layers must have its own {name}")
+    if not isinstance(texture.life, Life | None):
+        raise SwatchError(f"texture: life must be a Life or None, is {short(texture.life)}")
 
 
 def _checked_power(variance_m2_s4: Array, lsf_rad: Array, warp: float) -> Array:

@@ -18,7 +18,6 @@ from hapscene.errors import HapsceneError
 from hapscene.geometry import numbers, positions
 from hapscene.handle.handle_loop import HANDLE, new_handle
 from hapscene.handle.plant import Plant
-from hapscene.old_spellings import old_spellings
 from hapscene.records import ROW, records
 from hapscene.renderer import EFFECTS, Renderer
 from hapscene.surface.effect import Effect
@@ -43,8 +42,7 @@ class Twin:
         compensator: what drives the handle, a name of `hapscene.handle.compensator.COMPENSATORS`.
         nominal: the handle that the compensator takes it for; else the same.
         X_WD: (4, 4) where an Omni stands in W; else its workspace is centred on the first intention.
-        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity, budget_us: as `Renderer` has them; the level is
-            yours to set, `renderer.level`.
+        effects, seed, tick_s, a_rate_Hz, limits, settings, fidelity: as `Renderer` has them.
         delay_ticks: how many ticks later a force goes out: 0 for a loop that writes in the tick in which it read.
 
     Attributes:
@@ -56,7 +54,6 @@ class Twin:
         HapsceneError: a delay out of range, or what `Renderer` refuses.
     """
 
-    @old_spellings()
     def __init__(
         self,
         scene: "Scene",
@@ -74,7 +71,6 @@ class Twin:
         X_WD: ArrayLike | None = None,
         settings: Mapping[str, Mapping[str, Any]] | None = None,
         fidelity: "Fidelity | str | os.PathLike[str] | None" = None,
-        budget_us: float | None = None,
     ) -> None:
         if not 0 <= delay_ticks < DELAY_MAX or delay_ticks % 1 != 0:
             raise HapsceneError(f"delay_ticks must be a whole number from 0 to {DELAY_MAX - 1}, is {delay_ticks}")
@@ -92,7 +88,6 @@ class Twin:
             limits=limits,
             settings=settings,
             fidelity=fidelity,
-            budget_us=budget_us,
         )
         self.handle, self.compensator, self.nominal = handle, compensator, nominal or handle
         self.X_WD = X_WD

@@ -1,15 +1,8 @@
 """The page beside a recording: nothing is lost for it, what it shows can be read, and it can end it."""
 
 import json
-import os
 import re
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,18 +10,12 @@ import pytest
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'hapscene[serve]'")
 
 from hapscene.capture.coverage import Coverage, Wanted
-from hapscene.capture.coverage_server import BEAT_S, CoveragePage, CoverageProcess, LiveCoverage, blocks_of, table
-from hapscene.capture.record import record
-from hapscene.capture.record_file import load_record
-from hapscene.capture.record_simulator import COLUMNS, lines
+from hapscene.capture.coverage_server import CoveragePage, CoverageProcess, LiveCoverage, blocks_of, table
 from hapscene.cli import main
 from hapscene.errors import HapsceneError
 from hapscene.wire.protocol import Column, Count, Header, Run
-from tests.chromium import AXE, AXE_RUN, launched
-from tests.until import until
 
 PATIENCE_S = 120.0
-RATE_HZ = 10_000.0
 
 
 def stroked(live: LiveCoverage, seconds: float) -> None:
@@ -106,124 +93,11 @@ def test_played_back_in_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["capture", "coverage", str(tmp_path / "b.csv")]) == 2
 
 
-class BlockingProbe:
-    """A probe at 10 kHz on a pseudo-terminal that waits where nobody reads: what is lost then, the reader lost."""
-
-    def __init__(self, seconds: float) -> None:
-        import tty
-
-        self._ours, self._theirs = os.openpty()
-        tty.setraw(self._theirs)
-        self.port = os.ttyname(self._theirs)
-        self._seconds = seconds
-        self.opened = threading.Event()
-        threading.Thread(target=self._write, daemon=True).start()
-
-    def _write(self) -> None:
-        self.opened.wait(PATIENCE_S)
-        start_s = time.monotonic()
-        try:
-            for turn, text in enumerate(lines(RATE_HZ)):
-                if 0.01 * turn >= self._seconds:
-                    break
-                time.sleep(max(0.0, start_s + 0.01 * turn - time.monotonic()))
-                while text:
-                    text = text[os.write(self._ours, text) :]
-        except OSError:
-            pass
-
-    def stopped(self) -> bool:
-        self.opened.set()
-        return False
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with launched() as browser:
-        yield browser
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
-def test_nothing_is_lost_beside_the_page(tmp_path: Path, chromium: Any) -> None:
-    probe = BlockingProbe(5.0)
-    with CoverageProcess(Wanted()) as page:
-        tab = chromium.new_page()
-        tab.goto(page.url)
-        made: list[Any] = []
-
-        def make() -> None:
-            made.append(record(probe.port, tmp_path / "a.hsrec", duration_s=4.0, stopped=probe.stopped, watch=(page,)))
-
-        recorder = threading.Thread(target=make)
-        recorder.start()
-        until(lambda: tab.evaluate("hapscene.count >= 20"))
-        recorder.join(PATIENCE_S)
-        until(lambda: tab.evaluate("document.getElementById('stop').disabled"))
-        assert "It has ended" in tab.inner_text("#advice")
-        lines_told = page.lines
-        tab.close()
-    (one,) = made
-    assert (one.length, one.count.dropped, one.count.torn) == (40_000, 0, 0)
-    kept = load_record(tmp_path / "a.hsrec")
-    assert not kept.missing.any()
-    whole = Coverage(RATE_HZ, tuple(c.name for c in COLUMNS))
-    whole.feed(0, kept.streams)
-    assert lines_told == table(whole)  # the page's process saw each sample, too
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
-def test_the_page_ends_a_recording(tmp_path: Path, chromium: Any) -> None:
-    simulator = subprocess.Popen(
-        [sys.executable, "-m", "hapscene.capture.record_simulator"], stdout=subprocess.PIPE, text=True
-    )
-    words = [sys.executable, "-m", "hapscene", "capture", "record", "--live", "-o", str(tmp_path / "a.hsrec"), "--port"]
-    try:
-        assert simulator.stdout is not None
-        recorder = subprocess.Popen([*words, simulator.stdout.readline().strip()], stdout=subprocess.PIPE, text=True)
-        assert recorder.stdout is not None
-        url = re.search(r"http://\S+", recorder.stdout.readline())
-        assert url is not None
-        tab = chromium.new_page()
-        tab.goto(url[0])
-        until(lambda: tab.evaluate("hapscene.count >= 5"))
-        tab.keyboard.press("Tab")
-        tab.keyboard.press("Enter")  # the button is the first that is reached
-        told = recorder.communicate(timeout=PATIENCE_S)[0]
-        tab.close()
-    finally:
-        simulator.kill()
-        simulator.communicate()
-    assert recorder.returncode == 0 and "seconds of sliding" in told
-    assert load_record(tmp_path / "a.hsrec").ended == "stopped"
-
-
 def test_a_port_that_is_taken_is_told(live: LiveCoverage) -> None:
     with CoveragePage(live) as page:
         port = int(re.findall(r":(\d+)/", page.url)[0])
         with pytest.raises(HapsceneError, match="--page-port"):
             CoverageProcess(Wanted(), port)
-
-
-@pytest.mark.parametrize("look", ["light", "dark"])
-@pytest.mark.parametrize("size", [(390, 844), (1280, 800)])
-def test_the_page_can_be_read(live: LiveCoverage, chromium: Any, look: str, size: tuple[int, int]) -> None:
-    with CoveragePage(live) as page, chromium.new_context(
-        viewport={"width": size[0], "height": size[1]}, color_scheme=look, bypass_csp=True
-    ) as context:  # fmt: skip
-        tab = context.new_page()
-        wrong: list[str] = []
-        tab.on("pageerror", lambda error: wrong.append(str(error)))
-        tab.goto(page.url)
-        until(lambda: tab.evaluate("hapscene.count >= 1"))
-        assert tab.get_attribute("#plane", "aria-label") == "Force and speed: 2 of 12 cells are filled"
-        assert tab.inner_text("#advice") == json.loads(live.said[0])["advice"]
-        assert tab.evaluate("document.documentElement.scrollWidth") <= size[0]
-        if AXE.is_file():
-            tab.evaluate(AXE.read_text(encoding="utf-8"))
-            assert tab.evaluate(AXE_RUN) == []
-        tab.click("#stop")
-        until(live.stopped.is_set)
-        assert not wrong
 
 
 def test_strangers_and_nonsense_do_nothing(live: LiveCoverage) -> None:
@@ -242,50 +116,3 @@ def test_strangers_and_nonsense_do_nothing(live: LiveCoverage) -> None:
             line.send("quit")
             assert json.loads(line.recv(timeout=PATIENCE_S))["share"]
         assert not live.stopped.is_set()
-
-
-def test_a_recording_is_played_back_to_who_looks_and_as_long_as_they_do(tmp_path: Path) -> None:
-    from websockets.sync.client import connect
-
-    rows = np.c_[np.random.default_rng(0).normal(size=1200), np.full(1200, 1.0), np.full(1200, 0.1)]
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="acceleration,force,speed", comments="")
-    words = [sys.executable, "-m", "hapscene.cli", "capture", "coverage", str(tmp_path / "a.csv"), "--rate", "2000"]
-    words += ["--units", "acceleration=m/s2,force=N,speed=m/s", "--live"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        url = next(word for line in child.stdout for word in line.split() if word.startswith("http"))
-        with connect(url.replace("http", "ws") + "socket", origin=url.rsplit("/", 2)[0]) as line:  # type: ignore[arg-type]
-            while "the recording is over" not in line.recv(timeout=PATIENCE_S):
-                pass
-            assert child.poll() is None
-        told = child.communicate(timeout=PATIENCE_S)[0]
-        assert child.returncode == 0 and "seconds of sliding (0.6 s in all)" in told
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
-def test_a_minute_at_20_updates_a_second(tmp_path: Path, chromium: Any) -> None:
-    """In real time: the simulator loses what is not read in time. For a quiet machine."""
-    words = [sys.executable, "-m", "hapscene.capture.record_simulator", "--rate", f"{RATE_HZ:g}"]
-    simulator = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert simulator.stdout is not None
-    port = simulator.stdout.readline().strip()
-    with CoverageProcess(Wanted()) as page:
-        tab = chromium.new_page()
-        tab.goto(page.url)
-        made: list[Any] = []
-        recorder = threading.Thread(
-            target=lambda: made.append(record(port, tmp_path / "a.hsrec", duration_s=62.0, watch=(page,)))
-        )
-        recorder.start()
-        until(lambda: tab.evaluate("hapscene.count >= 20"))
-        before, begun_s = tab.evaluate("hapscene.count"), time.monotonic()
-        tab.wait_for_timeout(55_000)
-        rate_Hz = (tab.evaluate("hapscene.count") - before) / (time.monotonic() - begun_s)
-        recorder.join(PATIENCE_S)
-        tab.close()
-    simulator.kill()
-    simulator.communicate()
-    print(f"{rate_Hz:.1f} updates a second; {made[0]}")
-    assert made[0].count.dropped == 0 and made[0].count.torn == 0
-    assert rate_Hz > 0.95 / BEAT_S

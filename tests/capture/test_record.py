@@ -4,13 +4,9 @@ import errno
 import itertools
 import os
 import re
-import signal
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +16,8 @@ from hapscene.capture.record import Made, Meter, Watcher, record
 from hapscene.capture.record_file import load_record
 from hapscene.cli import main
 from hapscene.errors import CaptureError
-from hapscene.interrupt import ENDS
 from hapscene.wire.port import Port
 from hapscene.wire.protocol import Column, Count, Header, Run, header_line, sample_line
-from tests.until import until
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
 
@@ -304,131 +298,6 @@ def test_a_port_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.Capture
     assert main(["capture", "record", "--port", "/dev/nothing", "-o", str(tmp_path / "a.hsrec")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("hapscene: /dev/nothing: the port cannot be opened: no such file") and told.count("\n") == 1
-
-
-@contextmanager
-def process(*words: str, **more: object) -> Iterator[subprocess.Popen[str]]:
-    """A process that is killed after `LIMIT_S`, which ends whatever a test reads from it."""
-    child = subprocess.Popen([sys.executable, *words], text=True, **more)
-    watchdog = threading.Timer(LIMIT_S, child.kill)
-    watchdog.start()
-    try:
-        yield child
-    finally:
-        watchdog.cancel()
-        child.kill()
-        child.wait(LIMIT_S)
-        for stream in (child.stdout, child.stderr):
-            if stream is not None:
-                stream.close()
-
-
-def paced(stop: threading.Event, rate_Hz: float = 2000.0) -> Iterator[bytes]:
-    """Samples as the clock has it, the header each second."""
-    start, sent = time.monotonic(), 0
-    while not stop.wait(0.01):
-        due = int((time.monotonic() - start) * rate_Hz)
-        head = HEADER if sent // 2000 < due // 2000 or sent == 0 else b""
-        yield head + b"".join(lines(sent, due))
-        sent = due
-
-
-def test_a_killed_recording_is_readable_up_to_its_last_second(probe: Probe, tmp_path: Path) -> None:
-    """A real process, killed with SIGKILL while it records: what the clock says it had, less a second, is there."""
-    path = tmp_path / "a.hsrec"
-    stop = threading.Event()
-    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
-    with process(*words, stdout=subprocess.PIPE) as child:
-        probe.play(paced(stop), at_once=True)
-        assert child.stdout is not None
-        assert "recording acceleration [m/s2], force [N] at 2000 Hz" in child.stdout.readline()
-        shown = [child.stdout.readline() for _ in range(3)]  # a line of the meter each second
-        child.send_signal(signal.SIGKILL)
-        child.wait(LIMIT_S)
-    stop.set()
-    seconds = float(shown[-1].split()[0])
-    assert seconds > 2.0 and "rms/peak:  acceleration" in shown[-1]
-    kept = load_record(path)
-    assert kept.ended is None
-    assert len(kept.missing) / 2000.0 > seconds - 1.1
-    there = np.flatnonzero(~kept.missing)
-    first = np.rint(kept.streams["force"][0] / 0.01)
-    assert first == pytest.approx(kept.streams["force"][0] / 0.01) and len(there) > 0.9 * len(kept.missing)
-
-
-def number_of(acceleration: float, force: float) -> int:
-    """Which sample has this row, below 1.2 million: both residues are known."""
-    by_37 = (round(acceleration / 0.001) + 2000) * pow(37, -1, 4001) % 4001
-    return int(next(n for n in range(by_37, 4001 * 300, 4001) if n % 300 == round(force / 0.01)))
-
-
-@pytest.mark.soak
-def test_killed_at_a_hundred_random_times_it_is_readable_up_to_the_last_second(tmp_path: Path) -> None:
-    """What the probe had sent when SIGKILL fell is in the file, less at most a second: each sample right."""
-    rng, left_out_s = np.random.default_rng(19), []
-    for turn in range(100):
-        probe, stop, sent, path = Probe(), threading.Event(), [0], tmp_path / f"{turn}.hsrec"
-
-        def counted(stop: threading.Event = stop, sent: list[int] = sent) -> Iterator[bytes]:
-            for part in paced(stop):
-                yield part
-                sent[0] += part.count(b"\n") - part.count(b"#")
-
-        words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
-        with process(*words, stdout=subprocess.PIPE) as child:
-            probe.play(counted(), at_once=True)
-            assert child.stdout is not None and "recording" in child.stdout.readline()
-            begun_s = time.monotonic()
-            time.sleep(rng.uniform(0.0, 4.0))
-            child.send_signal(signal.SIGKILL)
-            sent_then, elapsed_s = sent[0], time.monotonic() - begun_s
-            child.wait(LIMIT_S)
-        stop.set()
-        try:
-            kept = load_record(path)
-        except CaptureError as error:
-            assert "holds no samples" in str(error) and elapsed_s < 0.5, f"turn {turn}, after {elapsed_s:.2f} s"
-        else:
-            there = ~kept.missing
-            acceleration, force = (kept.streams[name][there] for name in ("acceleration", "force"))
-            first, last = number_of(acceleration[0], force[0]), number_of(acceleration[-1], force[-1])
-            assert len(kept.missing) == last - first + 1 and kept.ended is None
-            np.testing.assert_allclose([acceleration, force], truth(first + np.flatnonzero(there)), atol=1e-9)
-            left_out_s.append((sent_then - 1 - last) / 2000.0)
-        probe.close()
-    print(f"left out: median {np.median(left_out_s):.3f} s, most {max(left_out_s):.3f} s of {len(left_out_s)}")
-    assert max(left_out_s) < 1.0
-
-
-@pytest.mark.parametrize("kind", [signal.SIGINT, *ENDS])
-def test_ctrl_c_ends_properly_and_names_the_file(probe: Probe, tmp_path: Path, kind: signal.Signals) -> None:
-    path = tmp_path / "a.hsrec"
-    stop = threading.Event()
-    words = ("-m", "hapscene.cli", "capture", "record", "--port", probe.port, "-o", str(path))
-    with process(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
-        probe.play(paced(stop), at_once=True)
-        assert child.stdout is not None and child.stderr is not None
-        child.stdout.readline()
-        until(lambda: path.stat().st_size > 5000)
-        child.send_signal(kind)
-        said, complained = child.communicate(timeout=120.0)
-        assert child.returncode == 0 and complained == ""
-    stop.set()
-    assert "torn 0, garbage 0: stopped" in said and f"made:\n  {path}  (" in said
-    assert load_record(path).ended == "stopped"
-
-
-def test_the_simulator_is_a_probe(tmp_path: Path) -> None:
-    """Two commands of the documentation: a simulated probe in one process, a recording here."""
-    with process("-m", "hapscene.capture.record_simulator", "--drop", "0.01", stdout=subprocess.PIPE) as child:
-        assert child.stdout is not None
-        port = child.stdout.readline().strip()
-        made = record(port, tmp_path / "a.hsrec", duration_s=0.8)
-    assert made.ended == "the duration was reached" and made.rate_Hz == 3200.0 and made.count.dropped > 0
-    kept = load_record(tmp_path / "a.hsrec")
-    force = kept.streams["force"][~kept.missing]
-    assert set(kept.streams) == {"acceleration", "force", "tangential_force", "speed"} and 0.5 < force.mean() < 2.0
-    assert kept.streams["acceleration"][~kept.missing].std() > 0.05
 
 
 class Terminal:

@@ -54,24 +54,6 @@ def test_a_swatch_a_plot_and_the_numbers(tmp_path: Path, capsys: pytest.CaptureF
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_recordings_along_and_across_are_layers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    paths = [str(write(tmp_path / f"{name}.csv", seed, 20_000)) for seed, name in enumerate(("along", "across"))]
-    across = np.loadtxt(paths[1], delimiter=",", skiprows=1)
-    across[:, 2] = np.convolve(across[:, 2], [1.0, 0.95], "same")
-    np.savetxt(paths[1], across, delimiter=",", header="speed,force,accel,friction", comments="")
-    options = ["-o", str(tmp_path / "oak.swatch"), "--columns", "acceleration=accel", "--units", UNITS]
-    options += ["--rate", "2000", "--order", "4"]
-    assert run(*paths, *options, "--direction", "0,90") == 0
-    texture = load_swatch(tmp_path / "oak.swatch").texture
-    assert texture is not None and texture.layer_by == "axis"
-    np.testing.assert_allclose(np.degrees(texture.layer_at_rad), [0.0, 90.0], atol=1e-6)
-    assert "2 layers by the direction of sliding, to and fro alike, at 0°, 90°" in capsys.readouterr().out
-    with pytest.raises(CaptureError, match="--direction: 3 for 2 recordings"):
-        run(*paths, *options, "--direction", "0,90,45")
-    assert run(*paths, *options, "--direction", "30") == 0
-    assert "changed too little for layers" in load_swatch(tmp_path / "oak.swatch").absent["texture.layers"]
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
 def test_a_recording_of_an_undecodable_name_is_fitted(tmp_path: Path) -> None:
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
@@ -174,11 +156,10 @@ def test_without_a_name_the_swatch_is_called_as_the_recording_and_replaces_none(
 def test_how_the_texture_is_fitted_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = str(write(tmp_path / "a.csv")), tmp_path / "oak.swatch"
     options = ("--rate", "2000", "--columns", "acceleration=accel", "--units", UNITS, "--order", "4")
-    run(path, "-o", str(out), *options, "--interpolation", "direct", "--excitation", "gaussian")
+    run(path, "-o", str(out), *options, "--interpolation", "direct")
     texture = load_swatch(out).texture
     assert texture is not None and texture.interpolation == "direct"
     told = capsys.readouterr()
-    assert "--excitation has no effect any more" in told.err
     said = next(line for line in told.out.splitlines() if "texture:" in line)
     count = sounding(texture)
     assert f"{count} model" in said

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
@@ -27,18 +26,6 @@ def test_a_scene_is_played_for_a_while_and_told(capfd: pytest.CaptureFixture[str
     assert main(["play", DEMO, "--device", "simulated", "--seconds", "1", "--option", "grip=firm"]) == 0
     told = capfd.readouterr().out
     assert "ticks, " in told and "later than a period: " in told and "worst tick " in told
-
-
-@compiled
-def test_ctrl_c_ends_it_with_the_summary() -> None:
-    command = [sys.executable, "-m", "hapscene", "play", DEMO, "--device", "omni"]
-    playing = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    for line in playing.stdout:  # type: ignore[union-attr]
-        if "ticks/s" in line:
-            break
-    playing.send_signal(2)
-    out, errors = playing.communicate(timeout=120.0)
-    assert playing.returncode == 0 and "later than a period" in out and errors == ""
 
 
 @pytest.mark.parametrize(

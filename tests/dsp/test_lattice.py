@@ -55,7 +55,7 @@ def test_many_samples_at_once_are_those_one_after_the_other_to_the_bit(order: in
 
 
 def voice(order: int) -> np.void:
-    fields = [*voice_fields(order), ("life", (1,)), ("norm", (2,)), ("state", (2,)), ("fade", ())]
+    fields = [*voice_fields(order), ("life", (1,)), ("norm", (2,))]
     return np.zeros(1, [(name, float, shape) for name, shape in fields])[0]
 
 
@@ -67,10 +67,8 @@ def run(k: np.ndarray, level: np.ndarray, block: int, count: int, last: float = 
 
 
 def play_on(s, k, level, block, rng, out, warp=0.0) -> None:
-    order, still, rest = np.array([k.shape[1]]), np.zeros((1, 3)), np.zeros(level.size)
-    run_texture(
-        s, k[None], order, level[None], np.array([warp]), still, np.zeros(2), 1.0, rest, 1.0, block, 1, rng, out
-    )
+    s["order"], s["warp"] = k.shape[1], warp
+    run_texture(s, k, level, np.zeros(3), np.zeros(level.size), 1.0, block, 1, rng, out)
 
 
 def test_the_level_is_ramped_over_each_block_to_its_own() -> None:

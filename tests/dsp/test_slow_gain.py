@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from hapscene.dsp.noise import normal, seeded_state
-from hapscene.dsp.slow_gain import BOUND, advance_gain, advance_state, draw_state, log_power
+from hapscene.dsp.slow_gain import BOUND, advance_gain, log_power
 
 ROWS = np.array([9.0, 0.3, 40.0, 0.0, 0.4, 0.0, 500.0, 0.2, 20.0, 200.0])  # three processes, from 1 on
 SPREAD, DECAY_1_S, DECAY_1_M = ROWS[1:].reshape(3, 3).T
@@ -67,26 +67,3 @@ def test_two_steps_of_half_the_length_have_the_law_of_one() -> None:
             left.append(x[0])
         assert np.mean(left * half) == pytest.approx(np.exp(-0.5) * np.mean(half**2), abs=0.02)
         assert np.var(left) == pytest.approx(1.0, abs=0.03)
-
-
-@pytest.mark.parametrize("tick_s", [1e-3, 7e-3])
-def test_states_last_as_long_as_they_should(tick_s: float) -> None:
-    """Exponential, so mean and deviation are one; their shares of time are those of the mean times."""
-    rng, state, here_s, other_s = seeded_state(0, "state"), np.zeros(2), 0.3, 0.1
-    draw_state(rng, here_s, other_s, state)
-    seen, lasted, since = [], ([], []), 0
-    for i in range(300_000):
-        before = int(state[0])
-        if advance_state(rng, here_s, other_s, tick_s, state):
-            lasted[before].append((i - since) * tick_s)
-            since = i
-        seen.append(state[0])
-    assert np.mean(seen) == pytest.approx(0.25, abs=0.03)
-    for times, mean_s in zip(lasted, (here_s, other_s), strict=True):
-        assert np.mean(times) == pytest.approx(mean_s, rel=0.1)
-        assert np.std(times) == pytest.approx(mean_s, rel=0.12)
-    drawn = []
-    for _ in range(4000):
-        draw_state(rng, here_s, other_s, state)
-        drawn.append(state[0])
-    assert np.mean(drawn) == pytest.approx(0.25, abs=0.03)

@@ -1,4 +1,4 @@
-"""A scene of three shapes, and the same at two coarser levels."""
+"""A scene of three shapes, and a coarser level of detail of each."""
 
 import numpy as np
 import pytest
@@ -30,12 +30,11 @@ def scene_of(kind, swatch="wood"):
 
 @pytest.fixture(scope="session")
 def fidelity():
-    """The fidelity of a kind of scene: ever coarser meshes, ever shorter filters, at last no texture and friction."""
-    swatches = (SwatchFidelity(), SwatchFidelity(order=5), SwatchFidelity(left_out=("lpc_texture", "friction")))
+    """The fidelity of a kind of scene: a coarser mesh, a shorter filter, and maybe effects that are left out."""
 
-    def make(kind, **more):
-        levels = zip(meshes(kind), swatches, strict=True)
-        return Fidelity(tuple(Level({"body": BodyFidelity(m)}, {"wood": s}) for m, s in levels), **more)
+    def make(kind, *left_out):
+        mesh = BodyFidelity(meshes(kind)[1])
+        return Fidelity(Level({"body": mesh}, {"wood": SwatchFidelity(order=5, left_out=left_out)}))
 
     return make
 

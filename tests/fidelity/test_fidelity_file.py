@@ -13,6 +13,7 @@ from hapscene.fidelity.coarser_mesh import coarser_mesh
 from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
 from hapscene.fidelity.fidelity_file import (
     FidelityError,
+    FidelityWarning,
     fidelity_beside,
     load_fidelity,
     save_fidelity,
@@ -35,15 +36,9 @@ def scene():
 @pytest.fixture
 def fidelity(scene):
     names = [swatch.name for swatch in scene.swatches]
-    levels = [
-        Level(
-            {"body": BodyFidelity(coarser_mesh(scene.bodies[0], count, names))},
-            {"wood": SwatchFidelity(order, 4, ("tap",))},
-            TOLD,
-        )
-        for count, order in ((2560, 5), (1280, 3))
-    ]
-    return Fidelity((*levels, Level()), MADE)
+    mesh = coarser_mesh(scene.bodies[0], 2560, names)
+    level = Level({"body": BodyFidelity(mesh)}, {"wood": SwatchFidelity(5, 4, ("tap",))}, TOLD)
+    return Fidelity(level, MADE)
 
 
 @pytest.fixture
@@ -55,19 +50,28 @@ def file(tmp_path, scene, fidelity):
 
 def test_what_was_saved_is_read_to_the_bit(file, scene, fidelity):
     read = load_fidelity(file, scene)
-    assert read.made == MADE and len(read.levels) == 3
-    for was, now in zip(fidelity.levels, read.levels, strict=True):
-        assert now.swatches == was.swatches and now.told == was.told and now.bodies.keys() == was.bodies.keys()
-        for name, body in was.bodies.items():
-            mesh = now.bodies[name].mesh
-            assert mesh.digest == body.mesh.digest
-            assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
+    was, now = fidelity.level, read.level
+    assert read.made == MADE
+    assert now.swatches == was.swatches and now.told == was.told and now.bodies.keys() == was.bodies.keys()
+    for name, body in was.bodies.items():
+        mesh = now.bodies[name].mesh
+        assert mesh.digest == body.mesh.digest
+        assert mesh.group_names == body.mesh.group_names and np.array_equal(mesh.group, body.mesh.group)
+
+
+def test_of_several_levels_the_first_is_read_with_a_warning(file, scene, fidelity):
+    content = json.loads(file.read_text())
+    content["levels"].append({"told": {}, "bodies": {"gone": {"mesh": None}}, "swatches": {}})
+    file.write_text(json.dumps(content))
+    with pytest.warns(FidelityWarning):
+        read = load_fidelity(file, scene)
+    assert read.level.swatches == fidelity.level.swatches
 
 
 def test_the_demo_comes_with_its_own():
     assets = Path(__file__).parents[2] / "assets"
     scene = hapscene.load_scene(assets / "demo.scene.json")
-    first, *_ = load_fidelity(assets / "demo.fidelity.json", scene).levels
+    first = load_fidelity(assets / "demo.fidelity.json", scene).level
     assert first.told["error_jnd"] <= 1.0 and first.told["faces"] < 0.5 * sum(len(b.mesh.faces) for b in scene.bodies)
 
 
@@ -76,7 +80,7 @@ def test_what_it_saves_is_told_in_a_line(file, scene):
     assert saving_words(file.with_name("none.fidelity.json"), scene) == ""
     assert "run `hapscene tune`" in saving_words(file, scene_of("torus"))
     for told, made in (({"faces": 10**400}, {}), ({}, {"untuned_tick_median_us": "4"})):  # by another hand
-        save_fidelity(Fidelity((Level(told=TOLD | told),), MADE | made), file, scene)
+        save_fidelity(Fidelity(Level(told=TOLD | told), MADE | made), file, scene)
         assert saving_words(file, scene) == "tuned"
     assert fidelity_beside("a/x.scene.json").as_posix() == fidelity_beside("a/x.ply").as_posix() == "a/x.fidelity.json"
 
@@ -102,7 +106,7 @@ def test_a_scene_that_stands_elsewhere_is_the_same(file, scene):
     X_WB = np.eye(4)
     X_WB[:3, 3] = 0.1
     scene.pose("body", X_WB)
-    assert len(load_fidelity(file, scene).levels) == 3
+    assert load_fidelity(file, scene).made == MADE
 
 
 LEVEL = ("levels", 0)
@@ -115,8 +119,7 @@ BODY, SWATCH = (*LEVEL, "bodies", "body"), (*LEVEL, "swatches", "wood")
         (("version",), 2, "update hapscene"),
         (("format",), "hapscene scene", "not a fidelity"),
         (("scene",), "ab", "SHA-256"),
-        (("levels",), [], "levels must be a list of 1 to 16"),
-        (("levels",), [{"told": {}, "bodies": {}, "swatches": {}}] * 17, "one of 17"),
+        (("levels",), [], "levels must be a list of one level"),
         (("made", "device"), ["omni"], "plain value"),
         (("more",), 1, "unknown key 'more'"),
         ((*LEVEL, "told", "error_jnd"), "0", "plain value"),
@@ -162,22 +165,22 @@ def test_a_mesh_that_was_changed_is_refused(file, scene):
 
 def test_numbers_that_are_none_are_not_written(tmp_path, scene):
     with pytest.raises(ValueError):
-        save_fidelity(Fidelity((Level(told={"error_jnd": math.nan}),)), tmp_path / "x.fidelity.json", scene)
+        save_fidelity(Fidelity(Level(told={"error_jnd": math.nan})), tmp_path / "x.fidelity.json", scene)
     assert not list(tmp_path.iterdir())
 
 
 def test_meshes_go_with_the_file_and_stay_with_a_scene_that_names_them(file, scene, fidelity):
-    coarse = fidelity.levels[0].bodies["body"].mesh
+    coarse = fidelity.level.bodies["body"].mesh
     other = hapscene.Scene()
     other.add(replace(coarse, path=next(file.parent.glob(f"*{'.ply'}"))), name="coarse")
     meshes = set(file.parent.glob("*.ply"))
-    assert len(meshes) == 2
+    assert len(meshes) == 1
     kept = other.bodies[0].mesh.path
     other.save(file.parent / "other.scene.json")
-    save_fidelity(Fidelity((Level(),)), file, scene)
+    save_fidelity(Fidelity(), file, scene)
     assert set(file.parent.glob("*.ply")) == {kept}
 
 
 def test_another_suffix_is_refused(tmp_path, scene):
     with pytest.raises(FidelityError, match=r"ends in \.fidelity\.json"):
-        save_fidelity(Fidelity((Level(),)), tmp_path / "x.json", scene)
+        save_fidelity(Fidelity(), tmp_path / "x.json", scene)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hapscene.paint.web.page import Page
 
     from .tab import Tab
+    from .window import Window
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:
@@ -101,9 +102,19 @@ def tab(page: "Page") -> "Iterator[Tab]":
 
 
 @pytest.fixture(scope="module")
-def browser() -> "Iterator[Any]":
-    """Debian's Chromium, headless."""
-    from hapscene_benchmarks.paint_browser import browser
+def window(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Window]":
+    """A window on the page of a ball of wood; epoxy is at hand."""
+    from hapscene.paint.session import Session
+    from hapscene.paint.web.page import Page
 
-    with browser() as made:
-        yield made
+    from .window import Window
+
+    folder = tmp_path_factory.mktemp("browser")
+    scene = hapscene.Scene()
+    scene.add(mesh_of(icosphere(subdivisions=4, radius=0.03)), name="ball", swatch="wood")
+    scene.swatch_index("epoxy")
+    scene.save(folder / "ball.scene.json")
+    session = Session.open(folder / "ball.scene.json")
+    with library_in(folder), Page(session, port=0) as page:
+        yield Window(browser, page)
+    session.document.close()

@@ -91,7 +91,6 @@ def walk(ticks, seed: int, count: int = 300, large: float = 1.0) -> np.ndarray:
         v_WT_m_s=v,
         body=np.where(touching, np.arange(count) // 40 % 3, -1),
         inside=np.repeat(rng.integers(0, 3, count // 20), 20),
-        stepped=np.arange(count) % 97 == 50,
         inside_body=np.where(rng.random((count, 1)) > 0.1, np.arange(PASSED_MAX), np.arange(PASSED_MAX)[::-1]),
         inside_X_WB=np.concatenate((turned.ravel(), large * rng.normal(0, 1e-3, 3))),
     )

@@ -1,11 +1,5 @@
 """A sitting keeps every answer, and goes on where it was: killed at any time, in the same order."""
 
-import os
-import random
-import signal
-import subprocess
-import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,64 +64,6 @@ def test_stopped_after_each_answer_it_is_the_same(whole: list[dict[str, str]], t
         assert sitting.trial is None
         with pytest.raises(StudyError, match="all 34 trials are answered"):
             sitting.answer(0, latency_s=0.5)
-    assert answers(tmp_path) == whole
-
-
-KILLED = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from study.test_sitting import PLAN, Sitting, choice
-with Sitting(PLAN, sys.argv[2], "P01") as sitting:
-    while sitting.trial is not None:
-        number = sitting.trial.number
-        sitting.answer(choice(sitting.trial), latency_s=0.5)
-        print(number, flush=True)
-"""
-
-
-def killed(folder: Path, times: int, draw: random.Random) -> int:
-    """Sits in processes, each killed without warning after some answers; how many rows were torn.
-
-    Every answer that a process has told of is in the file afterwards. Half of the times, what a kill in the middle of
-    a write leaves is added, as the row is too short to be caught in it often.
-    """
-    torn = 0
-    for _ in range(times):
-        with subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(folder)],
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as process:
-            told = -1
-            for _ in range(draw.randint(1, 6)):
-                told = int(process.stdout.readline() or told)
-            os.kill(process.pid, signal.SIGKILL)
-            told = max([told, *(int(line) for line in process.stdout if line.endswith("\n"))])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # should the kill have torn a row
-            rows = load_rows(folder / "results.csv")
-        assert [int(row["trial"]) for row in rows] == list(range(len(rows))) and len(rows) > told
-        if draw.random() < 0.5:
-            with (folder / "results.csv").open("ab") as file:
-                file.write(b"P01,0,headphones,"[: draw.randint(1, 17)])
-            torn += 1
-            with Sitting(PLAN, folder, "P01") as sitting:
-                assert sitting.cut_B > 0 and sitting.done == len(rows)
-    return torn
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no such kill")
-def test_killed_it_goes_on_at_the_next_trial(whole: list[dict[str, str]], tmp_path: Path) -> None:
-    assert killed(tmp_path, 4, random.Random(3)) > 0
-    sit(PLAN, tmp_path, "P01")
-    assert answers(tmp_path) == whole
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(10))
-def test_killed_at_random_again_and_again(whole: list[dict[str, str]], tmp_path: Path, seed: int) -> None:
-    killed(tmp_path, 8, random.Random(seed))
-    sit(PLAN, tmp_path, "P01")
     assert answers(tmp_path) == whole
 
 

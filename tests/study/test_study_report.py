@@ -1,11 +1,10 @@
 """The report on a study: its numbers are those of the statistics, and it claims no more."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,7 +16,6 @@ from hapscene.study.plan import parse_plan
 from hapscene.study.sitting import Sitting
 from hapscene.study.statistics import analyse
 from hapscene.study.study_report import report, shown, write_report
-from tests.chromium import AXE, AXE_RUN, launched
 
 from .people import Truth, simulate
 
@@ -168,22 +166,3 @@ def test_a_number_is_said_with_its_interval() -> None:
     assert shown(Estimate(1.234, -0.5, 2.0), "dB") == "1.23 dB (−0.5 to 2)"
     assert shown(Estimate(inf, 2.0, inf)) == "beyond all bounds (at least 2)"
     assert shown(Estimate(3.0, -inf, inf)) == "3 (no interval)" and shown(Estimate(3.0, -inf, 4.0)) == "3 (at most 4)"
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with launched() as browser:
-        yield browser
-
-
-@pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
-def test_it_is_read_by_who_cannot_see_and_on_a_phone(folder: Path, chromium: Any) -> None:
-    write_report(folder, folder / "report.html")
-    for scheme, width in (("light", 1200), ("dark", 390)):
-        looks = {"viewport": {"width": width, "height": 844}, "color_scheme": scheme, "bypass_csp": True}
-        with chromium.new_context(**looks) as context:
-            tab = context.new_page()
-            tab.goto((folder / "report.html").as_uri())
-            tab.evaluate(AXE.read_text(encoding="utf-8"))
-            assert tab.evaluate(AXE_RUN) == [], scheme
-            assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), scheme

@@ -201,12 +201,11 @@ def test_it_stays_on_the_surface_of_a_body_that_takes_another_shape():
     assert ((recording.swatch == 2) == (distance_m < 0))[sure].all() and sure.sum() > 600
 
 
-def test_levels_of_a_fidelity_feel_it_and_a_coarser_mesh_is_refused():
+def test_a_fidelity_keeps_the_borders_and_a_coarser_mesh_is_refused():
     scene = scene_of((SOFT, Sphere(CENTRE, RADIUS_M), 0.002))
     shorter = Level({}, {"hard": SwatchFidelity(order=1)})
-    renderer = hapscene.Renderer(scene, fidelity=Fidelity((Level({}, {}), shorter)))
+    renderer = hapscene.Renderer(scene, fidelity=Fidelity(shorter))
     want = hapscene.Renderer(scene).run(stroke(0.6))
-    renderer.level = 1
     np.testing.assert_array_equal(renderer.run(stroke(0.6)).swatch, want.swatch)
     coarse = Mesh(scene.bodies[0].mesh.vertices_m, scene.bodies[0].mesh.faces)
     with pytest.raises(SceneError, match="painted finer than its faces, so it has no coarser mesh"):

@@ -15,7 +15,7 @@ from hapscene.surface import swatch_file
 from hapscene.surface.library import load_swatch, shipped_swatches
 from hapscene.surface.life import Life
 from hapscene.surface.swatch import PLAIN, Swatch
-from hapscene.surface.swatch_file import save_swatch, swatch_from_json, swatch_to_json
+from hapscene.surface.swatch_file import SwatchWarning, save_swatch, swatch_from_json, swatch_to_json
 from hapscene.surface.taps import TAP_ROWS, Taps
 from hapscene.surface.texture import Texture
 
@@ -23,13 +23,9 @@ from hapscene.surface.texture import Texture
 def make_swatch(seed: int = 0) -> Swatch:
     rng = np.random.default_rng(seed)
     a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 12)))
-    other = Texture.from_models(
-        1e4 / 3, [1.0], [0.1], a=a[:1], variance_m2_s4=[1 / 3], life=Life([0.1], [1 / 3], [0.0])
-    )
     texture = Texture.from_models(
         1e4 / 3, rng.uniform(1, 2, 3), rng.uniform(0.1, 0.2, 3), a=a, variance_m2_s4=rng.uniform(0, 1, 3), warp=2 / 3,
-        exponents=rng.uniform(0, 2, 2), life=Life([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]), other=other,
-        dwell_s=rng.uniform(0.1, 1, 2),
+        exponents=rng.uniform(0, 2, 2), life=Life([0.3, 1 / 3], [7.0, 0.0], [0.0, 1e3 / 7]),
     )  # fmt: skip
     waves = rng.standard_normal((2, 5))
     taps = Taps([0.1, 1 / 3], rng.uniform(0, 9, 2), rng.uniform(50, 200, 2), rng.uniform(50, 200, 2), waves, 1e4 / 3)
@@ -73,7 +69,7 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest
 
 def test_a_file_of_the_first_version_is_read_and_its_noise_passed_over() -> None:
     content = json.loads(swatch_to_json(make_swatch()))
-    for key in ("warp", "exponents", "life", "dwell_s", "other"):
+    for key in ("warp", "exponents", "life"):
         del content["texture"][key]
     plain = swatch_from_json(json.dumps(content))
     assert plain.texture is not None and plain.texture.life is None and plain.texture.warp == 0.0
@@ -136,7 +132,6 @@ BAD = {
     "warp": (edit(("texture", "warp"), "much"), "texture.warp must be a finite number"),
     "many exponents": (edit(("texture", "exponents"), [1.5] * 9999), r"not \[1\.5, 1\.5, 1\.5\]$"),
     "life": (edit(("texture", "life", "spread"), [1.0]), "life: decay_1_s must have shape"),
-    "a third state": (edit(("texture", "other", "other"), {}), r"texture\.other\.other: there are two states at most"),
     "later version": (edit(("version",), 5), "format version 5 is later than 4.*update"),
     "no version": (edit(("version",), None), "version must be"),
     "NaN": (edit(("damping_Ns_m",), float("nan")), "NaN"),
@@ -213,43 +208,18 @@ def test_tool_and_tip_are_of_version_4_and_what_has_none_stays_as_it_was() -> No
             replace(PLAIN, tip=bad)
 
 
-def layered_swatch() -> Swatch:
-    texture = make_swatch().texture
-    assert texture is not None
-    alone = replace(texture, other=None, dwell_s=np.zeros(2), life=None)
-    of = (alone, replace(alone, variance_m2_s4=alone.variance_m2_s4 / 3.0))
-    whole = replace(alone, life=texture.life, layers=of, layer_at_rad=(0.1, 1 / 3), layer_by="contact_angle")
-    return replace(make_swatch(), texture=whole)
-
-
-def test_layers_come_back_to_the_bit_and_older_readers_refuse_them() -> None:
-    swatch = layered_swatch()
-    text = swatch_to_json(swatch)
-    again = swatch_from_json(text)
-    assert again == swatch and swatch_to_json(again) == text and again.texture is not None
-    assert [one.power([1.0], [0.1])[0] for one in again.texture.layers] == [
-        one.power([1.0], [0.1])[0] for one in swatch.texture.layers
-    ]
-    assert json.loads(text)["version"] == 4
-    with pytest.raises(SwatchError, match=r"unknown key 'texture\.layer_by'"):
-        swatch_from_json(text.replace('"version": 4', '"version": 3'))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: t.pop("layer_by"), "key 'texture.layer_by' is missing"),
-        (lambda t: t.update(layers=t["layers"][:1]), "texture.layers must be a list of 2 to 8 textures"),
-        (lambda t: t.update(layers=t["layers"] * 5), "texture.layers must be a list of 2 to 8 textures"),
-        (lambda t: t.update(layers=[None, None]), "texture.layers must be a list of 2 to 8 textures"),
-        (lambda t: t["layers"][1].update(layers=[]), r"unknown key 'texture.layers\[1\].layers'"),
-        (lambda t: t.update(layer_by="x"), "layer_by must be one of direction, axis, contact_angle"),
-        (lambda t: t.update(layer_at_rad=[0.2, 0.1]), "layer_at_rad must be 2 angles, ascending"),
-        (lambda t: t["layers"][0]["lsf_rad"][0].__setitem__(0, 9.0), "unstable"),
-    ],
-)
-def test_layers_of_a_strangers_file_are_checked(change, message: str) -> None:
-    content = json.loads(swatch_to_json(layered_swatch()))
-    change(content["texture"])
-    with pytest.raises(SwatchError, match=message):
-        swatch_from_json(json.dumps(content))
+@pytest.mark.parametrize("kind", ["state", "layers"])
+def test_a_second_state_and_layers_of_earlier_versions_are_ignored_with_a_warning(kind: str) -> None:
+    swatch = replace(make_swatch(), tool="steel probe")
+    content = json.loads(swatch_to_json(swatch))
+    texture = json.loads(json.dumps(content["texture"]))
+    if kind == "state":
+        content["texture"] |= {"dwell_s": [1.0, 0.2], "other": texture}
+    else:
+        content["texture"] |= {"layer_by": "axis", "layer_at_rad": [0.1, 1.0], "layers": [texture, texture]}
+        content["effects"]["lpc_texture"] = {"angle_deg": 30.0}
+    with pytest.warns(SwatchWarning) as warned:
+        again = swatch_from_json(json.dumps(content))
+    assert len(warned) == 1
+    assert again.texture == swatch.texture
+    assert "angle_deg" not in again.effects.get("lpc_texture", {})

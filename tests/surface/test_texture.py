@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial.polynomial import polymul, polypow
-from numpy.typing import ArrayLike
 from scipy.signal import freqz, lfilter
 
 from hapscene.constants import LEVEL_BOUND_DB
@@ -26,7 +25,9 @@ def make_texture(order: int = 20, count: int = 5, seed: int = 0, interpolation: 
     k[:, 0] = rng.uniform(-0.98, -0.8, count)
     force, speed = rng.uniform(0.3, 3.0, count), rng.uniform(0.03, 0.3, count)
     variance = rng.uniform(0.1, 10.0, count)
-    return Texture.from_models(10_000.0, force, speed, ar_from_reflection(k), variance, interpolation)
+    return Texture.from_models(
+        10_000.0, force, speed, a=ar_from_reflection(k), variance_m2_s4=variance, interpolation=interpolation
+    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -56,7 +57,7 @@ def test_triangles_fill_the_rectangle(count: int, seed: int) -> None:
 
 def test_a_model_stands_where_it_was_put() -> None:
     a = ar_from_reflection(np.array([[-0.9, 0.5], [-0.5, 0.2], [-0.8, 0.1]]))
-    texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a, [1.0, 2.0, 3.0])
+    texture = Texture.from_models(5000.0, [1.0, 2.0, 2.0], [0.1, 0.1, 0.2], a=a, variance_m2_s4=[1.0, 2.0, 3.0])
     for i, (force, slip) in enumerate([(1.0, 0.1), (2.0, 0.1), (2.0, 0.2)]):
         got, variance = texture.model(force, slip)
         assert np.allclose(got, a[i], atol=1e-12)
@@ -74,7 +75,7 @@ def test_no_force_or_no_speed_is_silence_and_above_the_maxima_is_the_maximum() -
 
 def test_level_rises_from_silence_along_the_diagonal() -> None:
     a = ar_from_reflection(np.array([-0.9, 0.5]))
-    texture = Texture.from_models(10_000.0, [2.0], [0.2], a, [1.0])
+    texture = Texture.from_models(10_000.0, [2.0], [0.2], a=a, variance_m2_s4=[1.0])
     share = np.linspace(0.0, 1.0, 9)
     assert np.allclose(texture.power(2.0 * share, 0.2 * share), share * power_gain(a), atol=1e-12)
 
@@ -97,7 +98,7 @@ def test_synthesised_power_is_the_stated_power() -> None:
 def test_arrays_are_read_only_and_copies() -> None:
     force = np.array([1.0, 2.0])
     a = ar_from_reflection(np.full((2, 3), 0.1))
-    texture = Texture.from_models(1000.0, force, [0.1, 0.2], a, [1.0, 1.0])
+    texture = Texture.from_models(1000.0, force, [0.1, 0.2], a=a, variance_m2_s4=[1.0, 1.0])
     force[0] = 9.0
     assert texture.force_max_N == 2.0
     with pytest.raises(ValueError, match="read-only"):
@@ -123,17 +124,11 @@ def test_what_does_not_fit_is_refused() -> None:
         "name models": {"triangles": [[0, 1, 99]]},
         "interpolation": {"interpolation": "cubic"},
     }
-    twice = replace(good, other=good, dwell_s=(1.0, 1.0))
     cases |= {
         "warp must be": {"warp": 1.0},
         "exponents must be two": {"exponents": [1.0]},
         "not .nan": {"exponents": [np.nan, 0.0]},
-        "there are two at most": {"other": twice, "dwell_s": (1.0, 1.0)},
-        "made for 5000 Hz": {"other": replace(good, rate_Hz=5000.0), "dwell_s": (1.0, 1.0)},
-        "dwell_s must be two times": {"other": good},
-        "where there is no other": {"dwell_s": (1.0, 1.0)},
         "life must be a Life or None, is dict": {"life": {"spread": [0.3]}},
-        "other must be a Texture or None, is 'squeal'": {"other": "squeal", "dwell_s": (1.0, 1.0)},
     }
     for message, change in cases.items():
         with pytest.raises(SwatchError, match=message):
@@ -218,7 +213,9 @@ def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolatio
     k[::2, 0], k[1::2, 0] = -0.98, 0.98
     a = ar_from_reflection(k)
     force, speed = rng.uniform(0.3, 3.0, 6), rng.uniform(0.03, 0.3, 6)
-    texture = Texture.from_models(10_000.0, force, speed, a, 1.0 / power_gain(a), interpolation)
+    texture = Texture.from_models(
+        10_000.0, force, speed, a=a, variance_m2_s4=1.0 / power_gain(a), interpolation=interpolation
+    )
     places = rng.uniform(0.05, 1.1, (300, 2)) * (texture.force_max_N, texture.speed_max_m_s)
     filters_a, variance = texture.models(*places.T)
     gain = power_gain(filters_a)
@@ -235,11 +232,13 @@ def test_between_unlike_models_all_is_stable_and_the_power_is_right(interpolatio
 
 def test_coefficients_of_a_single_filter_are_told() -> None:
     a = ar_from_reflection([-0.9, 0.4])
-    one = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], [a, a], [1.0, 3.0])
+    one = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], a=[a, a], variance_m2_s4=[1.0, 3.0])
     assert one.single
     k, power = one.lattice([2.0, 0.5, 0.0], [0.2, 0.1, 0.1])
     assert k.shape == (1, 2) and power[2] == 0.0 and power[0] == pytest.approx(3.0 * power_gain(a))
-    two = Texture.from_models(1000.0, [1.0, 2.0], [0.1, 0.2], [a, ar_from_reflection([0.3, 0.1])], [1.0, 3.0])
+    two = Texture.from_models(
+        1000.0, [1.0, 2.0], [0.1, 0.2], a=[a, ar_from_reflection([0.3, 0.1])], variance_m2_s4=[1.0, 3.0]
+    )
     assert not two.single
     k, power = two.lattice([2.0, 0.5, 0.0], [0.2, 0.1, 0.1])
     assert k.shape == (3, 2)
@@ -255,11 +254,10 @@ def test_textures_are_equal_by_all_that_they_hold() -> None:
         assert texture != replace(texture, **{name: 0.999 * getattr(texture, name)}), name
     assert texture != replace(texture, triangles=texture.triangles[::-1])
     more = {"warp": 0.5, "exponents": (1.0, 0.0), "life": Life([0.3], [20.0], [0.0])}
-    more |= {"dwell_s": (1.0, 2.0), "other": texture}
     changed = replace(texture, **more)
     assert changed == replace(texture, **more)
-    for name in ("warp", "exponents", "life", "other"):
-        kept = {key: value for key, value in more.items() if key != name and (name, key) != ("other", "dwell_s")}
+    for name in more:
+        kept = {key: value for key, value in more.items() if key != name}
         assert changed != replace(texture, **kept), name
 
 
@@ -325,86 +323,14 @@ def test_a_warped_texture_keeps_its_spectrum_without_warp(name: str) -> None:
 
 
 def test_a_warped_texture_is_truncated_to_the_same_power_and_lags() -> None:
-    wood, leather = (replace(load_swatch(name).texture, life=None) for name in ("wood", "leather"))
-    texture = replace(wood, other=leather, dwell_s=(1.0, 1.0))
+    texture = replace(load_swatch("wood").texture, life=None)
     short = texture.truncated(5)
-    assert short.order == short.other.order == 5 and short.warp == wood.warp > 0.0
+    assert short.order == 5 and short.warp == texture.warp > 0.0
     place = [texture.force_max_N], [texture.speed_max_m_s]
     assert short.power(*place) == pytest.approx(texture.power(*place))
-    assert texture.truncated(6).other == texture.other
     living = replace(texture, life=Life([0.3], [20.0], [0.0]))
     for made in (living.truncated(5), living.resampled(5000.0), living.unwarped()):
-        assert made.life == living.life and np.array_equal(made.dwell_s, living.dwell_s)
-        assert made.other.rate_Hz == made.rate_Hz
-
-
-def layered(by: str = "axis", at_rad: ArrayLike = (0.2, 1.1, 2.4), **fields: object) -> Texture:
-    """Three layers unlike one another, of one order."""
-    rng = np.random.default_rng(5)
-    of = [
-        Texture.from_models(
-            2000.0, [0.5, 1.0], [0.1, 0.2], a=ar_from_reflection(rng.uniform(-0.6, 0.6, (2, 6))),
-            variance_m2_s4=rng.uniform(0.5, 2.0, 2), exponents=(0.5, 2.0),
-        )
-        for _ in range(4)
-    ]  # fmt: skip
-    return replace(of[0], **({"layers": of[1:], "layer_at_rad": at_rad, "layer_by": by} | fields))
-
-
-def test_at_a_layer_it_is_that_one_and_between_two_their_blend() -> None:
-    texture = layered()
-    force, speed, at_Hz = np.array([0.3, 0.8, 2.0]), np.array([0.05, 0.15, 0.3]), np.geomspace(20.0, 900.0, 40)
-    for angle, one in zip(texture.layer_at_rad, texture.layers, strict=True):
-        for turned in (angle, angle + np.pi, angle - 5.0 * np.pi):
-            found = texture.density(force, speed, frequency_Hz=at_Hz, third_rad=np.full(3, turned))
-            np.testing.assert_allclose(found, one.density(force, speed, frequency_Hz=at_Hz), rtol=1e-6)
-    for angle, parts, weight in ((0.65, (0, 1), 0.5), (2.4 + 0.25 * (np.pi - 2.2), (2, 0), 0.25), (0.0, (2, 0), None)):
-        weight = (angle + np.pi - 2.4) / (np.pi - 2.2) if weight is None else weight
-        k, power = texture.lattice(force, speed, third_rad=angle + np.zeros(3))
-        ends = [texture.layers[i].lattice(force, speed) for i in parts]
-        np.testing.assert_allclose(k, (1.0 - weight) * ends[0][0] + weight * ends[1][0], atol=1e-12)
-        np.testing.assert_allclose(power, (1.0 - weight) * ends[0][1] + weight * ends[1][1], rtol=1e-12)
-        np.testing.assert_allclose(texture.power(force, speed, third_rad=angle + np.zeros(3)), power, rtol=1e-12)
-        a, variance = texture.models(force, speed, third_rad=angle + np.zeros(3))
-        np.testing.assert_allclose(variance * power_gain(a), power, rtol=1e-9)
-    plain = replace(texture, layers=(), layer_at_rad=(), layer_by="")
-    np.testing.assert_array_equal(texture.power(force, speed), plain.power(force, speed))  # who knows no angle
-    assert texture != plain and texture == replace(texture)
-
-
-def test_layers_go_along_to_another_rate_order_and_axis() -> None:
-    texture = layered()
-    for change in (lambda t: t.resampled(5000.0), lambda t: t.truncated(3), lambda t: t.unwarped()):
-        made = change(texture)
-        assert made.layers == tuple(change(one) for one in texture.layers) and made.layer_by == "axis"
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"layers": ()}, "must be empty where there are no layers"),
-        ({"layer_by": "colour"}, "layer_by must be one of direction, axis, contact_angle"),
-        ({"layer_at_rad": (0.1, 0.1, 2.0)}, "layer_at_rad must be 3 angles, ascending from 0 to below 3.142"),
-        ({"layer_at_rad": (0.1, 1.0, 3.2)}, "ascending from 0 to below 3.142"),
-        ({"layer_at_rad": (0.1, 1.0)}, "must be 3 angles"),
-        ({"layer_at_rad": (0.1, 1.0, np.nan)}, "must be 3 angles"),
-        ({"layers": "abc"}, "layers must be 2 to 8 textures"),
-        ({"life": None, "other": layered().layers[0], "dwell_s": (1.0, 1.0)}, "with layers there is no other state"),
-    ],
-)
-def test_layers_that_are_none(change: dict[str, object], message: str) -> None:
-    with pytest.raises(SwatchError, match=message):
-        layered(**change)
-
-
-def test_layers_are_of_their_texture_s_kind() -> None:
-    texture = layered()
-    for other, name in ((texture.resampled(4000.0), "rate_Hz"), (texture.truncated(3), "order")):
-        with pytest.raises(SwatchError, match=f"its layers must have its own {name}"):
-            replace(texture, layers=(*texture.layers[:2], other.layers[2]))
-    for one in (texture, replace(texture.layers[0], life=Life([0.3], [20.0], [0.0]))):
-        with pytest.raises(SwatchError, match="a layer has neither layers nor life"):
-            replace(texture, layers=(*texture.layers[:2], one))
+        assert made.life == living.life
 
 
 @pytest.mark.parametrize("rate_Hz", [2000.0, 5000.0])

@@ -202,7 +202,7 @@ def test_what_a_fidelity_file_beside_the_scene_saves_is_told(page: Page, tab: Ta
     told_of = {"faces": 320.0, "error_jnd": 0.4, "tick_median_us": 2.1}
     made = {"untuned_faces": 1280, "untuned_tick_median_us": 4.0}
     scene = hapscene.load_scene("ball.scene.json")
-    save_fidelity(Fidelity((Level(told=told_of),), made), "ball.fidelity.json", scene)
+    save_fidelity(Fidelity(Level(told=told_of), made), "ball.fidelity.json", scene)
     tab.send("save")
     until(lambda: told(tab, "tuned: 0.32 k of 1.28 k faces, 0.4 JND, 2.1 of 4 µs a tick"))
     Path("ball.fidelity.json").write_text("{}")

@@ -45,30 +45,6 @@ def test_force_and_motors_do_the_same_work(hardware: str) -> None:
         assert np.abs(large).max() == pytest.approx(TORQUE_MAX_N_m)
 
 
-def test_place_and_force_on_the_wire(emulate) -> None:
-    board = emulate("haply2diy")
-    with DRIVER.open(port=board.place, homed=True) as device:
-        known = 0
-        while known < 10:  # on a busy machine the first answers come late
-            device.read()
-            device.state.f_D_N = (0.0, 1.0, 0.0)  # away from the hand
-            device.write()
-            known += bool(device.state.p_DT_m[0].any())
-        np.testing.assert_allclose(device.state.p_DT_m[0], (0, 0.09 - 0.13262, 0), atol=1e-4)
-    assert tuple(board.rows()[0][2:]) == tuple(setup_message(HARDWARE["v3"]))
-    second, first = next(row[1:3] for row in reversed(board.rows()) if any(row[1:3]))
-    assert first > 0.0 and second == pytest.approx(-first)  # both arms turn up and back, away from the hand
-
-
-def test_a_board_is_one_programs_alone_and_released_all_the_same(emulate) -> None:
-    board = emulate("haply2diy")
-    with DRIVER.open(port=board.place) as device:
-        with pytest.raises(DeviceError, match="another program has it: close that"):
-            DRIVER.open(port=board.place)
-        device.read()
-        DRIVER.release(port=board.place)  # a servo that is dying may still hold it
-
-
 def test_a_port_that_is_none_is_told(tmp_path) -> None:
     with pytest.raises(DeviceError, match="haply2diy: /nowhere: cannot be opened"):
         DRIVER.open(port="/nowhere")

@@ -1,0 +1,125 @@
+"""Named tuples of arrays that compiled code takes as one pointer.
+
+Numba passes a tuple of arrays as seven words an array, some 300 for a scene, in every call, and compiles longer for
+every word. Here the words lie side by side in memory that the tuple owns, and their address is passed. An array is read
+from there where it is used; since the words never change, the compiler may keep what it has read.
+"""
+
+import hashlib
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from llvmlite import ir
+from numba import typeof, types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+
+from hapscene.errors import HapsceneError
+
+_Type: Any = types.Type
+_Template: Any = AttributeTemplate
+_typeof: Any = typeof
+_I64: Final = ir.IntType(64)
+
+Tuple = TypeVar("Tuple", bound=type)
+
+
+class BlockType(_Type):  # type: ignore[misc]
+    """The type of such a tuple in compiled code; `fields` is numba's type of the tuple itself."""
+
+    def __init__(self, fields: Any) -> None:
+        self.fields = fields
+        digest = hashlib.sha256(str(fields).encode()).hexdigest()[:16]
+        super().__init__(f"Block({fields.instance_class.__name__}, {digest})")
+
+    def place_of(self, name: str) -> tuple[Any, int]:
+        """Type of an array, and its first word."""
+        index = self.fields.fields.index(name)
+        return self.fields[index], sum(5 + 2 * array.ndim for array in list(self.fields)[:index])
+
+
+@register_model(BlockType)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _I64.as_pointer())
+
+
+@infer_getattr
+class _Attributes(_Template):  # type: ignore[misc]
+    key = BlockType
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        return kind.place_of(name)[0] if name in kind.fields.fields else None
+
+
+@lower_getattr_generic(BlockType)  # type: ignore[untyped-decorator]
+def _load_array(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    """The array as numba has it in registers: owner, parent, size, item size, data, shape, strides.
+
+    It has neither owner nor parent, since nothing is counted here.
+    """
+    array, first = kind.place_of(name)
+    never_changes = builder.module.add_metadata([])
+
+    def word(k: int) -> Any:
+        loaded = builder.load(builder.gep(value, [ir.Constant(_I64, first + k)]))
+        loaded.set_metadata("invariant.load", never_changes)
+        return loaded
+
+    kinds, size = context.get_value_type(array).elements, context.get_abi_sizeof(context.get_data_type(array.dtype))
+    packed = array.ndim == 1 and array.layout == "C"
+    known = {0: None, 1: None, 3: size, 6: [ir.Constant(_I64, size)]} if packed else {0: None, 1: None, 3: size}
+    found = ir.Constant.literal_struct([ir.Constant(kind, known.get(k, ir.Undefined)) for k, kind in enumerate(kinds)])
+    found = builder.insert_value(found, word(2), 2)
+    found = builder.insert_value(found, builder.inttoptr(word(4), kinds[4]), 4)
+    for axis in range(array.ndim):
+        found = builder.insert_value(found, word(5 + axis), [5, axis])
+        if not packed:
+            found = builder.insert_value(found, word(5 + array.ndim + axis), [6, axis])
+    return found
+
+
+@unbox(BlockType)
+def _unbox(kind: Any, instance: Any, c: Any) -> Any:
+    number = c.pyapi.object_getattr_string(instance, "address")
+    address = c.pyapi.long_as_ulonglong(number)
+    c.pyapi.decref(number)
+    return NativeValue(c.builder.inttoptr(address, _I64.as_pointer()))
+
+
+class _Block:
+    """What a named tuple of arrays takes on to be passed by one pointer."""
+
+    @property
+    def address(self) -> int:
+        """Where the words of its arrays lie; they live as long as the tuple."""
+        state = self.__dict__
+        if "_words" not in state:
+            arrays: Any = self
+            rows = [[0, 0, a.size, a.itemsize, a.ctypes.data, *a.shape, *a.strides] for a in arrays]
+            state["_words"] = np.array([word for row in rows for word in row], np.int64)
+            state["_address"] = state["_words"].ctypes.data
+        return int(state["_address"])
+
+
+def by_pointer(kind: Tuple) -> Tuple:
+    """Decorator of a `NamedTuple` whose fields are arrays: compiled code takes it as one pointer."""
+    made: Any = type(kind.__name__, (_Block, kind), {"__doc__": kind.__doc__, "__module__": kind.__module__})
+    made.__qualname__ = kind.__qualname__
+
+    @typeof_impl.register(made)
+    def _(value: Any, context: Any) -> Any:
+        fields = tuple(map(_typeof, value))
+        if not all(isinstance(field, types.Array) for field in fields):
+            raise HapsceneError(f"{kind.__name__}: every field must be an array to be passed by pointer")
+        return BlockType(types.NamedTuple(fields, made))
+
+    return made

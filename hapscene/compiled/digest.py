@@ -1,0 +1,101 @@
+"""A digest of all that a compiled function is made of: its bytecode and that of every function below it.
+
+Names of the cache's files hold it, so that a changed function is compiled anew, with all that call it, and a changed
+comment, docstring or function that is not compiled costs nothing.
+"""
+
+import enum
+import hashlib
+import inspect
+import types
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+_PLAIN: Final = (int, float, complex, bool, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype)
+
+
+def function_below(value: Any) -> types.FunctionType | None:
+    """The Python function that a value stands for in compiled code, or None: plain, compiled, or an intrinsic."""
+    for name in ("py_func", "_defn"):
+        inner = getattr(value, name, None)
+        if isinstance(inner, types.FunctionType):
+            return inner
+    return value if isinstance(value, types.FunctionType) else None
+
+
+def digest_of(function: types.FunctionType) -> tuple[str, list[Any]]:
+    """The digest (32 hexadecimal digits) of a function and all below it, and the values below that are compiled."""
+    digest = hashlib.sha256()
+    numbers: dict[int, int] = {id(function): 0}
+    waiting, compiled = [function], []
+    while waiting:
+        one = waiting.pop(0)
+        digest.update(f"{one.__module__}.{one.__qualname__}{one.__defaults__!r}".encode())
+        _add_code(digest, one.__code__, one.__doc__)
+        for name, value in _values_of(one):
+            below = function_below(value)
+            if below is None:
+                digest.update(f"{name}={_text(value)};".encode())
+                continue
+            if id(below) not in numbers:
+                numbers[id(below)] = len(numbers)
+                waiting.append(below)
+                if value is not below:
+                    compiled.append(value)
+            digest.update(f"{name}:{numbers[id(below)]};".encode())
+    return digest.hexdigest()[:32], compiled
+
+
+def _add_code(digest: Any, code: types.CodeType, doc: str | None) -> None:
+    """Add bytecode and constants, without docstring and line numbers."""
+    digest.update(code.co_code)
+    digest.update(f"{code.co_names}{code.co_varnames}{code.co_argcount}{code.co_freevars}{code.co_flags}".encode())
+    for k, constant in enumerate(code.co_consts):
+        if isinstance(constant, types.CodeType):
+            _add_code(digest, constant, constant.co_consts[0] if constant.co_consts else None)
+        elif not (k == 0 and constant == doc):
+            digest.update(f"{type(constant).__name__}{constant!r},".encode())
+
+
+def _values_of(function: types.FunctionType) -> list[tuple[str, Any]]:
+    """What the names of a function mean that are not its own, in a fixed order."""
+    names, codes = set(), [function.__code__]
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes += [constant for constant in code.co_consts if isinstance(constant, types.CodeType)]
+    found = [(name, function.__globals__[name]) for name in sorted(names) if name in function.__globals__]
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        try:
+            found.append((name, cell.cell_contents))
+        except ValueError:  # not yet set
+            continue
+    return found
+
+
+def _text(value: Any) -> str:
+    """A value that is compiled in, as text that is the same in every process."""
+    if isinstance(value, enum.Enum):
+        return f"{type(value).__qualname__}.{value.name}={value.value!r}"
+    if isinstance(value, _PLAIN):
+        return f"{type(value).__name__}{value!r}"
+    if isinstance(value, tuple | list | frozenset):
+        return f"({','.join(sorted(map(_text, value)) if isinstance(value, frozenset) else map(_text, value))})"
+    if isinstance(value, np.ndarray):
+        return f"array{value.dtype}{value.shape}{hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
+    if isinstance(value, types.ModuleType):
+        return value.__name__
+    if isinstance(value, type) or callable(value):
+        return _source_text(value)
+    return f"{type(value).__name__}{value!s}"
+
+
+def _source_text(value: Any) -> str:
+    """A class or a callable object: its name, and a digest of the file it is from where that is one of hapscene's."""
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    name = f"{kind.__module__}.{kind.__qualname__}"
+    if not str(kind.__module__).startswith("hapscene"):
+        return name + (repr(value.symbol) + str(value.sig) if hasattr(value, "symbol") else "")
+    return name + hashlib.sha256(Path(inspect.getfile(kind)).read_bytes()).hexdigest()

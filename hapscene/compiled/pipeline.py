@@ -1,0 +1,199 @@
+"""Numba pipelines that compile a call tree once: inner functions are typed and lowered, their caller is emitted.
+
+Numba optimises and emits every function alone, gives it wrappers for Python and C, links it into each caller, and
+optimises the result again: a function three calls deep is optimised four times. Here a *part*, a function that only
+compiled code calls, stops after lowering. A *whole*, a function that Python or C calls, links all parts below it in one
+module, which is optimised and emitted once. The result is the same machine code as before, in a third of the time.
+
+This is the only file that uses private parts of numba. It is used with the versions in `TESTED` whose parts it finds;
+with any other, `part_options` and `whole_options` are empty, and everything is compiled numba's slow way.
+"""
+
+from typing import Any, Final
+
+import numba
+from numba import _dynfunc
+from numba.core import codegen, compiler, compiler_machinery, typed_passes, untyped_passes
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.targetconfig import ConfigStack, TargetConfig
+
+TESTED: Final = ((0, 67), (0, 68))
+"""Minor versions of numba with which the test suite has passed."""
+
+_Library: Any = codegen.JITCodeLibrary
+_NEEDED: Final = (
+    (_Library, ("_linking_libraries", "_get_module_for_linking", "_optimize_final_module", "_finalize_final_module")),
+    (_Library, ("add_llvm_module", "add_ir_module", "get_pointer_to_function", "serialize_using_object_code")),
+    (compiler, ("CompilerBase", "DefaultPassBuilder", "CompileResult")),
+    (typed_passes, ("NativeLowering", "NoPythonBackend")),
+    (_dynfunc, ("make_function",)),
+    (TargetConfig, ("values", "__hash__", "__eq__")),
+)
+
+
+def _is_supported() -> bool:
+    """Whether the installed numba is a tested one and has every private part that is used here."""
+    version = tuple(int(number) for number in numba.__version__.split(".")[:2])
+    library = vars(_Library) | {name: None for base in _Library.__mro__ for name in vars(base)}
+    library["_linking_libraries"] = None  # set in its constructor
+    names = {_Library: library}
+    has = all(name in names.get(place, vars(place)) for place, wanted in _NEEDED for name in wanted)
+    return version in TESTED and has
+
+
+SUPPORTED: Final = _is_supported()
+
+
+class _PartLibrary(_Library):  # type: ignore[misc]
+    """The unoptimised LLVM module of one part."""
+
+    def finalize(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        return 0
+
+    def add_llvm_module(self, ll_module: Any) -> None:
+        self._final_module.link_in(ll_module)  # without optimising it: the whole is
+
+    def own_module(self) -> Any:
+        """The module of this part alone, to be linked into a whole."""
+        return super()._get_module_for_linking()
+
+    def _get_module_for_linking(self) -> Any:
+        """The module with all that it calls: numba asks for it where a function of another package calls a part."""
+        module = self.own_module().clone()
+        for library in _below(self):
+            module.link_in(_module_of(library), preserve=True)
+        return module
+
+
+class _WholeLibrary(_Library):  # type: ignore[misc]
+    """A function with all parts below it, optimised and emitted as one."""
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in _below(self):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(_module_of(library), preserve=True)
+        self._optimize_final_module()
+        self._final_module.verify()
+        self._finalize_final_module()
+
+    def _optimize_final_module(self) -> None:
+        """The full passes alone: numba's cheap ones before them are for reference counts, which are not used here."""
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
+def _below(library: Any) -> list[Any]:
+    """The libraries that a library links, through parts to any depth, each once and in a fixed order."""
+    found: dict[Any, None] = {}
+    waiting = list(library._linking_libraries)
+    while waiting:
+        one = waiting.pop(0)
+        if one not in found:
+            found[one] = None
+            if isinstance(one, _PartLibrary):
+                waiting += one._linking_libraries
+    return list(found)
+
+
+def _module_of(library: Any) -> Any:
+    return library.own_module() if isinstance(library, _PartLibrary) else library._get_module_for_linking()
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _RegisterPart(LoweringPass):  # type: ignore[misc]
+    """Make a lowered part known to the functions that call it. Its entry for Python leads nowhere."""
+
+    _name = "hapscene_register_part"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        lowered = state["cr"]
+        name = lowered.fndesc.qualname.split(".")[-1]
+        entry = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "part", 0, lowered.env, (state.library,))
+        state.targetctx.insert_user_function(entry, lowered.fndesc, [state.library])
+        state.reload_init.extend(state.library._reload_init)
+        state["cr"] = lowered._replace(cfunc=entry)
+        return True
+
+
+_NOT_NEEDED: Final = (
+    untyped_passes.WithLifting,
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.InlineInlinables,
+    untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    untyped_passes.RewriteDynamicRaises,
+    typed_passes.NopythonRewrites,
+    typed_passes.DumpParforDiagnostics,
+    typed_passes.AnnotateTypes,
+)
+"""Passes for what parts do not have: contexts, closures, unrolled tuples, raised errors, whole-array expressions."""
+
+
+class _Passes(compiler_machinery.PassManager):  # type: ignore[misc]
+    """Without the analysis that numba repeats after every pass: lowering does it once more anyway."""
+
+    _ENFORCING = False
+
+
+def _share_overloads(state: Any) -> None:
+    """Have numba's own functions, such as `max`, compiled once for parts and wholes: it tells them by the flags."""
+    flags = ConfigStack().top()
+    for name in ("forceinline", "no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):
+        flags.discard(name)
+
+
+class _Part(compiler.CompilerBase):  # type: ignore[misc]
+    def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.flags.no_compile = True
+        _share_overloads(state)
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        default = compiler.DefaultPassBuilder.define_nopython_pipeline(state).passes
+        passes = _Passes("nopython")
+        passes.passes = [one for one in default if one[0] not in _NOT_NEEDED]
+        passes.add_pass_after(_RegisterPart, typed_passes.NativeLowering)
+        passes.finalize()
+        return [passes]
+
+
+class _Whole(compiler.CompilerBase):  # type: ignore[misc]
+    def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.library = _WholeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        _share_overloads(state)
+        return [compiler.DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+part_options: dict[str, Any] = {}
+"""Options of `numba.njit` for a part."""
+
+whole_options: dict[str, Any] = {}
+"""Options of `numba.njit` for a whole."""
+
+if SUPPORTED:
+    part_options |= {"pipeline_class": _Part, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    whole_options |= {"pipeline_class": _Whole}
+
+    # numba hashes the names of a configuration's options and not their values: all that exist collide, and each look-up
+    # of a compiled function compares dictionaries of forty entries, a tenth of the time that compiling takes
+    def _hash(config: Any) -> int:
+        options = config.options
+        return hash(frozenset(k for k, value in config._values.items() if value is True and not options[k].default))
+
+    def _equal(config: Any, other: Any) -> Any:
+        if not isinstance(other, TargetConfig):
+            return NotImplemented
+        return config._values == other._values or config.values() == other.values()
+
+    _config: Any = TargetConfig
+    _config.__hash__, _config.__eq__ = _hash, _equal

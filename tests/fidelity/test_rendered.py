@@ -1,0 +1,46 @@
+"""A scene that is rendered with a fidelity: the same as the coarser scene by itself."""
+
+import numpy as np
+import pytest
+
+import hapscene
+from hapscene.errors import HapsceneError
+from hapscene.fidelity.apply import apply_level
+
+from .conftest import meshes, scene_of, stroke
+
+
+@pytest.mark.parametrize("kind", ["sphere", "box", "torus"])
+def test_it_is_the_scene_at_that_level(kind, fidelity):
+    scene, path = scene_of(kind), stroke(kind, 0)
+    want = hapscene.Renderer(apply_level(scene, fidelity(kind).level)).run(path)
+    got = hapscene.Renderer(scene, fidelity=fidelity(kind)).run(path)
+    for name in ("p_WP_m", "f_W_N", "a_m_s2", "face", "flags"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
+
+
+def test_it_is_tuned_and_painted_and_what_is_left_out_stays_so(fidelity):
+    scene = scene_of("box")
+    renderer = hapscene.Renderer(scene, fidelity=fidelity("box", "lpc_texture", "friction"))
+    p = np.tile([0.0, 0.0, 0.0395], (50, 1))
+    renderer.run(np.linspace([0.0, 0.0, 0.041], p[0], 50))
+    renderer.tune("wood", stiffness_N_m=300.0, friction_static=0.5)
+    assert renderer.run(p).f_W_N[-1, 2] == pytest.approx(300.0 * 0.0005, rel=1e-6)
+    assert renderer.run(np.linspace(p[0], p[0] + [0.01, 0, 0], 50)).f_W_N[-1, 0] == 0.0
+    other = scene.copy()
+    other.paint("body", "paper")
+    renderer.repaint(other)
+    assert renderer.run(p).swatch[-1] == other.swatches.index(hapscene.load_swatch("paper"))
+
+
+def test_what_is_not_done_is_refused(fidelity):
+    scene = scene_of("sphere")
+    renderer = hapscene.Renderer(scene, fidelity=fidelity("sphere"))
+    with pytest.raises(HapsceneError):
+        renderer.deform("body", scene.bodies[0].mesh.vertices_m)
+    more = scene.copy()
+    more.add(meshes("box")[2], name="more")
+    with pytest.raises(HapsceneError):
+        renderer.repaint(more)
+    renderer.remove("body")
+    assert not renderer.run(stroke("sphere", 0)).touching.any()

@@ -1,0 +1,58 @@
+"""Ten minutes of play: the servo behind its socket, a game engine that pushes, and Python that never rests."""
+
+import os
+import shutil
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from hapscene import Scene
+from hapscene.bridge.orders import Orders
+from hapscene.bridge.server import BridgeServer
+from hapscene.servo import Servo
+from hapscene_benchmarks.idle import IdleLoop
+
+GODOT = Path(__file__).resolve().parents[3] / "examples" / "engines" / "godot"
+MINUTES = float(os.environ.get("SOAK_MINUTES", "10"))
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(shutil.which("godot3-server") is None, reason="no Godot here: apt-get install godot3-server")
+def test_ticks_beside_a_game_and_busy_python_are_as_late_as_an_empty_loop(tmp_path: Path) -> None:
+    shutil.copytree(GODOT, tmp_path / "godot")
+    scene = Scene()
+    scene.add(trimesh.creation.box((0.05, 0.05, 0.05)), name="crate", unit="m", swatch="wood")
+    over = threading.Event()
+
+    def spin() -> None:
+        while not over.is_set():
+            sum(range(1000))
+
+    with Servo(scene, "omni") as servo, Orders(servo) as orders, BridgeServer(orders, "127.0.0.1", 0) as server:
+        with IdleLoop() as idle:
+            threads = [threading.Thread(target=server.serve, args=(over.is_set,)), threading.Thread(target=spin)]
+            for thread in threads:
+                thread.start()
+            try:
+                idle.start()
+                before, runs, end_s = (servo.lateness(), idle.lateness()), 0, time.monotonic() + 60.0 * MINUTES
+                while time.monotonic() < end_s:  # a game after the other, of three seconds each
+                    words = ["godot3-server", "--path", str(tmp_path / "godot"), f"--port={server.address[1]}"]
+                    done = subprocess.run(words, capture_output=True, text=True, timeout=120.0, check=False)
+                    assert "began, crate, wood" in done.stdout, done.stdout + done.stderr
+                    runs += 1
+                ours, empty = servo.lateness().since(before[0]), idle.lateness().since(before[1])
+            finally:
+                over.set()
+                for thread in threads:
+                    thread.join()
+        shares = (0.5, 0.99, 0.999, 0.9999)
+        late = [(round(ours.late_us(share), 1), round(empty.late_us(share), 1)) for share in shares]
+        print(f"\n{runs} games; late by, and the empty loop [µs]: {late}; missed {ours.missed}, {empty.missed}")
+        print(f"busy: median {ours.busy_us():.1f} µs, p99 {ours.busy_us(0.99):.1f} µs; {dict(server.counts)}")
+        assert ours.late_us(0.99) < 1.5 * empty.late_us(0.99) + 10.0
+        assert ours.missed <= empty.missed + 20

@@ -1,0 +1,22 @@
+"""The report: whole, safe to open, and right about a recording whose truth is known."""
+
+import time
+from pathlib import Path
+
+from hapscene.capture import load_recording
+from hapscene.capture.report import report
+from hapscene.surface.library import load_swatch
+from tests.capture.test_report import Page
+
+VOID = {"meta", "line", "circle", "rect", "path", "use", "image"}
+
+
+def test_real_recordings_are_reported_on_in_time(shared: Path) -> None:
+    folder = shared / "data" / "recordings"
+    units = {"acceleration": "m/s2", "force": "N", "speed": "mm/s"}
+    real = load_recording(folder / "cdp_wood.csv", 1e4, {"acceleration": "accel"}, units)
+    start = time.process_time()  # of this process: the machine may be busy
+    text = report(load_swatch("wood"), real, "cdp_wood.csv")
+    assert time.process_time() - start < 10.0
+    assert "✓ good" in text and len(text) < 2_000_000
+    Page(text)

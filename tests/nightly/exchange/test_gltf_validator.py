@@ -1,0 +1,41 @@
+"""glTF of ours before Khronos' own validator, which `make system` installs from npm."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hapscene.exchange import export_scene
+from hapscene.scene.region import Sphere
+from hapscene.scene.scene import Scene
+
+PACKAGE = Path(__file__).resolve().parents[3] / "build" / "node" / "node_modules" / "gltf-validator"
+
+ASK = """
+const [, package, ...files] = process.argv, fs = require("fs");
+Promise.all(files.map(file => require(package).validateBytes(new Uint8Array(fs.readFileSync(file)), {maxIssues: 20})))
+    .then(reports => console.log(JSON.stringify(reports.map(report => report.issues))));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node here: apt-get install nodejs")
+@pytest.mark.skipif(not PACKAGE.exists(), reason="no gltf-validator here: make system, which needs npm")
+def test_validator_finds_no_error(scene: Scene, shared: Path, tmp_path: Path) -> None:
+    body = scene.bodies[0].name
+    scene.paint(body, "paper", Sphere((0.0, 0.0, 0.03), 0.01), finest_m=2e-3, soft_m=0.005)
+    own = ("a.glb", "a.gltf")
+    for file in own:
+        export_scene(scene, tmp_path / file)
+    foreign = [path for path in sorted((shared / "data" / "meshes").glob("*.glb"))]
+    for path in foreign:
+        other = Scene()
+        other.add(path)
+        export_scene(other, tmp_path / path.name)
+    files = [tmp_path / name for name in (*own, *(path.name for path in foreign))]
+    asked = ["node", "-e", ASK, PACKAGE, *files]
+    done = subprocess.run(asked, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stderr
+    for file, issues in zip(files, json.loads(done.stdout), strict=True):
+        assert issues["numErrors"] == 0 and issues["numWarnings"] == 0, (file.name, issues["messages"])

@@ -1,0 +1,455 @@
+"""Every format that is read from strangers: a small good file, made by a writer, and its reader."""
+
+import io
+import json
+import re
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from scipy.io import savemat, wavfile
+
+import hapscene
+from hapscene import recording
+from hapscene.capture import batch
+from hapscene.capture.hatt import export_hatt, import_hatt
+from hapscene.capture.hatt_file import read_taps
+from hapscene.capture.recording_file import load_recording
+from hapscene.dsp.ar_filter import ar_from_reflection
+from hapscene.exchange import export_scene, import_scene
+from hapscene.fidelity.fidelity import BodyFidelity, Fidelity, Level, SwatchFidelity
+from hapscene.fidelity.fidelity_file import load_fidelity, save_fidelity
+from hapscene.handle.fit import Identification, IdentifiedGrip
+from hapscene.handle.handle_file import handle_to_json, load_handle
+from hapscene.handle.plant import Plant
+from hapscene.motion.path_file import load_path
+from hapscene.paint.web.page_socket import number, parse, pointer_of
+from hapscene.scene.mesh import Mesh
+from hapscene.scene.mesh_doctor import examine
+from hapscene.scene.mesh_file import UNITLESS, load_mesh
+from hapscene.scene.region import Sphere
+from hapscene.scene.scene import Scene
+from hapscene.stability.wall_case import read_cases
+from hapscene.study.plan import load_plan
+from hapscene.study.results_file import load_rows
+from hapscene.study.sitting import Sitting
+from hapscene.study.statistics import analyse
+from hapscene.surface import library
+from hapscene.surface.swatch import Swatch
+from hapscene.surface.swatch_file import save_swatch
+from hapscene.surface.taps import Taps
+from hapscene.surface.texture import Texture
+from hapscene.teleoperation.datagram import MESSAGE, Gate, pack
+from hapscene.wire.protocol import Column, Decoder, Header, header_line, sample_line
+
+Files = Mapping[str, bytes]
+"""Contents by name: the file that is broken first, then those beside it."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes:
+        make: the good file; readers go by the suffix of its name.
+        read: the reader; where it gives a number, that many elements (faces, samples) were read.
+        soak, quick: mutants in the long run and in the short one.
+        left: how many elements a content holds, for text of one line each: cut at the end of a line it is a good file.
+            A file of any other format that was cut and gives fewer than the good one, and no warning, is a lie.
+        roams: whether it may name files anywhere, to be read.
+        file: whether it is a file, which messages name; else what comes over a line.
+    """
+
+    make: Callable[[], Files]
+    read: Callable[[Path], Any]
+    soak: int = 350
+    quick: int = 12
+    left: Callable[[bytes], int] | None = None
+    roams: bool = False
+    file: bool = True
+
+
+def lines(pattern: str) -> Callable[[bytes], int]:
+    return lambda content: len(re.findall(f"(?im)^{pattern}".encode(), content))
+
+
+# Meshes.
+
+
+def ball(suffix: str, **options: Any) -> Callable[[], Files]:
+    def make() -> Files:
+        made = trimesh.creation.icosphere(subdivisions=1, radius=9.0).export(file_type=suffix, **options)
+        return {f"x.{suffix.removesuffix('_ascii')}": made.encode() if isinstance(made, str) else made}
+
+    return make
+
+
+def obj() -> Files:
+    text = ball("obj")()["x.obj"].replace(b"\nf ", b"\ng upper\nusemtl oak\nf ", 1)
+    return {"x.obj": b"mtllib x.mtl\no ball\n" + text, "x.mtl": b"newmtl oak\nKd 0.8 0.5 0.2\n"}
+
+
+def gltf() -> Files:
+    made = trimesh.Scene(trimesh.creation.icosphere(subdivisions=1)).export(file_type="gltf")
+    return {"x.gltf": made.pop("model.gltf"), **made}
+
+
+def packed() -> Files:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as out:
+        for name, content in obj().items():
+            out.writestr(name, content)
+    return {"x.zip": archive.getvalue()}
+
+
+def step() -> Files:
+    """A cube of 9 mm as a faceted solid: the shortest STEP with a shape."""
+    text: list[str] = []
+
+    def put(line: str, *ids: str) -> str:
+        text.append(f"#{len(text) + 1}={line % ids if ids else line};")
+        return f"#{len(text)}"
+
+    corners = 9.0 * np.array([(i >> 2, i >> 1 & 1, i & 1) for i in range(8)])
+    point = [put(f"CARTESIAN_POINT('',({x},{y},{z}))") for x, y, z in corners]
+    faces = []
+    for face in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)):
+        bound = put("FACE_OUTER_BOUND('',%s,.T.)", put("POLY_LOOP('',(%s,%s,%s,%s))", *(point[i] for i in face)))
+        u, v = corners[face[1]] - corners[face[0]], corners[face[2]] - corners[face[0]]
+        axes = [put("DIRECTION('',({},{},{}))".format(*axis)) for axis in (np.cross(u, v) / 81.0, u / 9.0)]
+        plane = put("PLANE('',%s)", put("AXIS2_PLACEMENT_3D('',%s,%s,%s)", point[face[0]], *axes))
+        faces.append(put("FACE_SURFACE('',(%s),%s,.T.)", bound, plane))
+    solid = put("FACETED_BREP('',%s)", put("CLOSED_SHELL('',(%s,%s,%s,%s,%s,%s))", *faces))
+    unit = put("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
+    context = "GLOBAL_UNIT_ASSIGNED_CONTEXT((%s))REPRESENTATION_CONTEXT('','')"
+    space = put(f"(GEOMETRIC_REPRESENTATION_CONTEXT(3){context})", unit)
+    place = put("AXIS2_PLACEMENT_3D('',%s,$,$)", point[0])
+    shape = put("FACETED_BREP_SHAPE_REPRESENTATION('',(%s,%s),%s)", place, solid, space)
+    use = put("APPLICATION_CONTEXT('automotive design')")
+    product = put("PRODUCT('cube','cube','',(%s))", put("PRODUCT_CONTEXT('',%s,'mechanical')", use))
+    version = put("PRODUCT_DEFINITION_FORMATION('','',%s)", product)
+    design = put("PRODUCT_DEFINITION_CONTEXT('part definition',%s,'design')", use)
+    whole = put("PRODUCT_DEFINITION_SHAPE('','',%s)", put("PRODUCT_DEFINITION('','',%s,%s)", version, design))
+    put("SHAPE_DEFINITION_REPRESENTATION(%s,%s)", whole, shape)
+    head = "FILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\nFILE_SCHEMA(('AUTOMOTIVE_DESIGN'));"
+    all_of_it = ["ISO-10303-21;\nHEADER;", head, "ENDSEC;\nDATA;", *text, "ENDSEC;\nEND-ISO-10303-21;\n"]
+    return {"x.step": "\n".join(all_of_it).encode()}
+
+
+def read_mesh(path: Path) -> int:
+    mesh = load_mesh(path, "mm" if path.suffix[1:] in (*UNITLESS, "zip") else None)
+    examine(mesh).text()
+    return len(mesh.faces)
+
+
+# Scenes and swatches.
+
+
+@cache
+def swatch() -> Swatch:
+    rng = np.random.default_rng(0)
+    a = ar_from_reflection(rng.uniform(-0.5, 0.5, (3, 4)))
+    texture = Texture.from_models(
+        1e4, np.array([1.0, 2.0, 1.5]), np.array([0.1, 0.1, 0.2]), a=a, variance_m2_s4=rng.uniform(0, 1, 3)
+    )
+    taps = Taps([0.1, 0.2], [1.0, 2.0], [90.0, 80.0], [50.0, 60.0], rng.standard_normal((2, 8)), 1e4)
+    return Swatch(
+        "oak", 500.0, 0.1, 0.3, 0.2, texture, taps, (0.1, 0.5, 1.0), "made up", "MIT", {"wall": {}},
+        {"friction_dynamic": (0.1, 0.3)}, {"damping_Ns_m": "not measured"},
+    )  # fmt: skip
+
+
+def scene() -> Scene:
+    shape = trimesh.creation.icosphere(subdivisions=0, radius=0.03)
+    group = (np.arange(20) % 2).astype(np.int16)
+    made = Scene()
+    made.add(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces, np.int32), group, ("lid", "base")), name="ball")
+    made.swatch_index(swatch())
+    made.bodies[0].face_swatch[:10] = 1
+    return made
+
+
+def fidelity(path: Path) -> None:
+    half = Mesh(scene().bodies[0].mesh.vertices_m, scene().bodies[0].mesh.faces[:10])
+    level = Level({"ball": BodyFidelity(half)}, {swatch().name: SwatchFidelity(1, 2, ("tap",))}, {"error_jnd": 0.5})
+    save_fidelity(Fidelity(level, {"device": "omni", "seed": 0}), path, scene())
+
+
+def written(write: Callable[[Path], object], name: str) -> Callable[[], Files]:
+    """What a writer makes, given a place to write to."""
+
+    def make() -> Files:
+        with tempfile.TemporaryDirectory() as place:
+            write(Path(place) / name)
+            files = sorted(Path(place).iterdir(), key=lambda file: file.name != name)
+            return {file.name: file.read_bytes() for file in files}
+
+    return make
+
+
+def read_painted(path: Path) -> int:
+    return sum(len(body.mesh.faces) for body in import_scene(path).bodies)
+
+
+def hatt_taps(path: Path) -> None:
+    export_hatt(swatch(), path.with_name("models.xml"), path)
+    path.with_name("models.xml").unlink()
+
+
+# The handle, batches, cases.
+
+
+def handle() -> Files:
+    grip = IdentifiedGrip("light", 151.2, 2.7, 0.9997, 0.87, {"k_u_N_m": (140.1, 163.0)}, {"b_u_Ns_m": "noise"})
+    numbers: dict[str, Any] = {"asymptote_kg": 0.3, "delay_s": 0.0, "accelerometer_Hz": 1600.0, "rate_Hz": 1e4}
+    numbers |= {"asymptote_Hz": (160.0, 320.0), "band_Hz": (10.0, 1000.0), "misfit": 1.0, "provenance": "a bench"}
+    said: dict[str, Any] = {"intervals": {"m_h_kg": (0.2, 0.3)}, "absent": {"m_c_kg": "one"}}
+    return {
+        "x.handle": handle_to_json(
+            Identification(name="ours", plant=Plant(), grips=(grip,), **said, **numbers)
+        ).encode()
+    }
+
+
+def manifest() -> Files:
+    entry = asdict(batch.ManifestEntry("/r/a.csv", "a.swatch", "ok", sha256="0" * 64))
+    content = {"format": batch.FORMAT, "version": batch.VERSION, "recordings": [entry]}
+    return {batch.NAME: json.dumps(content).encode()}
+
+
+def wall_cases() -> Files:
+    setup = {"m": 0.072, "b": 0.005, "c": 0, "D": 0, "T": 0.001, "delay": 0, "B": 0}
+    case = {"id": "W1-a", "what": "critical K [N/m]", "setup": setup, "expected": 10.0, "rel_tol": 0.001}
+    return {"x.json": json.dumps([case, case | {"id": "W2-a"}]).encode()}
+
+
+# Recordings and paths.
+
+
+def columns(count: int) -> dict[str, np.ndarray]:
+    names = ("acceleration_x", "acceleration_y", "acceleration_z", "force", "speed")
+    return dict(zip(names, np.random.default_rng(0).standard_normal((5, count)).round(3), strict=True))
+
+
+def table() -> Files:
+    data = {"time": np.arange(120) / 1000} | columns(120)
+    rows = [",".join(map(str, row)) for row in zip(*data.values(), strict=True)]
+    return {"x.csv": "\n".join([",".join(data), *rows, ""]).encode()}
+
+
+def wav() -> Files:
+    out = io.BytesIO()
+    wavfile.write(out, 10_000, (1e4 * columns(300)["force"]).astype(np.int16))
+    return {"x.wav": out.getvalue()}
+
+
+def npz() -> Files:
+    out = io.BytesIO()
+    np.savez_compressed(out, rate_Hz=1e3, units=np.array(["force=N"]), **columns(120))
+    return {"x.npz": out.getvalue()}
+
+
+def mat(compressed: bool) -> Callable[[], Files]:
+    def make() -> Files:
+        out = io.BytesIO()
+        savemat(out, {"rate_Hz": 1e3, **columns(120)}, do_compression=compressed)
+        return {"x.mat": b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]}  # the date is taken out
+
+    return make
+
+
+def parquet() -> Files:
+    import pyarrow
+    from pyarrow.parquet import write_table
+
+    out = io.BytesIO()
+    write_table(pyarrow.table({"time": np.arange(120) / 1000, **columns(120)}), out)
+    return {"x.parquet": out.getvalue()}
+
+
+def record() -> Files:
+    named = [{"name": name, "unit": unit, "scale": 0.001} for name, unit in (("acceleration", "m/s2"), ("force", "N"))]
+    head = {"rate_Hz": 1000.0, "started": "2026-01-01", "columns": named}
+    counts = np.arange(100, dtype="<i4").tobytes()
+    chunks = [
+        (b"HEAD", 0, json.dumps(head).encode()),
+        (b"DATA", 0, counts),
+        (b"DATA", 50, counts),
+        (b"END.", 0, b'{"ended": "stop"}'),
+    ]
+    bodies = [struct.pack("<4sIQ", kind, len(payload), first) + payload for kind, first, payload in chunks]
+    return {"x.hsrec": b"hapscene record 1\n" + b"".join(b + struct.pack("<I", zlib.crc32(b)) for b in bodies)}
+
+
+def read_recording(path: Path) -> int:
+    known = {"acceleration": "m/s2", "force": "N", "speed": "m/s", "time": "s"}
+    units, named = {".wav": ({"acceleration": "m/s2"}, {"acceleration": "1"}), ".hsrec": (None, None)}.get(
+        path.suffix, (known, None)
+    )
+    return len(load_recording(path, columns=named, units=units).acceleration_m_s2)
+
+
+def path_csv() -> Files:
+    rows = [f"{0.001 * i:.3f},{0.01 * i:.2f},0,{0.05 - 0.001 * i:.3f}" for i in range(40)]
+    return {"x.csv": "\n".join(["t,x,y,z", *rows, ""]).encode()}
+
+
+def touch() -> Files:
+    out = io.BytesIO()
+    rows = {
+        name: np.zeros((5, *((10,) if row is None else row)), kind) for name, (kind, row) in recording._COLUMNS.items()
+    }
+    names = {"body_names": np.array(["a"]), "swatch_names": np.array(["oak"]), "effects": np.array(["wall"])}
+    np.savez(out, format_version=recording.FORMAT_VERSION, a_rate_Hz=1e4, seed=0, **rows, **names)  # type: ignore[arg-type]
+    return {"x.npz": out.getvalue()}
+
+
+# What comes over a line: a file holds what was received.
+
+
+def serial() -> Files:
+    head = header_line(Header(1000.0, (Column("acceleration", "m/s2", 0.001), Column("force", "N", 0.001))))
+    return {"x.serial": head + b"".join(sample_line(i, (i, -i)) for i in range(40))}
+
+
+def read_serial(path: Path) -> None:
+    decoder, data = Decoder(), path.read_bytes()
+    for i in range(0, len(data), 37):  # in pieces, as a port gives them
+        decoder.feed(data[i : i + 37], 1e-3 * i)
+
+
+def datagram() -> Files:
+    message = np.zeros(1, MESSAGE)[0]
+    message["tick"], message["p_WT_m"] = 3, (0.1, 0.2, 0.3)
+    return {"x.udp": pack(message, 0, 7)}
+
+
+def read_datagram(path: Path) -> None:
+    message = np.zeros(1, MESSAGE)[0]
+    Gate(0).admit(path.read_bytes(), message)
+    assert all(np.isfinite(message[name]).all() for name in MESSAGE.names or ()), "let in, and no number"
+
+
+def page() -> Files:
+    message = {"do": "down", "client": 3, "x": 0.5, "y": -0.5, "w": 800, "h": 600, "value": 2.0, "factor": 1.5}
+    return {"x.page": json.dumps(message).encode()}
+
+
+def read_page(path: Path) -> None:
+    if (message := parse(path.read_bytes().decode(errors="replace"))) is not None:
+        pointer_of(message)
+        number(message, "value", -1e9, 1e9)
+
+
+STUDY = b"""title = "t"
+people = 2
+stimuli.a.swatch = "wood"
+stimuli.b = {swatch = "wood", life = false, order = 40}
+[[blocks]]
+name = "rated"
+kind = "rating"
+stimuli = ["a", "b"]
+repeats = 2
+[[blocks]]
+name = "told"
+kind = "2ifc"
+pairs = [["a", "b"]]
+repeats = 3
+margin = 0.5
+[[blocks]]
+name = "gain"
+kind = "staircase"
+stimulus = "a"
+parameter = "gain_dB"
+levels = [0.5, 8.0, 5]
+trials = 5
+"""
+
+
+def answers() -> Files:
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "x.toml").write_bytes(STUDY)
+        plan = load_plan(Path(folder) / "x.toml")
+        for person in ("P01", "P02"):
+            with Sitting(plan, Path(folder) / "x", person) as sitting:
+                while sitting.trial is not None:
+                    sitting.answer(sitting.trial.number % 2, latency_s=1.0)
+        return {"results.csv": (Path(folder) / "x" / "results.csv").read_bytes(), "plan.toml": STUDY}
+
+
+def read_answers(path: Path) -> int:
+    analyse(path.parent)
+    return len(load_rows(path))
+
+
+def painted(name: str, *, fine: bool = False, quick: int = 12) -> Format:
+    def write(path: Path) -> None:
+        made = scene()
+        if fine:
+            made.paint("ball", "wood", Sphere((0.0, 0.0, 0.03), 0.02), finest_m=0.01, soft_m=0.01)
+        export_scene(made, path)
+
+    return Format(written(write, name), read_painted, quick=quick)
+
+
+FORMATS: Mapping[str, Format] = {
+    "stl": Format(ball("stl"), read_mesh),
+    "stl-text": Format(ball("stl_ascii"), read_mesh, left=lines(r" *facet +normal")),
+    "obj": Format(obj, read_mesh, left=lines(r"f +\S+ +\S+ +\S+")),
+    "ply": Format(ball("ply"), read_mesh),
+    "ply-text": Format(ball("ply", encoding="ascii"), read_mesh),
+    "off": Format(ball("off"), read_mesh),
+    "glb": Format(ball("glb"), read_mesh),
+    "gltf": Format(gltf, read_mesh),
+    "zip": Format(packed, read_mesh),
+    "step": Format(step, read_mesh, soak=90, quick=2),
+    "painted-glb": painted("x.glb"),
+    "painted-ply": painted("x.ply"),
+    "fine-glb": painted("x.gltf", fine=True),
+    "scene": Format(
+        written(lambda path: scene().save(path), "x.scene.json"),
+        lambda path: sum(len(body.mesh.faces) for body in hapscene.load_scene(path).bodies),
+        roams=True,
+    ),
+    "fidelity": Format(
+        written(fidelity, "x.fidelity.json"),
+        lambda path: sum(len(body.mesh.faces) for body in load_fidelity(path, scene()).level.bodies.values()),
+    ),
+    "swatch": Format(written(lambda path: save_swatch(swatch(), path), "x.swatch"), library.load_swatch),
+    "library": Format(
+        written(lambda path: library.add(swatch(), path.parent), library.INDEX),
+        lambda path: len(library.search(library.own_entries(path.parent), ["a"])),
+    ),
+    "hatt-models": Format(written(lambda path: export_hatt(swatch(), path), "Models_x.xml"), import_hatt),
+    "hatt-taps": Format(written(hatt_taps, "Taps_x.xml"), read_taps),
+    "handle": Format(handle, load_handle),
+    "manifest": Format(manifest, lambda path: batch.Manifest(path.parent).check_outputs()),
+    "batch-list": Format(
+        lambda: {"x.list.csv": b'recording,name,rate,units\na.csv,oak,10000,"force=N,speed=mm/s"\nb.wav,ash,,\n'},
+        lambda path: len(batch.outputs(batch.read_list(path))),
+        left=lines(r"(?!recording).*\w"),
+    ),
+    "wall-cases": Format(wall_cases, read_cases),
+    "csv": Format(table, read_recording, left=lines(r"(?!time).*\d")),
+    "wav": Format(wav, read_recording),
+    "npz": Format(npz, read_recording),
+    "mat": Format(mat(False), read_recording, soak=300, quick=2),
+    "mat-packed": Format(mat(True), read_recording, soak=300, quick=2),
+    "parquet": Format(parquet, read_recording, soak=300, quick=2),
+    "hsrec": Format(record, read_recording),
+    "path": Format(path_csv, lambda path: len(load_path(path, 0.001)[0]), left=lines(r"(?!t,).*\d")),
+    "touch": Format(touch, lambda path: len(recording.load_touch(path))),
+    "study": Format(lambda: {"x.toml": STUDY}, load_plan),
+    "answers": Format(answers, read_answers, left=lines(r"(?!person).*\d")),
+    "serial": Format(serial, read_serial, file=False),
+    "udp": Format(datagram, read_datagram, file=False),
+    "page": Format(page, read_page, file=False),
+}

@@ -1,0 +1,175 @@
+"""What was once found: the smallest file of each, and the words that refuse it now."""
+
+import io
+import re
+import struct
+import sys
+import zipfile
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.nightly.fuzz.harness import Worker, good
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the worker's limits are Linux's")
+
+
+def npy(header: str, data: bytes = b"") -> bytes:
+    """An array's file with that header, right or wrong."""
+    return b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header.encode() + data
+
+
+def archive(content: bytes, name: str = "acceleration.npy", method: int = zipfile.ZIP_STORED) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", method) as made:
+        made.writestr(zipfile.ZipInfo(name), content, method)
+    return out.getvalue()
+
+
+def array() -> bytes:
+    out = io.BytesIO()
+    np.save(out, np.arange(20.0))
+    return out.getvalue()
+
+
+def spoilt(content: bytes, at: int, value: bytes) -> bytes:
+    """Some bytes of it replaced; counted from the end where `at` is below 0."""
+    at = at % len(content)
+    return content[:at] + value + content[at + len(value) :]
+
+
+def packed_wrongly(method: int) -> bytes:
+    """An archive whose member's own content is damaged."""
+    return spoilt(archive(array(), method=method), 30 + len("acceleration.npy") + 12, b"\xff\0\xff\0\xff")
+
+
+def declared(flags: int, method: int) -> bytes:
+    """An archive whose member says that it has those flags and that method, at both places."""
+    content, words = archive(array()), struct.pack("<HH", flags, method)
+    return spoilt(spoilt(content, 6, words), content.index(b"PK\1\2") + 8, words)
+
+
+def riff(*chunks: tuple[bytes, bytes]) -> bytes:
+    body = b"WAVE" + b"".join(kind + struct.pack("<I", len(data)) + data for kind, data in chunks)
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+def sound(channels: int = 1, rate: int = 1000, block: int = 2, bits: int = 16, kind: int = 1) -> bytes:
+    """The chunk that says what kind of sound it is."""
+    return struct.pack("<HHIIHH", kind, channels, rate, rate * block, block, bits)
+
+
+DATA = (b"data", bytes(400))
+HEADER = "{'descr': '<f8', 'fortran_order': False, 'shape': (20,), }"
+
+
+TOKEN = HEADER.replace("<f8", "<U1").replace("20", "1")
+
+
+def touch_with(member: str, content: bytes) -> bytes:
+    """A touch recording, one of whose arrays is another."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(good("touch")["x.npz"])) as whole, zipfile.ZipFile(out, "w") as made:
+        for name in whole.namelist():
+            made.writestr(name, content if name == f"{member}.npy" else whole.read(name))
+    return out.getvalue()
+
+
+def npz_at(rate_Hz: float) -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(out, rate_Hz=rate_Hz, acceleration=np.zeros((150, 3)))
+    return out.getvalue()
+
+
+def mat_of_tag_11() -> bytes:
+    """The tag miDOUBLE, 9, of the first numbers is made 11, which no type has."""
+    content = good("mat")["x.mat"]
+    return spoilt(content, content.index(struct.pack("<II", 9, 8)), b"\x0b")
+
+
+def without(name: str, start: int, end: int) -> bytes:
+    """The good file of a format, with a piece cut out."""
+    content = next(iter(good(name).values()))
+    return content[:start] + content[end:]
+
+
+def other(name: str, pattern: str, new: str) -> bytes:
+    """The good file, the first such text in it replaced."""
+    content = next(iter(good(name).values()))
+    changed = re.sub(pattern.encode(), new.encode(), content, count=1)
+    assert changed != content
+    return changed
+
+
+def painted_of_nan() -> bytes:
+    """The first coordinate of the painted glTF is no number."""
+    content = good("painted-glb")["x.glb"]
+    start = 28 + struct.unpack_from("<I", content, 12)[0]
+    return spoilt(content, start, struct.pack("<f", np.nan))
+
+
+NPZ, WAV = "x.npz: not an NPZ file that can be read", "x.wav: not a WAV file that can be read"
+
+MADE = {
+    "npz-zlib": ("npz", lambda: packed_wrongly(zipfile.ZIP_DEFLATED), NPZ),
+    "npz-bzip2": ("npz", lambda: packed_wrongly(zipfile.ZIP_BZIP2), NPZ),
+    "npz-lzma": ("npz", lambda: packed_wrongly(zipfile.ZIP_LZMA), NPZ),
+    "npz-locked": ("npz", lambda: declared(1, 0), NPZ),
+    "npz-method": ("npz", lambda: declared(0, 97), NPZ),
+    "npz-header-open": ("npz", lambda: archive(npy("{'descr': (((")), NPZ),
+    "npz-header-deep": ("npz", lambda: archive(npy("(" * 9000)), NPZ),
+    "npz-header-long": ("npz", lambda: archive(npy(HEADER.ljust(12_000))), NPZ),
+    "npz-header-count": ("npz", lambda: archive(npy(HEADER.replace("20", "9" * 30))), NPZ),
+    "npz-objects": ("npz", lambda: archive(npy(HEADER.replace("<f8", "|O"))), NPZ),
+    "npz-letters": ("npz", lambda: archive(npy(TOKEN, b"\xff" * 4), "units.npy"), "x.npz: "),
+    "npz-rate-nan": ("npz", lambda: npz_at(np.nan), "x.npz: "),
+    "npz-rate-inf": ("npz", lambda: npz_at(np.inf), "x.npz: "),
+    "path-name-steers": ("path", lambda: b"\x1b[2J\n", "x.csv, line 1: "),
+    "wav-no-format": ("wav", lambda: riff(DATA), WAV),
+    "wav-no-block": ("wav", lambda: riff((b"fmt ", sound(block=0)), DATA), WAV),
+    "wav-no-channel": ("wav", lambda: riff((b"fmt ", sound(channels=0)), DATA), WAV),
+    "wav-odd-channels": ("wav", lambda: riff((b"fmt ", sound(channels=7)), DATA), WAV),
+    "wav-short-format": ("wav", lambda: riff((b"fmt ", sound()[:9]), DATA), WAV),
+    "wav-no-chunk": ("wav", lambda: riff()[:14], WAV),
+    "wav-cut": ("wav", lambda: without("wav", -100, 10**6), "x.wav: "),
+    "hsrec-cut-within": ("hsrec", lambda: without("hsrec", -250, -150), "x.hsrec: "),
+    "csv-three-axes-short": ("csv", lambda: b"time,acceleration_x,acceleration_y\n0,1,2\n1,2,1\n", "x.csv: "),
+    "mat-tag": ("mat", mat_of_tag_11, "x.mat: "),
+    "touch-header-open": ("touch", lambda: touch_with("t_s", npy("{'descr': (((")), "x.npz: not a recording"),
+    "touch-header-deep": ("touch", lambda: touch_with("t_s", npy("(" * 9000)), "x.npz: not a recording"),
+    "touch-half-a-row": (
+        "touch",
+        lambda: touch_with("t_s", npy(HEADER.replace("20", "0.5"))),
+        "x.npz: not a recording",
+    ),
+    "touch-letters": ("touch", lambda: touch_with("body_names", npy(TOKEN, b"\xff" * 4)), "x.npz: not a recording"),
+    "stl-text-no-loop": ("stl-text", lambda: without("stl-text", 1141, 1441), "x.stl: "),
+    "step-no-such-point": ("step", lambda: other("step", "#3,#4,#8,#7", "#3,#999,#8,#7"), "x.step: "),
+    "step-point-is-direction": ("step", lambda: other("step", "#3,#4,#8,#7", "#3,#11,#8,#7"), "x.step: "),
+    "step-cut-within": ("step", lambda: without("step", 700, 1000), "x.step: "),
+    "step-face-gone": ("step", lambda: other("step", r"\n#14=.*", ""), "x.step: "),
+    "step-empty": ("step", lambda: b"ISO-10303-21END-ISO-10303-21", "x.step: "),
+    "scene-pose": ("scene", lambda: other("scene", r'"pose": \[', '"pose": [[0], '), "x.scene.json: "),
+    "painted-glb-nan": ("painted-glb", painted_of_nan, "x.glb: "),
+    "painted-ply-far": (
+        "painted-ply",
+        lambda: other("painted-ply", "(?s)(end_header\n).{8}", r"\1AAAAAA~~"),
+        "x.ply: ",
+    ),
+}
+"""Format, content, and the words of its refusal, by name."""
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    with Worker() as made:
+        yield made
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_was_found_is_refused_in_words(worker: Worker, name: str) -> None:
+    kind, content, words = MADE[name]
+    told = worker.read(kind, content())
+    assert told["kind"] == "refused" or told.get("warned"), told
+    assert words in told["text"] or told["kind"] == "loaded"

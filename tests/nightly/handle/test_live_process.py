@@ -1,0 +1,214 @@
+"""A handle that plays live in its own process: fed by a real channel, on a board at a pseudo-terminal."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.errors import HandleError
+from hapscene.handle.fit import Identification, IdentifiedGrip
+from hapscene.handle.force_source import SimulatedSource
+from hapscene.handle.handle_file import save_handle
+from hapscene.handle.live_process import LiveHandle, compensator_of
+from hapscene.handle.plant import Plant
+from hapscene.handle.port_simulator import Peer, serve
+from hapscene.servo.shared_memory import Channel
+from tests.handle.test_live_process import channel, where
+from tests.until import PATIENCE_S, until
+
+__all__ = ["channel"]  # fixtures
+
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
+
+
+LENGTH, BLOCK = 4000, 10
+
+
+APPLICATION = """
+import sys, time
+from hapscene.handle.live_process import LiveHandle
+if __name__ == "__main__":
+    where = {"length": int(sys.argv[1]), "block": int(sys.argv[2]), "name": sys.argv[3]}
+    handle = LiveHandle(where, 1e4, 0, "serial", {"port": sys.argv[4]})
+    print(handle._process.pid, flush=True)
+    time.sleep(600.0)
+"""
+
+
+class Board:
+    """A simulated board at a port; what force it put out, and when."""
+
+    def __init__(self) -> None:
+        import tty
+
+        self.ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self.ours, False)
+        self.port = os.ttyname(self._theirs)
+        peer = Peer(SimulatedSource(Plant(), 5000.0))
+        peer.give(1)  # compiled before anybody waits
+        self.force: list[tuple[float, float]] = []
+        step = peer._next
+
+        def note() -> tuple[int, int, int]:
+            row = step()
+            self.force.append((time.monotonic(), 1e-4 * row[0]))
+            return row
+
+        peer._next = note  # type: ignore[method-assign]
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=serve, args=(peer, self.ours, self._over.is_set), daemon=True)
+        self._thread.start()
+
+    def loud_since(self, t_s: float) -> float:
+        """When it last put out force after that time [s after it]; 0 where it did not."""
+        return max((at - t_s for at, force in self.force if at > t_s and abs(force) > 1e-3), default=0.0)
+
+    def wait_for_force(self) -> None:
+        until(lambda: self.force and abs(self.force[-1][1]) > 0.1, 300.0)  # the first time it compiles
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        os.close(self.ours)
+        os.close(self._theirs)
+
+
+class Ticks:
+    """A servo's ticks, 1,000 a second, of a sine of 100 Hz."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._over = channel, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        began_s, done = time.monotonic(), 0
+        while not self._over.is_set():
+            for done in range(done + 1, int(1e3 * (time.monotonic() - began_s)) + 1):  # noqa: B020
+                t_s = np.arange(BLOCK * (done - 1), BLOCK * done) / 1e4
+                self._channel.a_m_s2[0, (done - 1) % LENGTH] = 5.0 * np.sin(2.0 * np.pi * 100.0 * t_s)
+                self._channel.channel[0].done = done
+            time.sleep(1e-3)
+
+    def stop(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    board.close()
+
+
+def test_ticks_become_force_and_silence_when_they_stop(board: Board, channel: Channel) -> None:
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
+        board.wait_for_force()
+        time.sleep(1.0)
+        told = handle.look()
+        ticks.stop()
+        stopped_s = time.monotonic()
+        time.sleep(0.3)
+        assert board.loud_since(stopped_s) < 0.1
+        assert handle.look()["gaps"] >= 1
+    force = np.array([force for _, force in board.force])
+    strong = force[np.abs(force) > 0.01][-5000:-1500]
+    mass_kg = np.abs(Plant().response(100.0)) ** -1
+    assert np.abs(strong).max() == pytest.approx(5.0 * mass_kg, rel=0.05)
+    assert 0.01 < told["latency_s"] < 0.06
+    assert not handle._process.is_alive()
+
+
+def test_the_board_s_readings_teach_the_identified_handle_s_compensator(
+    board: Board, channel: Channel, tmp_path: Path
+) -> None:
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    heavy = replace(Plant(), m_h_kg=0.156)
+    told = ("ours", heavy, (grip,), {}, {}, 0.12, (100.0, 200.0), 0.0, 1600.0, 5000.0, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    options = {"port": board.port, "ahead_s": 0.05, "watchdog_s": 0.2}
+    right_N = 5.0 * np.abs(Plant().response(100.0)) ** -1
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", options, handle=str(tmp_path / "ours.handle")) as handle:
+        board.wait_for_force()
+        until_s = time.monotonic() + PATIENCE_S
+        while True:  # a busy computer may cost it a gap, and a fade
+            time.sleep(0.4)
+            peaks_N = np.abs([force for _, force in board.force[-1500:]]).reshape(15, 100).max(axis=1)
+            if np.allclose(peaks_N, right_N, rtol=0.06):  # unlearnt it is 30 % more
+                break
+            assert time.monotonic() < until_s, (peaks_N, right_N, handle.look())
+        ticks.stop()
+
+
+@pytest.mark.parametrize(
+    ("reads_back", "compensator", "kind"),
+    [(True, None, 3), (True, "flat", 2), (False, None, 2), (False, "adaptive", 0)],
+)
+def test_it_learns_where_an_identified_handle_reads_back(
+    reads_back: bool, compensator: str | None, kind: int, tmp_path: Path
+) -> None:
+    grip = IdentifiedGrip("normal", 500.0, 5.0, 0.99, 0.9)
+    told = ("ours", Plant(), (grip,), {}, {}, 0.12, (100.0, 200.0), 3e-4, 1600.0, 1e4, (10.0, 1000.0), 1.0)
+    save_handle(Identification(*told), tmp_path / "ours.handle")
+    output: Any = SimpleNamespace(
+        name="mine", takes_force=True, reads_back=reads_back, rate_Hz=5000.0, ceiling=2.0, gain=0.5
+    )
+    assert compensator_of(output, None)[0].kind == 2
+    if kind == 0:
+        with pytest.raises(HandleError, match=r"'adaptive' learns from .*: mine reads nothing back in time"):
+            compensator_of(output, str(tmp_path / "ours.handle"), compensator)
+        return
+    h = compensator_of(output, str(tmp_path / "ours.handle"), compensator)[0]
+    assert h.kind == kind and h.force_limit_N == 4.0 and h.rate_Hz == 5000.0
+    if kind == 3:  # half a sample of the board's, and most of the accelerometer's pole
+        assert 3e-4 + 1e-4 < h.believed_s < 3e-4 + 2e-4 and h.force_measured == 0
+        with pytest.raises(HandleError, match="give the file of one"):
+            compensator_of(output, None, "adaptive")
+
+
+def test_a_killed_application_is_silence_and_nothing_stays_behind(
+    board: Board, channel: Channel, tmp_path: Path, end_in_time: Callable[["subprocess.Popen[str]"], None]
+) -> None:
+    (tmp_path / "application.py").write_text(APPLICATION)
+    ticks = Ticks(channel)  # of a servo that lives on for a while
+    words = [str(tmp_path / "application.py"), str(LENGTH), str(BLOCK), channel.memory.name, board.port]
+    with subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True) as application:
+        end_in_time(application)
+        assert application.stdout is not None
+        pid = int(application.stdout.readline())
+        board.wait_for_force()
+        application.send_signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        time.sleep(0.5)
+        assert 0.0 < board.loud_since(killed_s) < 0.2
+    until(lambda: not Path(f"/proc/{pid}").exists() or "Z" in Path(f"/proc/{pid}/stat").read_text().split()[2])
+    ticks.stop()
+
+
+def test_it_is_turned_down_and_up_while_it_plays(board: Board, channel: Channel) -> None:
+    ticks = Ticks(channel)
+    with LiveHandle(where(channel), 1e4, 0, "serial", {"port": board.port}) as handle:
+        board.wait_for_force()
+        handle.turn(0.0)
+        turned_s = time.monotonic()
+        time.sleep(0.3)
+        assert board.loud_since(turned_s) < 0.1
+        handle.turn(1.0)
+        turned_s = time.monotonic()
+        until(lambda: board.loud_since(turned_s) > 0.0)
+    ticks.stop()

@@ -1,0 +1,3 @@
+"""What the tests in tests/paint share."""
+
+from tests.paint.conftest import *  # noqa: F403

@@ -1,0 +1,276 @@
+"""The page in a real browser: Debian's Chromium, headless, drawn without a graphics card, cut off from the net."""
+
+import socket
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+import hapscene
+from hapscene.scene.scene import load_scene
+from hapscene.surface.swatch_file import swatch_to_json
+from tests.paint.window import BESIDE, FRONT, Window
+from tests.until import until
+
+
+def test_the_page_reaches_no_other_server(window: Window) -> None:
+    """Whatever was put into the page, it could tell nobody: not even this computer's other ports."""
+    before = len(window.troubles)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        other.settimeout(0.5)
+        place = f"127.0.0.1:{other.getsockname()[1]}"
+        for way in (f"new WebSocket('ws://{place}')", f"fetch('http://{place}').catch(() => 0)"):
+            blocked = window.ask(
+                "new Promise(done => { document.addEventListener('securitypolicyviolation', "
+                f"e => done(e.effectiveDirective), {{once: true}}); setTimeout(() => done('nothing'), 5000); "
+                f"try {{ {way} }} catch (e) {{}} }})"
+            )
+            assert blocked == "connect-src"
+        with pytest.raises(TimeoutError):
+            other.accept()
+    del window.troubles[before:]  # the browser tells of it
+
+
+def test_the_address_bar_hides_the_token_and_this_browser_alone_knows_it(window: Window) -> None:
+    page, tab = window.page, window.tab
+    before, home, token = len(window.troubles), page.url.rsplit("/", 2)[0] + "/", page.url.split("/")[-2]
+    tab.wait_for_url(home)
+    here = "window.hapscene && window.hapscene.client() >= 0 && window.hapscene.state.tool"
+    second = tab.context.new_page()
+    second.goto(home)
+    second.wait_for_function(here)
+    second.close()
+    stranger = tab.context.browser.new_context().new_page()
+    for url in (home, f"{home}of-another-start/"):
+        assert stranger.goto(url).status == 403
+        assert "terminal printed" in stranger.inner_text("body") and token not in stranger.content()
+    stranger.evaluate("localStorage.setItem('hapscene', location.pathname)")  # as a start before this one left it
+    stranger.goto(home)
+    stranger.wait_for_url(f"{home}of-another-start/")
+    assert "terminal printed" in stranger.inner_text("body")
+    stranger.context.close()
+
+    count = tab.evaluate("window.hapscene.client()")
+    page.server._websock_server.disconnect_all_clients()
+    window.wait(f"window.hapscene.client() > {count}")  # it finds its way back
+    del window.troubles[before:]
+
+
+def test_a_typed_number_counts_when_it_is_whole(window: Window) -> None:
+    page, tab = window.page, window.tab
+    session, index = page.context.session, page.context.tools.swatch
+
+    def value(row: int) -> float:
+        return float(session.tuning.parameters(index)[row].value)
+
+    def type_in(row: int, text: str, end: str) -> None:
+        before = value(row)
+        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
+        field.click()
+        tab.keyboard.press("Control+a")
+        tab.keyboard.type(text)
+        assert value(row) == before  # not at each key
+        tab.keyboard.press(end)
+        window.wait("document.getElementById('hs-number').hidden")
+
+    tab.get_by_role("tab", name="Feel").click()
+    tab.locator("input[inputmode=decimal]:visible").first.wait_for()
+    gain = next(i for i, p in enumerate(session.tuning.parameters(index)) if p.name == "texture_gain")
+    for row, text, end, number in (
+        (0, "432", "Enter", 432.0),
+        (0, "187", "Tab", 187.0),
+        (0, "345.6", "Enter", 345.6),
+        (gain, "1", "Enter", 1.0),
+        (gain, "1.5", "Enter", 1.5),  # where a whole number stood
+        (gain, "0,5", "Enter", 0.5),
+        (gain, "1e-1", "Enter", 0.1),
+    ):
+        type_in(row, text, end)
+        until(lambda row=row, number=number: value(row) == number)
+        field = tab.locator("input[inputmode=decimal]:visible").nth(row)
+        until(lambda field=field, number=number: float(field.input_value()) == number)
+    type_in(gain, "3", "Escape")
+    type_in(gain, "x", "Enter")
+    window.wait("document.getElementById('hs-say').textContent.includes('no number; it stays 0.1')")
+    assert value(gain) == 0.1
+    type_in(gain, "99", "Enter")  # told, and as far as it goes
+    window.wait("document.getElementById('hs-say').textContent.includes('99 became 4')")
+    until(lambda: value(gain) == 4.0)
+
+
+def test_orders_come_after_the_number_that_was_typed_before_them(window: Window) -> None:
+    page, tab = window.page, window.tab
+    session, index = page.context.session, page.context.tools.swatch
+    field = tab.locator("input[inputmode=decimal]:visible").first
+    for number in (301.0, 302.0, 303.0):
+        field.click()
+        tab.keyboard.press("Control+a")
+        tab.keyboard.type(str(number))
+        tab.keyboard.press("Control+s")
+        until(lambda number=number: session.scene.swatches[index].stiffness_N_m == number and not session.dirty)
+        assert load_scene(session.path).swatches[index].stiffness_N_m == number
+        session.tuning.clock = lambda number=number: 10.0 * number  # each a step of its own
+    field.click()
+    tab.keyboard.press("Control+a")
+    tab.keyboard.type("444")
+    tab.get_by_role("button", name="Undo").click()
+    window.wait("document.getElementById('hs-say').textContent.includes('Undone: stiffness of')")
+    assert session.scene.swatches[index].stiffness_N_m == 303.0
+
+
+def test_views_have_keys_and_show_all(window: Window) -> None:
+    page, tab = window.page, window.tab
+    camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
+
+    def seen_from(way: Any) -> bool:
+        eye = np.array(camera.position)
+        return bool(np.allclose(eye / np.linalg.norm(eye), way, atol=1e-3) and np.abs(camera.look_at).max() < 1e-6)
+
+    tab.mouse.move(*window.at(FRONT))
+    for key, way in (("Shift+1", (0, -1, 0)), ("Shift+4", (1, 0, 0)), ("Shift+5", (0, 0, 1)), ("Shift+6", (0, 0, -1))):
+        tab.keyboard.press(key)
+        until(lambda way=way: seen_from(way))
+    camera.position = (0.1, -0.2, 0.3)
+    until(lambda: not seen_from((0, 0, -1)))
+    tab.keyboard.press("f")
+    until(lambda: np.linalg.norm(camera.position) > 3.0)
+    tab.keyboard.press("Home")
+    way = np.array([0.35, -0.8, 0.6])
+    until(lambda: seen_from(way / np.linalg.norm(way)))
+
+
+def test_escape_cancels_a_stroke(window: Window) -> None:
+    page, tab = window.page, window.tab
+    scene, chosen = page.context.session.scene, page.context.tools.chosen
+    page.context.tools.choose_swatch("paper", "paper")
+    tab.keyboard.press("1")
+    before = scene.bodies[0].face_swatch.copy()
+    tab.keyboard.down("Shift")
+    tab.mouse.move(*window.at(FRONT))
+    tab.mouse.down()
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before))
+    tab.keyboard.press("Escape")
+    until(lambda: np.array_equal(scene.bodies[0].face_swatch, before))
+    assert page.context.tools.client is None
+    tab.mouse.move(*window.at(BESIDE))
+    tab.mouse.up()
+    tab.keyboard.up("Shift")
+    window.wait("document.getElementById('hs-say').textContent.startsWith('Cancelled: brush')")
+    assert np.array_equal(scene.bodies[0].face_swatch, before)
+    page.context.tools.choose_swatch(chosen, chosen)
+
+
+def test_all_of_a_stroke_is_drawn_by_keys(window: Window) -> None:
+    page, tab = window.page, window.tab
+    scene, chosen = page.context.session.scene, page.context.tools.chosen
+    page.context.tools.choose_swatch("paper", "paper")
+    before = scene.bodies[0].face_swatch.copy()
+    for key in ("1", "k", "Shift+ArrowLeft", "ArrowUp"):
+        tab.keyboard.press(key)
+    tab.keyboard.down(" ")
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, before))
+    dabbed = scene.bodies[0].face_swatch.copy()
+    tab.keyboard.press("Shift+ArrowRight")
+    until(lambda: not np.array_equal(scene.bodies[0].face_swatch, dabbed))
+    tab.keyboard.up(" ")
+    until(lambda: page.context.tools.client is None)
+    tab.keyboard.press("Escape")
+    window.wait("document.activeElement === document.body")
+    tab.keyboard.press("Control+z")
+    until(lambda: np.array_equal(scene.bodies[0].face_swatch, before))
+    page.context.tools.choose_swatch(chosen, chosen)
+
+
+def test_a_lost_connection_says_what_to_do_until_it_is_back(window: Window) -> None:
+    before, socket_ = len(window.troubles), window.page.context.socket
+    window.ask(
+        "window.said = []; new MutationObserver(() => said.push(document.getElementById('hs-say').textContent))"
+        ".observe(document.getElementById('hs-say'), {childList: true}); 0"
+    )
+    for connection in list(socket_._sockets):
+        connection.transport.abort()
+    window.wait("said.some(text => text.includes('start the painter again in the terminal'))")
+    window.wait("said.at(-1) === 'Connected again.' || said.includes('Connected again.')")
+    del window.troubles[before:]
+
+
+def test_locked_a_plain_drag_paints_and_one_with_shift_turns_the_view(window: Window) -> None:
+    page, tab = window.page, window.tab
+    camera = page.server.get_clients()[window.ask("window.hapscene.client()")].camera
+
+    def drag() -> tuple[bool, bool]:
+        """Whether something was painted, and whether the view turned."""
+        painting, place = page.context.session.painting, np.array(camera.position)
+        state = painting.state
+        x, y = window.at(FRONT)
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        tab.mouse.move(x + 20, y + 5, steps=4)
+        tab.mouse.up()
+        until(lambda: painting.state != state or np.abs(np.array(camera.position) - place).max() > 0.01)
+        until(lambda: page.context.tools.client is None)  # the stroke's last drops, too
+        window.ask("new Promise(done => setTimeout(done, 300))")  # whatever else comes has come
+        return painting.state != state, bool(np.abs(np.array(camera.position) - place).max() > 0.01)
+
+    page.context.tools.choose_swatch("leather", "leather")  # nothing wears it yet, whatever was painted before
+    tab.mouse.move(*window.at(FRONT))
+    tab.keyboard.press("1")
+    tab.keyboard.press("l")
+    window.wait("window.hapscene.state.tool === 'brush'")
+    assert drag() == (True, False)
+    tab.keyboard.down("Shift")
+    assert drag() == (False, True)
+    tab.keyboard.up("Shift")
+    tab.keyboard.press("l")
+    assert drag() == (False, True)
+
+
+def test_while_a_question_stands_keys_wait(window: Window) -> None:
+    """Ctrl-S behind it would ask once more."""
+    page, tab = window.page, window.tab
+    path = page.context.session.path
+    assert page.context.session.dirty
+    path.write_text(path.read_text() + "\n")
+    tab.keyboard.press("Control+s")
+    tab.get_by_text("Save over it?").first.wait_for()
+    for keys in ("Control+s", "Control+z", "2"):
+        tab.keyboard.press(keys)
+    tab.get_by_role("button", name="Do not save").click()
+    window.wait("!document.querySelector('.mantine-Modal-content')")
+    tab.keyboard.press("Control+s")
+    tab.get_by_text("Save over it?").first.wait_for()
+    tab.keyboard.press("Escape")
+    window.wait("!document.querySelector('.mantine-Modal-content')")
+    assert page.context.session.dirty and not page.context.questions
+    assert window.ask("window.hapscene.state.tool") == "brush" and page.context.session.dirty
+
+
+def test_the_shelf_by_keyboard_and_a_file_dropped_on_the_page(window: Window) -> None:
+    page, tab = window.page, window.tab
+    tab.get_by_role("tab", name="Paint").click()
+    window.wait("document.querySelectorAll('.hs-pick img').length > 24")
+    before = len(window.troubles)
+    tab.locator(".hs-pick[data-name=leather]").focus()
+    tab.keyboard.press("ArrowRight")
+    tab.keyboard.press("ArrowLeft")
+    tab.keyboard.press("Enter")
+    window.wait("window.hapscene.state.swatch === 'leather'")
+    window.wait("document.activeElement.dataset.name === 'leather'")  # though all was drawn anew
+    tab.locator("[data-shelf=compare]").press("Enter")
+    tab.get_by_label("Swatch A").first.wait_for(state="visible")  # unfolded
+    until(lambda: page._shelf_panel._pair[0].value == "leather")
+    gift = swatch_to_json(hapscene.Swatch("gift", 99.0))
+    window.ask(
+        "(text) => { const data = new DataTransfer(); data.items.add(new File([text], 'gift.swatch'));"
+        " for (const kind of ['dragenter', 'dragover', 'drop']) "
+        "document.body.dispatchEvent(new DragEvent(kind, { bubbles: true, cancelable: true, dataTransfer: data })); }",
+        gift,
+    )
+    window.wait("window.hapscene.state.swatch === 'gift'")
+    window.wait("document.querySelector('.hs-pick[data-name=gift]') && document.getElementById('hs-drop').hidden")
+    tab.locator("select[data-shelf=where]").select_option("computed")
+    window.wait(
+        "document.querySelectorAll('.hs-pick').length > 24 && !document.querySelector('.hs-pick[data-name=gift]')"
+    )
+    assert len(window.troubles) == before

@@ -1,0 +1,137 @@
+"""The player in the browser's audio thread: what comes is heard without clicks, and nothing stays late."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("viser", reason="viser is not installed: pip install 'hapscene[paint]'")
+pytest.importorskip("playwright", reason="playwright is not installed: pip install 'hapscene[dev]'")
+
+import hapscene
+from hapscene.paint.session import Session
+from hapscene.paint.web.page import Page
+from tests.paint.conftest import plate_mesh
+
+RATE_HZ = 10_000
+BLOCK_S = 0.015
+NOTHING = np.zeros(0)
+
+RENDER = """
+async ([blocks, rate, seconds, later, later_s]) => {
+  const context = new OfflineAudioContext(1, seconds * rate, rate);
+  await context.audioWorklet.addModule("/hapscene-ear.js");
+  const player = new AudioWorkletNode(context, "hapscene-sound", { numberOfInputs: 0 });
+  const { port1, port2 } = new MessageChannel(), told = [];
+  const all = new Promise((done) => {
+    player.port.onmessage = ({ data }) => { told.push(data); if (told.length === blocks.length) done(); };
+  });
+  player.port.postMessage({ wire: port1 }, [port1]);
+  player.connect(context.destination);
+  const post = (a, count) => port2.postMessage({ a: Float32Array.from(a), rate, count });
+  blocks.forEach(post);
+  if (later.length) context.suspend(later_s).then(async () => {
+    post(later, blocks.length);
+    await new Promise((done) => setTimeout(done, 200));
+    context.resume();
+  });
+  await Promise.race([all, new Promise((done) => setTimeout(done, 5000))]);
+  const heard = await context.startRendering();
+  return { heard: [...heard.getChannelData(0)], told };
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def tab(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    folder: Path = tmp_path_factory.mktemp("sound")
+    scene = hapscene.Scene()
+    scene.add(plate_mesh(cells=1), name="plate", swatch="paper")
+    session = Session(scene, folder / "plate.scene.json")
+    with Page(session, port=0, with_hand=False, with_autosave=False) as page:
+        found = browser.new_page()
+        found.goto(page.url)
+        yield found
+    session.document.close()
+
+
+def render(
+    tab: Any, a: NDArray[np.float64], seconds: float, later: NDArray[np.float64] = NOTHING, later_s: float = 0.0
+) -> tuple[NDArray[np.float64], list[dict[str, float]]]:
+    """What is heard (n,) of samples that come all at once, in messages of `BLOCK_S`; and what the player told.
+
+    `later` are samples that come after `later_s`.
+    """
+    blocks = np.array_split(a, max(round(len(a) / RATE_HZ / BLOCK_S), 1))
+    found = tab.evaluate(RENDER, [[block.tolist() for block in blocks], RATE_HZ, seconds, later.tolist(), later_s])
+    return np.array(found["heard"]), found["told"]
+
+
+def test_what_comes_at_once_is_heard_whole_a_little_faster_and_without_clicks(tab: Any) -> None:
+    t_s = np.arange(round(0.3 * RATE_HZ)) / RATE_HZ
+    heard, told = render(tab, np.sin(2 * np.pi * 100.0 * t_s), 0.5)
+    sounding = np.flatnonzero(np.abs(heard) > 0.95)  # what bridges the end is softer
+    assert sounding[0] < 0.02 * RATE_HZ
+    length_s = (sounding[-1] - sounding[0]) / RATE_HZ
+    assert 0.3 / 1.08 - 0.02 < length_s < 0.3
+    assert np.abs(heard).max() == pytest.approx(1.0, abs=0.01)
+    assert np.abs(np.diff(heard)).max() < 1.1 * 2 * np.pi * 100.0 * 1.08 / RATE_HZ
+    assert [t["count"] for t in told] == list(range(len(told)))
+    lead_s = np.array([t["lead_s"] for t in told])
+    assert (np.diff(lead_s) >= 0).all() and lead_s[-1] == pytest.approx(0.3 - BLOCK_S, abs=0.02)
+    assert told[-1]["gaps"] == 0
+
+
+def test_more_than_a_second_is_left_out(tab: Any) -> None:
+    heard, told = render(tab, np.ones(2 * RATE_HZ), 1.8)
+    assert np.count_nonzero(heard > 0.9) / RATE_HZ < 1.05
+    assert told[-1]["lead_s"] <= 1.0
+
+
+def test_what_comes_too_late_is_bridged_without_a_click_and_counted_once(tab: Any) -> None:
+    t_s = np.arange(round(0.4 * RATE_HZ)) / RATE_HZ
+    a = np.sin(2 * np.pi * 100.0 * t_s)
+    cut = round(0.1 * RATE_HZ)
+    heard, told = render(tab, a[:cut], 0.5, a[cut:], 0.16)
+    steepest = 2 * np.pi * 100.0 * 1.08 / RATE_HZ + 1.0 / (0.005 * RATE_HZ)  # of the tone, and of what fades into it
+    assert np.abs(np.diff(heard)).max() < 1.1 * steepest
+    end = round(0.12 * RATE_HZ)  # it has run dry by then, and more does not come before 0.16 s
+    assert np.abs(heard[end : end + 100]).max() > 0.2
+    assert told[-1]["gaps"] == 1
+
+
+WAIT = """
+async ([late_s, seconds]) => {
+  const { Wait } = await import("/hapscene-ear.js"), wait = new Wait(), ahead_s = [];
+  let waits_s = 0.1, last_s = 0;
+  for (let tick = 1; tick * 0.015 < seconds; tick++) {
+    const at_s = tick * 0.015, blocked = late_s.some(([from_s, for_s]) => from_s <= at_s && at_s < from_s + for_s);
+    if (blocked) continue;
+    wait.note(waits_s - (at_s - last_s), at_s - last_s);
+    last_s = at_s;
+    ahead_s.push(wait.ahead_s);
+  }
+  return ahead_s;
+}
+"""
+
+
+def test_as_much_waits_as_what_waits_falls_but_for_the_worst_of_a_minute(tab: Any) -> None:
+    def ahead_s(late_s: list[tuple[float, float]], seconds: float) -> float:
+        return float(tab.evaluate(WAIT, [late_s, seconds])[-1])
+
+    assert 0.02 < ahead_s([], 100.0) < 0.03  # messages come every 15 ms
+    assert ahead_s([(50.0, 0.3)], 70.0) < 0.05  # once a minute is let go
+    assert 0.12 < ahead_s([(50.0, 0.12), (55.0, 0.3)], 70.0) < 0.16
+    assert ahead_s([(5.0, 0.12), (8.0, 0.3)], 80.0) < 0.05  # and forgotten
+    assert ahead_s([(t, 2.0) for t in range(10, 40, 5)], 45.0) < 0.6  # there is an end
+
+
+def test_it_fades_where_it_runs_dry(tab: Any) -> None:
+    heard, _ = render(tab, np.ones(round(0.1 * RATE_HZ)), 0.4)
+    end = int(np.flatnonzero(heard > 0.99)[-1])
+    assert np.abs(np.diff(heard[end:])).max() < 0.02
+    assert np.abs(heard[-100:]).max() < 1e-3

@@ -1,0 +1,73 @@
+/* What stands on the emulated desk, in a file that tests map too: faults to switch, forces that were commanded, when.
+   The file is named by the environment, is made by the tests, and outlives the process. */
+#define _GNU_SOURCE
+#include <fcntl.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <time.h>
+#include <unistd.h>
+
+#define ROWS (1 << 17)
+
+struct row { double t_s, force[3], spent_s; int64_t ready, bad; };
+
+struct desk {
+    double position[3], transform[16], warmth, most_force, workspace[6];
+    double ahead_s;             /* what this clock is put on by */
+    int64_t buttons, calibration, style, count, started, disabled, watchdog, status[16];
+    int64_t begin_error, end_error, saturated, off;
+    int64_t refuse_code;        /* error of the function that is refused */
+    char refuse[32], name[32];  /* that function; the one name by which the device opens */
+    char tried[256];            /* names that were asked for; functions called to set up */
+    struct row rows[ROWS];
+};
+
+static struct desk *desk;
+
+static void attach(void) {
+    static char path[4096];
+    const char *told = getenv("HAPSCENE_EMULATED_DESK");
+    if (told == NULL || (desk != NULL && strcmp(path, told) == 0)) return;
+    int file = open(told, O_RDWR);
+    desk = mmap(NULL, sizeof *desk, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file, 0);
+    close(file);
+    strncpy(path, told, sizeof path - 1);
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec + 1e-9 * t.tv_nsec + (desk == NULL ? 0.0 : desk->ahead_s);
+}
+
+static void note(double x, double y, double z, int ready, int bad) {
+    struct row *row = &desk->rows[desk->count % ROWS];
+    row->t_s = now(), row->force[0] = x, row->force[1] = y, row->force[2] = z, row->ready = ready, row->bad = bad;
+    row->spent_s = 0;
+    desk->count++;
+}
+
+static void tell(const char *word) {
+    size_t room = sizeof desk->tried - strlen(desk->tried) - 2;
+    strncat(desk->tried, word, room);
+    strcat(desk->tried, ";");
+}
+
+/* 64 random bits, xorshift; 0 is for: nothing is mutated */
+static uint64_t seed;
+
+static uint64_t draw(void) {
+    seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
+    return seed;
+}
+
+static double mutant(double good, int *bad) {
+    static const double strange[] = {NAN, INFINITY, -INFINITY, 1e300, -1e18, 1e5, 5e-324};
+    if (seed == 0 || draw() % 15) return good;
+    int which = draw() % 7;
+    if (which < 6) *bad = 1;
+    return strange[which];
+}

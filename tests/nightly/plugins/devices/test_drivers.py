@@ -1,0 +1,249 @@
+"""What every driver of a real device keeps to, at its wire: a force to what is ready alone, zero on every way out."""
+
+import errno
+import importlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import serial  # noqa: F401  # it keeps the clock that it finds as it is imported: the real one
+
+from hapscene.errors import DeviceError
+from tests.plugins.devices.test_drivers import CASES, Case
+from tests.until import until
+
+GONE_S = 5.0  # until a force is gone, on a machine that does much else besides
+
+
+case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+
+
+def forces(emulated: Any) -> np.ndarray:
+    """(n, 3) or (n, 2) in the device's own units: all that it was told."""
+    return np.array([row[1:4] for row in emulated.rows() if row[1] != -1])
+
+
+def turn(device: Any, count: int, f_D_N: tuple[float, ...] = (0.3, -0.4, 0.2)) -> None:
+    for _ in range(count):
+        device.read()
+        device.state.f_D_N = f_D_N
+        device.write()
+
+
+def turn_until(device: Any, true: Callable[[], Any]) -> None:
+    """Turns until something comes true: what is told goes its own way to the emulator, and takes its time."""
+    until(lambda: turn(device, 5) or true())
+
+
+@case
+def test_no_force_before_it_is_ready_and_none_after(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    with case.driver.open(**case.told(emulated.place, ready=False)) as device:
+        turn(device, 60)
+        assert device.state.ready[0] == 0 and device.reason(int(device.state.trouble[0]))
+        assert not forces(emulated).any()
+    with case.driver.open(**case.told(emulated.place)) as device:
+        emulated.tell(ready=1)
+        turn_until(device, lambda: forces(emulated)[-1:].any())
+        assert device.state.ready[0] == 1 and device.state.trouble[0] == 0 and device.reason(0) == ""
+        if not case.homed:
+            emulated.tell(ready=0)
+            turn_until(device, lambda: device.state.ready[0] == 0 and not forces(emulated)[-1].any())
+            count = len(forces(emulated))
+            turn_until(device, lambda: len(forces(emulated)) > count + 5)
+            assert not forces(emulated)[count:].any()
+
+
+@case
+@pytest.mark.parametrize("way", ["close", "close after it is torn out", "an exception"])
+def test_closing_leaves_no_force(case: Case, way: str, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    device = case.driver.open(**case.told(emulated.place))
+    turn_until(device, lambda: forces(emulated)[-1:].any())
+    if way == "an exception":
+        with pytest.raises(ZeroDivisionError), device:
+            _ = 1 / 0
+    elif way == "close":
+        device.close()
+    else:
+        emulated.tell(gone=1)
+    device.close()
+    if way != "close after it is torn out":
+        until(lambda: not forces(emulated)[-1].any(), GONE_S)
+
+
+@case
+def test_what_is_torn_out_is_told_at_once_by_its_name(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    with case.driver.open(**case.told(emulated.place)) as device:
+        turn(device, 30)
+        emulated.tell(gone=1)
+        with pytest.raises(DeviceError, match=f"^{case.name}: .*gone"):
+            turn(device, 20)  # ticks
+
+
+@case
+def test_a_pause_is_no_silence(case: Case, emulate, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody asks it for a minute, and its arms are elsewhere then."""
+    emulated, start_s, ahead = emulate(case.name), time.monotonic(), [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda real=time.monotonic: real() + ahead[0])
+    with case.driver.open(**case.told(emulated.place)) as device:
+        ahead[0] = 60.0
+        turn(device, 60)
+        ahead[0] = 120.0
+        emulated.tell(**case.elsewhere)
+        before, count = device.state.p_DT_m[0].copy(), int(device.state.count[0])
+        turn(device, 80)
+        assert device.state.count[0] > count + 30 and (device.state.p_DT_m[0] != before).any()
+    assert time.monotonic() - start_s > 120.0
+
+
+@case
+def test_zero_is_written_to_a_device_whose_driver_was_killed(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    told = case.told(emulated.place)
+    script = f"""
+import sys, time
+from hapscene_plugins.devices.{case.name} import DRIVER
+device = DRIVER.open(**{told!r})
+while True:
+    device.read()
+    device.state.f_D_N = 0.3, -0.4, 0.2
+    device.write()
+"""
+    driver = subprocess.Popen([sys.executable, "-c", script])
+    try:
+        until(lambda: bool(forces(emulated).size and forces(emulated)[-1].any()))
+    finally:
+        driver.send_signal(signal.SIGKILL)
+        driver.wait()
+    if case.driver.release is None:
+        assert case.driver.watchdog_s < 1.0  # it lets go by itself
+        until(lambda: not forces(emulated)[-1].any(), GONE_S)
+        return
+    start_s = time.monotonic()
+    case.driver.release(**told)
+    until(lambda: not forces(emulated)[-1].any(), GONE_S)
+    assert time.monotonic() - start_s < 2.0
+
+
+@case
+@pytest.mark.parametrize("end", ["", "raise KeyError"])
+def test_a_program_that_does_not_close_it_leaves_no_force(case: Case, end: str, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    script = f"""
+import hapscene.device
+device = hapscene.device.open({case.name!r}, **{case.told(emulated.place)!r})
+for _ in range(60):
+    device.read()
+    device.state.f_D_N = 0.3, -0.4, 0.2
+    device.write()
+{end}
+"""
+    subprocess.run([sys.executable, "-c", script], stderr=subprocess.DEVNULL, timeout=60.0)
+    assert forces(emulated).any()
+    until(lambda: not forces(emulated)[-1].any(), GONE_S)
+
+
+@case
+def test_mangled_frames_give_neither_force_nor_hang(case: Case, emulate) -> None:
+    beat(case, emulate, 2_000)
+
+
+@case
+@pytest.mark.soak
+def test_very_many_mangled_frames(case: Case, emulate) -> None:
+    beat(case, emulate, 100_000)
+
+
+def beat(case: Case, emulate: Any, count: int) -> None:
+    """Half of the frames mangled: of a device that is not ready no force, of any a place that can be, and no hang."""
+    emulated = emulate(case.name)
+    told, device, reopened, worst_s = case.told(emulated.place, ready=False), None, 0, 0.0
+    for i in range(count):
+        if device is None:
+            emulated.tell(mangled=0.0)
+            device = case.driver.open(**told)
+            emulated.tell(mangled=0.5)
+        start_s = time.monotonic()
+        try:
+            turn(device, 1, (1.0, 1.0, 1.0))
+        except DeviceError as error:
+            assert str(error).startswith(case.name)
+            device.close()
+            device, reopened = None, reopened + 1
+            continue
+        worst_s = max(worst_s, time.monotonic() - start_s)
+        assert np.isfinite(device.state.p_DT_m).all() and np.abs(device.state.p_DT_m).max() < 1.0, i
+        assert np.isfinite(device.state.R_DT).all()
+    assert device is not None
+    assert worst_s < GONE_S and reopened < 1 + count / 500
+    device.close()
+    assert not forces(emulated).any()
+
+
+@case
+def test_forces_that_are_none_are_not_sent(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    emulated.tell(ready=1)
+    with case.driver.open(**case.told(emulated.place)) as device:
+        turn_until(device, lambda: forces(emulated)[-1:].any())
+        for wrong in ((np.nan, 0.0, 0.0), (np.inf, 1.0, 0.0)):
+            # asked on and on, so that it is not the device's own watchdog that lets go
+            until(lambda wrong=wrong: turn(device, 3, wrong) or not forces(emulated)[-1].any(), GONE_S)
+
+
+@case
+def test_find_lists_it(case: Case, emulate) -> None:
+    emulated = emulate(case.name)
+    found = case.driver.find(**case.told(emulated.place))
+    assert len(found) == 1 and found[0].where and found[0].trouble == found[0].remedy == ""
+
+
+def test_what_may_not_be_opened_is_told_with_the_rule_that_helps(emulate) -> None:
+    emulate("falcon").tell(refused=1)
+    driver = Case("falcon", {}).driver
+    (found,) = driver.find(backend="usb_wire")
+    assert "Access denied" in found.trouble and 'ATTR{idVendor}=="0403"' in found.remedy
+    with pytest.raises(DeviceError, match=r"falcon: cannot be opened.*udev"):
+        driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize(
+    ("error", "system", "words"),
+    [
+        (OSError(errno.EBUSY, "Resource busy"), "linux", "Resource busy; another program has it"),
+        (NotImplementedError("Operation not supported"), "win32", "not supported; give it the driver WinUSB"),
+    ],
+)
+def test_what_is_in_the_way_is_told_with_what_helps(error, system, words, emulate, monkeypatch) -> None:
+    emulate("falcon")
+    backend = importlib.import_module("usb_wire").Backend
+
+    def refuse(*arguments: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(backend, "set_configuration", refuse)
+    monkeypatch.setattr(sys, "platform", system)
+    with pytest.raises(DeviceError, match=f"^falcon: cannot be opened: .*{words}"):
+        Case("falcon", {}).driver.open(backend="usb_wire")
+
+
+@pytest.mark.parametrize("name", ["falcon", "woodenhaptics"])
+def test_what_is_closed_is_not_opened_anew_to_be_closed_again(name: str, emulate, monkeypatch) -> None:
+    emulate(name)
+    backend, opened = importlib.import_module("usb_wire").Backend, []
+    monkeypatch.setattr(backend, "open_device", lambda self, device: opened.append(device) or device)
+    device = Case(name, {}).driver.open(backend="usb_wire")
+    device.close()
+    device.close()
+    assert len(opened) == 1

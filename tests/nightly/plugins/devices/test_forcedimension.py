@@ -1,0 +1,254 @@
+"""The driver of Force Dimension's devices, against an emulated library with a watchdog of its own."""
+
+import ctypes
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapscene.errors import DeviceError
+from hapscene_plugins.devices.forcedimension import DRIVER, WATCHDOG_S, ForceDimensionConnection
+from tests.nightly.plugins.devices.vendor_desk import Desk, desk, emulator
+
+__all__ = ["desk"]
+
+POWER, CONNECTED, RESET, FORCE, BRAKE, ERROR, CAUSE = 0, 1, 3, 5, 6, 9, 14
+WATCHDOG_STEPS = 160  # of 125 µs
+
+
+def status(**more: int) -> np.ndarray:
+    values = np.zeros(16, np.int64)
+    values[[POWER, CONNECTED]] = 1
+    for name, value in more.items():
+        values[globals()[name]] = value
+    return values
+
+
+def lay(desk: Desk, **more: Any) -> None:
+    """A calibrated device on the desk, its force off."""
+    desk.set(**{"style": 1, "status": status()} | more)
+
+
+def connect(**options: Any) -> ForceDimensionConnection:
+    opened = DRIVER.open(**DRIVER.read_options({"library": emulator("dhd")} | options))
+    assert isinstance(opened, ForceDimensionConnection)
+    return opened
+
+
+@pytest.fixture
+def device(desk: Desk) -> Iterator[ForceDimensionConnection]:
+    lay(desk)
+    with connect() as opened:
+        desk.set(watchdog=0)  # a busy machine may be silent for as long
+        opened.read()  # switches the force on
+        opened.write()
+        opened.read()
+        yield opened
+
+
+def test_positions_turn_into_ours(desk, device):
+    desk.set(position=(0.01, 0.02, 0.03), buttons=5)  # towards the user, to the right, up
+    device.read()
+    state = device.state[0]
+    assert np.array_equal(state.p_DT_m, (0.02, -0.01, 0.03))
+    assert (state.buttons, state.ready, state.trouble, state.count) == (5, 1, 0, 3)
+    assert np.array_equal(state.R_DT, np.eye(3)) and math.isnan(state.heat)
+
+
+def test_forces_on_the_wire(desk, device):
+    for f_D, sent in (((0.1, 0.2, 0.3), (-0.2, 0.1, 0.3)), ((0.0, 60.0, 80.0), (-4.8, 0.0, 6.4))):
+        device.state.f_D_N = f_D
+        device.write()
+        assert np.allclose(desk.rows()[-1]["force"], sent, rtol=1e-15)
+    for bad in (math.nan, math.inf):
+        device.state.f_D_N = (0.1, bad, 0.1)
+        device.write()
+        assert not desk.rows()[-1]["force"].any()
+
+
+def test_what_is_set_as_it_is_opened(desk):
+    lay(desk)
+    with connect(gravity="no"):
+        pass
+    assert desk.tried.decode() == "weight;stop;" and (desk.watchdog, desk.most_force) == (WATCHDOG_STEPS, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ({"POWER": 0}, "switch it on"),
+        ({"CONNECTED": 0}, "cable"),
+        ({"RESET": 1}, "not calibrated"),
+        ({"ERROR": 1}, "fault"),
+        ({"FORCE": 1, "BRAKE": 1}, "force button"),
+        ({"CAUSE": 1}, "by its button"),
+        ({"CAUSE": 2}, "moved too fast"),
+        ({"CAUSE": 5}, "USB"),
+        ({"CAUSE": 6}, "until its handle is held"),
+        ({"CAUSE": 9}, "fault"),
+    ],
+)
+def test_no_force_before_it_is_ready(desk, fault, message):
+    lay(desk, status=status(**fault))
+    with connect() as device:
+        desk.set(watchdog=0)
+        for _ in range(3):
+            device.read()
+            device.state.f_D_N = (1.0, 0.0, 0.0)
+            device.write()
+        assert device.state.ready == 0 and message in device.reason(int(device.state.trouble[0]))
+        assert not desk.rows()["force"].any() and "force;" not in desk.tried.decode()
+        desk.set(status=status())  # and now it is
+        for _ in range(2):
+            device.read()
+            device.write()
+        assert device.state.ready == 1 and desk.rows()["force"][-1].any()
+
+
+def test_force_that_does_not_come_is_asked_for_seldom(desk):
+    lay(desk, off=1)
+    with connect() as device:
+        for _ in range(1100):
+            device.read()
+        assert desk.tried.decode().count("force;") == 3 and device.state.ready == 0
+
+
+def test_saturated_motors_are_told(desk, device):
+    desk.set(saturated=1)
+    device.write()
+    device.read()
+    assert device.state.ready == 1 and "the motors give no more" in device.reason(int(device.state.trouble[0]))
+    desk.set(saturated=0)
+    device.write()
+    device.read()
+    assert device.state.trouble == 0
+
+
+def test_a_position_that_is_not_new_is_not_counted(desk, device):
+    desk.set(end_error=1)
+    device.read()
+    assert device.state.count == 2 and device.state.ready == 1
+    desk.set(end_error=0)
+    device.read()
+    assert device.state.count == 3
+
+
+def test_the_watchdog_ends_the_force_of_a_silent_servo(desk, device):
+    desk.set(watchdog=WATCHDOG_STEPS)
+    for _ in range(100):  # a slow machine may have been silent for as long before the first force
+        device.state.f_D_N = (1.0, 0.0, 0.0)
+        device.write()
+        if desk.rows()["force"].any():
+            break
+        device.read()
+    desk.set(ahead_s=2 * WATCHDOG_S)
+    device.read()
+    rows = desk.rows()
+    ended = int(np.flatnonzero(rows["force"].any(axis=1))[-1]) + 1
+    assert not rows["force"][ended].any()
+    assert rows["t_s"][ended] - rows["t_s"][ended - 1] == pytest.approx(WATCHDOG_S, abs=1e-9)
+    assert device.state.ready == 0 and "silent" in device.reason(int(device.state.trouble[0]))
+
+
+def test_a_bad_position_gives_no_force_and_no_state(desk, device):
+    device.state.f_D_N = (1.0, 0.0, 0.0)
+    for bad in (math.nan, math.inf, 1e5):
+        desk.set(position=(0.0, bad, 0.0))
+        device.read()
+        device.write()
+        assert device.state.count == 2 and device.state.ready == 0 and not desk.rows()["force"][-1].any()
+        assert not device.state.p_DT_m.any()
+    with pytest.raises(DeviceError, match="positions that cannot be"):
+        for _ in range(30):
+            device.read()
+
+
+@pytest.mark.parametrize(
+    ("function", "act"), [("dhdGetPosition", "read"), ("dhdGetStatus", "read"), ("dhdSetForce", "write")]
+)
+def test_a_device_that_is_gone(desk, device, function, act):
+    """A moment is borne, without force; not more."""
+    desk.set(refuse=function.encode(), refuse_code=2)
+    getattr(device, act)()
+    desk.set(refuse=b"")
+    device.read()
+    assert device.state.ready == 1
+    desk.set(refuse=function.encode())
+    with pytest.raises(DeviceError, match=r"error 2 of the library: communication"):
+        for _ in range(30):
+            getattr(device, act)()
+
+
+def test_mutated_returns(desk, device):
+    """10⁵ returns of NaN, infinite and huge numbers, failures, statuses: no force after a bad one."""
+    library = ctypes.CDLL(emulator("dhd"))
+    library.mutate.argtypes = (ctypes.c_uint64,)
+    library.mutate(9)
+    device.state.f_D_N = (1.0, 0.0, 0.0)
+    raised = 0
+    for _ in range(25_000):  # four returns each
+        try:
+            device.read()
+            device.write()
+        except DeviceError:
+            raised += 1
+    library.mutate(0)
+    rows = desk.rows()
+    bad = rows["bad"] == 1
+    assert 0.1 < bad.mean() < 0.9 and raised == 0
+    assert not rows["force"][bad].any() and np.isfinite(rows["force"]).all()
+    assert rows["force"][~bad].any(axis=1).mean() > 0.3
+
+
+def test_found(desk):
+    lay(desk, style=2)
+    found = DRIVER.find(**DRIVER.read_options({"library": emulator("dhd")}))
+    assert [(one.where, dict(one.options), one.trouble) for one in found] == [
+        ("device 0", {"device": 0}, ""),
+        ("device 1", {"device": 1}, ""),
+    ]
+    connect(device="1").close()
+    (found,) = DRIVER.find(library="nowhere/libdhd.so")
+    assert "does not load" in found.trouble and "library=PATH" in found.remedy
+
+
+def test_no_device(desk):
+    lay(desk, style=0)
+    with pytest.raises(DeviceError, match=r"device=0: error 5 of the library: no device; install"):
+        connect()
+    lay(desk, refuse=b"dhdSetGravityCompensation", refuse_code=33)
+    with pytest.raises(DeviceError, match=r"gravity: error 33 of the library: unknown"):
+        connect()
+    assert (desk.started, desk.disabled) == (0, 1)
+
+
+@pytest.mark.parametrize("way", ["raise ValueError('seen')", "sys.exit(3)", "os.kill(os.getpid(), signal.SIGKILL)"])
+def test_no_force_is_left(desk, way):
+    """Seen by the desk, which outlives the process: by the driver, or by the device's watchdog."""
+    lay(desk)
+    code = f"""
+import os, signal, sys
+import hapscene.device
+
+device = hapscene.device.open("forcedimension", library={emulator("dhd")!r})
+for _ in range(3):
+    device.read()
+    device.state.f_D_N = (1.0, 0.0, 0.0)
+    device.write()
+{way}
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    subprocess.run([sys.executable, "-c", code], env=environment, stderr=subprocess.DEVNULL, timeout=120)
+    killed = "SIGKILL" in way
+    assert desk.rows()["force"][-1].any() == killed
+    if killed:
+        given = float(desk.rows()["t_s"][-1])
+        desk.set(ahead_s=WATCHDOG_S)
+        ctypes.CDLL(emulator("dhd")).watch()
+        row = desk.rows()[-1]
+        assert not row["force"].any() and row["t_s"] - given == pytest.approx(WATCHDOG_S, abs=1e-9)

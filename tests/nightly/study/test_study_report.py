@@ -1,0 +1,30 @@
+"""The report on a study: its numbers are those of the statistics, and it claims no more."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("statsmodels", reason="statsmodels is not installed: pip install 'hapscene[study]'")
+pytest.importorskip("questplus", reason="questplus is not installed: pip install 'hapscene[study]'")
+from hapscene.study.simulated_person import Truth
+from hapscene.study.study_report import write_report
+from tests.chromium import AXE, AXE_RUN
+from tests.study.test_study_report import folder
+
+__all__ = ["folder"]  # fixtures
+
+TRUTH = Truth({"alive": 2.0, "steady": 0.0}, {"alive": 5.0, "steady": 3.0}, {"gain": 2.0}, spread=0.3)
+
+
+@pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not here: sh .ci/node-packages")
+def test_it_is_read_by_who_cannot_see_and_on_a_phone(folder: Path, browser: Any) -> None:
+    write_report(folder, folder / "report.html")
+    for scheme, width in (("light", 1200), ("dark", 390)):
+        looks = {"viewport": {"width": width, "height": 844}, "color_scheme": scheme, "bypass_csp": True}
+        with browser.new_context(**looks) as context:
+            tab = context.new_page()
+            tab.goto((folder / "report.html").as_uri())
+            tab.evaluate(AXE.read_text(encoding="utf-8"))
+            assert tab.evaluate(AXE_RUN) == [], scheme
+            assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), scheme
